@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from helpers.navigators import error_between, fly, random_covariance
+from isogal.fix import apply_fix
 from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.fix import apply_fix
 from isogal.fusion.navigator import NavigatorRun
 from isogal.matching.interfaces import LOST_COVARIANCE, Fix, Information
 

@@ -8,10 +8,10 @@ from scipy.stats import chi2
 
 from helpers.navigators import ROUTE, error_between, fly
 from isogal.errors import InputError
+from isogal.fix import apply_fix
 from isogal.fusion.aiding import update_height
 from isogal.fusion.belief import Belief
 from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.fix import apply_fix
 from isogal.fusion.gate import RejectedError, quantile
 from isogal.fusion.navigator import NavigatorRun, propagate
 from isogal.matching.interfaces import Fix, Information

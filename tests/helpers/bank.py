@@ -103,7 +103,7 @@ def kalman(batch: Batch, R: np.ndarray, field_map: FieldMap = PLANE):
     H = -np.einsum("ti,tij->tj", gradient, batch.transition) + batch.reading_jacobian
     information = H.T @ np.linalg.solve(R, H)
     covariance = np.linalg.inv(np.linalg.inv(batch.prior) + information)
-    return covariance @ H.T @ np.linalg.solve(R, batch.reading - batch.offset - value), covariance
+    return covariance @ H.T @ np.linalg.solve(R, batch.reading - value), covariance
 
 
 def by_grid(batch: Batch, field_map: FieldMap, R: np.ndarray, half: float, step: float):
@@ -115,7 +115,7 @@ def by_grid(batch: Batch, field_map: FieldMap, R: np.ndarray, half: float, step:
     there = field_map.value(
         batch.latitude - place[:, :1] / north, batch.longitude - place[:, 1:] / east
     )
-    residual = (batch.reading - batch.offset - there).T
+    residual = (batch.reading - there).T
     log = -0.5 * (np.linalg.solve(np.linalg.cholesky(R), residual) ** 2).sum(axis=0)
     log -= 0.5 * np.einsum("ni,ij,nj->n", place, np.linalg.inv(batch.prior[:2, :2]), place)
     weight = np.exp(log - log.max())
@@ -155,7 +155,6 @@ def flown(
     for number in range(legs):
         if number:
             error, covariance = forward @ error, forward @ covariance @ forward.T
-            keys |= {"back_transition": np.linalg.inv(forward), "back_nuisance": np.zeros((4, 0))}
         batch, _ = make_batch(
             field_map, error, scans,
             start=np.array(start) + VELOCITY * age * number,

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import level
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
+from isogal.matching.parameters import Parameters
 
 ORIGIN = (np.radians(-36.5), np.radians(147.0))
 INTERVAL = 10.0
@@ -116,12 +118,34 @@ def make_batch(
         "velocity": np.array(velocity) + at_scan[:, 2:],
         "reading": field_map.value(latitude, longitude) + slope @ xi + noise,
         "sigma": np.full(scans, sigma),
-        "offset": np.zeros(scans),
-        "transition": transition,
-        "reading_jacobian": slope,
-        "nuisance_position": np.zeros((scans, 2, 0)),
-        "nuisance_reading": np.zeros((scans, 0)),
-        "prior": np.diag([prior_sigma[0] ** 2] * 2 + [prior_sigma[1] ** 2] * 2),
         "new": scans,
     }
+    prior = changes.pop("prior", np.diag(np.repeat(np.square(prior_sigma), 2)))
+    keys |= by_position_and_velocity(transition, slope, prior)
     return Batch(**(keys | changes)), Truth(latitude[-1], longitude[-1])
+
+
+def noise_covariance(noise: Parameters | None, sigma: ArrayLike, time: ArrayLike) -> np.ndarray:
+    """(T, T) covariance of readings with white noise of 1-sigmas (T,) and with what they have in
+    common, at times (T,)."""
+    sigma, time = np.asarray(sigma), np.asarray(time)
+    covariance = np.diag(sigma**2)
+    for k in range(0 if noise is None else len(noise.sigma)):
+        column = noise.sigma[k] * noise.reading[:, k]
+        together = np.exp(-np.abs(time[:, None] - time) / noise.times[k])
+        covariance += np.outer(column, column) * together
+    return covariance
+
+
+def by_position_and_velocity(transition: ArrayLike, slope: ArrayLike, prior: ArrayLike) -> dict:
+    """Columns of a batch of a navigator that knows its attitude: position error (T, 2, 4) and
+    reading (T, 4) per unit of xi, whose covariance is (4, 4)."""
+    transition, slope = np.asarray(transition), np.asarray(slope)
+    backward = np.tile(np.eye(7), (len(transition), 1, 1))
+    backward[:, :2, :4] = transition
+    return {
+        "covariance": level(np.asarray(prior)),
+        "position_by_error": backward[:, :2],
+        "reading_by_error": np.pad(slope, ((0, 0), (0, 3))),
+        "backward": backward,
+    }

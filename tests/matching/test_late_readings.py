@@ -95,7 +95,7 @@ def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_t
     path = batch.filter_path
     nodes = np.array([[[0.0, 0.0, 1.0]]]) if path is None else path.nodes(batch.latitude)
     along = batch.latitude[:, None] + nodes[..., 0], batch.longitude[:, None] + nodes[..., 1]
-    residual = batch.reading - batch.offset - (MAP.value(*along) * nodes[..., 2]).sum(axis=1)
+    residual = batch.reading - (MAP.value(*along) * nodes[..., 2]).sum(axis=1)
     assert np.isfinite(residual).all()
     scale = np.abs(batch.reading - MAP.value(batch.latitude, batch.longitude)).max()
     if filter_time:
@@ -127,15 +127,16 @@ def test_without_filter_and_delay_nothing_changes():
     batch, _ = batch_of(scenario())
     assert batch.end_place is None
     assert batch.filter_path is None
-    assert batch.reading_covariance is None
-    assert batch.filter_path is None
+    assert batch.parameters is None
 
 
 def test_of_some_rows():
     batch, _ = batch_of(scenario(filter_time=30.0, correlated_sigma=1e-5))
     part = batch.part(10)
     assert part.filter_path.away.shape == (30, *batch.filter_path.away.shape[1:])
-    np.testing.assert_array_equal(part.reading_covariance, batch.reading_covariance[10:, 10:])
+    np.testing.assert_array_equal(part.parameters.reading, batch.parameters.reading[10:])
+    np.testing.assert_array_equal(part.position_by_error, batch.position_by_error[10:])
+    np.testing.assert_array_equal(part.transition, batch.transition[10:])
 
 
 def test_map_error_between_scans_is_a_gauss_markov_process():

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from helpers.batches import noise_covariance
 from isogal.inertial.rotations import from_rotation_vector, matrix
-from isogal.matching.reading_noise import joined, noise_covariance, noise_states
+from isogal.matching.reading_noise import joined, noise_states
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.platform import levelling_error, mean_error, tilted_reading
 from isogal.sensors.trajectory import build_trajectory

@@ -1,7 +1,6 @@
 """What the node says of its batches: log, diagnostics, figures."""
 
 from isogal.fields.measured import unlikely_sigmas
-from isogal.matching.failures import has_failed
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -33,7 +32,7 @@ class Report:
         figures."""
         self._fixes += fix.published
         self._declined += not fix.published
-        self._failed += has_failed(fix.reason)
+        self._failed += fix.failed
         self._health.figures |= {
             "fixes published": self._fixes,
             "fixes declined": self._declined,

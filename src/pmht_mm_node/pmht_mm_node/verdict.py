@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from isogal.matching.failures import UNEXPLAINED, has_failed
+from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.health import ERROR, OK, WARN
@@ -46,7 +46,7 @@ class Verdict:
         self.found = fix.published and (self._lost or fix.reset)
         self._lost = (self._lost or fix.reset) and not fix.published
         self._without = 0 if fix.published else self._without + 1
-        self._failures = self._failures + 1 if has_failed(fix.reason) else 0
+        self._failures = self._failures + 1 if fix.failed else 0
         misfit = not fix.published and fix.diagnostics.get(UNEXPLAINED, 0.0) > LIKELY
         self._misfits = self._misfits + 1 if misfit else 0
         self._count(fix)

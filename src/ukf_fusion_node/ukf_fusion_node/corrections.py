@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import NavSatStatus
 
+from isogal.fix import apply_fix
 from isogal.fusion.belief import UpdateResult
 from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.fix import apply_fix
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position

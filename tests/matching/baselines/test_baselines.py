@@ -121,19 +121,6 @@ def test_an_unknown_bias_is_allowed_for(rough_map, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_known_offsets_are_subtracted_from_the_readings(rough_map, name):
-    batch, _ = make_batch(rough_map, DRIFT)
-    plain, _ = build(name).match(batch, rough_map, None)
-    offset = 1e-4 * np.sin(np.arange(30.0))
-    shifted, _ = build(name).match(
-        dataclasses.replace(batch, offset=offset, reading=batch.reading + offset), rough_map, None
-    )
-    np.testing.assert_allclose(
-        [shifted.latitude, shifted.longitude], [plain.latitude, plain.longitude], atol=1e-8
-    )
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_declines_with_a_reason(rough_map, name):
     matcher = build(name)
     batch, _ = make_batch(rough_map, DRIFT)
@@ -149,9 +136,9 @@ def test_declines_with_a_reason(rough_map, name):
     nothing, _ = matcher.match(make_batch(flat)[0], flat, None)
     assert nothing.reason is not None
     odd, _ = matcher.match(
-        dataclasses.replace(batch, prior=np.full((4, 4), np.nan)), rough_map, None
+        dataclasses.replace(batch, covariance=np.full((7, 7), np.nan)), rough_map, None
     )
-    assert odd.reason == "prior of the navigator is not finite"
+    assert odd.reason == "covariance of the navigator is not finite"
 
 
 @pytest.mark.parametrize("name", NAMES)

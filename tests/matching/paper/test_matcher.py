@@ -212,7 +212,7 @@ def test_stops_early_when_told_to(rough_map):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"prior": np.full((4, 4), np.nan)}, "prior of the navigator is not finite"),
+        ({"prior": np.full((4, 4), np.nan)}, "covariance of the navigator is not finite"),
         ({"prior": np.zeros((4, 4))}, "the navigator's covariance is not positive definite"),
         ({"time": np.zeros(30)}, "the stamps of the scans do not increase"),
         ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from helpers.batches import INTERVAL, field_map_of, make_batch
+from helpers.batches import INTERVAL, field_map_of, make_batch, noise_covariance
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
@@ -18,8 +18,8 @@ from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
 from isogal.matching.pmht.rows import rows_of
-from isogal.matching.pmht.states import TENSOR_ORDER, States, navigator_states
-from isogal.matching.reading_noise import height_states, joined, noise_covariance, noise_states
+from isogal.matching.pmht.states import TENSOR_ORDER, States
+from isogal.matching.reading_noise import height_states, joined, noise_states
 from isogal.scenario import Gravimeter, Height
 from isogal.sensors.reduction import State
 
@@ -51,7 +51,7 @@ def by_bank(batch, field_map, steps=(T,)):
     """Posterior mean and covariance of a navigator's position and velocity, and log evidence,
     where the bank takes the readings in steps of so many scans."""
     states, models = only_model(batch, field_map)
-    bank = Hypotheses.before(models, navigator_states(batch)[0])
+    bank = Hypotheses.before(models, batch.covariance)
     each, epoch = batch.rows_per_scan, None
     for count, first in zip(steps, np.cumsum((0, *steps)), strict=False):
         rows = each * np.arange(first, first + count)[:, None] + np.arange(each)
@@ -73,17 +73,21 @@ def by_covariance(batch, field_map):
         gradient = np.stack(slope, axis=-1)
         H[rows] = -np.einsum("ti,tij->tj", gradient, batch.transition[rows])
     H += batch.reading_jacobian
-    S = H @ batch.prior @ H.T + batch.reading_covariance
+    S = H @ batch.prior @ H.T + covariance_of(batch)
     gain = np.linalg.solve(S, H @ batch.prior).T
-    residual = batch.reading - value - batch.offset
+    residual = batch.reading - value
     evidence = multivariate_normal(np.zeros(len(S)), S).logpdf(residual)
     return gain @ residual, batch.prior - gain @ H @ batch.prior, evidence
+
+
+def covariance_of(batch):
+    return noise_covariance(batch.parameters, batch.sigma, batch.time)
 
 
 def noisy(batch, seed=3):
     """The batch with noise of its covariance on top of its readings."""
     random = np.random.default_rng(seed)
-    noise = random.multivariate_normal(np.zeros(len(batch)), batch.reading_covariance)
+    noise = random.multivariate_normal(np.zeros(len(batch)), covariance_of(batch))
     return replace(batch, reading=batch.reading + noise)
 
 
@@ -105,14 +109,7 @@ def test_as_one_covariance(keys, height, steps):
     if height:
         told = Height(source="barometer", **{"bias": 0.0, "scale": 0.0, **height})
         states += height_states(told, Slope(), at)
-    noise = joined(states)
-    batch = replace(
-        batch,
-        velocity=TURNING,
-        noise=noise,
-        reading_covariance=noise_covariance(noise, batch.sigma, TIME),
-    )
-    batch = noisy(batch)
+    batch = noisy(replace(batch, velocity=TURNING, parameters=joined(states)))
     field_map = plane(2e-8, -3e-8)
     found, expected = by_bank(batch, field_map, steps), by_covariance(batch, field_map)
     scale = np.sqrt(np.diag(batch.prior))
@@ -130,7 +127,9 @@ def test_channels_of_a_scan_with_correlated_noise():
     covariance = np.diag([1e-10, 4e-10, 9e-10])
     covariance[0, 1] = covariance[1, 0] = 1.2e-10
     covariance[0, 2] = covariance[2, 0] = -1e-10
-    batch = noisy(channel_batch(one, readings, covariance))
+    batch = channel_batch(one, readings, covariance)
+    np.testing.assert_allclose(covariance_of(batch)[3:6, 3:6], covariance, atol=1e-16)
+    batch = noisy(batch)
     found, expected = by_bank(batch, maps, (7, 5)), by_covariance(batch, maps)
     scale = np.sqrt(np.diag(batch.prior))
     np.testing.assert_allclose(found[0] / scale, expected[0] / scale, atol=2e-3)
@@ -144,7 +143,7 @@ def test_uncorrelated_channels_have_no_states():
     maps = ChannelMap([plane(2e-8, -3e-8), plane(-1e-8, 2e-8)])
     one, _ = make_batch(maps.channels[0], scans=T)
     batch = channel_batch(one, np.zeros((T, 2)), np.diag([1e-10, 4e-10]))
-    assert batch.noise is None
+    assert batch.parameters is None
     assert only_model(batch, maps)[0].count == BATCH_STATES + 2
 
 
@@ -152,7 +151,7 @@ def test_noise_stands_beside_parameters():
     batch, _ = make_batch(plane(2e-8, -3e-8), scans=T)
     noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
     told = Parameters(("scale",), np.array([0.01]), np.ones((T, 1)), np.ones((T, 2, 1)))
-    batch = replace(batch, noise=noise, parameters=told)
+    batch = replace(batch, parameters=Parameters.together([noise, told]))
     states, models = only_model(batch, plane(2e-8, -3e-8))
     assert states.names == ("correlated", "scale")
     rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, models.lengths, None)
@@ -165,13 +164,8 @@ def test_noise_stands_beside_parameters():
 def test_beams_share_what_is_not_white():
     one, _ = make_batch(plane(2e-8, -3e-8), scans=T)
     noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
-    covariance = noise_covariance(noise, one.sigma, TIME)
     beams = Soundings(3, 0.0)
-    batch = beams.expand(
-        replace(one, noise=noise, reading_covariance=covariance),
-        np.zeros((T, 3)),
-        [np.zeros((3, 3))] * T,
-    )
+    batch = beams.expand(replace(one, parameters=noise), np.zeros((T, 3)), [np.zeros((3, 3))] * T)
     states = States.of(batch, plane(2e-8, -3e-8))
     rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([4000.0]), None)
     np.testing.assert_allclose(rows.noise, np.repeat(one.sigma**2, 3))

@@ -100,7 +100,6 @@ def test_a_fix_taken_twice_is_seen():
     again, _ = make_batch(
         ROUGH, left, 15, start=(-6000.0 + 2100.0, -6000.0 + 2550.0), seed=9,
         prior=forward @ covariance @ forward.T, correction=np.r_[-2.0 * mean, 0.0, 0.0, 0.0],
-        back_transition=np.linalg.inv(forward), back_nuisance=np.zeros((4, 0)),
         time=1150.0 + 10.0 * np.arange(15),
     )  # fmt: skip
     _, after = pmht(**LETTER).match(again, ROUGH, memory)
@@ -196,7 +195,7 @@ def test_a_map_without_features_tells_nothing():
 @pytest.mark.parametrize(("changes", "words"), [
     ({"latitude": np.full(30, np.nan)}, "latitude of the navigator is not finite"),
     ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),
-    ({"prior": -np.eye(4)}, "covariance is not positive definite"),
+    ({"covariance": -np.eye(7)}, "covariance is not positive definite"),
     ({"time": np.zeros(30)}, "do not increase"),
 ])  # fmt: skip
 def test_what_no_matcher_can_use_is_declined(changes, words):
@@ -245,18 +244,6 @@ def test_candidates_are_the_hypotheses_at_each_scan():
     best = np.argmax(shown.weight[last])
     assert abs(shown.latitude[last][best] - truth.latitude) < 1e-4
     assert len(memory.fields[0].bank) >= count
-
-
-def test_a_navigator_with_attitude_is_told_of_it_and_one_without_is_not():
-    batch, _ = make_batch(PLANE, ERROR)
-    fix, _ = pmht().match(batch, PLANE, None)
-    assert fix.information.vector.shape == (4,)
-    known = replace(
-        batch, nuisance_position=np.zeros((30, 2, 3)), nuisance_reading=np.zeros((30, 3)),
-        attitude=(np.zeros((3, 4)), 1e-5 * np.eye(3)),
-    )  # fmt: skip
-    fix, _ = pmht().match(known, PLANE, None)
-    assert fix.information.vector.shape == (7,)
 
 
 def test_fixes_name_a_map_error_but_where_none_is_told():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from helpers.bank import (
@@ -22,7 +23,6 @@ from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.channels import ChannelMap
 from isogal.matching.channels import channel_batch
 from isogal.matching.parameters import Parameters
-from isogal.matching.pmht.states import navigator_states
 
 ERROR = np.array([250.0, -300.0, 0.03, 0.02])
 ROUGH = field_map_of(wavy)
@@ -37,7 +37,6 @@ WRONG = {"map_sigma": 2e-5, "map_correlation_length": 3000.0, **LETTER}
 ])  # fmt: skip
 def test_on_a_plane_it_is_the_kalman_update(settings, noise):
     batch, _ = make_batch(PLANE, ERROR, jacobian=(1e-9, 0.0, 3e-6, 1e-4))
-    batch = replace(batch, offset=np.full(30, 2e-5), reading=batch.reading + 2e-5)
     fix, memory = pmht(**settings).match(batch, PLANE, None)
     assert fix.published, fix.reason
     assert len(memory.fields[0].bank) == 1
@@ -51,21 +50,19 @@ def test_on_a_plane_it_is_the_kalman_update(settings, noise):
 
 def test_attitude_is_what_the_readings_say_of_it():
     random, age = np.random.default_rng(5), np.linspace(1.0, 0.0, 30)
-    by_xi = random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5]
-    batch, _ = make_batch(
-        PLANE, (200.0, -100.0, 0.03, 0.02),
-        nuisance_position=300.0 * age[:, None, None] ** 2 * random.standard_normal((1, 2, 3)),
-        nuisance_reading=1e-5 * age[:, None] * random.standard_normal(3),
-        attitude=(by_xi, 3e-5 * random.standard_normal((3, 3))),
-    )  # fmt: skip
-    prior, by_seven = navigator_states(batch)
+    batch, _ = make_batch(PLANE, (200.0, -100.0, 0.03, 0.02))
+    place, reading = batch.position_by_error.copy(), batch.reading_by_error.copy()
+    place[..., 4:] += 1e7 * age[:, None, None] ** 2 * random.standard_normal((1, 2, 3))
+    reading[:, 4:] += 0.3 * age[:, None] * random.standard_normal(3)
+    turn = np.eye(7)
+    turn[4:, :4] = random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5]
+    turn[4:, 4:] = 3e-5 * random.standard_normal((3, 3))
+    prior = turn @ block_diag(batch.prior, np.eye(3)) @ turn.T
+    batch = replace(batch, covariance=prior, position_by_error=place, reading_by_error=reading)
     fix, _ = pmht(**WRONG).match(batch, PLANE, None)
     value, north, east = PLANE.value_and_gradient(batch.latitude, batch.longitude)
     slope = np.stack([north, east], axis=-1)
-    H = np.concatenate([
-        batch.reading_jacobian - np.einsum("ti,tij->tj", slope, batch.transition),
-        batch.nuisance_reading - np.einsum("ti,tij->tj", slope, batch.nuisance_position),
-    ], axis=1) @ by_seven  # fmt: skip
+    H = reading - np.einsum("ti,tij->tj", slope, place)
     R = noise_of(batch, 2e-5, 3000.0)
     covariance = prior - prior @ H.T @ np.linalg.solve(H @ prior @ H.T + R, H @ prior)
     mean = covariance @ H.T @ np.linalg.solve(R, batch.reading - value)
@@ -220,20 +217,18 @@ def test_a_told_parameter_is_estimated_along():
 
 def test_shares_of_scans_are_the_whole():
     batch, _ = make_batch(PLANE, ERROR)
-    backward = np.tile(np.eye(4), (30, 1, 1))
-    backward[:, :2] = batch.transition
-    batch = replace(batch, backward=backward, new=12)
+    batch = replace(batch, new=12)
     fix, _ = pmht(mode="retrodiction").match(batch, PLANE, None)
     assert all(share is None for share in fix.scan_information[:18])
-    estimate, covariance = np.zeros(4), batch.prior
+    estimate, covariance = np.zeros(7), batch.covariance
     for t in range(18, 30):  # the navigator's estimate at the end, told scan by scan
         share = fix.of_scan(t).information
-        back = backward[t]
+        back = batch.backward[t]
         before = back @ covariance @ back.T
         after = np.linalg.inv(np.linalg.inv(before) + share.matrix)
         forward = np.linalg.inv(back)
         estimate = estimate + forward @ after @ share.vector
         covariance = forward @ after @ forward.T
-    close((estimate, covariance), posterior_of(fix, batch.prior), 1e-4)
+    close((estimate[:4], covariance[:4, :4]), posterior_of(fix, batch.prior), 1e-4)
     summed = sum(np.linalg.inv(fix.scan_covariance[t]) for t in range(18, 30))
     np.testing.assert_allclose(np.linalg.inv(summed), fix.covariance, rtol=1e-9)

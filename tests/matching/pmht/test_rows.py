@@ -6,7 +6,6 @@ import numpy as np
 
 from helpers.bank import PLANE, VELOCITY
 from helpers.batches import field_map_of, make_batch, wavy
-from helpers.navigators import random_covariance
 from isogal.maps.channels import ChannelMap
 from isogal.maps.roughness import roughness_at
 from isogal.matching.channels import channel_batch
@@ -20,7 +19,6 @@ from isogal.matching.pmht.states import (
     DRIFT,
     UNKNOWN,
     States,
-    navigator_states,
 )
 
 ROUGH = field_map_of(wavy)
@@ -43,60 +41,15 @@ def predicted(made, field_map, state):
     return value + made.reading @ state
 
 
-def with_attitude(batch, seed=0):
-    """The batch of a navigator that does not know its attitude, and by what its unknowns are
-    given."""
-    random = np.random.default_rng(seed)
-    age = np.linspace(1.0, 0.0, len(batch))[:, None, None]
-    return replace(
-        batch,
-        nuisance_position=30.0 * age**2 * random.standard_normal((1, 2, 3)),
-        nuisance_reading=2e-6 * age[:, 0] * random.standard_normal(3),
-        attitude=(
-            random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5],
-            3e-5 * random.standard_normal((3, 3)),
-        ),
-    )
-
-
 def test_rows_foretell_the_readings_of_a_navigator_with_an_error():
     error = np.array([250.0, -300.0, 0.03, 0.02])
     batch, _ = make_batch(ROUGH, error, seed=None, jacobian=(1e-9, 0.0, 3e-6, 1e-4))
-    made, _, states = rows(replace(batch, offset=np.full(30, 2e-5), reading=batch.reading + 2e-5))
+    made, _, states = rows(batch)
     state = np.zeros(states.count)
     state[:4] = error
     np.testing.assert_allclose(made.level, predicted(made, ROUGH, state), atol=2e-8)
     assert np.abs(made.level - predicted(made, ROUGH, 0.0 * state)).max() > 1e-5
     np.testing.assert_allclose(made.noise, 1e-10)
-
-
-def test_the_navigators_states_are_the_batch_s_unknowns():
-    batch = with_attitude(make_batch(PLANE)[0])
-    batch = replace(batch, prior=random_covariance(np.array([300.0, 200.0, 0.3, 0.2])))
-    covariance, by_seven = navigator_states(batch)
-    by_xi, root = batch.attitude
-    turn = np.block([[np.eye(4), np.zeros((4, 3))], [by_xi, root]])
-    np.testing.assert_allclose(by_seven @ turn, np.eye(7), atol=1e-8)
-    start = np.block([[batch.prior, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3)]])
-    np.testing.assert_allclose(covariance, turn @ start @ turn.T, rtol=1e-9, atol=1e-30)
-    made, _, _ = rows(batch, PLANE)
-    x = np.zeros(made.reading.shape[1])
-    xi, rest = np.array([9.0, 8.0, 0.7, 0.6]), np.array([0.5, -0.4, 0.3])
-    x[:7] = turn @ np.concatenate([xi, rest])
-    np.testing.assert_allclose(
-        made.place @ x, batch.transition @ xi + batch.nuisance_position @ rest, rtol=1e-6
-    )
-    np.testing.assert_allclose(
-        made.reading @ x, batch.reading_jacobian @ xi + batch.nuisance_reading @ rest, rtol=1e-6
-    )
-
-
-def test_without_attitude_nothing_follows_from_it():
-    batch, _ = make_batch(PLANE)
-    covariance, by_seven = navigator_states(batch)
-    np.testing.assert_array_equal(covariance[:4, :4], batch.prior)
-    assert covariance[4:, 4:].max() < 1e-20
-    np.testing.assert_array_equal(by_seven, np.eye(4, 7))
 
 
 def test_only_new_readings_that_are_there_are_rows():

@@ -9,7 +9,7 @@ from pmht_mm_node.verdict import AGREED, FEW, MANY, Verdict, line
 
 GOOD = Fix(10.0, 0.1, 0.2, np.diag([9.0, 16.0]))
 FLAT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "too few features")
-FAILED = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "the matcher failed: LinAlgError: Singular")
+FAILED = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "LinAlgError: Singular", failed=True)
 MISFIT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "no track fits", diagnostics={
     "unexplained": 1.0,
 })  # fmt: skip

@@ -14,7 +14,7 @@ from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
 from isogal.fusion.gate import REJECTED
-from isogal.matching.failures import has_failed
+from isogal.matching.failures import FAILED
 from isogal.scenario import Scenario
 
 DIVERGENCE_LIMIT = 2000.0
@@ -103,11 +103,10 @@ def _fixes(runs: Runs) -> dict[str, int]:
     has failed (`isogal.matching.failures`) or the navigator rejected the fix (`fusion.gate`)."""
     every = [reason for reasons in runs.fix_reason for reason in reasons]
     published = sum(reason is None for reason in every)
-    failed = sum(map(has_failed, every))
     return {
         "published": published,
         "declined": len(every) - published,
-        "failed": failed,
+        "failed": sum(reason is not None and reason.startswith(FAILED) for reason in every),
         "rejected": sum(reason is not None and reason.startswith(REJECTED) for reason in every),
     }
 

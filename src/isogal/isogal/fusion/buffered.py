@@ -160,7 +160,7 @@ class BufferedNavigator:
         self._replay(first - 1)
 
     def at(self, time: float, relative_to: Estimate | None = None) -> "NavigatorAt":
-        """Return the navigator at a stamp, for `isogal.fusion.fix.apply_fix`; information is
+        """Return the navigator at a stamp, for `isogal.fix.apply_fix`; information is
         relative to an estimate (`update_information`)."""
         return NavigatorAt(self, time, relative_to)
 
@@ -306,7 +306,7 @@ class BufferedNavigator:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigatorAt:
-    """A buffered navigator at one stamp (a `isogal.fusion.fix.FixTarget`)."""
+    """A buffered navigator at one stamp (a `isogal.fix.FixTarget`)."""
 
     navigator: BufferedNavigator
     time: float

@@ -294,7 +294,7 @@ def assume_map_error(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigatorRun:
-    """One of the runs of a state (a `isogal.fusion.fix.FixTarget`)."""
+    """One of the runs of a state (a `isogal.fix.FixTarget`)."""
 
     state: FilterState
     model: FilterModel

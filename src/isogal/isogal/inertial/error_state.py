@@ -4,7 +4,7 @@ and 1.3).
 An error is estimate minus truth; attitude errors are rotation vectors in the navigation frame. The
 filter has fifteen error states. Seven of them move a position by metres within a batch: what a
 batch is given as prior, what a fix informs on and what it changes are vectors of these, or of the
-first four where nothing is known of the attitude."""
+first four."""
 
 from typing import NamedTuple
 
@@ -59,3 +59,11 @@ def batch_covariance(position: float, velocity: float, tilt: float, heading: flo
     """Return (7, 7), the covariance of independent errors, equal to north and east, by their
     1-sigma: m, m/s, rad."""
     return np.diag(np.repeat(np.square([position, velocity, tilt, heading]), [2, 2, 2, 1]))
+
+
+def level(covariance: Array) -> Array:
+    """Return (7, 7) that of position and velocity (4, 4) of a navigator that knows its attitude:
+    to 1e-12 rad, from which nothing follows."""
+    whole = np.diag(np.full(BATCH_STATES, 1e-24))
+    whole[:HORIZONTAL_STATES, :HORIZONTAL_STATES] = covariance
+    return whole

@@ -3,6 +3,7 @@ navigator's error does over it."""
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import Path, sensed
-from isogal.matching.reading_noise import height_states, joined, noise_covariance, noise_states
+from isogal.matching.reading_noise import height_states, joined, noise_states
 from isogal.matching.residual_gravity import UNMOVED
 from isogal.matching.scans import Collected, Scan, Scans, Track
 from isogal.matching.transitions import (
@@ -22,7 +23,6 @@ from isogal.matching.transitions import (
     across,
     backwards,
     carried,
-    condition,
     reading_rate,
 )
 from isogal.matrices import symmetric
@@ -226,45 +226,37 @@ class BatchBuilder:
 
         Parameters
         ----------
-        prior : (7, 7) or (4, 4) array
-            The navigator's covariance there, of a batch's states; without its attitude, the
-            navigator is taken as level at the batch end.
+        prior : (7, 7) array
+            The navigator's covariance there, of a batch's states.
         """
         scans = self._scans.last(self._longest)
         latitude, longitude, velocity, times = self._scans.track(scans)
         prior = symmetric(prior)
-        backward, joined, apart = self._errors(latitude, velocity, times, times[-1], prior)
-        every, rest = condition(joined, prior, apart)
-        transition, drift = every[:, :4], rest[:, :4]
+        backward, every, apart = self._errors(latitude, velocity, times, times[-1], prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
         end = float(times[-1])
-        self._track = Track(joined, at_scan, self._scans.added, end, self._bridge)
+        self._track = Track(every, at_scan, self._scans.added, end, self._bridge)
+        effects = _Effects.of(every, apart, at_scan)
         sigma, reading = self._scans.sigmas(scans), self._scans.readings(scans)
+        offset = mean_error(self.instrument) + self._scans.offsets(scans)
         new = min(self._unused, len(times))
         self._unused = 0
         correction, self._correction = self._correction, np.zeros(BATCH_STATES)
-        before = len(times) - new - 1
-        noise = self._noise(scans, velocity, times)
         batch = Batch(
             time=times,
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
-            reading=np.full(len(times), np.nan) if reading.ndim > 1 else reading,
+            reading=np.full(len(times), np.nan) if reading.ndim > 1 else reading - offset,
             sigma=sigma,
-            offset=mean_error(self.instrument) + self._scans.offsets(scans),
-            transition=np.ascontiguousarray(transition[:, :2]),
-            reading_jacobian=np.einsum("ti,tij->tj", at_scan, transition),
-            nuisance_position=np.ascontiguousarray(drift[:, :2]),
-            nuisance_reading=np.einsum("ti,tij->tj", at_scan, drift),
-            prior=prior[:4, :4],
+            covariance=prior,
+            position_by_error=effects.position,
+            reading_by_error=effects.reading,
+            position_apart=effects.position_apart,
+            reading_apart=effects.reading_apart,
+            backward=backward,
             new=new,
-            back_transition=None if before < 0 else every[before],
-            back_nuisance=None if before < 0 else rest[before],
-            attitude=(every[-1, 4:], rest[-1, 4:]) if every.shape[1] > 4 else None,
-            backward=backward[:, : len(prior), : len(prior)],
-            reading_covariance=None if noise is None else noise_covariance(noise, sigma, times),
-            noise=noise,
+            parameters=self._noise(scans, velocity, times),
             bias_walk=self.instrument.bias_walk,
             delay_sigma=self.instrument.delay_sigma,
             reading_rate=reading_rate(at_scan, velocity, times),
@@ -301,19 +293,20 @@ class BatchBuilder:
         latitude, longitude = np.asarray(seen.latitude), np.asarray(seen.longitude)
         velocity = np.stack([seen.v_north, seen.v_east], axis=-1)
         told_of = batch.time - self._lag.mean
-        back = self._errors(latitude, velocity, told_of, float(batch.time[-1]), prior)
-        every, rest = condition(back[1], prior, back[2])
+        end = float(batch.time[-1])
+        _, every, apart = self._errors(latitude, velocity, told_of, end, prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
+        effects = _Effects.of(every, apart, at_scan)
         return replace(
             batch,
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
             reading=reading,
-            transition=np.ascontiguousarray(every[:, :2]),
-            reading_jacobian=np.einsum("ti,tij->tj", at_scan, every[:, :4]),
-            nuisance_position=np.ascontiguousarray(rest[:, :2]),
-            nuisance_reading=np.einsum("ti,tij->tj", at_scan, rest[:, :4]),
+            position_by_error=effects.position,
+            reading_by_error=effects.reading,
+            position_apart=effects.position_apart,
+            reading_apart=effects.reading_apart,
             filter_path=filter_path,
             reading_rate=reading_rate(at_scan, velocity, batch.time),
             end_place=batch.end,
@@ -342,4 +335,25 @@ class BatchBuilder:
         """
         return self.reduction.jacobian(
             State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1])
+        )
+
+
+class _Effects(NamedTuple):
+    """What the navigator's error x at the batch end, and what is beside it, do to rows: columns of
+    a `Batch`."""
+
+    position: Array
+    reading: Array
+    position_apart: Array
+    reading_apart: Array
+
+    @classmethod
+    def of(cls, every: Array, apart: Array, jacobian: Array) -> "_Effects":
+        """Return those of errors at the scans (T, 7, 7) and (T, 7, K), and of the reduction's
+        Jacobian (T, 4)."""
+        return cls(
+            np.ascontiguousarray(every[:, :2]),
+            np.einsum("ti,tij->tj", jacobian, every[:, :4]),
+            np.ascontiguousarray(apart[:, :2]),
+            np.einsum("ti,tij->tj", jacobian, apart[:, :4]),
         )

@@ -46,34 +46,19 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
         )
     scans, channels = readings.shape
     blocks = _of_each_scan(np.asarray(covariance, dtype=np.float64), scans, channels)
-    by_scan = np.zeros((scans, channels, scans, channels))
-    every = np.arange(scans)
-    by_scan[every, :, every, :] = blocks
-    whole = by_scan.reshape(scans * channels, scans * channels)
-
-    def spread(array: Array) -> Array:
-        return np.repeat(array, channels, axis=0)
-
+    white, common = scan_noise(blocks)
+    rows = batch.part(np.repeat(np.arange(scans), channels))
+    apart = rows.reading_apart
     return replace(
-        batch,
-        time=spread(batch.time),
-        latitude=spread(batch.latitude),
-        longitude=spread(batch.longitude),
-        velocity=spread(batch.velocity),
+        rows,
         reading=readings.reshape(-1),
-        sigma=np.sqrt(np.diag(whole)),
-        offset=np.zeros(scans * channels),
-        transition=spread(batch.transition),
-        reading_jacobian=np.zeros((scans * channels, 4)),
-        nuisance_position=spread(batch.nuisance_position),
-        nuisance_reading=np.zeros((scans * channels, batch.nuisance_reading.shape[1])),
+        sigma=white,
+        reading_by_error=np.zeros_like(rows.reading_by_error),
+        reading_apart=None if apart is None else np.zeros_like(apart),
         new=batch.new * channels,
-        cut=batch.cut * channels,
-        backward=None if batch.backward is None else spread(batch.backward),
         reading_rate=None,
         channel=np.tile(np.arange(channels), scans),
-        reading_covariance=whole,
-        noise=scan_noise(blocks),
+        parameters=common,
     )
 
 
@@ -111,8 +96,7 @@ def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch
         new=new,
         channel=None,
         beam=None,
-        reading_covariance=None,
-        noise=None,
+        parameters=None,
         of_one_potential=None,
     )
     return part, first

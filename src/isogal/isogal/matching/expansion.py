@@ -11,7 +11,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.magnetic_vehicle import prior_sigma
-from isogal.matching.interfaces import PER_ROW, Batch
+from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.registry import able, require
 from isogal.scenario import Gradiometer, Scenario
@@ -89,7 +89,9 @@ class Tensor:
         return replace(
             batch,
             of_one_potential=told.of_one_potential,
-            parameters=self._parameters(batch) if told.wanders else None,
+            parameters=Parameters.together(
+                [batch.parameters, self._parameters(batch) if told.wanders else None]
+            ),
         )
 
     def _parameters(self, batch: Batch) -> Parameters:
@@ -140,7 +142,8 @@ class OwnField:
 
     def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
         """Return the batch with the coefficients as parameters."""
-        return replace(batch, parameters=Parameters((), self._sigma, np.stack(details)))
+        own = Parameters((), self._sigma, np.stack(details))
+        return replace(batch, parameters=Parameters.together([batch.parameters, own]))
 
 
 class Soundings:
@@ -169,47 +172,24 @@ class Soundings:
         """Return the batch with a row for each beam, at the place of its footprint."""
         count, foot = self._beams, np.concatenate(details)
 
-        each = np.repeat(np.arange(len(batch)), count)
-
-        def spread(array: Array) -> Array:
-            return np.asarray(array[each])
-
-        north, east = metres_per_radian(spread(batch.latitude))
-        rows: dict[str, Any] = {name: spread(getattr(batch, name)) for name in PER_ROW}
-        whole = replace(
-            batch,
-            **rows,
-            new=batch.new * count,
-            cut=batch.cut * count,
-            backward=None if batch.backward is None else spread(batch.backward),
-            reading_rate=None,
-            reading_covariance=_with_common(batch, count),
-            noise=None if batch.noise is None else batch.noise.part(each),
-            beam=np.tile(np.arange(count), len(batch)),
-            end_place=batch.end,
-        )
-        parameters = None
+        rows = batch.part(np.repeat(np.arange(len(batch)), count))
+        north, east = metres_per_radian(rows.latitude)
+        scale = None
         if self._scale_sigma > 0.0:
-            parameters = Parameters(
+            scale = Parameters(
                 ("range_scale",),
                 np.array([self._scale_sigma]),
                 -foot[:, 2:],
                 foot[:, :2, None],
             )
         return replace(
-            whole,
-            latitude=whole.latitude + foot[:, 0] / north,
-            longitude=whole.longitude + foot[:, 1] / east,
+            rows,
+            latitude=rows.latitude + foot[:, 0] / north,
+            longitude=rows.longitude + foot[:, 1] / east,
             reading=values.reshape(-1),
-            parameters=parameters,
+            new=batch.new * count,
+            reading_rate=None,
+            beam=np.tile(np.arange(count), len(batch)),
+            parameters=Parameters.together([rows.parameters, scale]),
+            end_place=batch.end,
         )
-
-
-def _with_common(batch: Batch, count: int) -> Array | None:
-    """Return (T B, T B) the noise's covariance where that of a scan is correlated with others: the
-    white part is each beam's own, the rest is common."""
-    if batch.reading_covariance is None:
-        return None
-    common = batch.reading_covariance - np.diag(batch.sigma**2)
-    whole = np.repeat(np.repeat(common, count, axis=0), count, axis=1)
-    return np.asarray(whole + np.diag(np.repeat(batch.sigma**2, count)))

@@ -4,6 +4,7 @@ Readings and maps of the world outside hold what nobody has thought of: a matrix
 positive definite, an array without elements. Whoever matches batches one after the other asks a
 matcher through `match_or_decline`: the Monte Carlo engine, the node and `isogal match`."""
 
+from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
@@ -12,8 +13,8 @@ import numpy as np
 from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 
 FAILED = "the matcher failed: "
-"""Begins the reason of a batch on which the matcher has raised an exception, or whose fix is not
-finite."""
+"""Begins the reason of a fix that has `failed`: the matcher has raised an exception, or its fix is
+not finite."""
 UNEXPLAINED = "unexplained"
 """Figure of a batch without a fix whose readings the map does not explain."""
 _NUMERICAL = ("numpy", "scipy", "numba")
@@ -42,13 +43,9 @@ def match_or_decline(
     except Exception as error:
         text = " ".join(str(error).split())
         words = f"{type(error).__name__}: {text}" if text else type(error).__name__
-        return declined(batch, f"{FAILED}{words}{_place(error.__traceback__)}"), memory
+        reason = f"{FAILED}{words}{_place(error.__traceback__)}"
+        return replace(declined(batch, reason), failed=True), memory
     return fix, after
-
-
-def has_failed(reason: str | None) -> bool:
-    """Whether a batch's reason for no fix is that the matcher failed."""
-    return reason is not None and reason.startswith(FAILED)
 
 
 def _check(fix: Fix) -> None:

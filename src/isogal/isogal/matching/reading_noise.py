@@ -80,20 +80,9 @@ def joined(states: Sequence[_State]) -> Parameters | None:
     )
 
 
-def noise_covariance(noise: Parameters, sigma: Array, time: Array) -> Array:
-    """Return (T, T) the covariance of readings with white noise of 1-sigmas (T,) at times (T,)."""
-    covariance = np.diag(sigma**2)
-    assert noise.time is not None
-    for k, time_constant in enumerate(noise.time):
-        column = noise.sigma[k] * noise.reading[:, k]
-        together = np.exp(-np.abs(time[:, None] - time) / time_constant)
-        covariance += np.outer(column, column) * together
-    return covariance
-
-
-def scan_noise(covariance: Array) -> Parameters | None:
-    """Return what the C readings of each of T scans have in common by their covariance (T, C, C),
-    for T C readings; None where it is diagonal.
+def scan_noise(covariance: Array) -> tuple[Array, Parameters | None]:
+    """Return (T C,) the 1-sigma of the white part of T scans of C readings each, of covariance
+    (T, C, C), and what the readings of a scan have in common; None where that is nothing.
 
     In units of the readings' own 1-sigmas the least eigenvalue of a scan is white, and the rest
     are C - 1 unknowns that are new at each scan."""
@@ -101,12 +90,16 @@ def scan_noise(covariance: Array) -> Parameters | None:
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     unit = covariance / (sigma[:, :, None] * sigma[:, None, :])
     if np.abs(unit - np.eye(channels)).max() < 1e-9:
-        return None
+        return sigma.reshape(-1), None
     values, vectors = np.linalg.eigh(unit)
     columns = sigma[:, :, None] * vectors * np.sqrt(values - values[:, :1])[:, None, :]
-    return Parameters(
-        ("",) * (channels - 1),  # nobody wants to see them
-        np.ones(channels - 1),
-        columns[:, :, 1:].reshape(scans * channels, channels - 1),
-        time=np.full(channels - 1, INSTANT_S),
+    white = sigma * np.sqrt(values[:, :1])
+    return (
+        white.reshape(-1),
+        Parameters(
+            ("",) * (channels - 1),  # nobody wants to see them
+            np.ones(channels - 1),
+            columns[:, :, 1:].reshape(scans * channels, channels - 1),
+            time=np.full(channels - 1, INSTANT_S),
+        ),
     )

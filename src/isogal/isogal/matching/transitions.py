@@ -146,24 +146,17 @@ def _chain(latitude, velocity, times, end):  # type: ignore[no-untyped-def]
     return result
 
 
-def condition(backward: Array, prior: Array, apart: Array | None = None) -> tuple[Array, Array]:
-    """Split the error at the scans, by `backward` (T, R, 7), into what xi = (position, velocity)
-    at the batch end explains and the rest.
+def given_position_and_velocity(
+    by_error: Array, covariance: Array, apart: Array
+) -> tuple[Array, Array]:
+    """Split what x ~ N(0, covariance) does to rows, `by_error` (T, R, 7), into what xi = x[:4]
+    explains and the rest.
 
-    The attitude given xi is A xi + e with e ~ N(0, S), from the joint prior. Returns (T, R, 4),
-    the error per unit of xi, and (T, R, 3), the error per unit-variance component of e; of a prior
-    of position and velocity alone (T, 4, 4) and (T, 4, 0). What the errors are beside that,
-    `apart` (T, R, K), goes behind the latter.
+    The attitude given xi is A xi + e with e ~ N(0, S). Returns (T, R, 4) per unit of xi, and
+    (T, R, 3 + K) per unit-variance component of e and of what is beside x, `apart` (T, R, K).
     """
-    rows = backward.shape[1]
-    if prior.shape[0] == 4:
-        rows = 4
-        every, rest = backward[:, :4, :4].copy(), np.zeros((backward.shape[0], 4, 0))
-    else:
-        gain = prior[4:, :4] @ inverse(prior[:4, :4])
-        root = square_root(prior[4:, 4:] - gain @ prior[:4, 4:])
-        every = backward[:, :, :4] + backward[:, :, 4:] @ gain
-        rest = backward[:, :, 4:] @ root
-    if apart is not None and apart.shape[2]:
-        rest = np.concatenate([rest, apart[:, :rows]], axis=2)
-    return every, rest
+    gain = covariance[4:, :4] @ inverse(covariance[:4, :4])
+    root = square_root(covariance[4:, 4:] - gain @ covariance[:4, 4:])
+    attitude = by_error[:, :, 4:]
+    rest = np.concatenate([attitude @ root, apart], axis=2)
+    return by_error[:, :, :4] + attitude @ gain, rest

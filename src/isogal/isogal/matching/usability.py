@@ -12,12 +12,9 @@ _FINITE = (
     "latitude",
     "longitude",
     "velocity",
-    "offset",
-    "transition",
-    "reading_jacobian",
-    "nuisance_position",
-    "nuisance_reading",
-    "prior",
+    "position_by_error",
+    "reading_by_error",
+    "covariance",
 )
 
 
@@ -36,7 +33,7 @@ def unusable(batch: Batch) -> str | None:
     sigma = batch.sigma[np.isfinite(batch.reading)]
     if not (np.isfinite(sigma) & (sigma > 0.0)).all():
         return "sigma of a reading is not positive"
-    if np.isnan(lower(np.ascontiguousarray(batch.prior))[-1, -1]):
+    if np.isnan(lower(np.ascontiguousarray(batch.covariance))[-1, -1]):
         return "the navigator's covariance is not positive definite"
     return None
 

@@ -17,7 +17,7 @@ from isogal.evaluation.records import Runs
 from isogal.fields.gravity_vector import felt_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario
-from isogal.fusion.fix import apply_fix
+from isogal.fix import apply_fix
 from isogal.fusion.gate import RejectedError
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import NavigatorRun

@@ -25,7 +25,7 @@ from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.cells import at_cells
 from isogal.matching.pmht.publish import Told
 from isogal.matching.pmht.rows import parts_of, rows_of, some
-from isogal.matching.pmht.states import BIAS, UNKNOWN, States, navigator_states
+from isogal.matching.pmht.states import BIAS, UNKNOWN, States
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
@@ -78,7 +78,7 @@ class TrackMatcher:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
             reason = too_few(batch, min(count, FEWEST - 1), FEWEST)
             return declined(batch, reason or "no readings on the map"), None
-        prior, _ = navigator_states(batch)
+        prior = batch.covariance
         fields = tuple(field for field, _ in found)
         shifts, left = without_outliers([seen for _, seen in found], prior[:2, :2])
         if not shifts.log_density.max() > OFF_MAP:

@@ -8,6 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import BATCH_STATES, level
 from isogal.maps.channels import RouteMap
 from isogal.matching.interfaces import Batch
 from isogal.scenario import Matcher as MatcherSettings
@@ -58,28 +59,22 @@ def build_batch(
         Of the error that remains.
     """
     time = track.time[rows]
-    transition = np.zeros((time.size, 2, 4))
-    transition[:, 0, 0] = transition[:, 1, 1] = 1.0
-    transition[:, 0, 2] = transition[:, 1, 3] = time - time[-1]
-    to_end = np.zeros((time.size, 4, 4))
-    to_end[:, :2] = transition
-    to_end[:, 2, 2] = to_end[:, 3, 3] = 1.0
-    by_error = np.einsum("ti,tij->tj", jacobian[rows], to_end)
+    backward = np.tile(np.eye(BATCH_STATES), (time.size, 1, 1))
+    backward[:, 0, 2] = backward[:, 1, 3] = time - time[-1]
+    by_error = np.einsum("ti,tij->tj", jacobian[rows], backward[:, :4])
     north, east = metres_per_radian(track.latitude[rows])
-    moved = transition @ error
+    moved = backward[:, :2, :4] @ error
     return Batch(
         time=time,
         latitude=track.latitude[rows] - moved[:, 0] / north,
         longitude=track.longitude[rows] - moved[:, 1] / east,
         velocity=track.velocity[rows] - error[2:],
-        reading=track.value[rows] - by_error @ error,
+        reading=track.value[rows] - by_error[:, :4] @ error - track.offset[rows],
         sigma=track.sigma[rows],
-        offset=track.offset[rows],
-        transition=transition,
-        reading_jacobian=by_error,
-        nuisance_position=np.zeros((time.size, 2, 0)),
-        nuisance_reading=np.zeros((time.size, 0)),
-        prior=covariance,
+        covariance=level(covariance),
+        position_by_error=np.ascontiguousarray(backward[:, :2]),
+        reading_by_error=by_error,
+        backward=backward,
         new=min(new, time.size),
     )
 

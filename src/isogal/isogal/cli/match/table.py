@@ -14,8 +14,6 @@ def print_table(matches: "Sequence[Match]", line: str | None = None) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from isogal.matching.failures import has_failed
-
     table = Table(box=None, header_style="bold")
     for name in ("time (s)", "latitude", "longitude", "1-sigma (m)"):
         table.add_column(name, justify="right")
@@ -27,7 +25,7 @@ def print_table(matches: "Sequence[Match]", line: str | None = None) -> None:
         console.print(f"line {line}")
     console.print(table)
     published = sum(m.fix.published for m in matches)
-    failed = sum(has_failed(m.fix.reason) for m in matches)
+    failed = sum(m.fix.failed for m in matches)
     words = f"; the matcher failed on {failed} of them" if failed else ""
     console.print(f"{published} fixes of {len(matches)} batches{words}")
     if published < len(matches):

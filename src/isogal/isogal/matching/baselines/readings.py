@@ -91,7 +91,7 @@ class UsableReadings:
             latitude=latitude,
             longitude=longitude,
             radian=np.stack([1.0 / north, 1.0 / east], axis=-1),
-            level=batch.reading[row] - batch.offset[row],
+            level=batch.reading[row],
             sigma=np.sqrt(variance),
             transition=np.ascontiguousarray(batch.transition[row]),
             jacobian=np.ascontiguousarray(batch.reading_jacobian[row]),

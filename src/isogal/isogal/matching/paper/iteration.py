@@ -49,7 +49,7 @@ class Scans(NamedTuple):
             latitude=batch.latitude,
             longitude=batch.longitude,
             navigator=np.concatenate([position, batch.velocity], axis=1),
-            reading=batch.reading - batch.offset,
+            reading=batch.reading,
             sigma=batch.sigma,
             transition=batch.transition,
             jacobian=batch.reading_jacobian,

@@ -21,7 +21,6 @@ from typing import ClassVar
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
 from isogal.matching.pmht.cells import SURE
@@ -35,7 +34,7 @@ from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import Told, published
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
 from isogal.matching.pmht.settings import assumed, options_of
-from isogal.matching.pmht.states import States, navigator_states
+from isogal.matching.pmht.states import States
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 
@@ -90,11 +89,11 @@ class Pmht:
         reason = next((why for why in whys if why is not None), None)
         if reason is not None and (memory is None or unusable(_silent(batch)) is not None):
             return declined(batch, reason), memory
-        prior, by_seven = navigator_states(batch)
+        prior = batch.covariance
         if memory is None:
             memory = Memory.before(prior, float(batch.time[-1]))
         else:
-            memory = _propagated(memory, batch, prior, by_seven)
+            memory = _propagated(memory, batch, prior)
         if reason is not None:  # of the readings: the navigator has gone on
             return declined(batch, reason), memory
         memory, rows = self._readings(each, memory, prior)
@@ -161,16 +160,12 @@ def _unlike(one: Beside) -> str | None:
     return f"the readings have {channels} channels, the map {maps}"
 
 
-def _propagated(memory: Memory, batch: Batch, prior: Array, by_seven: Array) -> Memory:
+def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
     """Return the memory at the end of a batch, before its readings."""
-    last = len(batch) - batch.new - 1
-    back = np.eye(BATCH_STATES)
-    if batch.backward is not None and last >= 0:  # what a gap in the inertial data adds is growth
-        size = batch.backward.shape[1]
-        back[:size, :size] = batch.backward[last]
-    else:
-        xi, rest = batch.back(float(batch.time[-1] - batch.time[max(last, 0)]))
-        back[: len(xi)] = xi @ by_seven[:4] + rest @ by_seven[4:]
+    first = max(len(batch) - batch.new - 1, 0)
+    back = batch.backward[first].copy()
+    # the last batch ended before that where all scans are new, or one was not matched
+    back[:2] -= (batch.time[first] - memory.time) * back[2:4]
     before = memory.covariance
     if batch.correction is not None:
         off = -batch.correction - memory.taken

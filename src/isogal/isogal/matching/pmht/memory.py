@@ -95,6 +95,11 @@ class Memory:
         navigator of covariance (7, 7)."""
         return cls({}, prior, Diverged.before(prior, time))
 
+    @property
+    def time(self) -> float:
+        """s, end of the last batch."""
+        return self.diverged.past[-1].time
+
     def moved(self, by: Array) -> "Memory":
         """Return that of a navigator whose estimate has lost a further error (7,)."""
         return replace(

@@ -18,7 +18,7 @@ from isogal.matching.information import (
     measurement_only,
     shares,
 )
-from isogal.matching.interfaces import Batch, Beside, Candidates, Fix, Information, declined
+from isogal.matching.interfaces import Beside, Candidates, Fix, Information, declined
 from isogal.matching.pmht.diverged import probability
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
@@ -109,20 +109,12 @@ def published(
         covariance=spread,
         shown=lambda: _candidates(each[0], bank),
         diagnostics=figures,
-        information=_as_known(batch, information),
+        information=information,
         map_error=error,
     )
     if each_scan:
         fix = _of_each_scan(fix, each[0], information, prior, mean)
     return fix, memory.after(mean, covariance)
-
-
-def _as_known(batch: Batch, information: Information) -> Information:
-    """Return the information about what the batch knows of: the errors without attitude where it
-    has none."""
-    if batch.attitude is not None:
-        return information
-    return Information(information.vector[:4], information.matrix[:4, :4])
 
 
 def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float] | None:
@@ -141,7 +133,7 @@ def _candidates(one: Beside, bank: Hypotheses) -> Candidates:
     each, _ = first_channel(one.batch, one.field_map)
     best = np.argsort(-bank.log_weight)[:SHOWN]
     weight = np.exp(bank.log_weight[best])
-    moved = np.einsum("tij,kj->tki", each.transition, bank.mean[best, :4])
+    moved = np.einsum("tij,kj->tki", each.position_by_error, bank.mean[best, :BATCH_STATES])
     north, east = metres_per_radian(each.latitude)
     count = len(each)
     return Candidates(
@@ -160,15 +152,12 @@ def _of_each_scan(
     each, _ = first_channel(batch, one.field_map)  # each scan once
     count, new = len(each), slice(len(each) - each.new, None)
     moved = np.full((count, 2), np.nan)
-    moved[new] = each.transition[new] @ mean[:4]
+    moved[new] = each.position_by_error[new] @ mean
     north, east = metres_per_radian(each.latitude)
     covariance = np.full((count, 2, 2), np.nan)
     covariance[new] = fix.covariance * each.new
     parts: list[Information | None] = [None] * count
-    if each.backward is not None:
-        size = each.backward.shape[1]
-        known = Information(information.vector[:size], information.matrix[:size, :size])
-        parts[new] = shares(known, prior[:size, :size], each.backward[new])
+    parts[new] = shares(information, prior, each.backward[new])
     late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
     places = np.stack(
         [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1
@@ -177,7 +166,7 @@ def _of_each_scan(
         fix,
         scan_position=None if late else places,
         scan_covariance=None if late else covariance,
-        scan_information=None if each.backward is None else tuple(parts),
+        scan_information=tuple(parts),
     )
 
 

@@ -24,7 +24,6 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_along_track import Chain, chained, filtered_chain
 from isogal.matching.interfaces import Batch
-from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.loads import loads_of
 from isogal.matching.pmht.states import (
     BIAS,
@@ -34,7 +33,6 @@ from isogal.matching.pmht.states import (
     DRIFT,
     States,
     footprints,
-    navigator_states,
 )
 from isogal.sensors.gravimeter_errors import accelerations
 
@@ -156,17 +154,17 @@ def rows_of(
         step, joined = filtered_chain(memory, travelled, lengths, last is None)
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
-    place, reading = _effects(batch, which, states, navigator_states(batch)[1], first)
+    place, reading = _effects(batch, which, states, first)
     rough = np.zeros(len(lengths)) if rough is None else rough
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
         np.stack([1.0 / north, 1.0 / east], axis=-1),
-        batch.reading[which] - batch.offset[which],
+        batch.reading[which],
         place,
         reading,
         loads_of(batch, which, field_map, states.channels, channel, rough),
-        _white(batch)[which] + rounding[channel],
+        batch.sigma[which] ** 2 + rounding[channel],
         travelled,
         keep,
         fresh,
@@ -220,31 +218,14 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
     )
 
 
-def _white(batch: Batch) -> Array:
-    """Return (T,) the variance of readings that they have in common with no other."""
-    noise = batch.noise
-    if noise is None or batch.reading_covariance is None:
-        return batch.sigma**2
-    common = (noise.sigma * noise.reading) ** 2
-    return np.asarray(np.diag(batch.reading_covariance) - common.sum(axis=1))
-
-
-def _effects(
-    batch: Batch, which: Integers, states: States, by_seven: Array, before: Epoch
-) -> tuple[Array, Array]:
+def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tuple[Array, Array]:
     """Return `Rows.place` and `Rows.reading`."""
     n, first = len(which), BATCH_STATES + states.channels
     place, reading = np.zeros((n, 2, states.count)), np.zeros((n, states.count))
-    xi, rest = by_seven[:4], by_seven[4:]
-    place[..., :BATCH_STATES] = (
-        batch.transition[which] @ xi + batch.nuisance_position[which] @ rest
-    )
-    reading[:, :BATCH_STATES] = (
-        batch.reading_jacobian[which] @ xi + batch.nuisance_reading[which] @ rest
-    )
-    told = Parameters.together([batch.noise, batch.parameters])
-    if told is not None:
-        told = told.part(which)
+    place[..., :BATCH_STATES] = batch.position_by_error[which]
+    reading[:, :BATCH_STATES] = batch.reading_by_error[which]
+    if batch.parameters is not None:
+        told = batch.parameters.part(which)
         last = first + len(told.sigma)
         place[..., first:last], reading[:, first:last] = told.moves, told.reading
     if states.unknown:

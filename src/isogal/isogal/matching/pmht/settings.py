@@ -55,7 +55,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
     if stated > 0.0:
         told = max(told or 0.0, stated)
     drift = options.bias_drift_sigma
-    of_noise = () if batch.noise is None else batch.noise.names
+    named = () if batch.parameters is None else batch.parameters.names
     return Assumed(
         noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
         scale=float(np.mean([one.scale for one in maps])),
@@ -69,5 +69,5 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
         walks=batch.bias_walk > 0.0,
         delay=batch.delay_sigma,
         filtered=batch.filter_path is not None,
-        shaken=field_map.quantity in GRAVITY and "coupling_forward" not in of_noise,
+        shaken=field_map.quantity in GRAVITY and "coupling_forward" not in named,
     )

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -49,7 +48,7 @@ class States:
     @classmethod
     def of(cls, batch: Batch, field_map: AnyMap) -> "States":
         """Return those of the batches of a run, by its first one."""
-        told = Parameters.together([batch.noise, batch.parameters])
+        told = batch.parameters
         if told is None:
             told = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
         more = 0 if batch.channel is not None else len(UNKNOWN)
@@ -96,23 +95,3 @@ def _scans_underneath(batch: Batch, beams: int) -> int:
     extent = np.ptp(foot @ along) / speed
     interval = float(batch.time[-1] - batch.time[-1 - beams]) if len(batch) > beams else math.inf
     return max(1, min(math.ceil(extent / (speed * interval)), MOST_ERRORS // beams))
-
-
-@lru_cache(maxsize=4)  # several ask it of the same batch
-def navigator_states(batch: Batch) -> tuple[Array, Array]:
-    """Return the navigator's covariance (7, 7) of its error x at the batch end, and (4 + M, 7) the
-    batch's unknowns, xi and its nuisance parameters, per unit of x. Of a batch without attitude
-    that is 1e-12 rad and nothing follows from it."""
-    prior = batch.prior
-    if batch.attitude is None:
-        covariance = np.diag(np.full(BATCH_STATES, 1e-24))
-        covariance[:4, :4] = prior
-        return covariance, np.eye(4 + batch.nuisance_reading.shape[1], BATCH_STATES) * (
-            np.arange(BATCH_STATES) < 4
-        )
-    by_xi, root = batch.attitude
-    inverse = np.linalg.pinv(root)
-    cross = by_xi @ prior
-    covariance = np.block([[prior, cross.T], [cross, cross @ by_xi.T + root @ root.T]])
-    by_seven = np.block([[np.eye(4), np.zeros((4, 3))], [-inverse @ by_xi, inverse]])
-    return 0.5 * (covariance + covariance.T), by_seven
