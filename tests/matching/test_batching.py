@@ -267,7 +267,7 @@ def test_back_to_where_the_last_batch_ended(name):
     north, east = horizontal_difference(*position.T, *true_position.T).T
     error = np.column_stack([north, east, velocity - true_velocity])
     psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
-    then = batch.backward[19] @ np.concatenate([error[-1], psi])
+    then = batch.backward[-batch.new - 1] @ np.concatenate([error[-1], psi])
     np.testing.assert_allclose(then[:2], error[19, :2], atol=0.05)
     np.testing.assert_allclose(then[2:4], error[19, 2:], atol=1e-3)
     there = (attitude[19] * true_attitude[19].inv()).as_rotvec()
