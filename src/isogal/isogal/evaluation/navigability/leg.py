@@ -15,20 +15,17 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import bias_and_drift
-from isogal.evaluation.bound_recursion import discretise
-from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import (
-    ageing,
     divide,
-    fill_auxiliary,
     initial_covariance,
     noise_density,
+    transitions,
 )
+from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
-from isogal.fusion.auxiliary import auxiliary_of
+from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.model import FilterModel
-from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -149,36 +146,30 @@ def _covariance(world: Scenario, trajectory: Trajectory) -> Array:
     offset at all readings."""
     segments = divide(world, trajectory)
     gravity = true_residual_gravity(world, trajectory)
-    states = FilterModel.from_scenario(world, gravity).auxiliary
-    m = STATES + len(states)
-    n = m + 2
-    P = np.zeros((n, n))
-    P[:m, :m] = initial_covariance(world, states)
-    P[m:, m:] = np.diag(np.square(bias_and_drift(world, trajectory)))
-    correlation, steady = ageing(segments, states)
-    auxiliary, density = auxiliary_of(states), noise_density(world)
-    F, transition, half = np.zeros((m, m)), np.zeros((n, n)), np.zeros((n, n))
-    chosen = np.r_[0:4, m]
-    crosses = np.zeros((0, n))
-    rows: list[Array] = []
-    for k in range(len(segments.geometry)):
-        rotation, force = segments.rotation[k], segments.force[k]
-        fill_dynamics(F, segments.geometry[k], force, rotation)
-        fill_auxiliary(F, auxiliary, force, rotation, segments.rate[k])
-        discretise(transition, half, F, rotation, density, segments.dt)
-        for j in range(STATES, m):
-            transition[j, j], half[j, j] = correlation[k, j - STATES], steady[k, j - STATES]
+    offset = [
+        AuxiliaryState(name, "none", 0, sigma)
+        for name, sigma in zip(
+            ("bias", "drift"), bias_and_drift(world, trajectory), strict=True
+        )
+    ]
+    states = [*FilterModel.from_scenario(world, gravity).auxiliary, *offset]
+    P = initial_covariance(world, states)
+    chosen = np.zeros((5, len(P)))
+    chosen[:4, :4], chosen[4, -2] = np.eye(4), 1.0
+    crosses, rows = np.zeros((0, len(P))), []
+    steps = transitions(segments, noise_density(world), states)
+    for stretch, (transition, half) in enumerate(steps, 1):
         P = transition @ (P + half) @ transition.T + half
         crosses = crosses @ transition.T
-        if (k + 1) % segments.per_scan == 0:
-            rows.append(np.concatenate([crosses[:, chosen].T, P[np.ix_(chosen, chosen)]], axis=1))
-            crosses = np.concatenate([crosses, P[chosen]])
+        if stretch % segments.per_scan == 0:
+            chosen[4, -1] = stretch * segments.dt
+            crosses = np.concatenate([crosses, chosen @ P])
+            rows.append(crosses @ chosen.T)
     T = len(rows)
     stacked = np.zeros((5 * T, 5 * T))
     for k, row in enumerate(rows):
-        stacked[5 * k : 5 * (k + 1), : row.shape[1]] = row
-    lower = np.tril(stacked)
-    return lower + np.tril(stacked, -1).T
+        stacked[: len(row), 5 * k : 5 * (k + 1)] = row
+    return np.triu(stacked) + np.triu(stacked, 1).T
 
 
 def _basis(stacked: Array, jacobian: Array) -> Array:
