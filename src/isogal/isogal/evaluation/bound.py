@@ -371,8 +371,7 @@ def _scalar_errors(
     `common` (C,) in each channel: its own, an unknown delay, its bias and its drift."""
     settings = scenario.gravimeter
     found = [
-        one._replace(by=one.by * common)
-        for one in gravimeter_errors(settings, trajectory, scans)
+        one._replace(by=one.by * common) for one in gravimeter_errors(settings, trajectory, scans)
     ]
     if settings.delay_sigma > 0.0 and len(common) == 1:
         moved = (sensitivity[..., :2] * trajectory.velocity[scans, None, :2]).sum(axis=2)

@@ -7,7 +7,6 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.fields.beams import Footprints
-from isogal.fields.measured import measured_field
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.maps.tensor_error import displacements, tensor_covariance
 from isogal.maps.tiled_map import ScalarMap

@@ -21,6 +21,7 @@ from isogal.evaluation.ins_error_model import (
     noise_density,
     transitions,
 )
+from isogal.evaluation.navigability.kernels import Approach
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
@@ -40,22 +41,13 @@ _NEGLECTED = 1e-5
 class Leg:
     """A leg on one heading, with T readings, the last at its end."""
 
-    heading: float
-    """rad, clockwise from north."""
-    offset: Array
-    """(T, 2) m north and east of each reading from the end."""
-    step: float
-    """m between readings."""
+    approach: Approach
     position: Array
     """(T, 2, m) position error (m) by the coefficients."""
     reduction: Array
     """(T, m) reading by the coefficients, without the part of the map's gradient."""
     rest: float
     """m², variance of the position at the end that is left out."""
-    noise: float
-    """Variance of a reading's noise."""
-    by_place: Array
-    """(2,) reading by the place, per m north and east, without the part of the map's gradient."""
 
 
 def leg_to(
@@ -99,15 +91,17 @@ def leg_to(
     jacobian = measured_field(scenario).reduction(scenario).jacobian(at)
     basis = _basis(stacked, jacobian)
     rest = np.trace(stacked[-5:-3, -5:-3]) - (basis[-1, :2] ** 2).sum()
-    return Leg(
-        heading,
+    approach = Approach(
         offset,
         float(np.hypot(*velocity[-1, :2])) * scenario.gravimeter.interval,
+        effective_noise_variance(scenario.world.gravimeter, quantisation),
+        np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
+    )
+    return Leg(
+        approach,
         np.ascontiguousarray(basis[:, :2]),
         np.einsum("ti,tim->tm", np.column_stack([jacobian, np.ones(T)]), basis),
         max(float(rest), 0.0),
-        effective_noise_variance(scenario.world.gravimeter, quantisation),
-        np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
     )
 
 
@@ -148,9 +142,7 @@ def _covariance(world: Scenario, trajectory: Trajectory) -> Array:
     gravity = true_residual_gravity(world, trajectory)
     offset = [
         AuxiliaryState(name, "none", 0, sigma)
-        for name, sigma in zip(
-            ("bias", "drift"), bias_and_drift(world, trajectory), strict=True
-        )
+        for name, sigma in zip(("bias", "drift"), bias_and_drift(world, trajectory), strict=True)
     ]
     states = [*FilterModel.from_scenario(world, gravity).auxiliary, *offset]
     P = initial_covariance(world, states)
