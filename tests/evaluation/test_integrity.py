@@ -19,7 +19,7 @@ from isogal.evaluation.integrity import (
     integrity,
     poisson_interval,
 )
-from isogal.evaluation.integrity_report import exceedance_table
+from isogal.evaluation.run_report import exceedance_table
 from isogal.evaluation.summary import summarise
 from isogal.fusion.protection_level import protection_level
 from isogal.scenario import Integrity, Scenario, load_scenario

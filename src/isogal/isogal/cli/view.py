@@ -9,6 +9,7 @@ import typer
 from isogal.cli.checks import output_file, output_folder
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
+from isogal.cli.tables import print_table
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -106,21 +107,7 @@ def compare(
 
         typer.echo(dumps(found.document(), indent=2, allow_nan=False))
     else:
-        _print(found.rows(), found.names)
+        print_table(("", *found.names), found.rows())
     if out is not None:
         page = write_comparison(out, results, found)
         typer.echo(str(page), err=json)
-
-
-def _print(rows: list[tuple[str, ...]], names: list[str]) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD)
-    table.add_column("")
-    for name in names:
-        table.add_column(name, justify="right", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
