@@ -7,9 +7,9 @@ import pytest
 
 from helpers.command_line import call
 from helpers.tracks import field_of, made_track, squared_distance, write_csv
+from isogal.cli.match.command import matcher_settings
 from isogal.cli.match.inputs import Inputs
 from isogal.cli.match.options import Assumptions, MatcherChoice
-from isogal.cli.match.settings import matcher_settings
 from isogal.earth.gravity import normal_gravity
 
 DISTURBANCE = field_of("disturbance")

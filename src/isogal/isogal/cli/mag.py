@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from isogal.magnetics.calibration import Calibration, Settings
     from isogal.tracks.magnetic_flight import MagneticFlight
 
-FITTING = "Calibration"
-"""Heading of the options that say how coefficients are learnt."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -43,7 +41,6 @@ class FlightChoice:
     base: Annotated[
         Path | None,
         typer.Option(
-            "--base",
             metavar="FILE",
             help="Base station with the columns time and scalar: its daily variation is taken"
             " off.",
@@ -52,7 +49,6 @@ class FlightChoice:
     height: Annotated[
         float | None,
         typer.Option(
-            "--height",
             metavar="M",
             callback=finite,
             help="Above the ellipsoid, where the file has no column height.",
@@ -61,7 +57,6 @@ class FlightChoice:
     epoch: Annotated[
         float,
         typer.Option(
-            "--epoch",
             metavar="YEAR",
             min=1900.0,
             max=2030.0,
@@ -84,33 +79,29 @@ class FlightChoice:
 class Fitting:
     """How coefficients are learnt."""
 
+    PANEL: ClassVar = "Calibration"
+
     band: Annotated[
         str,
         typer.Option(
-            "--band",
             metavar="LOW,HIGH",
             help="Frequencies of the manoeuvres, Hz.",
-            rich_help_panel=FITTING,
         ),
     ] = "0.1,0.9"
     ridge: Annotated[
         float | None,
         typer.Option(
-            "--ridge",
             metavar="NUMBER",
             callback=not_negative,
             help="Added to the normal equations; default: by the evidence.",
-            rich_help_panel=FITTING,
         ),
     ] = None
     lag: Annotated[
         float | None,
         typer.Option(
-            "--lag",
             metavar="S",
             callback=finite,
             help="By which the vector magnetometer is late; default: found out.",
-            rich_help_panel=FITTING,
         ),
     ] = None
 
@@ -134,7 +125,6 @@ def calibrate(
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
             metavar="FILE.yaml",
             callback=output_file,
             help="Coefficients.",
@@ -144,7 +134,6 @@ def calibrate(
     report: Annotated[
         Path | None,
         typer.Option(
-            "--report",
             metavar="DIR",
             callback=output_folder,
             help="Page with a figure.",
@@ -192,7 +181,6 @@ class Coefficients:
     learnt: Annotated[
         Path | None,
         typer.Option(
-            "--learnt",
             metavar="FILE.yaml",
             callback=output_file,
             help="With --online: coefficients learnt by the end.",
@@ -227,7 +215,6 @@ def compensate(
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
             metavar="FILE.csv",
             callback=output_file,
             help="Track with the anomaly as value.",

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -58,7 +58,6 @@ class Workers:
     workers: Annotated[
         int | None,
         typer.Option(
-            "--workers",
             metavar="N",
             min=1,
             help="Processes on this machine; default: one for each core.",
@@ -82,14 +81,14 @@ class Workers:
 class StudyResults:
     """What becomes of the results of many runs."""
 
+    PANEL: ClassVar = RESULTS
+
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
             metavar="DIR",
             callback=output_folder,
             help="Folder of results, report, figures and finished runs.",
-            rich_help_panel=RESULTS,
         ),
     ]
     json: Json = False

@@ -33,7 +33,6 @@ def paper(
     duration: Annotated[
         float,
         typer.Option(
-            "--duration",
             metavar="SECONDS",
             min=600.0,
             callback=finite,
@@ -83,5 +82,5 @@ def _print(results: Any, claims: Any, page: Path) -> None:
         f"{len(claims)} claims: {found}",
         str(page),
         title=f"Mean error (m) and diverged runs, {results.plan.runs} runs a case",
-        left=3,
+        words=range(3),
     )

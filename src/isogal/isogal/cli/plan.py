@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -17,8 +17,6 @@ from isogal.errors import InputError
 if TYPE_CHECKING:
     from isogal.evaluation.planning.planner import Plan, Wish
 
-ROUTE = "Route"
-"""Heading of the options that say what is asked of the route."""
 _MARGIN = 10_000.0  # m of map around the lattice
 
 
@@ -26,41 +24,35 @@ _MARGIN = 10_000.0  # m of map around the lattice
 class Asked:
     """What is asked of the route."""
 
+    PANEL: ClassVar = "Route"
+
     start: Annotated[
         str,
-        typer.Option("--from", metavar="'LAT,LON'", help="Start, deg.", rich_help_panel=ROUTE),
+        typer.Option("--from", metavar="'LAT,LON'", help="Start, deg."),
     ]
-    goal: Annotated[
-        str, typer.Option("--to", metavar="'LAT,LON'", help="Goal, deg.", rich_help_panel=ROUTE)
-    ]
+    goal: Annotated[str, typer.Option("--to", metavar="'LAT,LON'", help="Goal, deg.")]
     detour: Annotated[
         float,
         typer.Option(
-            "--detour",
             metavar="SHARE",
             callback=positive,
             help="How much longer than the straight way, at most.",
-            rich_help_panel=ROUTE,
         ),
     ] = 0.15
     ceiling: Annotated[
         float | None,
         typer.Option(
-            "--ceiling",
             metavar="M",
             callback=positive,
             help="Shortest route with an expected error on arrival below this, instead of the"
             " least error.",
-            rich_help_panel=ROUTE,
         ),
     ] = None
     no_go: Annotated[
         list[Path] | None,
         typer.Option(
-            "--no-go",
             metavar="FILE.geojson",
             help="Polygons to keep out of; repeatable.",
-            rich_help_panel=ROUTE,
         ),
     ] = None
 
@@ -85,24 +77,22 @@ class Asked:
 class PlanResults:
     """What becomes of the route."""
 
+    PANEL: ClassVar = RESULTS
+
     out: Annotated[
         list[Path] | None,
         typer.Option(
-            "--out",
             metavar="FILE",
             callback=output_file,
             help="Route as .yaml (section route of a scenario) or .geojson; repeatable.",
-            rich_help_panel=RESULTS,
         ),
     ] = None
     path: Annotated[
         Path | None,
         typer.Option(
-            "--path",
             metavar="FILE.yaml",
             callback=output_file,
             help="nav_msgs/Path for ros2 topic pub.",
-            rich_help_panel=RESULTS,
         ),
     ] = None
     json: Json = False

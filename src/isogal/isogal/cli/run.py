@@ -38,7 +38,6 @@ def run(
     bag: Annotated[
         Path | None,
         typer.Option(
-            "--bag",
             metavar="DIR",
             callback=output_folder,
             help="Folder of the recording; default: bag in --out.",
@@ -48,7 +47,6 @@ def run(
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
             metavar="DIR",
             callback=output_folder,
             help="Folder of summary, report and figures.",
@@ -58,7 +56,6 @@ def run(
     rate: Annotated[
         float,
         typer.Option(
-            "--rate",
             min=0.0,
             callback=finite,
             help="Simulated seconds per second; 0 = as fast as possible.",
@@ -119,7 +116,6 @@ def replay(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
             metavar="DIR",
             callback=output_folder,
             help="Folder for summary, report and figures of the replay.",
@@ -129,7 +125,6 @@ def replay(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            "--tolerance",
             metavar="M",
             min=0.0,
             callback=finite,
@@ -140,7 +135,6 @@ def replay(
     parameter: Annotated[
         list[str] | None,
         typer.Option(
-            "--parameter",
             metavar="NAME=VALUE",
             help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
         ),
@@ -177,7 +171,6 @@ def faults(
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
             metavar="DIR",
             callback=output_folder,
             help="Folder of recordings, outcomes and table; what is there is not run again.",

@@ -1,6 +1,6 @@
 """Tables on the terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 
 def print_table(
@@ -8,7 +8,7 @@ def print_table(
     rows: Sequence[Sequence[str]],
     *below: str,
     title: str | None = None,
-    left: int = 1,
+    words: Collection[int] = (0,),
 ) -> None:
     """Print rows of text, and lines below them.
 
@@ -22,8 +22,8 @@ def print_table(
         Lines, which are not broken.
     title : str, optional
         Above the header.
-    left : int
-        How many columns are words, which begin on the left; the others hold numbers.
+    words : collection of int
+        Columns that hold words, which begin on the left; the others hold numbers.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -32,8 +32,9 @@ def print_table(
 
     table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
     for index, name in enumerate(header):
-        justify = "left" if index < left else "right"
-        table.add_column(Text(name), justify=justify, overflow="fold")
+        table.add_column(
+            Text(name), justify="left" if index in words else "right", overflow="fold"
+        )
     for row in rows:
         table.add_row(*map(Text, row))
     console = Console()

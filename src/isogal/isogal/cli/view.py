@@ -29,7 +29,6 @@ def view(
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
             metavar="FILE.html",
             callback=output_file,
             help="The page.",
@@ -87,7 +86,6 @@ def compare(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
             metavar="DIR",
             callback=output_folder,
             help="Folder for report.html and the figure of errors over time.",

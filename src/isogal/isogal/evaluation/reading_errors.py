@@ -1,6 +1,7 @@
 """What the bound takes of the errors of one field's readings: a state for each error that changes
 slowly, and variances of white noise (docs/mathematics.md, sections 2.8 and 11.1)."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,9 +30,17 @@ class SlowError(NamedTuple):
     """d(reading)/d(state), to be broadcast to (S, C): S scans of C channels."""
 
     @classmethod
-    def of(cls, name: str, sigma: float, by: Array, **process: float) -> "SlowError":
+    def of(
+        cls,
+        name: str,
+        sigma: float,
+        by: Array,
+        time: float = math.inf,
+        length: float = math.inf,
+        walk: float = 0.0,
+    ) -> "SlowError":
         """Return one with a 1-sigma at the start and a process; see `AuxiliaryState`."""
-        return cls(AuxiliaryState(name, "none", 0, sigma, **process), by)
+        return cls(AuxiliaryState(name, "none", 0, sigma, time, length, walk), by)
 
 
 class MapSteps(NamedTuple):

@@ -90,11 +90,10 @@ class Frame:
     @classmethod
     def whole(cls, field_map: "FieldMap") -> "Frame":
         """Frame a map from its first node to its last."""
-        north, east = metres_per_radian(float(field_map.latitude.mean()))
-        edges = (
-            axis[end] for axis in (field_map.latitude, field_map.longitude) for end in (0, -1)
-        )
-        return cls(*map(float, edges), stretch=float(north / east))
+        per_north, per_east = metres_per_radian(float(field_map.latitude.mean()))
+        axes = field_map.latitude, field_map.longitude
+        south, north, west, east = (float(axis[end]) for axis in axes for end in (0, -1))
+        return cls(south, north, west, east, stretch=float(per_north / per_east))
 
     def draw(
         self, panel: "Axes", field_map: "ScalarMap", label: str | None = None, percent: float = 1.0
