@@ -151,18 +151,6 @@ def test_series_differ_in_dashes_and_colour_and_adjacent_ones_in_grey():
     assert min(abs(a - b) for i, a in enumerate(greys) for b in greys[:i]) > 0.05
 
 
-def test_the_ensemble_shows_the_rms_over_runs(make_runs):
-    runs = make_runs(runs=5)
-    panel = ensemble_figure(runs, np.full(runs.time.size, 30.0)).axes[0]
-    drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
-    np.testing.assert_allclose(drawn["aided"], np.sqrt((runs.error**2).sum(-1).mean(0)))
-    np.testing.assert_allclose(
-        drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0))
-    )
-    np.testing.assert_allclose(drawn["posterior Cramér–Rao bound (RMS)"], 30.0)
-    np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)
-
-
 def test_long_labels_fit_into_the_legend():
     time = np.arange(200.0) * 60.0
     curves = [
@@ -201,17 +189,6 @@ def test_scales_of_fields():
     assert magnetic([40.0]) == 40.0 and magnetic.two_lines == "Magnetic anomaly\n(nT)"
 
 
-def test_nice_limits():
-    assert [style.nice_limit(x) for x in (0.9, 1.0, 130.0, 5.5e4, np.nan)] == pytest.approx(
-        [1.0, 1.0, 150.0, 6e4, 1.0]
-    )
-
-
-def test_signal_needs_a_detail(make_runs):
-    with pytest.raises(ValueError, match="detail"):
-        signal_figure(make_runs(), field(), 2e-5)
-
-
 def test_importing_the_reports_does_not_import_matplotlib():
     code = (
         "import sys, isogal.evaluation.run_report; print([m for m in ('matplotlib', 'jinja2',"
@@ -219,3 +196,15 @@ def test_importing_the_reports_does_not_import_matplotlib():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_ensemble_shows_the_rms_over_runs(make_runs):
+    runs = make_runs(runs=5)
+    panel = ensemble_figure(runs, np.full(runs.time.size, 30.0)).axes[0]
+    drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
+    np.testing.assert_allclose(drawn["aided"], np.sqrt((runs.error**2).sum(-1).mean(0)))
+    np.testing.assert_allclose(
+        drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0))
+    )
+    np.testing.assert_allclose(drawn["posterior Cramér–Rao bound (RMS)"], 30.0)
+    np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)

@@ -22,14 +22,6 @@ def settings_of(assumed=None, matching=None, factor=1e-5, **of_map):
     return matcher_settings(matching or MatcherChoice(), assumed or Assumptions(), inputs, None)
 
 
-def test_sigmas_are_turned_into_the_unit_inside(capsys):
-    found = settings_of(Assumptions(map_sigma="3", bias_sigma=2.0))
-    assert found.map_sigma == pytest.approx(3e-5)
-    assert found.bias_sigma == pytest.approx(2e-5)
-    assert settings_of(Assumptions(map_sigma="auto")).map_sigma == "auto"
-    assert capsys.readouterr().err == ""
-
-
 def test_keys_of_set_are_in_the_unit_inside_and_options_win():
     matching = MatcherChoice(set_=["matcher.map_sigma=4e-5", "matcher.stride=3"], stride=5)
     found = settings_of(matching=matching)

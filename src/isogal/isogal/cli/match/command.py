@@ -35,8 +35,6 @@ def match(
 
     The fixes and their covariances are those of the measurements alone.
     """
-    from isogal.tracks.results import as_json, as_objects, write_results
-
     track = track.resolved()
     results.check(track.gradients is not None)
     matching.check()
@@ -46,20 +44,7 @@ def match(
         _match_and_report(list(zip(fields, inputs, strict=True)), matching, uncertainty, results)
         for inputs in zip(*(field.read() for field in fields), strict=True)
     ]
-    objects = [
-        entry
-        for one in found
-        for entry in as_objects(
-            one.matches, matching.chain, factor=one.factor, line=one.line, others=one.others
-        )
-    ]
-    for path in results.out or ():
-        write_results(objects, path)
-    if results.json:
-        typer.echo(as_json(objects), nl=False)
-        return
-    for one in found:
-        _print(one)
+    _write(found, matching.chain, results)
 
 
 @dataclass(frozen=True)
@@ -171,6 +156,26 @@ def _with_unknown_latitude(settings: "Matcher", inputs: Inputs, prior_sigma: flo
         " --reduction latitude if it was the track's own, else --reduction none"
     )
     return settings.model_copy(update={"bias_sigma": math.hypot(settings.bias_sigma, change)})
+
+
+def _write(found: "Sequence[_Matched]", chained: bool, results: MatchResults) -> None:
+    """Write the files and print the fixes; raises InputError."""
+    from isogal.tracks.results import as_json, as_objects, write_results
+
+    objects = [
+        entry
+        for one in found
+        for entry in as_objects(
+            one.matches, chained, factor=one.factor, line=one.line, others=one.others
+        )
+    ]
+    for path in results.out or ():
+        write_results(objects, path)
+    if results.json:
+        typer.echo(as_json(objects), nl=False)
+        return
+    for one in found:
+        _print(one)
 
 
 def _print(matched: _Matched) -> None:
