@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import finite, not_negative, output_file, output_folder
+from isogal.cli.checks import finite, not_negative
 from isogal.cli.map.results import print_json
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.options import Json, written_file, written_folder
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -122,24 +122,8 @@ class Fitting:
 def calibrate(
     chosen: FlightChoice,
     fitting: Fitting,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE.yaml",
-            callback=output_file,
-            help="Coefficients.",
-            rich_help_panel=RESULTS,
-        ),
-    ],
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Page with a figure.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = None,
+    out: Annotated[Path, written_file("FILE.yaml", "Coefficients.")],
+    report: Annotated[Path | None, written_folder("Page with a figure.")] = None,
     json: Json = False,
 ) -> None:
     """Learn what a vehicle adds to the total magnetic field from a calibration flight: rolls,
@@ -179,13 +163,7 @@ class Coefficients:
         ),
     ] = False
     learnt: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.yaml",
-            callback=output_file,
-            help="With --online: coefficients learnt by the end.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_file("FILE.yaml", "With --online: coefficients learnt by the end.")
     ] = None
 
     def own_field(self, flight: "MagneticFlight", known: "Array") -> "Array":
@@ -212,15 +190,7 @@ class Coefficients:
 def compensate(
     chosen: FlightChoice,
     vehicle: Coefficients,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE.csv",
-            callback=output_file,
-            help="Track with the anomaly as value.",
-            rich_help_panel=RESULTS,
-        ),
-    ],
+    out: Annotated[Path, written_file("FILE.csv", "Track with the anomaly as value.")],
     json: Json = False,
 ) -> None:
     """Take the vehicle's own field and the Earth's main field off a flight: what is left is the

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import output_folder
+from isogal.cli.checks import output_file, output_folder
 
 if TYPE_CHECKING:
     from isogal.montecarlo.study import Backend
@@ -18,6 +18,16 @@ RESULTS = "Results"
 Json = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON.", rich_help_panel=RESULTS)
 ]
+
+
+def written_folder(help_: str) -> Any:
+    """Return the option of a folder that is written into, which is checked before all else."""
+    return typer.Option(metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS)
+
+
+def written_file(metavar: str, help_: str) -> Any:
+    """Return the option of a file that is written, which is checked before all else."""
+    return typer.Option(metavar=metavar, callback=output_file, help=help_, rich_help_panel=RESULTS)
 
 
 @dataclass(frozen=True)
@@ -83,14 +93,7 @@ class StudyResults:
 
     PANEL: ClassVar = RESULTS
 
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of results, report, figures and finished runs.",
-        ),
-    ]
+    out: Annotated[Path, written_folder("Folder of results, report, figures and finished runs.")]
     json: Json = False
 
     @property

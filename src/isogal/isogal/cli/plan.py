@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import output_file, positive
+from isogal.cli.checks import positive
 from isogal.cli.map.results import print_json
 from isogal.cli.map_choice import MapOption
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json, ScenarioChoice
+from isogal.cli.options import RESULTS, Json, ScenarioChoice, written_file
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,19 +81,12 @@ class PlanResults:
 
     out: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            callback=output_file,
-            help="Route as .yaml (section route of a scenario) or .geojson; repeatable.",
+        written_file(
+            "FILE", "Route as .yaml (section route of a scenario) or .geojson; repeatable."
         ),
     ] = None
     path: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.yaml",
-            callback=output_file,
-            help="nav_msgs/Path for ros2 topic pub.",
-        ),
+        Path | None, written_file("FILE.yaml", "nav_msgs/Path for ros2 topic pub.")
     ] = None
     json: Json = False
 

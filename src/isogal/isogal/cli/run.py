@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from isogal.cli.checks import finite, output_folder
+from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json, ScenarioChoice
+from isogal.cli.options import Json, ScenarioChoice, written_folder
 from isogal.errors import InputError
 
 Domain = Annotated[
@@ -36,23 +36,11 @@ def run(
         ),
     ] = False,
     bag: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of the recording; default: bag in --out.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_folder("Folder of the recording; default: bag in --out.")
     ] = None,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of summary, report and figures.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = Path("out/run"),
+    out: Annotated[Path, written_folder("Folder of summary, report and figures.")] = Path(
+        "out/run"
+    ),
     rate: Annotated[
         float,
         typer.Option(
@@ -114,13 +102,7 @@ def replay(
         typer.Argument(metavar="BAG", help="Folder of a recording or run, or an MCAP file."),
     ],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder for summary, report and figures of the replay.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_folder("Folder for summary, report and figures of the replay.")
     ] = None,
     tolerance: Annotated[
         float | None,
@@ -170,11 +152,8 @@ def faults(
     chosen: ScenarioChoice,
     out: Annotated[
         Path,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of recordings, outcomes and table; what is there is not run again.",
-            rich_help_panel=RESULTS,
+        written_folder(
+            "Folder of recordings, outcomes and table; what is there is not run again."
         ),
     ],
     quick: Annotated[

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isogal.cli.checks import output_file, output_folder
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.options import Json, written_file, written_folder
 from isogal.cli.tables import print_table
 from isogal.errors import InputError
 
@@ -26,15 +25,7 @@ def view(
             help="A recording, or the folder of a run or of a study (--out of the command).",
         ),
     ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE.html",
-            callback=output_file,
-            help="The page.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = Path("out/view.html"),
+    out: Annotated[Path, written_file("FILE.html", "The page.")] = Path("out/view.html"),
     run: Annotated[
         int, typer.Option("--run", metavar="N", min=0, help="Which run of a study.")
     ] = 0,
@@ -84,13 +75,7 @@ def compare(
         ),
     ],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder for report.html and the figure of errors over time.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_folder("Folder for report.html and the figure of errors over time.")
     ] = None,
     json: Json = False,
 ) -> None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from isogal.cli.checks import finite, output_file, output_folder
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.checks import finite
+from isogal.cli.options import RESULTS, Json, written_file, written_folder
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -395,20 +395,9 @@ class MatchResults:
 
     out: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            callback=output_file,
-            help="Results, by suffix: .json, .csv or .geojson; repeatable.",
-        ),
+        written_file("FILE", "Results, by suffix: .json, .csv or .geojson; repeatable."),
     ] = None
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder for a report with figures.",
-        ),
-    ] = None
+    report: Annotated[Path | None, written_folder("Folder for a report with figures.")] = None
     json: Json = False
 
     def check(self, gradients: bool) -> None:
