@@ -130,7 +130,7 @@ class Area:
         self.ground = Ground(
             Grid(values, len(values), 0.0, 1.0, 0.0, 1.0),
             np.ascontiguousarray(metres * np.array(field_map.step)),
-            *_map_error(scenario, field_map),
+            *map_error_at_nodes(scenario, field_map),
         )
 
     def leg(self, heading: float) -> Leg:
@@ -261,7 +261,7 @@ def between(
     return found
 
 
-def _map_error(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:
+def map_error_at_nodes(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:
     """Return (n, m) 1-sigma and correlation length (m) of the map's error: what the map says, or
     what the scenario does where that is larger."""
     assumed = scenario.world.map_error

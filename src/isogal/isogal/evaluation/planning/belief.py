@@ -20,7 +20,6 @@ from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import from_heading, matrix
-from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
@@ -85,13 +84,6 @@ def start_covariance(scenario: Scenario, own_variance: float) -> Array:
     P[-2, -2] = world.gravimeter.bias**2 + world.map_error.offset**2
     P[-1, -1] = world.gravimeter.drift**2
     return P
-
-
-def uncertainty_grid(scenario: Scenario, field_map: FieldMap) -> Array:
-    """Return (n, m) the 1-sigma of the map's error: as the map says, or `map_error` where that is
-    larger."""
-    own = np.broadcast_to(np.nan_to_num(field_map.sigma), field_map.shape)
-    return np.ascontiguousarray(np.maximum(own, scenario.world.map_error.sigma))
 
 
 @kernel(error_model="numpy")

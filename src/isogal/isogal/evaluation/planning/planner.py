@@ -19,13 +19,13 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.evaluation.bound import BoundResult, posterior_cramer_rao
+from isogal.evaluation.navigability.area import map_error_at_nodes
 from isogal.evaluation.planning.areas import Rings, inside
 from isogal.evaluation.planning.belief import (
     Edges,
     along_edge,
     edges_of,
     start_covariance,
-    uncertainty_grid,
 )
 from isogal.evaluation.planning.lattice import Lattice, lattice_between
 from isogal.maps.field_map import FieldMap
@@ -205,7 +205,7 @@ def _search(
         lattice,
         edges_of(scenario, lattice, field_map.quantisation),
         field_map,
-        uncertainty_grid(scenario, field_map),
+        map_error_at_nodes(scenario, field_map)[0],
         (1.0 + _DRIVEN * wish.detour) * lattice.straight,
     )
     columns = len(lattice.free)
