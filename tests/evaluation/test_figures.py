@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from helpers.route_maps import made_up as field
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.ensemble import Curve, ensemble_figure, rms_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
@@ -22,17 +23,6 @@ from isogal.evaluation.integrity import Solution
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Integrity
-
-
-def field(
-    unit: str = "m/s²", quantity: str = "gravity", level: float = 9.8, turn: float = 0.0
-) -> FieldMap:
-    latitude, longitude = (
-        np.radians(np.arange(-38.5, -36.5, 0.02)),
-        np.radians(np.arange(144.0, 146.6, 0.02) + turn),
-    )
-    values = level + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
-    return FieldMap(latitude, longitude, values, unit, quantity)
 
 
 def declining(runs: Runs) -> Runs:

@@ -15,7 +15,7 @@ from isogal.cli.options import RESULTS, Json, ScenarioChoice, written_file
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
-    from isogal.evaluation.planning.planner import Plan, Wish
+    from isogal.evaluation.planning.planner import Plan, RouteRequest
 
 _MARGIN = 10_000.0  # m of map around the lattice
 
@@ -56,21 +56,21 @@ class Asked:
         ),
     ] = None
 
-    def wish(self) -> "Wish":
+    def request(self) -> "RouteRequest":
         """Return the same as the library takes it; raises InputError."""
         from isogal.evaluation.planning.areas import read_areas
-        from isogal.evaluation.planning.planner import Wish
+        from isogal.evaluation.planning.planner import RouteRequest
 
         areas = tuple(area for path in self.no_go or () for area in read_areas(path))
-        wish = Wish(
+        request = RouteRequest(
             _place("--from", self.start),
             _place("--to", self.goal),
             self.detour,
             self.ceiling,
             areas,
         )
-        wish.check()
-        return wish
+        request.check()
+        return request
 
 
 @dataclass(frozen=True)
@@ -121,12 +121,12 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
     from isogal.evaluation.planning.planner import plan_route
 
     results.check()
-    wish = asked.wish()
-    field_map = map_.load(_around(wish), "disturbance")
+    request = asked.request()
+    field_map = map_.load(_around(request), "disturbance")
     settings = fitting(chosen.load(), field_map)
     with Bars("columns") as bars:
         found = plan_route(
-            settings, field_map, wish, lambda done, total: bars("columns", done, total)
+            settings, field_map, request, lambda done, total: bars("columns", done, total)
         )
     results.write(found)
 
@@ -141,16 +141,16 @@ def _place(option: str, text: str) -> tuple[float, float]:
     return math.radians(latitude), math.radians(longitude)
 
 
-def _around(wish: "Wish") -> Any:
+def _around(request: "RouteRequest") -> Any:
     """Return the window of all routes."""
     import numpy as np
 
     from isogal.evaluation.planning.lattice import lattice_between
     from isogal.maps.axes import Window
 
-    if wish.start == wish.goal:
+    if request.start == request.goal:
         raise InputError("--from and --to are the same place")
-    lattice = lattice_between(wish.start, wish.goal, wish.detour, [])
+    lattice = lattice_between(request.start, request.goal, request.detour, [])
     lat, lon = lattice.latitude, lattice.longitude
     return Window(
         float(np.min(lat)), float(np.max(lat)), float(np.min(lon)), float(np.max(lon))

@@ -113,7 +113,7 @@ def matcher_settings(
     matching: MatcherChoice, assumed: Assumptions, inputs: Inputs, reduction: str | None
 ) -> "Matcher":
     """Return the scenario's section `matcher`; say on the standard error stream what is assumed
-    that nobody has said.
+    that is not specified.
 
     Sigmas of the options are in the track's unit, those of ``--set`` in the unit inside.
 
@@ -126,11 +126,11 @@ def matcher_settings(
 
     field_map = inputs.scalar_map
     changes = matching.changes() + assumed.map_changes(field_map, inputs.factor)
-    said = {item.partition("=")[0] for item in changes}
-    if _LENGTH not in said and field_map.correlation_length is not None:
+    given = {item.partition("=")[0] for item in changes}
+    if _LENGTH not in given and field_map.correlation_length is not None:
         changes.append(f"{_LENGTH}={field_map.correlation_length!r}")
     settings = load_scenario(None, changes).matcher
-    if "matcher.map_sigma" not in said and not field_map.states_error:
+    if "matcher.map_sigma" not in given and not field_map.states_error:
         note(
             "the map does not say how wrong it is, which is estimated along the track; give"
             " --map-sigma where it is known"
@@ -144,8 +144,8 @@ def matcher_settings(
 
 
 def _with_unknown_latitude(settings: "Matcher", inputs: Inputs, prior_sigma: float) -> "Matcher":
-    """Return settings with an unknown constant, where the offset holds normal gravity and nobody
-    has said at which latitude."""
+    """Return settings with an unknown constant, where the offset holds normal gravity and it is
+    not specified at which latitude."""
     track = inputs.track
     change = track.normal_gravity_in_doubt(inputs.field_map.quantity) * prior_sigma
     if change == 0.0:
@@ -190,7 +190,7 @@ def _print(matched: _Matched) -> None:
     if published < len(fixes):
         below.append(
             "no fix: longer batches (--batch-length all), tracks with true positions near by"
-            " (--reference), or --map-sigma auto where another was told may help"
+            " (--reference), or --map-sigma auto where another was given may help"
         )
     header = ("time (s)", "latitude", "longitude", "1-sigma (m)", "")
     title = None if matched.line is None else f"line {matched.line}"

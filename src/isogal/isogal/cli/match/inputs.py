@@ -71,7 +71,7 @@ class Inputs:
 
     @property
     def scalar_map(self) -> "ScalarMap":
-        """The map, or the first of several: what is said of one is said of all."""
+        """The map, or the first of several: what holds for one holds for all."""
         from isogal.maps.channels import channels_of
 
         return channels_of(self.field_map)[0]
@@ -128,12 +128,12 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
 
 
 def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "FieldMap | None":
-    """Return a window of the map at the height of the readings; None where nobody says it.
+    """Return a window of the map at the height of the readings; None where none is given.
 
     Raises
     ------
     InputError
-        Nobody says what level the map's values hold on, or it cannot be continued.
+        Nothing says what level the map's values hold on, or it cannot be continued.
     """
     from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
 
@@ -395,29 +395,29 @@ def all_fields(map_: MapChoice, track: TrackChoice, assumed: Assumptions) -> lis
 def _field(text: str, first: FieldChoice) -> FieldChoice:
     from isogal.tracks.recording import is_recording
 
-    said = _keys(text)
+    given = _keys(text)
     if is_recording(first.track.track):
         raise InputError(f"--also: goes with a text file, not with a bag ({first.track.track})")
     track = TrackChoice(track=first.track.track, spacing=first.track.spacing)
-    map_ = _with_keys(MapChoice(said.pop("map")), said)
-    track = _with_keys(track, said).resolved()
-    assumed = _with_keys(Assumptions(prior_sigma=first.assumed.prior_sigma), said)
-    return FieldChoice(said["column"], map_, track, assumed)
+    map_ = _with_keys(MapChoice(given.pop("map")), given)
+    track = _with_keys(track, given).resolved()
+    assumed = _with_keys(Assumptions(prior_sigma=first.assumed.prior_sigma), given)
+    return FieldChoice(given["column"], map_, track, assumed)
 
 
-def _with_keys(group: Group, said: dict[str, str]) -> Group:
+def _with_keys(group: Group, given: dict[str, str]) -> Group:
     """Return a group of options with those keys that are fields of it."""
     names = {field.name for field in fields(group)}
-    own: dict[str, Any] = {key.replace("-", "_"): value for key, value in said.items()}
+    own: dict[str, Any] = {key.replace("-", "_"): value for key, value in given.items()}
     own["format_name"] = own.pop("format", None)
-    for key in _NUMBERS & said.keys():
-        own[key.replace("-", "_")] = _number(key, said[key])
+    for key in _NUMBERS & given.keys():
+        own[key.replace("-", "_")] = _number(key, given[key])
     return replace(group, **{name: value for name, value in own.items() if name in names})
 
 
 def _keys(text: str) -> dict[str, str]:
     """Return the keys and values of ``KEY=VALUE,...``; raises InputError."""
-    said: dict[str, str] = {}
+    given: dict[str, str] = {}
     for part in text.split(","):
         key, sign, value = part.partition("=")
         key, value = key.strip(), value.strip()
@@ -425,13 +425,13 @@ def _keys(text: str) -> dict[str, str]:
             raise InputError(f"--also {text}: '{part}' is not KEY=VALUE")
         if key not in KEYS:
             raise InputError(f"--also {text}: unknown key '{key}'; known: {', '.join(KEYS)}")
-        if key in said:
+        if key in given:
             raise InputError(f"--also {text}: {key} is given twice")
-        said[key] = value
-    missing = [key for key in _REQUIRED if key not in said]
+        given[key] = value
+    missing = [key for key in _REQUIRED if key not in given]
     if missing:
         raise InputError(f"--also {text}: {' and '.join(missing)} must be given")
-    return said
+    return given
 
 
 def _number(key: str, text: str) -> float:

@@ -232,7 +232,7 @@ class MatcherChoice:
         bool,
         typer.Option(
             "--chain",
-            help="Each batch starts from what the earlier ones told, as an aided navigator would.",
+            help="Each batch starts from what the earlier ones say, as an aided navigator would.",
         ),
     ] = False
 
