@@ -90,6 +90,21 @@ class _Node(NamedTuple):
 
 
 @kernel(error_model="numpy")
+def _filter(ground, approach, i, j, known, gain, weight):  # type: ignore[no-untyped-def]
+    """Write gain (T,) and 1 / innovation variance (T,) of the scalar filter of the map's error at
+    node (i, j), for readings of which some are known (T,); return that error's correlation from
+    reading to reading."""
+    correlation = math.exp(-approach.step / ground.length[i, j])
+    variance = ground.sigma[i, j] ** 2
+    left = variance
+    for t in range(len(gain)):
+        weight[t] = 1.0 / (left + approach.noise)
+        gain[t] = left * weight[t] if known[t] else 0.0
+        left = correlation**2 * left * (1.0 - gain[t]) + (1.0 - correlation**2) * variance
+    return correlation
+
+
+@kernel(error_model="numpy")
 def errors_on_arrival(  # type: ignore[no-untyped-def]
     rows, columns, ground, approach, position, reduction, rest
 ):
@@ -111,6 +126,8 @@ def errors_on_arrival(  # type: ignore[no-untyped-def]
     rows_of_map, columns_of_map = grid.values.shape
     out = np.full((rows.size, columns.size), math.nan)
     h, forecast = np.empty((m, T)), np.empty(m)
+    gain, weight, known = np.empty(T), np.empty(T), np.empty(T, dtype=np.bool_)
+    slope = np.empty((2, T))
     arrival = np.ascontiguousarray(position[T - 1].T)
     for a in range(rows.size):
         i = rows[a]
@@ -119,29 +136,22 @@ def errors_on_arrival(  # type: ignore[no-untyped-def]
             j = columns[b]
             if math.isnan(grid.values[i, j]):
                 continue
-            variance = ground.sigma[i, j] ** 2
-            correlation = math.exp(-approach.step / ground.length[i, j])
-            left = variance  # of the map's error given the readings so far
-            forecast[:] = 0.0
             for t in range(T):
                 row = i + approach.offset[t, 0] / north_cell
                 column = j + approach.offset[t, 1] / east_cell
-                on_map = row < rows_of_map - 2 and 1.0 <= column < columns_of_map - 2
                 value, by_row, by_column = value_and_gradient(grid, row, column)
-                if t > 0:
-                    left = correlation**2 * left + (1.0 - correlation**2) * variance
-                    forecast *= correlation
-                if not on_map or math.isnan(value):
-                    h[:, t] = 0.0
-                    continue
-                gain, root = left / (left + approach.noise), math.sqrt(left + approach.noise)
-                left *= 1.0 - gain
-                north, east = by_row / north_cell, by_column / east_cell
+                on_map = row < rows_of_map - 2 and 1.0 <= column < columns_of_map - 2
+                known[t] = on_map and not math.isnan(value)
+                slope[0, t], slope[1, t] = by_row / north_cell, by_column / east_cell
+            correlation = _filter(ground, approach, i, j, known, gain, weight)
+            forecast[:] = 0.0
+            for t in range(T):
+                root = math.sqrt(weight[t]) if known[t] else 0.0
                 for p in range(m):
-                    by_map = north * position[t, 0, p] + east * position[t, 1, p]
-                    innovation = reduction[t, p] - by_map - forecast[p]
-                    forecast[p] += gain * innovation
-                    h[p, t] = innovation / root
+                    by_map = slope[0, t] * position[t, 0, p] + slope[1, t] * position[t, 1, p]
+                    innovation = reduction[t, p] - by_map - forecast[p] if known[t] else 0.0
+                    forecast[p] = correlation * (forecast[p] + gain[t] * innovation)
+                    h[p, t] = innovation * root
             information = np.eye(m) + np.dot(h, h.T)
             out[a, b] = math.sqrt(rest + (arrival * np.linalg.solve(information, arrival)).sum())
     return out
@@ -169,7 +179,7 @@ def second_places(  # type: ignore[no-untyped-def]
     """
     T, K = approach.offset.shape[0], places.shape[0]
     out = np.full((rows.size, columns.size), math.nan)
-    gain, weight = np.empty(T), np.empty(T)
+    gain, weight, known = np.empty(T), np.empty(T), np.ones(T, dtype=np.bool_)
     own, before, fit = np.empty(T), np.empty((K, K)), np.empty((K, K))
     step = 0.25 * ground.cell.min()
     for a in range(rows.size):
@@ -178,12 +188,7 @@ def second_places(  # type: ignore[no-untyped-def]
             j = columns[b]
             if math.isnan(ground.grid.values[i, j]):
                 continue
-            correlation = math.exp(-approach.step / ground.length[i, j])
-            variance = ground.sigma[i, j] ** 2
-            left = variance
-            for t in range(T):
-                gain[t], weight[t] = left / (left + approach.noise), 1.0 / (left + approach.noise)
-                left = correlation**2 * left * (1.0 - gain[t]) + (1.0 - correlation**2) * variance
+            correlation = _filter(ground, approach, i, j, known, gain, weight)
             node = _Node(
                 ground.grid.values, i, j, ground.cell[i], approach.offset, approach.by_place,
                 prior, step, correlation, gain, weight,
