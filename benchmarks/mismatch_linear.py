@@ -18,6 +18,7 @@ from isogal.threads import VARIABLES
 os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,16 +27,12 @@ from mismatch_maps import coarse_map
 from mismatch_rows import MGAL_3, ROWS, Row
 
 from isogal.arrays import Array
-from isogal.evaluation.bound import bound_model, posterior_cramer_rao
-from isogal.evaluation.bound_recursion import BoundModel, discretise
-from isogal.evaluation.gravimeter_states import fill_slow
-from isogal.evaluation.ins_error_model import fill_auxiliary
+from isogal.evaluation.bound import BoundModel, bound_model, condition, posterior_cramer_rao
 from isogal.evaluation.judgement import SETTLED_AFTER
 from isogal.evaluation.records import Runs
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator, scan_index, true_readings
-from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Scenario
 from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
@@ -52,42 +49,21 @@ def kalman(model: BoundModel, difference: Array) -> tuple[Array, Array]:
     """Return the estimates (R, S + 1, 2) of the north and east error of R navigators, and their
     covariance (S + 1, 2, 2), from the differences (R, S) of reading and map; NaN = no reading,
     in all runs alike."""
-    readings, segments = model.readings, model.segments
-    n = len(model.start)
-    first = n - 2 - len(readings.slow.variance)
-    m = first - 1
-    filtered = readings.slow.filter_time > 0.0
-    P, x = model.start.copy(), np.zeros((len(difference), n))
-    F, transition, half = np.zeros((m, m)), np.zeros((n, n)), np.zeros((n, n))
-    scans = difference.shape[1]
+    readings, P = model.measurements[-1], model.start.copy()
+    x, scans = np.zeros((len(difference), len(P))), difference.shape[1]
     estimate, covariance = np.zeros((len(x), scans + 1, 2)), np.zeros((scans + 1, 2, 2))
     covariance[0] = P[:2, :2]
-    for k, (geometry, force, rotation, rate) in enumerate(zip(*segments[:4], strict=True)):
-        fill_dynamics(F, geometry, force, rotation)
-        fill_auxiliary(F, model.aged.states, force, rotation, rate)
-        discretise(transition, half, F, rotation, model.density, segments.dt)
-        own = np.arange(STATES, m)
-        transition[own, own] = model.aged.correlation[k]
-        half[own, own] = model.aged.half_noise[k]
-        c = model.aged.map_correlation[k]
-        transition[m, m] = c
-        half[m, m] = model.start[m, m] * (1.0 - c**2) / (1.0 + c**2)
-        fill_slow(transition, half, readings.slow, m, segments.dt)
+    for stretch, (transition, half) in enumerate(model.transitions(), 1):
         P = transition @ (P + half) @ transition.T + half
         x = x @ transition.T
-        if (k + 1) % segments.per_scan:
+        scan, rest = divmod(stretch, model.segments.per_scan)
+        if rest:
             continue
-        scan = (k + 1) // segments.per_scan - 1
-        seen = readings.sensitivity[scan, 0]
-        if np.isfinite(seen).all() and np.isfinite(difference[:, scan]).all():
-            row = np.zeros(n)
-            row[:4], row[first : n - 2] = seen, readings.slow.share[scan]
-            row[n - 3 if filtered else m] = readings.map_share[scan]
-            row[n - 2] = 1.0
-            gain = P @ row / (readings.noise[0] + row @ P @ row)
-            x += np.outer(difference[:, scan] - x @ row, gain)
-            P -= np.outer(gain, row @ P)
-        estimate[:, scan + 1], covariance[scan + 1] = x[:, :2], P[:2, :2]
+        for row, noise in readings.at(stretch):
+            if np.isfinite(difference[:, scan - 1]).all():
+                gain = condition(P, row, noise)
+                x += np.outer(difference[:, scan - 1] - x @ row, gain)
+        estimate[:, scan], covariance[scan] = x[:, :2], P[:2, :2]
     return estimate, covariance
 
 
@@ -113,7 +89,7 @@ def differences(
     position = record.unaided_error
     velocity = np.gradient(position, record.time, axis=1)
     state = np.concatenate([position, velocity], axis=2)[:, 1:]
-    return np.einsum("si,rsi->rs", model.readings.sensitivity[:, 0], state) + error
+    return np.einsum("si,rsi->rs", model.measurements[-1].rows[:, 0, :4], state) + error
 
 
 def line_of(row: Row, options: argparse.Namespace) -> str | None:
@@ -159,8 +135,10 @@ def one_by_one(world: Scenario, difference: Array, model: BoundModel) -> tuple[A
     if share == 0.0:
         estimate, covariance = kalman(model, difference)
         return estimate, np.broadcast_to(covariance, (len(difference), *covariance.shape))
-    given = model.readings._replace(noise=model.readings.noise * (1.0 - share))
-    runs = [kalman(model._replace(readings=given), one[None]) for one in difference]
+    *aids, readings = model.measurements
+    given = replace(readings, noise=readings.noise * (1.0 - share))
+    each_given = replace(model, measurements=(*aids, given))
+    runs = [kalman(each_given, one[None]) for one in difference]
     return np.concatenate([one for one, _ in runs]), np.stack([one for _, one in runs])
 
 

@@ -12,10 +12,11 @@ from matplotlib.ticker import MultipleLocator
 
 from isogal.arrays import Array
 from isogal.evaluation.figures import style
+from isogal.evaluation.figures.track import Frame
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.figures import MATCHED, RECORDED, matched_positions
 from isogal.tracks.map_error import MapError
-from measured_data.lines import MGAL, Line, clear_lake, scotland
+from measured_data.lines import Line, clear_lake, scotland
 from measured_data.matches import Noise, bearings, match_line
 
 
@@ -26,9 +27,8 @@ def clear_lake_figure(data: Path, result: dict[str, Any]) -> Figure:
     field_map, lines, _ = clear_lake(data)
     figure = style.new_figure(5.2)
     left, right = figure.subplots(1, 2, sharey=True)
-    anomaly, sigma = field_map.values / MGAL, np.asarray(field_map.sigma) / MGAL
-    _image(left, field_map, anomaly, "Bouguer disturbance ($10^{-5}$ m/s²)")
-    _image(right, field_map, sigma, r"the map's own $1\sigma$ ($10^{-5}$ m/s²)", 0.0)
+    _image(left, field_map, "Bouguer disturbance ($10^{-5}$ m/s²)")
+    _image(right, _sigmas(field_map), r"the map's own $1\sigma$ ($10^{-5}$ m/s²)", 0.0)
     for number, line in enumerate(lines):
         fit = result["settings"][line.name]
         noise = Noise(fit["correlation_length"], fit["sensor_sigma"])
@@ -84,8 +84,8 @@ def scotland_figure(data: Path, part: dict[str, Any]) -> Figure:
     own = learnt_error(part).apply(field_map)
     figure = style.new_figure(3.2)
     left, right = figure.subplots(1, 2, sharey=True)
-    _image(left, field_map, field_map.values, "magnetic anomaly (nT)")
-    _image(right, own, np.asarray(own.sigma), r"$1\sigma$ learnt from the flight lines (nT)", 2.0)
+    _image(left, field_map, "magnetic anomaly (nT)")
+    _image(right, _sigmas(own), r"$1\sigma$ learnt from the flight lines (nT)", 2.0)
     for panel in (left, right):
         for group, line, label in (
             (flights, RECORDED, "flight lines (settings)"),
@@ -123,30 +123,17 @@ def _write_error(panel: Axes, line: Line, part: dict[str, Any]) -> None:
     )
 
 
-def _image(
-    panel: Axes, field_map: FieldMap, values: Array, label: str, percent: float = 1.0
-) -> None:
-    west, east = (math.degrees(field_map.longitude[i]) for i in (0, -1))
-    south, north = (math.degrees(field_map.latitude[i]) for i in (0, -1))
-    low, high = np.nanpercentile(values, [percent, 100.0 - percent])
-    image = panel.imshow(
-        values,
-        extent=(west, east, south, north),
-        origin="lower",
-        cmap=style.FIELD_COLOURS,
-        vmin=low,
-        vmax=high,
-        aspect=1.0 / math.cos(float(field_map.latitude.mean())),
-    )
-    panel.figure.colorbar(
-        image, ax=panel, label=label, shrink=0.8, pad=0.03, aspect=28, extend="both"
-    )
-    panel.grid(False)
-    panel.set_facecolor("0.9")
-    panel.set_xlabel("longitude (deg)")
-    panel.set_ylabel("latitude (deg)")
-    panel.xaxis.set_major_locator(MultipleLocator(0.2 if east - west < 1.0 else 0.5))
+def _image(panel: Axes, field_map: FieldMap, label: str, percent: float = 1.0) -> None:
+    frame = Frame.whole(field_map)
+    frame.draw(panel, field_map, label, percent)
+    narrow = math.degrees(frame.east - frame.west) < 1.0
+    panel.xaxis.set_major_locator(MultipleLocator(0.2 if narrow else 0.5))
     panel.yaxis.set_major_locator(MultipleLocator(0.2))
+
+
+def _sigmas(field_map: FieldMap) -> FieldMap:
+    """Return the map of a map's own 1-sigma."""
+    return replace(field_map, values=np.asarray(field_map.sigma))
 
 
 def _path(panel: Axes, latitude: Array, longitude: Array, line: style.Line, label: str) -> None:

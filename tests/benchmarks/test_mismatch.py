@@ -17,10 +17,6 @@ MAPS = Maps("fine.nc", "coarse.nc", "rated.nc", "magnetic.nc", 7e-5, 700.0)
 IDS = [row.name for row in ROWS]
 
 
-def test_there_are_at_least_twenty_rows_of_different_names():
-    assert len(set(IDS)) == len(ROWS) >= 20
-
-
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_told_and_untold_are_one_world(row):
     untold, told = (mismatch.scenario_of(row, kind, MGAL_3, MAPS) for kind in ("untold", "told"))

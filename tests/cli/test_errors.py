@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from isogal.cli.errors import clean_errors
-from isogal.errors import InputError
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 
@@ -44,16 +43,21 @@ def test_a_full_disk_is_one_line() -> None:
     )
 
 
-def test_clean_errors_keeps_the_result_and_the_signature() -> None:
+def test_the_extra_is_named(capsys) -> None:
     @clean_errors
-    def double(value: int) -> int:
-        """Double it."""
-        if value < 0:
-            raise InputError("value: must not be negative")
-        return 2 * value
+    def needs() -> None:
+        raise ModuleNotFoundError("No module named 'rasterio.crs'", name="rasterio.crs")
 
-    assert double(4) == 8
-    assert double.__doc__ == "Double it."
-    with pytest.raises(SystemExit) as stopped:
-        double(-1)
-    assert stopped.value.code == 2
+    with pytest.raises(SystemExit) as ended:
+        needs()
+    assert ended.value.code == 2
+    assert "pip install 'isogal[maps]'" in capsys.readouterr().err
+
+
+def test_a_module_of_our_own_that_is_missing_is_a_defect() -> None:
+    @clean_errors
+    def broken() -> None:
+        raise ModuleNotFoundError("No module named 'isogal.nothing'", name="isogal.nothing")
+
+    with pytest.raises(ModuleNotFoundError):
+        broken()

@@ -14,8 +14,8 @@ from isogal.evaluation.bound import (
     posterior_cramer_rao,
     unaided_covariance,
 )
-from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
+from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Gravimeter, Scenario, validate_scenario
 from isogal.sensors.gravimeter import reading_jacobian

@@ -7,7 +7,6 @@ import numpy as np
 
 from helpers.route_maps import field
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.bound_several import joint_bound
 from isogal.maps.channels import ChannelMap
 from isogal.maps.gradients import tensor_maps
 from isogal.maps.tensor_error import displacements, tensor_covariance
@@ -116,11 +115,6 @@ class TestOnePotential:
         other = posterior_cramer_rao(alone, trajectory, self.MAPS).covariance[-1]
         assert abs(np.sqrt(np.trace(other)) / found - 1.0) > 0.1
 
-    def test_the_joint_bound_of_one_field_is_the_same(self) -> None:
-        one = posterior_cramer_rao(self.SETTINGS, self.TRAJECTORY, self.MAPS)
-        joint = joint_bound(self.SETTINGS, self.TRAJECTORY, [self.MAPS])
-        np.testing.assert_allclose(joint.covariance, one.covariance, rtol=1e-9)
-
     def test_tilt_and_walking_offsets(self) -> None:
         told = {
             "covariance_eotvos": self.NOISE.tolist(), "bias_eotvos": 4.0,
@@ -145,8 +139,6 @@ class TestOnePotential:
         bound = posterior_cramer_rao(settings, trajectory, self.MAPS)
         found = np.sqrt(np.trace(bound.covariance[-1]))
         np.testing.assert_allclose(found, np.sqrt(np.trace(dense)), rtol=2e-3)
-        joint = joint_bound(settings, trajectory, [self.MAPS])
-        np.testing.assert_allclose(joint.covariance, bound.covariance, rtol=1e-9)
         # what each of them costs
         for key in ("platform_tilt", "bias_eotvos", "bias_walk_eotvos"):
             without = Gradiometer(**(told | {key: 0.0}))

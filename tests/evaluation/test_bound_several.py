@@ -1,14 +1,12 @@
-"""The joint bound of several fields: the recursion of one with more states."""
+"""The joint bound of several fields."""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 
 from helpers.route_maps import field, waves
 from isogal.evaluation.bound import BoundResult, posterior_cramer_rao
-from isogal.evaluation.bound_several import joint_bound
 from isogal.maps.field_map import FieldMap
 from isogal.maps.several import FieldMaps
 from isogal.scenario import validate_scenario
@@ -28,24 +26,6 @@ def bound(*fields: dict[str, Any], maps: tuple[FieldMap, ...] = (), **keys: Any)
     scenario = validate_scenario(BASE | {"fields": list(fields)} | keys)
     maps = maps or tuple(MAPS[one["field"]] for one in fields)
     return posterior_cramer_rao(scenario, build_trajectory(scenario), FieldMaps(maps))
-
-
-@pytest.mark.parametrize(
-    "keys",
-    [
-        {},
-        {"gravimeter": {"bias": 5e-5, "drift": 1e-8, "bias_walk": 1e-7, "platform_tilt": 1e-4}},
-        {"gravimeter": {"correlated_sigma": 1e-5, "filter_time": 20.0, "delay": 5.0}},
-    ],
-)
-def test_of_one_field_it_is_that_of_one(keys):
-    aided = {"velocity": {"kind": "dvl"}, "height": {"source": "barometer"}} if keys else {}
-    scenario = validate_scenario(BASE | {"fields": [GRAVITY | keys]} | aided)
-    trajectory = build_trajectory(scenario)
-    for batchwise in (False, True):
-        one = posterior_cramer_rao(scenario, trajectory, GRAVITY_MAP, batchwise=batchwise)
-        same = joint_bound(scenario, trajectory, (GRAVITY_MAP,), batchwise=batchwise)
-        np.testing.assert_allclose(same.covariance, one.covariance, rtol=1e-9)
 
 
 def test_two_are_better_than_each_and_in_any_order():

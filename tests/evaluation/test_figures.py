@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from helpers.route_maps import made_up as field
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.ensemble import Curve, ensemble_figure, rms_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
@@ -22,17 +23,6 @@ from isogal.evaluation.integrity import Solution
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Integrity
-
-
-def field(
-    unit: str = "m/s²", quantity: str = "gravity", level: float = 9.8, turn: float = 0.0
-) -> FieldMap:
-    latitude, longitude = (
-        np.radians(np.arange(-38.5, -36.5, 0.02)),
-        np.radians(np.arange(144.0, 146.6, 0.02) + turn),
-    )
-    values = level + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
-    return FieldMap(latitude, longitude, values, unit, quantity)
 
 
 def declining(runs: Runs) -> Runs:
@@ -151,18 +141,6 @@ def test_series_differ_in_dashes_and_colour_and_adjacent_ones_in_grey():
     assert min(abs(a - b) for i, a in enumerate(greys) for b in greys[:i]) > 0.05
 
 
-def test_the_ensemble_shows_the_rms_over_runs(make_runs):
-    runs = make_runs(runs=5)
-    panel = ensemble_figure(runs, np.full(runs.time.size, 30.0)).axes[0]
-    drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
-    np.testing.assert_allclose(drawn["aided"], np.sqrt((runs.error**2).sum(-1).mean(0)))
-    np.testing.assert_allclose(
-        drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0))
-    )
-    np.testing.assert_allclose(drawn["posterior Cramér–Rao bound (RMS)"], 30.0)
-    np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)
-
-
 def test_long_labels_fit_into_the_legend():
     time = np.arange(200.0) * 60.0
     curves = [
@@ -201,17 +179,6 @@ def test_scales_of_fields():
     assert magnetic([40.0]) == 40.0 and magnetic.two_lines == "Magnetic anomaly\n(nT)"
 
 
-def test_nice_limits():
-    assert [style.nice_limit(x) for x in (0.9, 1.0, 130.0, 5.5e4, np.nan)] == pytest.approx(
-        [1.0, 1.0, 150.0, 6e4, 1.0]
-    )
-
-
-def test_signal_needs_a_detail(make_runs):
-    with pytest.raises(ValueError, match="detail"):
-        signal_figure(make_runs(), field(), 2e-5)
-
-
 def test_importing_the_reports_does_not_import_matplotlib():
     code = (
         "import sys, isogal.evaluation.run_report; print([m for m in ('matplotlib', 'jinja2',"
@@ -219,3 +186,15 @@ def test_importing_the_reports_does_not_import_matplotlib():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_ensemble_shows_the_rms_over_runs(make_runs):
+    runs = make_runs(runs=5)
+    panel = ensemble_figure(runs, np.full(runs.time.size, 30.0)).axes[0]
+    drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
+    np.testing.assert_allclose(drawn["aided"], np.sqrt((runs.error**2).sum(-1).mean(0)))
+    np.testing.assert_allclose(
+        drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0))
+    )
+    np.testing.assert_allclose(drawn["posterior Cramér–Rao bound (RMS)"], 30.0)
+    np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)

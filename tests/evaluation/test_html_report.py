@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.route_maps import made_up
 from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.errors import error_figure
@@ -15,9 +16,9 @@ from isogal.evaluation.html_report import Illustration, Section, Table, number, 
 from isogal.evaluation.records import Runs
 from isogal.evaluation.run_report import run_report
 from isogal.evaluation.summary import summarise
-from isogal.maps.field_map import FieldMap
 from isogal.scenario import Scenario
 
+FIELD = made_up(provenance="made up <for> tests")
 VOID = {"meta", "img", "br", "link"}
 
 
@@ -66,18 +67,7 @@ def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures) -> Path:
 
 def write(runs: Runs, folder: Path) -> Path:
     summary = summarise(runs, Scenario(), bound().rms_at(runs.time - runs.time[0]))
-    return run_report(runs, Scenario(), field(), bound(), folder, summary)
-
-
-def field() -> FieldMap:
-    latitude, longitude = (
-        np.radians(np.arange(-38.5, -36.5, 0.02)),
-        np.radians(np.arange(144.0, 146.6, 0.02)),
-    )
-    values = 9.8 + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
-    return FieldMap(
-        latitude, longitude, values, "m/s²", "gravity", provenance="made up <for> tests"
-    )
+    return run_report(runs, Scenario(), FIELD, bound(), folder, summary)
 
 
 def bound(states: int = 121) -> BoundResult:

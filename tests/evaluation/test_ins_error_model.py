@@ -7,17 +7,14 @@ import pytest
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import unaided_covariance
 from isogal.evaluation.consistency import spread_test
-from isogal.evaluation.ins_error_model import divide
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import propagate as propagate_filter
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.inertial.rotations import from_rotation_vector, multiply
-from isogal.inertial.strapdown import NavState, propagate
+from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.trajectory import Trajectory, build_trajectory
+from isogal.sensors.trajectory import build_trajectory
 
 HOURS = np.array([0.5, 1.0, 2.0, 3.0, 3.5])
 
@@ -62,55 +59,6 @@ def test_the_unaided_filter_has_the_same_covariance(grade):
     claimed = state.covariance[0, :2, :2]
     expected = unaided_covariance(settings, trajectory).covariance[-1]
     np.testing.assert_allclose(np.sqrt(np.diag(claimed)), np.sqrt(np.diag(expected)), rtol=0.01)
-
-
-@pytest.mark.parametrize("state", range(STATES))
-def test_error_model_equals_the_strapdown_column_by_column(state):
-    """One initial error or bias at a time, no noise, an hour with turns: the strapdown goes where
-    the linear model says."""
-    points = [[-38.0, 144.5, 22.0], [-37.8, 144.6, 30.0], [-37.9, 145.2, 22.0]]
-    settings = validate_scenario({"route": {"waypoints": points, "duration": 3000.0}})
-    trajectory = build_trajectory(settings)
-    size = np.array(
-        [50, 50, 0.05, 0.05, 2.5e-5, 2.5e-5, 3e-4, 2e-5, 2e-5, 2e-5, 5e-9, 5e-9, 5e-9]
-    )[state]
-    nominal, disturbed = (_strapdown(trajectory, state, s) for s in (0.0, size))
-    metres = np.stack(metres_per_radian(trajectory.latitude[1:], trajectory.height[1:]), axis=-1)
-    moved = (disturbed - nominal) * metres
-
-    segments = divide(settings, trajectory)
-    error = np.zeros(STATES)
-    error[state] = size
-    F = np.zeros((STATES, STATES))
-    predicted = []
-    for geometry, force, rotation in zip(
-        segments.geometry, segments.force, segments.rotation, strict=True
-    ):
-        fill_dynamics(F, geometry, force, rotation)
-        step = F * segments.dt
-        error = error + step @ error + 0.5 * step @ (step @ error)
-        predicted.append(error[:2])
-    largest = np.abs(moved).max()
-    tolerance = max(4e-3 * largest, 2e-3)
-    assert np.abs(np.array(predicted) - moved).max() < tolerance
-
-
-def _strapdown(trajectory: Trajectory, state: int, size: float) -> np.ndarray:
-    error = np.zeros(STATES)
-    error[state] = size
-    metres = metres_per_radian(trajectory.latitude[0], trajectory.height[0])
-    position = [
-        trajectory.latitude[0] + error[0] / metres[0],
-        trajectory.longitude[0] + error[1] / metres[1],
-        trajectory.height[0],
-    ]
-    velocity = trajectory.velocity[0] + [error[2], error[3], 0.0]
-    attitude = multiply(*from_rotation_vector(*error[4:7]), *trajectory.attitude[0])
-    start = NavState(np.array([position]), np.array([velocity]), np.array([attitude]))
-    force, rate = trajectory.specific_force + error[7:10], trajectory.angular_rate + error[10:13]
-    return propagate(
-        start, force[None], rate[None], trajectory.dt, trajectory.height, history=True
-    )[1][0]
 
 
 def test_the_unaided_spread_is_near_the_published_study():

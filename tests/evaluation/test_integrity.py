@@ -19,10 +19,9 @@ from isogal.evaluation.integrity import (
     integrity,
     poisson_interval,
 )
-from isogal.evaluation.integrity_report import exceedance_table
-from isogal.evaluation.summary import summarise
+from isogal.evaluation.run_report import exceedance_table
 from isogal.fusion.protection_level import protection_level
-from isogal.scenario import Integrity, Scenario, load_scenario
+from isogal.scenario import Integrity, load_scenario
 
 TIME = np.arange(12) * 10.0
 
@@ -51,16 +50,6 @@ def test_runs_are_counted_by_themselves_and_by_time_not_by_state():
     outside[0, [0, 3]], outside[2, 1] = True, True
     assert excursions(outside, np.array([0.0, 1.0, 2.0, 3.0]), 2.0).tolist() == [2, 0, 1]
     assert excursions(outside, np.array([0.0, 1.0, 2.0, 2.0]), 2.0).tolist() == [1, 0, 1]
-
-
-@pytest.mark.parametrize(
-    ("count", "low", "high"),
-    # 95 % of the table in Garwood (1936), as reprinted in Biometrika Tables, table 40
-    [(0, 0.0, 3.69), (1, 0.0253, 5.57), (2, 0.242, 7.22), (5, 1.62, 11.67), (10, 4.80, 18.39),
-     (30, 20.24, 42.83)],
-)  # fmt: skip
-def test_poisson_intervals_are_the_published_ones(count, low, high):
-    assert poisson_interval(count) == pytest.approx((low, high), abs=5e-3)
 
 
 @given(st.integers(0, 500), st.floats(0.5, 0.999))
@@ -114,11 +103,6 @@ def test_the_figures_by_hand(make_runs):
     assert found["alert_limit"] is None
 
 
-def test_within_the_level_nothing_happens(make_runs):
-    found = integrity(claimed(make_runs, 0.99), Integrity())
-    assert [it["events"] for it in found["exceedances"]] == [0, 0, 0, 0]
-
-
 def test_an_error_that_is_not_known_is_outside(make_runs):
     runs = claimed(make_runs)
     error = runs.error.copy()
@@ -165,20 +149,6 @@ def test_the_correlation_time_is_measured(make_runs):
     assert math.isnan(correlation_time(replace(solution, error=alternating)))
     short = Solution(time[:3], error[:, :3], covariance[:, :3])
     assert math.isnan(correlation_time(short))
-
-
-def test_the_summary_has_it_with_the_scenarios_settings(make_runs):
-    scenario = load_scenario(None, ["integrity.risk=1e-3", "integrity.alert_limit=500"])
-    runs = make_runs()
-    found = summarise(runs, scenario, np.ones(121))["integrity"]
-    assert set(found) == {
-        "risk", "run_hours", "correlation_time", "level", "exceedances", "alert_limit",
-    }  # fmt: skip
-    assert found["risk"] == 1e-3
-    for it in found["exceedances"]:
-        assert set(it) == {"risk", "events", "rate", "interval", "verdict"}
-    assert set(found["alert_limit"]) == {"limit", "available", "hazardous"}
-    assert summarise(runs, Scenario(), np.ones(121))["integrity"]["risk"] == 1e-5
 
 
 @pytest.mark.parametrize(

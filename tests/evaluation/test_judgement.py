@@ -81,13 +81,6 @@ def test_a_stretch_that_is_broken_does_not_count(calm):
     assert flags(replace(calm, error=error))["overconfident"] == [1]
 
 
-def test_consistent_runs_are_hardly_ever_flagged(make_runs):
-    """121 states of 300 runs, independent: beyond 5 sigmas 11 times in a row never."""
-    result = judge(make_runs(runs=300), np.zeros(300, dtype=bool))
-    assert not result.overconfident.any()
-    assert result.good.mean() > 0.96  # one unaided run in a hundred is lucky
-
-
 def test_nees_at_all_scans_sees_what_no_fix_shows(make_runs):
     runs = make_runs(runs=100)
     result = summarise(runs, Scenario(), np.ones(121))

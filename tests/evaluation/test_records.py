@@ -60,11 +60,6 @@ def test_joined_chunks_are_the_whole(make_runs):
     )
 
 
-def test_the_detail_of_the_first_chunk_stays(make_runs):
-    first = make_runs(detail=True)
-    assert Runs.concatenate([first, make_runs()]).detail is first.detail
-
-
 def test_runs_of_different_scenarios_are_not_joined(make_runs):
     with pytest.raises(ValueError, match="time differs"):
         Runs.concatenate([make_runs(), make_runs(step=30.0)])
@@ -79,14 +74,6 @@ def test_wrong_shapes_are_named(make_runs):
         make_runs(fix_reason=((None,) * 23,) * 3)
     with pytest.raises(ValueError, match="must not be empty"):
         make_runs(fix_reason=(("",) * 24,) * 3)
-
-
-def test_published_and_distances(make_runs):
-    runs = declining(make_runs())
-    assert runs.published.sum() == 3 * 24 - 2
-    assert not runs.published[0, 1]
-    np.testing.assert_allclose(runs.horizontal_error**2, (runs.error**2).sum(-1))
-    np.testing.assert_allclose(runs.unaided_horizontal_error**2, (runs.unaided_error**2).sum(-1))
 
 
 def test_a_run_without_batches(make_runs, tmp_path):

@@ -72,13 +72,6 @@ def test_one_hertz_states_are_thinned_to_a_minute(make_runs):
     np.testing.assert_allclose(over_time["aided"], runs.horizontal_error[0, ::60])
 
 
-def test_times_count_from_the_first_state(make_runs):
-    shifted = make_runs()
-    shifted = replace(shifted, time=shifted.time + 1.7e9, fix_time=shifted.fix_time + 1.7e9)
-    a, b = (summarise(r, Scenario(), np.ones(121)) for r in (shifted, make_runs()))
-    assert a == b
-
-
 def test_diverged_runs_are_counted_by_their_last_half_hour(make_runs):
     runs = make_runs(runs=4)
     error = runs.error.copy()

@@ -25,3 +25,19 @@ def tilted(north: float, east: float, **changes: Any) -> FieldMap:
 
 def waves(n: np.ndarray, e: np.ndarray) -> np.ndarray:
     return 9.8 + 2e-4 * np.sin(n / 2e3) * np.cos(e / 2.5e3) + 1e-4 * np.sin((n + 2 * e) / 4e3)
+
+
+def made_up(
+    unit: str = "m/s²",
+    quantity: str = "gravity",
+    level: float = 9.8,
+    turn: float = 0.0,
+    provenance: str = "",
+) -> FieldMap:
+    """Waves about the tracks of made-up records; longitudes may count from another turn (deg)."""
+    latitude, longitude = (
+        np.radians(np.arange(-38.5, -36.5, 0.02)),
+        np.radians(np.arange(144.0, 146.6, 0.02) + turn),
+    )
+    values = level + 3e-4 * np.sin(latitude[:, None] * 300) * np.cos(longitude[None, :] * 250)
+    return FieldMap(latitude, longitude, values, unit, quantity, provenance=provenance)

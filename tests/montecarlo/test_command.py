@@ -66,7 +66,7 @@ def finished(arguments: list[str], tmp_path_factory: pytest.TempPathFactory) -> 
     out = tmp_path_factory.mktemp("whole")
     result = call(*arguments, "--runs", "3", "--workers", "1", "--out", str(out))
     assert result.returncode == 0, result.stderr
-    assert "mean position error" in result.stdout
+    assert "Mean position error" in result.stdout
     return out
 
 

@@ -95,10 +95,52 @@ def test_a_first_call_installs_what_runs_need(clone: Clone) -> None:
     assert clone.calls() == EVERYTHING
 
 
-def test_a_second_call_does_nothing(installed: Clone) -> None:
+def moved(clone: Clone) -> None:
+    clone.root = clone.root.rename(clone.root.with_name("moved"))
+
+
+def of_another_python(clone: Clone) -> None:
+    # the venv's own stand-in would follow the version file, so it gets an answer of its own
+    python = clone.root / ".venv" / "bin" / "python"
+    version = f'$(cat "{clone.state}/version")'
+    python.write_text(python.read_text().replace(version, "3.11.9"))
+
+
+def with_a_third_package(clone: Clone) -> None:
+    (clone.root / "src" / "third").mkdir()
+    (clone.root / "src" / "third" / "setup.py").write_text("# third\n")
+
+
+CHANGES = {
+    "nothing": (lambda clone: None, []),
+    "lock file": (
+        lambda clone: (clone.root / "requirements.lock").write_text("numpy==2.1.0\n"),
+        ["get uv", f"uv {LOCK}"],
+    ),
+    "package": (
+        lambda clone: (clone.root / "src" / "first" / "setup.py").write_text("# another\n"),
+        ["get uv", f"uv {PACKAGES}"],
+    ),
+    "new package": (with_a_third_package, ["get uv", f"uv {PACKAGES} --editable src/third"]),
+    "place": (moved, EVERYTHING),
+    "interpreter": (of_another_python, EVERYTHING),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_only_what_has_changed_is_installed_and_only_once(installed: Clone, what: str) -> None:
+    change, calls = CHANGES[what]
+    installed.install("development")
+    installed.calls()
+    change(installed)
+    assert installed.install().returncode == 0
+    assert installed.calls() == calls
     done = installed.install()
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert installed.calls() == []
+    # the tools are gone with their venv
+    installed.install("development")
+    assert installed.calls() == (["get uv", f"uv {TOOLS}"] if calls == EVERYTHING else [])
 
 
 def test_development_tools_are_added_once(installed: Clone) -> None:
@@ -128,16 +170,6 @@ def test_a_run_does_not_wait_for_new_development_tools(installed: Clone) -> None
     assert installed.calls() == ["get uv", f"uv {TOOLS}"]
 
 
-def test_development_tools_are_gone_with_their_venv(installed: Clone) -> None:
-    installed.install("development")
-    installed.root = installed.root.rename(installed.root.with_name("moved"))
-    installed.calls()
-    installed.install()
-    assert installed.calls() == EVERYTHING
-    installed.install("development")
-    assert installed.calls() == ["get uv", f"uv {TOOLS}"]
-
-
 def test_an_unknown_word_is_one_clear_line(clone: Clone) -> None:
     done = clone.install("develop")
     assert done.returncode == 1
@@ -161,24 +193,6 @@ def test_pip_installs_where_uv_fails(clone: Clone) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert clone.calls() == ["venv", "get uv", f"uv {LOCK}", f"pip {LOCK}", f"pip {PACKAGES}"]
     assert done.stdout.count("pip") == 1
-
-
-def test_a_new_lock_file_is_installed_in_place(installed: Clone) -> None:
-    (installed.root / "requirements.lock").write_text("numpy==2.1.0\n")
-    installed.install()
-    assert installed.calls() == ["get uv", f"uv {LOCK}"]
-    installed.install()
-    assert installed.calls() == []
-
-
-def test_a_changed_or_new_package_is_installed(installed: Clone) -> None:
-    (installed.root / "src" / "first" / "setup.py").write_text("# another\n")
-    installed.install()
-    assert installed.calls() == ["get uv", f"uv {PACKAGES}"]
-    (installed.root / "src" / "third").mkdir()
-    (installed.root / "src" / "third" / "setup.py").write_text("# third\n")
-    installed.install()
-    assert installed.calls() == ["get uv", f"uv {PACKAGES} --editable src/third"]
 
 
 def test_an_interrupted_first_install_is_made_anew(clone: Clone) -> None:
@@ -223,21 +237,6 @@ def test_two_calls_at_once_wait_for_each_other(clone: Clone) -> None:
     both = [clone.start(), clone.start()]
     assert [process.wait(60) for process in both] == [0, 0]
     assert clone.calls() == EVERYTHING
-
-
-def test_a_moved_clone_is_installed_anew(installed: Clone) -> None:
-    installed.root = installed.root.rename(installed.root.with_name("moved"))
-    installed.install()
-    assert installed.calls() == EVERYTHING
-
-
-def test_another_interpreter_is_installed_anew(installed: Clone) -> None:
-    # The venv's own stand-in would follow the version file, so it gets an answer of its own.
-    venv_python = installed.root / ".venv" / "bin" / "python"
-    version = f'$(cat "{installed.state}/version")'
-    venv_python.write_text(venv_python.read_text().replace(version, "3.11.9"))
-    installed.install()
-    assert installed.calls() == EVERYTHING
 
 
 @pytest.mark.parametrize("version", ["3.10.13", "3.13.0", "2.7.18"])

@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("src", "tests", "benchmarks", "examples")
 
@@ -141,18 +139,3 @@ def test_no_function_has_too_many_parameters() -> None:
 def test_exceptions_are_still_needed() -> None:
     found = {str(path.relative_to(ROOT)) for path in sources()}
     assert {name.partition(":")[0] for name in EXCEPTIONS} <= found
-
-
-@pytest.mark.parametrize(
-    ("source", "count", "most"),
-    [
-        ("def f(a, /, b, *, c):\n    return a\n", 3, FUNCTION_LINES),
-        ("class C:\n    def f(self, a):\n        return a\n", 1, FUNCTION_LINES),
-        ("@kernel\ndef f(a):\n    return a\n", 1, KERNEL_LINES),
-        ("def f(a: Annotated[int, typer.Option()]):\n    return a\n", 1, COMMAND_LINES),
-        ("@with_groups\ndef f(a: Options):\n    return a\n", 1, COMMAND_LINES),
-    ],
-)
-def test_what_is_counted(source: str, count: int, most: int) -> None:
-    function = next(n for n in ast.walk(ast.parse(source)) if isinstance(n, Function))
-    assert (parameters(function), limit(function)) == (count, most)

@@ -133,6 +133,8 @@ BAD = {
         ["--prior-sigma", "nan"],
         "(--prior-sigma) must be 0.001 to 1e+06 m, is nan",
     ),
+    "sensor of another unit": (["--sensor-sigma", "0.5"], "did you mean 0.5mGal?"),
+    "unit of the map's error": (["--map-sigma", "3nT"], "'nT' does not fit a disturbance map"),
     "sensor": (["--sensor-sigma", "0"], "--sensor-sigma: must be > 0"),
     "map sigma": (
         ["--map-sigma", "much"],

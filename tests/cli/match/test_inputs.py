@@ -160,21 +160,6 @@ def test_readings_beside_the_map_are_mentioned(files, tmp_path):
     assert "t.csv: the map has no value at 5 of 60 readings as recorded" in said
 
 
-def test_a_sigma_in_the_wrong_unit_is_refused_with_the_one_that_fits(files):
-    map_file, track_file, *_ = files["disturbance"]
-    words = ("match", "--map", map_file, "--track", track_file)
-    status, _, said = call(*words, "--sensor-sigma", "0.5")
-    assert status == 2
-    assert "--sensor-sigma: 0.5 m s-2 is more than the whole map varies" in said
-    assert "did you mean 0.5mGal?" in said
-    status, _, said = call(*words, "--map-sigma", "3nT")
-    assert status == 2
-    assert "--map-sigma: 'nT' does not fit a disturbance map" in said
-    status, _, said = call(*words, "--map-sigma", "much")
-    assert status == 2
-    assert "--map-sigma: must be a number" in said
-
-
 def test_lines_stations_and_all_readings_at_once(files, tmp_path):
     map_file, track_file, *_ = files["disturbance"]
     rows = track_file.read_text().splitlines()

@@ -7,9 +7,9 @@ import pytest
 
 from helpers.command_line import call
 from helpers.tracks import field_of, made_track, squared_distance, write_csv
+from isogal.cli.match.command import matcher_settings
 from isogal.cli.match.inputs import Inputs
 from isogal.cli.match.options import Assumptions, MatcherChoice
-from isogal.cli.match.settings import matcher_settings
 from isogal.earth.gravity import normal_gravity
 
 DISTURBANCE = field_of("disturbance")
@@ -20,14 +20,6 @@ def settings_of(assumed=None, matching=None, factor=1e-5, **of_map):
     track, _, _ = made_track(DISTURBANCE)
     inputs = Inputs(track, replace(DISTURBANCE, **of_map), "mGal", factor)
     return matcher_settings(matching or MatcherChoice(), assumed or Assumptions(), inputs, None)
-
-
-def test_sigmas_are_turned_into_the_unit_inside(capsys):
-    found = settings_of(Assumptions(map_sigma="3", bias_sigma=2.0))
-    assert found.map_sigma == pytest.approx(3e-5)
-    assert found.bias_sigma == pytest.approx(2e-5)
-    assert settings_of(Assumptions(map_sigma="auto")).map_sigma == "auto"
-    assert capsys.readouterr().err == ""
 
 
 def test_keys_of_set_are_in_the_unit_inside_and_options_win():

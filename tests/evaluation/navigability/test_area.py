@@ -85,7 +85,7 @@ def test_a_field_that_repeats_itself_is_ambiguous():
     settings = scenario(initial_error={"position": 4000.0})
     rough = Area(settings, field_map_of(wavy, half=40e3, step=400.0))
     nodes = np.array([100]), np.array([100])
-    normal = rough.leg(0.0).by_place[0]
+    normal = rough.leg(0.0).approach.by_place[0]
 
     def repeating(slope):
         def value(north, east):

@@ -15,7 +15,7 @@ from isogal.evaluation.planning.areas import inside, read_areas
 from isogal.evaluation.planning.belief import along_edge, edges_of, start_covariance
 from isogal.evaluation.planning.files import write_path, write_route
 from isogal.evaluation.planning.lattice import lattice_between
-from isogal.evaluation.planning.planner import Wish, plan_route, with_waypoints
+from isogal.evaluation.planning.planner import RouteRequest, plan_route, with_waypoints
 from isogal.scenario import load_scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -41,7 +41,7 @@ SETTINGS = validate_scenario(
 @pytest.fixture(scope="module")
 def planned():
     done = []
-    plan = plan_route(SETTINGS, FIELD, Wish(START, GOAL), lambda *p: done.append(p))
+    plan = plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL), lambda *p: done.append(p))
     assert done[-1][0] == done[-1][1]
     return plan
 
@@ -82,11 +82,11 @@ def test_the_belief_along_an_edge_is_the_bound():
 
 def test_a_ceiling_gives_a_shorter_route(planned):
     ceiling = 0.5 * (planned.route.error + planned.straight.error)
-    found = plan_route(SETTINGS, FIELD, Wish(START, GOAL, ceiling=ceiling)).route
+    found = plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, ceiling=ceiling)).route
     assert found.error <= ceiling
     assert found.length <= planned.route.length
     with pytest.raises(InputError, match="below 1 m; the best has"):
-        plan_route(SETTINGS, FIELD, Wish(START, GOAL, ceiling=1.0))
+        plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, ceiling=1.0))
 
 
 def square(north, east, half):
@@ -108,7 +108,7 @@ def areas_of(tmp_path, *squares):
 
 def test_it_keeps_out_of_areas(tmp_path):
     areas = read_areas(areas_of(tmp_path, square(5e3, 0.0, 6e3)))
-    plan = plan_route(SETTINGS, FIELD, Wish(START, GOAL, 0.3, areas=tuple(areas)))
+    plan = plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, 0.3, areas=tuple(areas)))
     assert plan.straight is None
     track = plan.route.trajectory
     # corners are cut by the turn's radius
@@ -118,21 +118,21 @@ def test_it_keeps_out_of_areas(tmp_path):
 
 def test_a_goal_that_cannot_be_reached_is_one_line(tmp_path):
     wall = tuple(read_areas(areas_of(tmp_path, square(0.0, 10e3, 39e3)[:])))
-    for wish, message in (
-        (Wish(START, GOAL, areas=wall), "start lies in an area|goal lies in an area"),
+    for request, message in (
+        (RouteRequest(START, GOAL, areas=wall), "start lies in an area|goal lies in an area"),
         (
-            Wish(
+            RouteRequest(
                 START,
                 GOAL,
                 areas=tuple(read_areas(areas_of(tmp_path, square(0.0, 0.0, 25e3)))),
             ),
             "the goal cannot be reached",
         ),
-        (Wish(START, place(0.0, -29e3)), "a route needs"),
-        (Wish(START, GOAL, detour=0.0), "above 0 and at most 1"),
+        (RouteRequest(START, place(0.0, -29e3)), "a route needs"),
+        (RouteRequest(START, GOAL, detour=0.0), "above 0 and at most 1"),
     ):
         with pytest.raises(InputError, match=message):
-            plan_route(SETTINGS, FIELD, wish)
+            plan_route(SETTINGS, FIELD, request)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@ admits infinity and the limit itself, and of files and folders to be written, so
 after a long computation that its result has no place."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,19 +15,22 @@ from isogal.files import check_output
 Paths = TypeVar("Paths", Path, Path | None, list[Path] | None)
 
 
-def finite(option: typer.CallbackParam, value: float | None) -> float | None:
-    """Return the value of an option; raises InputError unless it is finite."""
-    return _checked(option, value, "finite", True)
+def _checked(allowed: str, good: Callable[[float], bool]) -> Callable[..., float | None]:
+    """Return the check of an option that may be left out; it raises InputError unless the value is
+    finite, and good."""
+
+    def check(option: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not (math.isfinite(value) and good(value)):
+            must = allowed if math.isfinite(value) else "finite"
+            raise InputError(f"{option.opts[0]}: must be {must}, is {value}")
+        return value
+
+    return check
 
 
-def positive(option: typer.CallbackParam, value: float | None) -> float | None:
-    """Return the value of an option; raises InputError unless it is finite and > 0."""
-    return _checked(option, value, "> 0", value is None or value > 0.0)
-
-
-def not_negative(option: typer.CallbackParam, value: float | None) -> float | None:
-    """Return the value of an option; raises InputError unless it is finite and >= 0."""
-    return _checked(option, value, ">= 0", value is None or value >= 0.0)
+finite = _checked("finite", lambda value: True)
+positive = _checked("> 0", lambda value: value > 0.0)
+not_negative = _checked(">= 0", lambda value: value >= 0.0)
 
 
 def output_file(value: Paths) -> Paths:
@@ -43,14 +47,4 @@ def output_folder(value: Paths) -> Paths:
     of that name."""
     if isinstance(value, Path):
         check_output(value, folder=True)
-    return value
-
-
-def _checked(
-    option: typer.CallbackParam, value: float | None, allowed: str, good: bool
-) -> float | None:
-    if value is not None and not math.isfinite(value):
-        allowed, good = "finite", False
-    if value is not None and not good:
-        raise InputError(f"{option.opts[0]}: must be {allowed}, is {value}")
     return value

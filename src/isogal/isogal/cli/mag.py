@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import finite, not_negative, output_file, output_folder
+from isogal.cli.checks import finite, not_negative
 from isogal.cli.map.results import print_json
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.options import Json, written_file, written_folder
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from isogal.magnetics.calibration import Calibration, Settings
     from isogal.tracks.magnetic_flight import MagneticFlight
 
-FITTING = "Calibration"
-"""Heading of the options that say how coefficients are learnt."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -43,7 +41,6 @@ class FlightChoice:
     base: Annotated[
         Path | None,
         typer.Option(
-            "--base",
             metavar="FILE",
             help="Base station with the columns time and scalar: its daily variation is taken"
             " off.",
@@ -52,7 +49,6 @@ class FlightChoice:
     height: Annotated[
         float | None,
         typer.Option(
-            "--height",
             metavar="M",
             callback=finite,
             help="Above the ellipsoid, where the file has no column height.",
@@ -61,7 +57,6 @@ class FlightChoice:
     epoch: Annotated[
         float,
         typer.Option(
-            "--epoch",
             metavar="YEAR",
             min=1900.0,
             max=2030.0,
@@ -84,33 +79,29 @@ class FlightChoice:
 class Fitting:
     """How coefficients are learnt."""
 
+    PANEL: ClassVar = "Calibration"
+
     band: Annotated[
         str,
         typer.Option(
-            "--band",
             metavar="LOW,HIGH",
             help="Frequencies of the manoeuvres, Hz.",
-            rich_help_panel=FITTING,
         ),
     ] = "0.1,0.9"
     ridge: Annotated[
         float | None,
         typer.Option(
-            "--ridge",
             metavar="NUMBER",
             callback=not_negative,
             help="Added to the normal equations; default: by the evidence.",
-            rich_help_panel=FITTING,
         ),
     ] = None
     lag: Annotated[
         float | None,
         typer.Option(
-            "--lag",
             metavar="S",
             callback=finite,
             help="By which the vector magnetometer is late; default: found out.",
-            rich_help_panel=FITTING,
         ),
     ] = None
 
@@ -131,26 +122,8 @@ class Fitting:
 def calibrate(
     chosen: FlightChoice,
     fitting: Fitting,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="FILE.yaml",
-            callback=output_file,
-            help="Coefficients.",
-            rich_help_panel=RESULTS,
-        ),
-    ],
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            "--report",
-            metavar="DIR",
-            callback=output_folder,
-            help="Page with a figure.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = None,
+    out: Annotated[Path, written_file("FILE.yaml", "Coefficients.")],
+    report: Annotated[Path | None, written_folder("Page with a figure.")] = None,
     json: Json = False,
 ) -> None:
     """Learn what a vehicle adds to the total magnetic field from a calibration flight: rolls,
@@ -190,14 +163,7 @@ class Coefficients:
         ),
     ] = False
     learnt: Annotated[
-        Path | None,
-        typer.Option(
-            "--learnt",
-            metavar="FILE.yaml",
-            callback=output_file,
-            help="With --online: coefficients learnt by the end.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_file("FILE.yaml", "With --online: coefficients learnt by the end.")
     ] = None
 
     def own_field(self, flight: "MagneticFlight", known: "Array") -> "Array":
@@ -224,16 +190,7 @@ class Coefficients:
 def compensate(
     chosen: FlightChoice,
     vehicle: Coefficients,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="FILE.csv",
-            callback=output_file,
-            help="Track with the anomaly as value.",
-            rich_help_panel=RESULTS,
-        ),
-    ],
+    out: Annotated[Path, written_file("FILE.csv", "Track with the anomaly as value.")],
     json: Json = False,
 ) -> None:
     """Take the vehicle's own field and the Earth's main field off a flight: what is left is the

@@ -11,6 +11,7 @@ import typer
 from isogal.cli.errors import INTERRUPTED, fail, note
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import ScenarioChoice, StudyResults, Workers
+from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
     from isogal.montecarlo.chunks import Case
@@ -110,40 +111,12 @@ def ending_well(kept_in: Path) -> Iterator[None]:
 
 
 def _print(summary: dict[str, Any], page: Path) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
+    from isogal.evaluation.run_report import key_figures
 
-    from isogal.evaluation.html_report import number
-    from isogal.evaluation.integrity_report import integrity_row
-    from isogal.evaluation.judgement import KINDS
-
-    error, bound, nees = summary["position_error"], summary["bound"], summary["nees_per_axis"]
-    fixes = summary["fixes"]
-    table = Table(
-        box=SIMPLE_HEAD,
-        title=f"{summary['runs']} runs, matcher {summary['matcher']}",
-        title_justify="left",
-    )
-    table.add_column("")
-    table.add_column("whole run", justify="right")
-    table.add_column("after 1 h", justify="right")
-    table.add_row("mean position error (m)", number(error["mean"]), number(error["mean_after_1h"]))
-    table.add_row("RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"]))
-    table.add_row("bound, RMS (m)", number(bound["rms"]), number(bound["rms_after_1h"]))
-    table.add_row("unaided INS, RMS (m)", number(summary["unaided"]["rms"]), "")
-    table.add_row("NEES per axis", number(nees["mean"]), "")
-    table.add_row("  consistent within", " to ".join(number(end) for end in nees["interval"]), "")
-    table.add_row("NEES per axis, all scans", number(summary["nees_all_scans"]["mean"]), "")
-    name, level, _ = integrity_row(summary["integrity"])
-    table.add_row(name[0].lower() + name[1:], level, "")
-    for kind, which in summary["judgement"]["runs"].items():
-        table.add_row(f"runs {KINDS[kind]}", str(len(which)), "")
-    table.add_row("fixes, declined", f"{fixes['published']}, {fixes['declined']}", "")
-    console = Console()
-    console.print(table)
+    table, fixes = key_figures(summary), summary["fixes"]
+    title = f"{summary['runs']} runs, matcher {summary['matcher']}"
+    print_table(table.header, table.rows, str(page), title=title)
     if failed := fixes["failed"]:
         note(f"the matcher failed on {failed} batches; the report says why")
     if rejected := fixes["rejected"]:
         note(f"the navigator rejected {rejected} fixes; the report says why")
-    console.print(f"{page}", highlight=False, soft_wrap=True)

@@ -2,13 +2,15 @@
 of its fields.
 
 A group is a frozen dataclass whose fields are annotated as typer wants the parameters of a
-command, so each option is declared once, however many commands have it."""
+command, so each option is declared once, however many commands have it. Where it has a `PANEL`,
+that is the heading of its options in the help."""
 
 import functools
 import inspect
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -48,6 +50,14 @@ def _parameters(group: type) -> Iterator[inspect.Parameter]:
         yield inspect.Parameter(
             field.name,
             inspect.Parameter.KEYWORD_ONLY,
-            annotation=hints[field.name],
+            annotation=_in_panel(hints[field.name], getattr(group, "PANEL", None)),
             default=inspect.Parameter.empty if field.default is MISSING else field.default,
         )
+
+
+def _in_panel(annotation: Any, panel: str | None) -> Any:
+    """Return the annotation of an option with its heading in the help."""
+    kind, option = get_args(annotation)
+    option = copy(option)
+    option.rich_help_panel = option.rich_help_panel or panel
+    return Annotated[kind, option]

@@ -9,6 +9,7 @@ from isogal.cli.checks import finite
 from isogal.cli.montecarlo import ending_well
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import StudyResults, Workers
+from isogal.cli.tables import print_table
 
 
 @with_groups
@@ -32,7 +33,6 @@ def paper(
     duration: Annotated[
         float,
         typer.Option(
-            "--duration",
             metavar="SECONDS",
             min=600.0,
             callback=finite,
@@ -59,40 +59,28 @@ def paper(
 
 
 def _print(results: Any, claims: Any, page: Path) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
     from isogal.evaluation.html_report import number
     from isogal.paper.cases import MATCHERS
     from isogal.paper.published import ROWS
 
-    title = f"Mean error (m) and diverged runs, {results.plan.runs} runs a case"
-    table = Table(
-        box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False, collapse_padding=True
-    )
-    for name in ("map", "sigma", "T"):
-        table.add_column(name, no_wrap=True)
-    for name in ("paper", *MATCHERS):
-        table.add_column(name, justify="right", no_wrap=True)
-        table.add_column("div.", justify="right", no_wrap=True)
+    rows = []
     for row in ROWS:
-        cells = [
-            row.quantity,
-            f"{row.sigma:g}",
-            f"{row.batch_length}",
-            number(row.mean_error),
-            f"{row.divergence_rate:.0%}",
-        ]
+        cells = [row.quantity, f"{row.sigma:g}", f"{row.batch_length}"]
+        cells += [number(row.mean_error), f"{row.divergence_rate:.0%}"]
         for matcher in MATCHERS:
             outcome = results.row(row, matcher)
             cells += [number(outcome.mean), f"{outcome.diverged / len(outcome.run_means):.0%}"]
-        table.add_row(*cells)
-    console = Console()
-    console.print(table)
+        rows.append(cells)
     verdicts = [claim.verdict for claim in claims]
     found = ", ".join(
         f"{verdicts.count(v)} {v}" for v in ("holds", "does not hold", "cannot tell")
     )
-    console.print(f"{len(claims)} claims: {found}", highlight=False)
-    console.print(f"{page}", highlight=False, soft_wrap=True)
+    columns = [cell for name in ("paper", *MATCHERS) for cell in (name, "div.")]
+    print_table(
+        ("map", "sigma", "T", *columns),
+        rows,
+        f"{len(claims)} claims: {found}",
+        str(page),
+        title=f"Mean error (m) and diverged runs, {results.plan.runs} runs a case",
+        words=range(3),
+    )

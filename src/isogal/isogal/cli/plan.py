@@ -3,22 +3,20 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import output_file, positive
+from isogal.cli.checks import positive
 from isogal.cli.map.results import print_json
 from isogal.cli.map_choice import MapOption
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json, ScenarioChoice
+from isogal.cli.options import RESULTS, Json, ScenarioChoice, written_file
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
-    from isogal.evaluation.planning.planner import Plan, Wish
+    from isogal.evaluation.planning.planner import Plan, RouteRequest
 
-ROUTE = "Route"
-"""Heading of the options that say what is asked of the route."""
 _MARGIN = 10_000.0  # m of map around the lattice
 
 
@@ -26,84 +24,69 @@ _MARGIN = 10_000.0  # m of map around the lattice
 class Asked:
     """What is asked of the route."""
 
+    PANEL: ClassVar = "Route"
+
     start: Annotated[
         str,
-        typer.Option("--from", metavar="'LAT,LON'", help="Start, deg.", rich_help_panel=ROUTE),
+        typer.Option("--from", metavar="'LAT,LON'", help="Start, deg."),
     ]
-    goal: Annotated[
-        str, typer.Option("--to", metavar="'LAT,LON'", help="Goal, deg.", rich_help_panel=ROUTE)
-    ]
+    goal: Annotated[str, typer.Option("--to", metavar="'LAT,LON'", help="Goal, deg.")]
     detour: Annotated[
         float,
         typer.Option(
-            "--detour",
             metavar="SHARE",
             callback=positive,
             help="How much longer than the straight way, at most.",
-            rich_help_panel=ROUTE,
         ),
     ] = 0.15
     ceiling: Annotated[
         float | None,
         typer.Option(
-            "--ceiling",
             metavar="M",
             callback=positive,
             help="Shortest route with an expected error on arrival below this, instead of the"
             " least error.",
-            rich_help_panel=ROUTE,
         ),
     ] = None
     no_go: Annotated[
         list[Path] | None,
         typer.Option(
-            "--no-go",
             metavar="FILE.geojson",
             help="Polygons to keep out of; repeatable.",
-            rich_help_panel=ROUTE,
         ),
     ] = None
 
-    def wish(self) -> "Wish":
+    def request(self) -> "RouteRequest":
         """Return the same as the library takes it; raises InputError."""
         from isogal.evaluation.planning.areas import read_areas
-        from isogal.evaluation.planning.planner import Wish
+        from isogal.evaluation.planning.planner import RouteRequest
 
         areas = tuple(area for path in self.no_go or () for area in read_areas(path))
-        wish = Wish(
+        request = RouteRequest(
             _place("--from", self.start),
             _place("--to", self.goal),
             self.detour,
             self.ceiling,
             areas,
         )
-        wish.check()
-        return wish
+        request.check()
+        return request
 
 
 @dataclass(frozen=True)
 class PlanResults:
     """What becomes of the route."""
 
+    PANEL: ClassVar = RESULTS
+
     out: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            callback=output_file,
-            help="Route as .yaml (section route of a scenario) or .geojson; repeatable.",
-            rich_help_panel=RESULTS,
+        written_file(
+            "FILE", "Route as .yaml (section route of a scenario) or .geojson; repeatable."
         ),
     ] = None
     path: Annotated[
-        Path | None,
-        typer.Option(
-            "--path",
-            metavar="FILE.yaml",
-            callback=output_file,
-            help="nav_msgs/Path for ros2 topic pub.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_file("FILE.yaml", "nav_msgs/Path for ros2 topic pub.")
     ] = None
     json: Json = False
 
@@ -138,12 +121,12 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
     from isogal.evaluation.planning.planner import plan_route
 
     results.check()
-    wish = asked.wish()
-    field_map = map_.load(_around(wish), "disturbance")
+    request = asked.request()
+    field_map = map_.load(_around(request), "disturbance")
     settings = fitting(chosen.load(), field_map)
     with Bars("columns") as bars:
         found = plan_route(
-            settings, field_map, wish, lambda done, total: bars("columns", done, total)
+            settings, field_map, request, lambda done, total: bars("columns", done, total)
         )
     results.write(found)
 
@@ -158,16 +141,16 @@ def _place(option: str, text: str) -> tuple[float, float]:
     return math.radians(latitude), math.radians(longitude)
 
 
-def _around(wish: "Wish") -> Any:
+def _around(request: "RouteRequest") -> Any:
     """Return the window of all routes."""
     import numpy as np
 
     from isogal.evaluation.planning.lattice import lattice_between
     from isogal.maps.axes import Window
 
-    if wish.start == wish.goal:
+    if request.start == request.goal:
         raise InputError("--from and --to are the same place")
-    lattice = lattice_between(wish.start, wish.goal, wish.detour, [])
+    lattice = lattice_between(request.start, request.goal, request.detour, [])
     lat, lon = lattice.latitude, lattice.longitude
     return Window(
         float(np.min(lat)), float(np.max(lat)), float(np.min(lon)), float(np.max(lon))

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from isogal.cli.checks import finite, output_folder
+from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json, ScenarioChoice
+from isogal.cli.options import Json, ScenarioChoice, written_folder
 from isogal.errors import InputError
 
 Domain = Annotated[
@@ -36,29 +36,14 @@ def run(
         ),
     ] = False,
     bag: Annotated[
-        Path | None,
-        typer.Option(
-            "--bag",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of the recording; default: bag in --out.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_folder("Folder of the recording; default: bag in --out.")
     ] = None,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of summary, report and figures.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = Path("out/run"),
+    out: Annotated[Path, written_folder("Folder of summary, report and figures.")] = Path(
+        "out/run"
+    ),
     rate: Annotated[
         float,
         typer.Option(
-            "--rate",
             min=0.0,
             callback=finite,
             help="Simulated seconds per second; 0 = as fast as possible.",
@@ -117,19 +102,11 @@ def replay(
         typer.Argument(metavar="BAG", help="Folder of a recording or run, or an MCAP file."),
     ],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder for summary, report and figures of the replay.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_folder("Folder for summary, report and figures of the replay.")
     ] = None,
     tolerance: Annotated[
         float | None,
         typer.Option(
-            "--tolerance",
             metavar="M",
             min=0.0,
             callback=finite,
@@ -140,7 +117,6 @@ def replay(
     parameter: Annotated[
         list[str] | None,
         typer.Option(
-            "--parameter",
             metavar="NAME=VALUE",
             help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
         ),
@@ -176,12 +152,8 @@ def faults(
     chosen: ScenarioChoice,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of recordings, outcomes and table; what is there is not run again.",
-            rich_help_panel=RESULTS,
+        written_folder(
+            "Folder of recordings, outcomes and table; what is there is not run again."
         ),
     ],
     quick: Annotated[

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isogal.cli.checks import output_file, output_folder
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.options import Json, written_file, written_folder
+from isogal.cli.tables import print_table
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,16 +25,7 @@ def view(
             help="A recording, or the folder of a run or of a study (--out of the command).",
         ),
     ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="FILE.html",
-            callback=output_file,
-            help="The page.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = Path("out/view.html"),
+    out: Annotated[Path, written_file("FILE.html", "The page.")] = Path("out/view.html"),
     run: Annotated[
         int, typer.Option("--run", metavar="N", min=0, help="Which run of a study.")
     ] = 0,
@@ -84,14 +75,7 @@ def compare(
         ),
     ],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder for report.html and the figure of errors over time.",
-            rich_help_panel=RESULTS,
-        ),
+        Path | None, written_folder("Folder for report.html and the figure of errors over time.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -106,21 +90,7 @@ def compare(
 
         typer.echo(dumps(found.document(), indent=2, allow_nan=False))
     else:
-        _print(found.rows(), found.names)
+        print_table(("", *found.names), found.rows())
     if out is not None:
         page = write_comparison(out, results, found)
         typer.echo(str(page), err=json)
-
-
-def _print(rows: list[tuple[str, ...]], names: list[str]) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD)
-    table.add_column("")
-    for name in names:
-        table.add_column(name, justify="right", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)

@@ -8,53 +8,57 @@ position error by the map's gradient, on velocity and latitude errors by the red
 map's own error and on white noise. The map's error, a field with covariance sigma² exp(-d / L), is
 along the track a first-order Gauss-Markov process, which adds a state. The sensor's bias and its
 drift add two more, its noise that is correlated in time, its cross-coupling and its low-pass
-filter others where it has them (`slow_states`).
+filter others where it has them (`reading_errors`). What the filter has as auxiliary states
+(residual gravity, sensor errors that change) are states here, too. Each of several fields has
+states of its own beside the navigator's, and its own scans.
 
 A reading of several channels is turned by the eigenvectors of its noise's covariance into as many
 channels with independent noise. Map errors of the channels, independent and equal in sigma and L,
 remain so, and each channel has its own state; those of one potential are turned, too, and go on
-from scan to scan together (`tensor_map_error`). Channels are taken one after the other. What the
-filter has as auxiliary states (residual gravity, sensor errors that change) are states here, too.
+from scan to scan together (`reading_errors.map_steps`). Channels are taken one after the other.
 
 The vertical accelerometer is left out: with the height known it could measure the east velocity by
 the Eötvös term, but only if gravity along the route were known to the precision of the
 accelerometer (docs/mathematics.md, section 3.7)."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
-from isogal.evaluation.aids_model import aids_model, height_slope
-from isogal.evaluation.beam_model import beam_channels
-from isogal.evaluation.bound_recursion import Ageing, BoundModel, Readings, riccati
-from isogal.evaluation.gravimeter_states import (
-    SlowStates,
-    effective_noise,
-    effective_noise_variance,
-    gradiometer_states,
-    slow_states,
-)
+from isogal.arrays import Array, Booleans, Integers
 from isogal.evaluation.ins_error_model import (
     Segments,
-    ageing,
     divide,
     initial_covariance,
     noise_density,
+    transitions,
 )
-from isogal.evaluation.tensor_map_error import MapSteps, map_steps
+from isogal.evaluation.reading_errors import (
+    MapSteps,
+    SlowError,
+    beam_channels,
+    effective_noise,
+    effective_noise_variance,
+    gradiometer_errors,
+    gravimeter_errors,
+    map_errors,
+    map_steps,
+)
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
 from isogal.fields.simulator import scan_index
-from isogal.fusion.auxiliary import auxiliary_of
+from isogal.fusion.aiding import velocity_reading
+from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES
+from isogal.inertial.error_state import FILTER_STATES
 from isogal.maps.channels import RouteMap, channels_of
-from isogal.maps.field_map import FieldMap
 from isogal.maps.several import RunMap, each_map
-from isogal.maps.tiled_map import TiledMap
+from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.batching import fix_due
+from isogal.matching.several import Rhythm
 from isogal.scenario import Scenario
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
@@ -64,6 +68,8 @@ from isogal.sensors.trajectory import Trajectory
 PATTERNS = 8
 """Ways of missing readings by chance that a bound is the mean over: of half the readings, some 1 %
 from those over many."""
+_OF_FILTER = [*range(2), 3, 4, *range(6, FILTER_STATES)]
+"""The linear model's states among the filter's: without height and vertical velocity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +91,108 @@ class BoundResult:
         """Return the RMS horizontal error (m) at any times (s): linear between scans, NaN before
         the start and after the last scan."""
         return np.interp(time, self.time, self.rms, left=np.nan, right=np.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurements:
+    """What one sensor measures, M times, in C channels with independent noise."""
+
+    rows: Array
+    """(M, C, n) derivatives by the states; a row with a NaN tells nothing."""
+    noise: Array
+    """(C,) variances."""
+    every: int
+    """Stretches from one measurement to the next."""
+    at_once: bool = False
+    """Whether the navigator gets them at once where it gets readings by batches."""
+
+    def at(self, stretch: int) -> Iterator[tuple[Array, float]]:
+        """Yield rows (n,) and variances of what is measured at the end of a stretch, counted from
+        1."""
+        own, rest = divmod(stretch, self.every)
+        if rest == 0 and own <= len(self.rows):
+            for row, noise in zip(self.rows[own - 1], self.noise, strict=True):
+                if not np.isnan(row).any():
+                    yield row, float(noise)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundModel:
+    """The linear model. Its n states are the navigator's errors (`isogal.inertial.error_model`),
+    the filter's auxiliary ones, and the slow errors of each field's readings."""
+
+    segments: Segments
+    density: Array
+    """(6,) of the white noise of the inertial sensors."""
+    states: tuple[AuxiliaryState, ...]
+    """The auxiliary ones and all after them."""
+    start: Array
+    """(n, n) covariance at the start."""
+    measurements: tuple[Measurements, ...]
+    lags: tuple[tuple[int, int], ...]
+    """States that follow others as a low-pass filter of their correlation time does: which, whom.
+    """
+    jumps: tuple[tuple[int, int, MapSteps], ...]
+    """Map errors that go on from scan to scan: the first state, stretches between scans, how."""
+    used: Booleans
+    """(S,) whether the navigator gets, after a scan, what all readings so far say."""
+
+    def transitions(self) -> Iterator[tuple[Array, Array]]:
+        """Yield transition and half of the process noise (n, n) of each stretch; see
+        `isogal.evaluation.ins_error_model.transitions`."""
+        for transition, half in transitions(self.segments, self.density, self.states):
+            for at, followed in self.lags:
+                transition[at, followed] = 1.0 - transition[at, at]
+            yield transition, half
+
+    def jump(self, P: Array, stretch: int) -> None:
+        """Let map errors go on to a scan at the end of a stretch, counted from 1, in place."""
+        for first, every, steps in self.jumps:
+            own, rest = divmod(stretch, every)
+            if rest or own > len(steps.gain):
+                continue
+            count, size = steps.gain.shape[1:]
+            here, newest = slice(first, first + size), slice(first, first + count)
+            moved = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
+            P[here] = moved @ P[here]
+            P[:, here] = P[:, here] @ moved.T
+            P[newest, newest] += steps.root[own - 1] @ steps.root[own - 1].T
+
+    def bound(self) -> Array:
+        """Return (S + 1, 2, 2) the position covariances at the start and after each scan.
+
+        `P` is the covariance given all readings so far, `alone` that of the navigator: the same
+        after a scan at which it gets what they say, and only propagated until the next such scan.
+        """
+        P = self.start.copy()
+        alone = P if self.used.all() else P.copy()
+        both = [P] if alone is P else [P, alone]
+        result = np.empty((len(self.used) + 1, 2, 2))
+        result[0] = P[:2, :2]
+        for stretch, (transition, half) in enumerate(self.transitions(), 1):
+            for one in both:
+                moved = transition @ (one + half) @ transition.T + half
+                one[:] = 0.5 * (moved + moved.T)
+                self.jump(one, stretch)
+            for sensor in self.measurements:
+                for row, noise in sensor.at(stretch):
+                    for one in both if sensor.at_once else [P]:
+                        condition(one, row, noise)
+            scan, rest = divmod(stretch, self.segments.per_scan)
+            if rest == 0:
+                if self.used[scan - 1]:
+                    alone[:] = P
+                result[scan] = alone[:2, :2]
+        return result
+
+
+def condition(P: Array, row: Array, noise: float) -> Array:
+    """Condition a covariance (n, n) on one reading, in place, and return the gain (n,); `row` (n,)
+    are the reading's derivatives, `noise` its variance."""
+    column = P @ row
+    gain = column / (noise + row @ column)
+    P -= np.outer(gain, column)
+    return np.asarray(gain)
 
 
 def posterior_cramer_rao(
@@ -115,96 +223,168 @@ def posterior_cramer_rao(
         Return the bound of a navigator that learns what a batch's readings say only at the end of
         the batch, as any batch matcher does.
     map_share : (S,) array, optional
-        1-sigma of the map's error at each scan in units of `map_error.sigma`; default: 1.
+        1-sigma of the map's error at each scan in units of `map_error.sigma`, where there is one
+        field; default: 1.
     """
-    maps, each = each_map(field_map), scenario.each_field
-    if len(each) > 1:
-        from isogal.evaluation.bound_several import joint_bound  # which needs this module
-
-        return joint_bound(scenario, trajectory, maps, batchwise=batchwise)
-    world = each[0].world
-    if world.gravimeter.missing_fraction == 0.0:
-        model = bound_model(world, trajectory, maps[0], batchwise=batchwise, map_share=map_share)
-        return _solve(world, trajectory, model)
-    whole = world.gravimeter.model_copy(update={"missing_fraction": 0.0})
-    complete = world.model_copy(update={"gravimeter": whole})
-    model = bound_model(complete, trajectory, maps[0], batchwise=batchwise, map_share=map_share)
-    return _mean_over_patterns(world, trajectory, model)
-
-
-def _mean_over_patterns(world: Scenario, trajectory: Trajectory, model: BoundModel) -> BoundResult:
-    """Return the mean bound over readings that are missing by chance, as the first runs miss
-    them."""
+    world, settings = scenario.world, scenario.world.gravimeter
+    chance = len(scenario.each_field) == 1 and settings.missing_fraction > 0.0
+    if chance:
+        whole = settings.model_copy(update={"missing_fraction": 0.0})
+        scenario = world.model_copy(update={"gravimeter": whole})
+    model = bound_model(scenario, trajectory, field_map, batchwise=batchwise, map_share=map_share)
+    if not chance:
+        return _result(world, trajectory, model.bound())
     scans = scan_index(world, trajectory)
-    results = []
+    *aids, readings = model.measurements
+    found = []
     for run in range(PATTERNS):
-        sensitivity = model.readings.sensitivity.copy()
-        sensitivity[missing(world.gravimeter, world.seed, run, trajectory, scans)] = np.nan
-        readings = model.readings._replace(sensitivity=sensitivity)
-        results.append(_solve(world, trajectory, model._replace(readings=readings)))
-    mean = np.mean([one.covariance for one in results], axis=0)
-    return BoundResult(results[0].time, mean)
+        rows = readings.rows.copy()
+        rows[missing(settings, world.seed, run, trajectory, scans)] = np.nan
+        patterned = (*aids, replace(readings, rows=rows))
+        found.append(replace(model, measurements=patterned).bound())
+    return _result(world, trajectory, np.mean(found, axis=0))
+
+
+def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
+    """Return the error covariance of the navigator without any reading, by the same linear
+    model, in the scenario's true world."""
+    return _result(scenario.world, trajectory, _model(scenario, trajectory, []).bound())
+
+
+def _result(world: Scenario, trajectory: Trajectory, covariance: Array) -> BoundResult:
+    return BoundResult(
+        trajectory.time[np.arange(len(covariance)) * world.steps_per_scan], covariance
+    )
 
 
 def bound_model(
     scenario: Scenario,
     trajectory: Trajectory,
-    field_map: RouteMap,
+    field_map: RunMap,
     *,
     batchwise: bool = False,
     map_share: Array | None = None,
 ) -> BoundModel:
-    """Return the linear model whose recursion `posterior_cramer_rao` is, which see."""
-    scenario = scenario.world
-    readings = readings_of(scenario, trajectory, field_map, batchwise, map_share)
-    return _model(scenario, trajectory, readings)
+    """Return the linear model whose recursion `posterior_cramer_rao` is, which see. Measurements
+    of aids come first, then those of each field."""
+    worlds = [one.world for one in scenario.each_field]
+    fields = [
+        _FieldReadings.of(one, trajectory, its_map, map_share if len(worlds) == 1 else None)
+        for one, its_map in zip(worlds, each_map(field_map), strict=True)
+    ]
+    model = _model(scenario, trajectory, fields)
+    if not batchwise:
+        return model
+    lead = Rhythm.of(worlds).lead
+    used = np.zeros_like(model.used)
+    every = fields[lead].steps // scenario.world.steps_per_scan
+    for count in range(1, len(fields[lead].sensitivity) + 1):
+        used[count * every - 1] = fix_due(count, worlds[lead].matcher)
+    return replace(model, used=used)
 
 
-def readings_of(
-    scenario: Scenario,
-    trajectory: Trajectory,
-    field_map: RouteMap,
-    batchwise: bool = False,
-    map_share: Array | None = None,
-) -> Readings:
-    """Return how the readings of a scenario's field depend on the navigator's error; see
-    `posterior_cramer_rao`."""
-    scans = scan_index(scenario, trajectory)
-    field = measured_field(scenario)
-    maps = channels_of(field_map)
-    if field.name == "terrain" and scenario.altimeter.sounds:
-        sensitivity, noise, of_map, common = beam_channels(scenario, trajectory, maps[0], scans)
-    else:
-        each = [_sensitivity(scenario, trajectory, one, scans) for one in maps]
-        sensitivity = np.stack(each, axis=1)
-        of_map, common = np.ones(len(maps)), np.ones(len(maps))
-        noise = np.array([effective_noise_variance(scenario.gravimeter, maps[0].quantisation)])
-    sensitivity[without_readings(scenario.gravimeter, trajectory, scans)] = np.nan
-    steps, turn = MapSteps.none(), np.eye(len(of_map))
-    if (covariance := field.covariance(scenario)) is not None:
-        rounding = np.array([one.quantisation for one in maps]) ** 2 / 12.0
-        noise, turn = np.linalg.eigh(effective_noise(scenario.gravimeter, covariance, rounding))
-        sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
-        steps = map_steps(scenario, trajectory, scans, turn)
-    used = np.ones(len(scans), dtype=np.bool_)
-    if batchwise:
-        used[:] = [fix_due(count + 1, scenario.matcher) for count in range(len(scans))]
-    if field.name == "gradient":
-        slow = gradiometer_states(scenario.gradiometer, trajectory, scans, turn)
-    else:
-        slow = slow_states(scenario.gravimeter, trajectory, scans)
-        slow = slow._replace(of_channel=common[:, None] * slow.of_channel)
-        if scenario.gravimeter.delay_sigma > 0.0 and len(of_map) == 1:
-            moved = (sensitivity[:, 0, :2] * trajectory.velocity[scans, :2]).sum(axis=1)
-            slow = slow.with_delay(scenario.gravimeter.delay_sigma, np.nan_to_num(moved))
-    slope = height_slope(scenario, trajectory, scans)
-    # an array of its own, of one layout: the recursion is compiled once
-    share = np.full(len(scans), 1.0 if map_share is None else map_share)
-    return Readings(sensitivity, slope, noise, used, slow, share, of_map, common, steps)
+@dataclass(frozen=True, slots=True, eq=False)
+class _FieldReadings:
+    """How readings of one field, S scans of C channels, depend on the navigator's error and on
+    slow errors of their own."""
+
+    sensitivity: Array
+    """(S, C, 4) d(reading)/d(navigator's error), map included; NaN = the reading tells nothing."""
+    by_height: Array
+    """(S, C) d(reading)/d(height), map's unit per m."""
+    height: Array
+    """(S,) m."""
+    noise: Array
+    """(C,) variances of the channels' noise."""
+    errors: list[SlowError]
+    """The map's first."""
+    filtered: bool
+    """Whether the last of the errors is that of the map (the first) after the sensor's filter."""
+    jumps: MapSteps | None
+    """How the map's errors go on where they do so together."""
+    steps: int
+    """Of the IMU from one scan to the next."""
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        trajectory: Trajectory,
+        field_map: RouteMap,
+        map_share: Array | None,
+    ) -> "_FieldReadings":
+        """Return those of a scenario of one field as it really is."""
+        scans, settings = scan_index(scenario, trajectory), scenario.gravimeter
+        field, maps = measured_field(scenario), channels_of(field_map)
+        share = np.full(len(scans), 1.0 if map_share is None else map_share)
+        of_map = common = np.ones(len(maps))
+        if field.name == "terrain" and scenario.altimeter.sounds:
+            sensitivity, of_map, common = beam_channels(scenario, trajectory, maps[0], scans)
+        else:
+            sensitivity = np.stack(
+                [_sensitivity(scenario, trajectory, one, scans) for one in maps], axis=1
+            )
+        sensitivity[without_readings(settings, trajectory, scans)] = np.nan
+        jumps, filtered = None, False
+        if (covariance := field.covariance(scenario)) is not None:
+            rounding = np.array([one.quantisation for one in maps])
+            noise, turn = np.linalg.eigh(effective_noise(settings, covariance, rounding))
+            sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
+            jumps = map_steps(scenario, trajectory, scans, turn)
+            slow = gradiometer_errors(scenario.gradiometer, trajectory, scans, turn)
+        else:
+            noise = np.full(len(of_map), effective_noise_variance(settings, maps[0].quantisation))
+            slow = _scalar_errors(scenario, trajectory, scans, sensitivity, common)
+            filtered = settings.filter_time > 0.0
+        of_maps = map_errors(scenario, of_map, share, jumps)
+        if filtered:  # readings have the filtered error instead; it has settled when they begin
+            of_maps = [one._replace(by=np.zeros((1, 1))) for one in of_maps]
+            slow.append(SlowError.of("map", 0.0, share[:, None], time=settings.filter_time))
+        return cls(
+            sensitivity,
+            _height_slope(scenario, trajectory, scans)[:, None] * common,
+            trajectory.height[scans],
+            noise,
+            [*of_maps, *slow],
+            filtered,
+            jumps,
+            scenario.steps_per_scan,
+        )
+
+    def measurements(self, model: FilterModel, first: int, size: int, every: int) -> Measurements:
+        """Return them as rows of `size` states, the field's own from `first` on."""
+        rows = np.zeros((*self.sensitivity.shape[:2], size))
+        rows[..., :4] = self.sensitivity
+        reading = model.height_reading
+        rows[..., STATES : STATES + len(reading.offset)] = self.by_height[..., None] * (
+            reading.offset + reading.share * self.height[:, None, None]
+        )
+        for at, error in enumerate(self.errors, first):
+            rows[..., at] = error.by
+        return Measurements(rows, self.noise, every)
+
+
+def _scalar_errors(
+    scenario: Scenario, trajectory: Trajectory, scans: Integers, sensitivity: Array, common: Array
+) -> list[SlowError]:
+    """Return the slow errors of a sensor whose readings are one number, of which there are
+    `common` (C,) in each channel: its own, an unknown delay, its bias and its drift."""
+    settings = scenario.gravimeter
+    found = [
+        one._replace(by=one.by * common) for one in gravimeter_errors(settings, trajectory, scans)
+    ]
+    if settings.delay_sigma > 0.0 and len(common) == 1:
+        moved = (sensitivity[..., :2] * trajectory.velocity[scans, None, :2]).sum(axis=2)
+        found.append(SlowError.of("delay", settings.delay_sigma, np.nan_to_num(moved)))
+    bias, drift = bias_and_drift(scenario, trajectory)
+    elapsed = trajectory.time[scans, None] - trajectory.time[0]
+    found.append(SlowError.of("bias", bias, common, walk=settings.bias_walk))
+    found.append(SlowError.of("drift", drift, elapsed * common))
+    return found
 
 
 def _sensitivity(
-    scenario: Scenario, trajectory: Trajectory, field_map: FieldMap | TiledMap, scans: Integers
+    scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap, scans: Integers
 ) -> Array:
     """Return (S, 4) how a reading's difference from the map at the navigator's position depends on
     the navigator's error xi at the scan: (jacobian - gradient) xi, a mean over the path where the
@@ -236,51 +416,68 @@ def _sensitivity(
     return total
 
 
-def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
-    """Return the error covariance of the navigator without any reading, by the same linear
-    model, in the scenario's true world."""
-    scenario = scenario.world
-    scans = len(trajectory) // scenario.steps_per_scan
-    nothing = np.full((scans, 1, 4), np.nan)
-    used = np.ones(scans, dtype=np.bool_)
-    slow, ones = SlowStates.none(scans), np.ones(scans)
-    each = np.ones(1)
-    readings = Readings(nothing, ones, each, used, slow, ones, each, each, MapSteps.none())
-    return _solve(scenario, trajectory, _model(scenario, trajectory, readings))
-
-
-def _model(scenario: Scenario, trajectory: Trajectory, readings: Readings) -> BoundModel:
-    segments = divide(scenario, trajectory)
-    gravity = true_residual_gravity(scenario.felt_field, trajectory)
-    model = FilterModel.from_scenario(scenario, gravity)
-    auxiliary = model.auxiliary
-    m, beside = STATES + len(auxiliary), field_variances(scenario, trajectory, readings)
-    start = np.zeros((m + len(beside), m + len(beside)))
-    start[:m, :m] = initial_covariance(scenario, auxiliary)
-    start[m:, m:] = np.diag(beside)
-    aged = Ageing(
-        auxiliary_of(auxiliary), *ageing(segments, auxiliary), map_correlation(scenario, segments)
+def _height_slope(scenario: Scenario, trajectory: Trajectory, scans: Integers) -> Array:
+    """Return (S,) d(reading)/d(height) at scans, indices into a trajectory; map's unit per m."""
+    latitude, longitude, height = (
+        values[scans] for values in (trajectory.latitude, trajectory.longitude, trajectory.height)
     )
-    scans = np.arange(1, len(readings.slope) + 1) * scenario.steps_per_scan
-    aids = aids_model(scenario, model, segments, readings.slope, trajectory.height[scans])
-    return BoundModel(start, segments, noise_density(scenario), aged, aids, readings)
+    at = State(latitude, longitude, height, *trajectory.velocity[scans, :2].T)
+    return np.asarray(measured_field(scenario).reduction(scenario).height_slope(at))
 
 
-def field_variances(scenario: Scenario, trajectory: Trajectory, readings: Readings) -> Array:
-    """Return the variances at the start of the states that a field has beside the navigator's: the
-    map's error in each channel, slow errors of the sensor, its bias and drift."""
-    one = measured_field(scenario).channels is None
-    bias = bias_and_drift(scenario, trajectory) if one else (0.0, 0.0)
-    of_map = scenario.map_error.sigma**2 * readings.map_variance
-    if readings.map_steps.joint:
-        of_map = np.zeros(readings.map_states)  # known by nothing before the first scan
-    return np.array([*of_map, *readings.slow.variance, *np.square(bias)])
+def _model(
+    scenario: Scenario, trajectory: Trajectory, fields: Sequence[_FieldReadings]
+) -> BoundModel:
+    """Return the model of a navigator with the aids of a scenario and readings of some fields."""
+    world = scenario.world
+    segments = divide(world, trajectory)
+    gravity = true_residual_gravity(scenario.felt_field.world, trajectory)
+    model = FilterModel.from_scenario(world, gravity)
+    states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
+    first, size = STATES + len(model.auxiliary), STATES + len(states)
+    measurements, lags, jumps = [*_velocity_aid(world, model, segments, size)], [], []
+    for one in fields:
+        every = one.steps // world.steps_per_scan * segments.per_scan
+        measurements.append(one.measurements(model, first, size, every))
+        last = first + len(one.errors) - 1
+        if one.filtered:
+            lags.append((last, first))
+        if one.jumps is not None:
+            jumps.append((first, every, one.jumps))
+        first = last + 1
+    return BoundModel(
+        segments,
+        noise_density(world),
+        tuple(states),
+        initial_covariance(world, states),
+        tuple(measurements),
+        tuple(lags),
+        tuple(jumps),
+        np.ones(len(segments.geometry) // segments.per_scan, dtype=np.bool_),
+    )
 
 
-def _solve(scenario: Scenario, trajectory: Trajectory, model: BoundModel) -> BoundResult:
-    covariance = riccati(*model)
-    time = trajectory.time[np.arange(covariance.shape[0]) * scenario.steps_per_scan]
-    return BoundResult(time, covariance)
+def _velocity_aid(
+    world: Scenario, model: FilterModel, segments: Segments, size: int
+) -> Iterator[Measurements]:
+    """Yield what a velocity sensor measures, if there is one, as rows of `size` states: at the end
+    of a stretch a reading, or the mean of those of the stretch."""
+    settings = world.velocity
+    if settings.kind == "none":
+        return
+    every = max(1, round(settings.interval / segments.dt))
+    columns = [*_OF_FILTER, *range(FILTER_STATES, model.states)]
+    part = slice(every - 1, None, every)
+    rows = np.zeros((len(segments.geometry[part]), len(settings.axes), size))
+    for row, geometry, rotation in zip(
+        rows, segments.geometry[part], segments.rotation[part], strict=True
+    ):
+        past = np.array([geometry[1], geometry[2], 0.0])
+        by_state = velocity_reading(model, rotation, past, {})[0][list(settings.axes)]
+        row[:, : len(columns)] = by_state[:, columns]
+    mean_of = max(1.0, segments.dt / settings.interval)
+    variance = settings.number("sigma") ** 2 / mean_of
+    yield Measurements(rows, np.full(len(settings.axes), variance), every, at_once=True)
 
 
 def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:
@@ -290,9 +487,3 @@ def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, f
     sensor, datum = scenario.gravimeter, scenario.map_error
     speed = float(np.hypot(trajectory.velocity[:, 0], trajectory.velocity[:, 1]).mean())
     return math.hypot(sensor.bias, datum.offset), math.hypot(sensor.drift, datum.tilt * speed)
-
-
-def map_correlation(scenario: Scenario, segments: Segments) -> Array:
-    """Return (S,) the correlation of the map's error between the ends of each stretch."""
-    speed = np.hypot(segments.geometry[:, 1], segments.geometry[:, 2])
-    return np.exp(-speed * segments.dt / scenario.map_error.correlation_length)

@@ -1,23 +1,15 @@
 """The navigator's linear error model (`isogal.inertial.error_model`) along a trajectory: geometry,
 initial covariance and noise of a scenario."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.earth.ellipsoid import radii
-from isogal.fusion.auxiliary import (
-    ACCELEROMETER_SCALE,
-    GRAVITY,
-    GYROSCOPE,
-    GYROSCOPE_SCALE,
-    NONE,
-    AuxiliaryState,
-)
-from isogal.inertial.error_model import STATES
+from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Scenario
 from isogal.sensors.imu_model import bias_sigma
@@ -27,6 +19,8 @@ from isogal.sensors.trajectory import Trajectory
 LONGEST = 1.0
 """s, duration of a stretch at most. Errors change over minutes (Schuler period 84 min), so
 stretches of a second are short enough for an IMU of any rate."""
+_TOGETHER = 500
+"""Stretches whose transitions are in memory at once."""
 
 
 class Segments(NamedTuple):
@@ -111,7 +105,7 @@ def noise_density(scenario: Scenario) -> Array:
     return np.square(imu_noise_density(scenario.imu.sensors, 1.0 / scenario.imu.rate))
 
 
-def ageing(segments: Segments, auxiliary: Sequence[AuxiliaryState]) -> tuple[Array, Array]:
+def ageing(segments: Segments, states: Sequence[AuxiliaryState]) -> tuple[Array, Array]:
     """Return what becomes of auxiliary states over each stretch.
 
     Returns
@@ -123,9 +117,9 @@ def ageing(segments: Segments, auxiliary: Sequence[AuxiliaryState]) -> tuple[Arr
         steady variance P.
     """
     distance = np.hypot(segments.geometry[:, 1], segments.geometry[:, 2]) * segments.dt
-    correlation = np.empty((len(distance), len(auxiliary)))
+    correlation = np.empty((len(distance), len(states)))
     half_noise = np.empty_like(correlation)
-    for j, state in enumerate(auxiliary):
+    for j, state in enumerate(states):
         c = np.exp(-segments.dt / state.time - distance / state.length)
         correlation[:, j] = c
         half_noise[:, j] = (
@@ -134,31 +128,47 @@ def ageing(segments: Segments, auxiliary: Sequence[AuxiliaryState]) -> tuple[Arr
     return correlation, half_noise
 
 
-@kernel
-def fill_auxiliary(F, auxiliary, force, rotation, rate):  # type: ignore[no-untyped-def]
-    """Write into the columns of F behind the first 13 how auxiliary states enter velocity and
-    attitude, in place.
+def transitions(
+    segments: Segments, density: Array, states: Sequence[AuxiliaryState]
+) -> Iterator[tuple[Array, Array]]:
+    """Yield transition and half of the process noise, (13 + M, 13 + M) each, of one stretch after
+    the other, for the navigator's errors and auxiliary states.
 
-    `force` (3,) NED, m/s²; `rotation` (3, 3) body to NED; `rate` (3,) body, rad/s."""
-    for j in range(len(auxiliary.enters)):
-        enters, axis, at = auxiliary.enters[j], auxiliary.axis[j], STATES + j
-        source = auxiliary.source[j]
-        if enters == NONE:
-            continue
-        if enters == GRAVITY:
-            if axis < 2:
-                F[2 + axis, at] = 1.0
-            continue
-        size = 1.0
-        if enters == ACCELEROMETER_SCALE:
-            size = 0.0
-            for i in range(3):
-                size += rotation[i, source] * force[i]
-        elif enters == GYROSCOPE_SCALE:
-            size = rate[source]
-        turns = enters in (GYROSCOPE, GYROSCOPE_SCALE)
-        for i in range(3):
-            if turns:
-                F[4 + i, at] = rotation[i, axis] * size
-            elif i < 2:
-                F[2 + i, at] = rotation[i, axis] * size
+    A covariance goes over a stretch as T (P + q) T' + q: the trapezoid rule, by which half of the
+    noise enters at either end. `density` (6,) is what `noise_density` returns."""
+    correlation, half_noise = ageing(segments, states)
+    for first in range(0, len(correlation), _TOGETHER):
+        part = slice(first, first + _TOGETHER)
+        F = _dynamics(segments, part, states)
+        transition = segments.dt * F + 0.5 * segments.dt**2 * (F @ F)
+        transition += np.eye(F.shape[1])
+        half = np.zeros_like(F)
+        rotation = segments.rotation[part]
+        for at, densities in ((slice(2, 4), density[:3]), (slice(4, 7), density[3:])):
+            axes = rotation[:, : at.stop - at.start]  # velocity is the horizontal one
+            half[:, at, at] = 0.5 * segments.dt * (axes * densities) @ axes.transpose(0, 2, 1)
+        own = np.arange(STATES, F.shape[1])
+        transition[:, own, own], half[:, own, own] = correlation[part], half_noise[part]
+        yield from zip(transition, half, strict=True)
+
+
+def _dynamics(segments: Segments, part: slice, states: Sequence[AuxiliaryState]) -> Array:
+    """Return F (B, 13 + M, 13 + M) of dx/dt = F x in some stretches, but for what becomes of
+    auxiliary states themselves."""
+    geometry, force, rotation, rate = (one[part] for one in segments[:4])
+    F = np.zeros((len(geometry), STATES + len(states), STATES + len(states)))
+    for one in zip(F, geometry, force, rotation, strict=True):
+        fill_dynamics(*one)
+    for at, state in enumerate(states, STATES):
+        kind, axis = state.enters, state.axis
+        source = axis if state.source is None else state.source
+        if kind == "gravity" and axis < 2:
+            F[:, 2 + axis, at] = 1.0
+        elif kind.startswith("accelerometer"):
+            scale = kind.endswith("scale")
+            size = np.einsum("si,si->s", rotation[..., source], force) if scale else 1.0
+            F[:, 2:4, at] = (rotation[:, :2, axis].T * size).T
+        elif kind.startswith("gyroscope"):
+            size = rate[:, source] if kind.endswith("scale") else 1.0
+            F[:, 4:7, at] = (rotation[..., axis].T * size).T
+    return F

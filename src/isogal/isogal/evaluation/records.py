@@ -86,23 +86,19 @@ class RunDetail:
         """Return the five candidate fields from the candidates of each batch in turn (None = the
         batch has none)."""
         present = [(batch, c) for batch, c in enumerate(candidates) if c is not None]
-        return {
-            "candidate_latitude": np.concatenate([np.empty(0), *(c.latitude for _, c in present)]),
-            "candidate_longitude": np.concatenate(
-                [np.empty(0), *(c.longitude for _, c in present)]
-            ),
-            "candidate_weight": np.concatenate([np.empty(0), *(c.weight for _, c in present)]),
-            "candidate_batch": np.repeat(
-                np.array([batch for batch, _ in present], dtype=np.int64),
-                [c.latitude.size for _, c in present],
-            ),
-            "candidate_scan": np.concatenate(
+        kinds = {"latitude": float, "longitude": float, "weight": float, "scan": np.int64}
+        found: dict[str, Any] = {
+            f"candidate_{name}": np.concatenate(
                 [
-                    np.empty(0, dtype=np.int64),
-                    *(np.asarray(c.scan, dtype=np.int64) for _, c in present),
+                    np.empty(0, dtype=kind),
+                    *(np.asarray(getattr(c, name), kind) for _, c in present),
                 ]
-            ),
+            )
+            for name, kind in kinds.items()
         }
+        batches = np.array([batch for batch, _ in present], dtype=np.int64)
+        found["candidate_batch"] = np.repeat(batches, [c.latitude.size for _, c in present])
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

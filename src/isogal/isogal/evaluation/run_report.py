@@ -13,15 +13,16 @@ from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures.ensemble import ensemble_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure, variability_figure
+from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.evaluation.integrity_report import integrity_row, integrity_section
+from isogal.evaluation.integrity import Solution
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
 from isogal.fields.measured import reading_sigma
 from isogal.maps.channels import channels_of
 from isogal.maps.several import each_map, first_map
-from isogal.scenario import Scenario
+from isogal.scenario import Integrity, Scenario
 
 if TYPE_CHECKING:
     from isogal.maps.several import RunMap
@@ -62,7 +63,7 @@ def run_report(
     many, shown = len(runs) > 1, scenario.each_field[0]
     sections = [
         _accuracy(runs, bound_rms, many),
-        integrity_section(runs, scenario.integrity, summary["integrity"]),
+        _integrity(runs, scenario.integrity, summary["integrity"]),
         *_single(runs, shown, channels_of(first_map(field_map))[0], many),
         _declined(runs) if many else _batches(runs),
         _scenario(scenario, field_map),
@@ -74,7 +75,7 @@ def run_report(
         f"{runs.elapsed[-1] / 3600:.2f} h"
     )
     title = f"{what}: {' and '.join(_measured(scenario, field_map))}"
-    return write_report(out_dir, title, sections, [_key_figures(summary)], subtitle)
+    return write_report(out_dir, title, sections, [key_figures(summary)], subtitle)
 
 
 def _measured(scenario: Scenario, field_map: "RunMap") -> list[str]:
@@ -108,9 +109,11 @@ def _scenario(scenario: Scenario, field_map: "RunMap") -> Section:
     )
 
 
-def _key_figures(summary: dict[str, Any]) -> Table:
+def key_figures(summary: dict[str, Any]) -> Table:
+    """Return the table of the figures of merit, given `summarise` of runs."""
     error, bound = summary["position_error"], summary["bound"]
     nees, fixes, time = summary["nees_per_axis"], summary["fixes"], summary["time"]
+    level = summary["integrity"]
     interval = " to ".join(number(end) for end in nees["interval"])
     ratio = _ratio(error["rms_after_1h"], bound["rms_after_1h"])
     rows = [
@@ -127,7 +130,11 @@ def _key_figures(summary: dict[str, Any]) -> Table:
         (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
         ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"]), ""),
         *_judgement(summary),
-        integrity_row(summary["integrity"]),
+        (
+            f"Protection level, {level['risk']:g} per hour (m; in sigmas)",
+            f"{number(level['level']['median'])}; {number(level['level']['median_sigmas'])}",
+            "",
+        ),
         ("Fixes published / declined", f"{fixes['published']} / {fixes['declined']}", ""),
         ("Batches on which the matcher failed", str(fixes["failed"]), ""),
         ("Fixes that the navigator rejected", str(fixes["rejected"]), ""),
@@ -174,6 +181,56 @@ def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
             )
         )
     return Section("Accuracy and consistency", illustrations=pictures)
+
+
+def _integrity(runs: Runs, settings: Integrity, found: dict[str, Any]) -> Section:
+    """Return the section of the Stanford diagram and the table of exceedances, given `integrity`
+    of the summary."""
+    caption = (
+        "Horizontal error and horizontal protection level of every state. To the right of the"
+        " diagonal the error is larger than the level: misleading information."
+    )
+    if settings.alert_limit is not None:
+        caption += (
+            f" Dotted: the alert limit, {settings.alert_limit:g} m. Hazardous is an error beyond"
+            " it while the level is within."
+        )
+    time = found["correlation_time"]
+    measured = number(time["measured"])
+    text = (
+        f"Events in {number(found['run_hours'])} h: states above the level that are at most"
+        f" {time['assumed']:g} s apart, the assumed correlation time of the error (measured in"
+        f" these runs: {measured} s), are one event."
+    )
+    figure = stanford_figure(Solution.of(runs), settings)
+    return Section(
+        "Integrity",
+        [text],
+        illustrations=[Illustration("stanford", figure, caption)],
+        tables=[exceedance_table(found)],
+    )
+
+
+def exceedance_table(found: dict[str, Any]) -> Table:
+    """Return the table of exceedances of `integrity`."""
+    rows = [
+        (
+            f"{it['risk']:g}",
+            str(it["events"]),
+            number(it["rate"]),
+            " to ".join(number(end) for end in it["interval"]),
+            it["verdict"],
+        )
+        for it in found["exceedances"]
+    ]
+    alerts = found["alert_limit"]
+    if alerts is not None:
+        it = alerts["hazardous"]
+        what = f"error beyond {alerts['limit']:g} m, level within"
+        interval = " to ".join(number(end) for end in it["interval"])
+        rows.append((what, str(it["events"]), number(it["rate"]), interval, ""))
+    header = ("allowed per hour", "events", "per hour", "95 % interval", "")
+    return Table("How often the error exceeded the protection level.", header, rows)
 
 
 def _single(runs: Runs, scenario: Scenario, field_map: "ScalarMap", many: bool) -> list[Section]:

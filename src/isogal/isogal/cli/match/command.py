@@ -1,10 +1,26 @@
-"""The command ``isogal match``."""
+"""The command ``isogal match``, from the options to the results."""
 
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import typer
+
+from isogal.cli.errors import note
 from isogal.cli.map_choice import MapOption
-from isogal.cli.match.options import Assumptions, MatcherChoice, MatchResults
-from isogal.cli.match.other_fields import all_fields
-from isogal.cli.match.track_choice import TrackChoice
+from isogal.cli.match.inputs import FieldChoice, Inputs, all_fields
+from isogal.cli.match.options import Assumptions, MatcherChoice, MatchResults, TrackChoice
 from isogal.cli.option_groups import with_groups
+from isogal.cli.progress import Bars
+from isogal.cli.tables import print_table
+
+if TYPE_CHECKING:
+    from isogal.matching.interfaces import Fix
+    from isogal.scenario import Matcher
+    from isogal.tracks.matching import Match, Uncertainty
+
+_LENGTH = "matcher.map_correlation_length"
 
 
 @with_groups
@@ -19,16 +35,173 @@ def match(
 
     The fixes and their covariances are those of the measurements alone.
     """
-    from isogal.cli.match.run import match_and_report
-
     track = track.resolved()
     results.check(track.gradients is not None)
     matching.check()
     uncertainty = assumed.of_track(matching.chain)
     fields = all_fields(map_, track, assumed)
     found = [
-        match_and_report(list(zip(fields, inputs, strict=True)), matching, uncertainty, results)
+        _match_and_report(list(zip(fields, inputs, strict=True)), matching, uncertainty, results)
         for inputs in zip(*(field.read() for field in fields), strict=True)
     ]
-    results.write(found, matching.chain)
-    results.show(found, matching.chain)
+    _write(found, matching.chain, results)
+
+
+@dataclass(frozen=True)
+class _Matched:
+    """What a track, or a line of its file, has given."""
+
+    matches: "Sequence[Match]"
+    line: str | None
+    factor: float
+    """Units inside in one unit of the track."""
+    others: "Mapping[str, float]"
+    """The same of each other field, by its name."""
+
+
+def _match_and_report(
+    fields: Sequence[tuple[FieldChoice, Inputs]],
+    matching: MatcherChoice,
+    uncertainty: "Uncertainty",
+    results: MatchResults,
+) -> _Matched:
+    """Match a track, showing how far it is on a terminal, and write its report.
+
+    Raises
+    ------
+    InputError
+        What the options say is not allowed, or the report cannot be written.
+    """
+    from isogal.tracks.fields import TrackField
+    from isogal.tracks.match_report import write_match_report
+    from isogal.tracks.matching import match_fields
+
+    inputs, chained = fields[0][1], matching.chain
+    settings = [
+        matcher_settings(matching, field.assumed, read, field.track.reduction)
+        for field, read in fields
+    ]
+    every = [
+        TrackField(field.name, read.track, read.field_map, one, read.channels)
+        for (field, read), one in zip(fields, settings, strict=True)
+    ]
+    name = "batches" if inputs.line is None else f"line {inputs.line}"
+    with Bars("batches") as bars:
+        bars(name, 0, 1)
+        matches = match_fields(
+            every,
+            uncertainty,
+            chained=chained,
+            progress=lambda done, total: bars(name, done, total),
+        )
+    if results.report is not None:
+        folder = results.report if inputs.line is None else results.report / f"line_{inputs.line}"
+        write_match_report(
+            inputs.track,
+            inputs.scalar_map,
+            settings[0],
+            uncertainty,
+            matches,
+            folder,
+            chained=chained,
+        )
+    others = {field.name: read.factor for field, read in fields[1:]}
+    return _Matched(matches, inputs.line, inputs.factor, others)
+
+
+def matcher_settings(
+    matching: MatcherChoice, assumed: Assumptions, inputs: Inputs, reduction: str | None
+) -> "Matcher":
+    """Return the scenario's section `matcher`; say on the standard error stream what is assumed
+    that is not specified.
+
+    Sigmas of the options are in the track's unit, those of ``--set`` in the unit inside.
+
+    Raises
+    ------
+    InputError
+        A key or a value is not allowed.
+    """
+    from isogal.scenario import load_scenario
+
+    field_map = inputs.scalar_map
+    changes = matching.changes() + assumed.map_changes(field_map, inputs.factor)
+    given = {item.partition("=")[0] for item in changes}
+    if _LENGTH not in given and field_map.correlation_length is not None:
+        changes.append(f"{_LENGTH}={field_map.correlation_length!r}")
+    settings = load_scenario(None, changes).matcher
+    if "matcher.map_sigma" not in given and not field_map.states_error:
+        note(
+            "the map does not say how wrong it is, which is estimated along the track; give"
+            " --map-sigma where it is known"
+        )
+    if matching.whole:
+        length = max(len(inputs.track), 2)
+        settings = settings.model_copy(update={"batch_length": length, "stride": None})
+    if reduction is None:
+        settings = _with_unknown_latitude(settings, inputs, assumed.prior_sigma)
+    return settings
+
+
+def _with_unknown_latitude(settings: "Matcher", inputs: Inputs, prior_sigma: float) -> "Matcher":
+    """Return settings with an unknown constant, where the offset holds normal gravity and it is
+    not specified at which latitude."""
+    track = inputs.track
+    change = track.normal_gravity_in_doubt(inputs.field_map.quantity) * prior_sigma
+    if change == 0.0:
+        return settings
+    note(
+        f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an"
+        f" unknown constant of {change / inputs.factor:.2g} {inputs.unit} is allowed for. Say"
+        " --reduction latitude if it was the track's own, else --reduction none"
+    )
+    return settings.model_copy(update={"bias_sigma": math.hypot(settings.bias_sigma, change)})
+
+
+def _write(found: "Sequence[_Matched]", chained: bool, results: MatchResults) -> None:
+    """Write the files and print the fixes; raises InputError."""
+    from isogal.tracks.results import as_json, as_objects, write_results
+
+    objects = [
+        entry
+        for one in found
+        for entry in as_objects(
+            one.matches, chained, factor=one.factor, line=one.line, others=one.others
+        )
+    ]
+    for path in results.out or ():
+        write_results(objects, path)
+    if results.json:
+        typer.echo(as_json(objects), nl=False)
+        return
+    for one in found:
+        _print(one)
+
+
+def _print(matched: _Matched) -> None:
+    """Print one row for each batch of a track (or of a line of its file), and how many of them
+    gave a fix."""
+
+    fixes = [match.fix for match in matched.matches]
+    published, failed = sum(f.published for f in fixes), sum(f.failed for f in fixes)
+    words = f"; the matcher failed on {failed} of them" if failed else ""
+    below = [f"{published} fixes of {len(fixes)} batches{words}"]
+    if published < len(fixes):
+        below.append(
+            "no fix: longer batches (--batch-length all), tracks with true positions near by"
+            " (--reference), or --map-sigma auto where another was given may help"
+        )
+    header = ("time (s)", "latitude", "longitude", "1-sigma (m)", "")
+    title = None if matched.line is None else f"line {matched.line}"
+    print_table(header, [_cells(fix) for fix in fixes], *below, title=title, words=(4,))
+
+
+def _cells(fix: "Fix") -> list[str]:
+    import numpy as np
+
+    time = f"{fix.time:.10g}"
+    if not fix.published:
+        return [time, "-", "-", "-", f"no fix: {fix.reason}"]
+    short, long = np.sqrt(np.linalg.eigvalsh(fix.covariance))
+    place = (f"{np.degrees(angle):.5f}" for angle in (fix.latitude, fix.longitude))
+    return [time, *place, f"{long:.0f} x {short:.0f}", ""]

@@ -1,15 +1,16 @@
-"""The track and the map of ``isogal match``, in one unit."""
+"""The fields of ``isogal match``: of each the track and the map, in one unit. A field is of scalar
+readings, or of the components of a gradiometer, in E."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from isogal.cli.errors import note
 from isogal.cli.map_choice import MapChoice
-from isogal.cli.match.options import Assumptions
-from isogal.cli.match.track_choice import TrackChoice
+from isogal.cli.match.options import Assumptions, TrackChoice
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
+    from isogal.scenario import Gradiometer
     from isogal.tracks.fields import ChannelReadings
     from isogal.tracks.map_error import MapError
     from isogal.tracks.recording import Recording
@@ -32,6 +34,24 @@ _MARGIN = 25_000.0
 """m of map kept around a track, and five 1-sigmas of its position."""
 _REFERENCE_MARGIN = 5_000.0
 """m of map kept around reference tracks."""
+_GRADIENT_REACH = 20_000.0
+"""m, within which of a map's edge its gradients are not known."""
+_GRADIENT_MARGIN = 5_000.0
+"""m of gradients kept around a track, and five 1-sigmas of its position."""
+_DEFAULT_GRADIENT_SIGMA = 1.0e-9
+"""1/s², as `gradiometer.sigma_eotvos` of a scenario."""
+_REQUIRED = ("map", "column")
+KEYS = (
+    *_REQUIRED,
+    *("variable", "quantity", "unit", "crs", "format"),
+    *("track-unit", "reduction", "height", "map-height"),
+    *("sensor-sigma", "map-sigma", "map-correlation-length", "bias-sigma"),
+)
+"""Of `--also`."""
+
+_NUMBERS = {"height", "map-height", "map-correlation-length"}
+"""Of these the ones that are numbers; sigmas may have a unit."""
+Group = TypeVar("Group", MapChoice, TrackChoice, Assumptions)
 
 
 @dataclass(frozen=True)
@@ -51,7 +71,7 @@ class Inputs:
 
     @property
     def scalar_map(self) -> "ScalarMap":
-        """The map, or the first of several: what is said of one is said of all."""
+        """The map, or the first of several: what holds for one holds for all."""
         from isogal.maps.channels import channels_of
 
         return channels_of(self.field_map)[0]
@@ -74,7 +94,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     sources = _sources(chosen, map_.crs)
     references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
     if any(getattr(one, "projected", False) for one in [*sources, *references]):
-        map_ = without_crs(map_)
+        map_ = _without_crs(map_)
     margin = _MARGIN + 5.0 * assumed.prior_sigma
     corridors = [source.corridor(margin) for source in sources]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
@@ -88,7 +108,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     for source, corridor in zip(sources, corridors, strict=True):
         field_map: ScalarMap | None = learnt or _at_height(map_, chosen, corridor.window)
         field_map = field_map or map_.load_along(corridor)
-        unit, factor = unit_of(chosen.track_unit, field_map)
+        unit, factor = _unit_of(chosen.track_unit, field_map)
         sigma = assumed.reading_sigma(field_map, factor)
         if learnt is not None:
             fit = fit or _learnt_error(learnt, references, factor)
@@ -108,12 +128,12 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
 
 
 def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "FieldMap | None":
-    """Return a window of the map at the height of the readings; None where nobody says it.
+    """Return a window of the map at the height of the readings; None where none is given.
 
     Raises
     ------
     InputError
-        Nobody says what level the map's values hold on, or it cannot be continued.
+        Nothing says what level the map's values hold on, or it cannot be continued.
     """
     from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
 
@@ -121,13 +141,7 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
         return None
     level = chosen.map_height
     if level is None:
-        field_map = map_.load(window)
-        level = field_map.height
-        if level is None:
-            raise InputError(
-                f"--height {chosen.height:g}: {field_map.provenance} does not say what level its"
-                " values hold on; give --map-height"
-            )
+        level = _level(chosen.height, map_.load(window))
     rim = rim_of(chosen.height - level)
     wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
     if wide.quantity not in CONTINUED:
@@ -138,7 +152,18 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     return continued(wide, chosen.height, level).window(*window[:4])
 
 
-def without_crs(map_: MapChoice) -> MapChoice:
+def _level(height: float, field_map: "FieldMap") -> float:
+    """Return the level (m) that a map says its values hold on, for readings at a height; raises
+    InputError."""
+    if field_map.height is None:
+        raise InputError(
+            f"--height {height:g}: {field_map.provenance} does not say what level its"
+            " values hold on; give --map-height"
+        )
+    return field_map.height
+
+
+def _without_crs(map_: MapChoice) -> MapChoice:
     """Return a map without `--crs` that is meant for the track: only a GeoTIFF takes one."""
     is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff"))
     return map_ if is_geotiff else replace(map_, crs=None)
@@ -180,7 +205,7 @@ def _compensated(path: Path, coefficients: Path) -> "Track":
     return replace(flight.placed, value=total - flight.main_field(Magnetometer().epoch))
 
 
-def unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
+def _unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
     """Return the unit of the track's values, and the number of units inside in one of it."""
     from isogal.maps.quantities import unit_factor
 
@@ -238,3 +263,182 @@ def _learnt_error(
             " reference tracks would tell it better"
         )
     return fit
+
+
+def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> list[Inputs]:
+    """Read tracks of a gradiometer, and compute the maps of its components.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, the map is not of the disturbance, or options do not go together.
+    """
+    import numpy as np
+
+    from isogal.maps.gradients import tensor_maps
+    from isogal.tracks.csv_file import read_csv_tracks
+    from isogal.tracks.fields import ChannelReadings
+    from isogal.tracks.track import fit_to_map
+
+    components = _components(chosen, assumed)
+    lines = zip(
+        *(
+            read_csv_tracks(chosen.track, map_.crs, (f"t_{name}", f"t{name}", name))
+            for name in components
+        ),
+        strict=True,
+    )
+    found = []
+    for line in lines:
+        first = line[0]
+        own = _without_crs(map_) if first.projected else map_
+        corridor = first.corridor(_GRADIENT_REACH + _GRADIENT_MARGIN + 5.0 * assumed.prior_sigma)
+        disturbance = own.load(corridor.window, "disturbance")
+        rise = _rise(chosen, disturbance)
+        maps = tensor_maps(disturbance, components, height=rise, edge=_GRADIENT_REACH)
+        scalar = maps.channels[0]
+        unit, factor = _unit_of(chosen.track_unit or "E", scalar)
+        sigma = assumed.reading_sigma(scalar, factor) or _DEFAULT_GRADIENT_SIGMA
+        values = np.stack([one.value for one in line], axis=1) * factor
+        nothing = np.zeros(len(first))
+        track = replace(first, sigma=nothing + math.nan, offset=nothing).in_unit(factor, sigma)
+        track, off_map = fit_to_map(track, scalar)
+        if off_map.any():
+            note(
+                f"{track.where}: gradients are not known at {int(off_map.sum())} of {len(track)}"
+                " readings as recorded"
+            )
+        instrument = _instrument(components, chosen)
+        readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), instrument)
+        found.append(Inputs(track, maps, unit, factor, first.line, readings))
+    return found
+
+
+def _components(chosen: TrackChoice, assumed: Assumptions) -> tuple[str, ...]:
+    """Return the components; raises InputError where options do not go with them."""
+    for option, given in (
+        ("--reference", assumed.reference),
+        ("--spacing", chosen.spacing),
+        ("--reduction", chosen.reduction),
+        ("--compensation", chosen.compensation),
+        ("--base", chosen.base),
+    ):
+        if given:
+            raise InputError(f"{option}: does not go with --gradients")
+    names = [one.strip().casefold() for one in (chosen.gradients or "").split(",")]
+    return tuple(name for name in names if name)
+
+
+def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":
+    """Return what the options say of the gradiometer; raises InputError where it cannot be."""
+    from pydantic import ValidationError
+
+    from isogal.scenario import Gradiometer
+    from isogal.scenario.messages import describe
+
+    try:
+        return Gradiometer(
+            components=components,
+            allowed_tilt=chosen.tilt_sigma,
+            bias_eotvos=chosen.offset_sigma,
+            bias_walk_eotvos=chosen.offset_walk,
+            map_errors="one_potential" if chosen.one_potential else "independent",
+        )
+    except ValidationError as error:
+        raise InputError(describe(error, Gradiometer)) from None
+
+
+def _rise(chosen: TrackChoice, disturbance: "FieldMap") -> float:
+    """Return how far (m) the readings were taken above the level of the map's values."""
+    if chosen.height is None:
+        return 0.0
+    level = chosen.map_height
+    if level is None:
+        level = _level(chosen.height, disturbance)
+    if chosen.height < level:
+        raise InputError(
+            f"--height {chosen.height:g}: is below the map's level, {level:g} m: a map cannot be"
+            " continued down towards the masses"
+        )
+    return chosen.height - level
+
+
+@dataclass(frozen=True)
+class FieldChoice:
+    """One field: its map, its readings, and what is assumed of their errors."""
+
+    name: str
+    map_: MapChoice
+    track: TrackChoice
+    assumed: Assumptions
+
+    def read(self) -> list[Inputs]:
+        """Return the field's readings and map, of each line of the file; raises InputError."""
+        if self.track.gradients is not None:
+            return read_gradients(self.map_, self.track, self.assumed)
+        return read_inputs(self.map_, self.track, self.assumed)
+
+
+def all_fields(map_: MapChoice, track: TrackChoice, assumed: Assumptions) -> list[FieldChoice]:
+    """Return the field of the options themselves and those of `--also`.
+
+    Raises
+    ------
+    InputError
+        `--also` is not understood, or says what does not go together.
+    """
+    name = "gradients" if track.gradients is not None else (track.column or "value")
+    first = FieldChoice(name, map_, replace(track, also=None), assumed)
+    return [first, *(_field(text, first) for text in track.also or ())]
+
+
+def _field(text: str, first: FieldChoice) -> FieldChoice:
+    from isogal.tracks.recording import is_recording
+
+    given = _keys(text)
+    if is_recording(first.track.track):
+        raise InputError(f"--also: goes with a text file, not with a bag ({first.track.track})")
+    track = TrackChoice(track=first.track.track, spacing=first.track.spacing)
+    map_ = _with_keys(MapChoice(given.pop("map")), given)
+    track = _with_keys(track, given).resolved()
+    assumed = _with_keys(Assumptions(prior_sigma=first.assumed.prior_sigma), given)
+    return FieldChoice(given["column"], map_, track, assumed)
+
+
+def _with_keys(group: Group, given: dict[str, str]) -> Group:
+    """Return a group of options with those keys that are fields of it."""
+    names = {field.name for field in fields(group)}
+    own: dict[str, Any] = {key.replace("-", "_"): value for key, value in given.items()}
+    own["format_name"] = own.pop("format", None)
+    for key in _NUMBERS & given.keys():
+        own[key.replace("-", "_")] = _number(key, given[key])
+    return replace(group, **{name: value for name, value in own.items() if name in names})
+
+
+def _keys(text: str) -> dict[str, str]:
+    """Return the keys and values of ``KEY=VALUE,...``; raises InputError."""
+    given: dict[str, str] = {}
+    for part in text.split(","):
+        key, sign, value = part.partition("=")
+        key, value = key.strip(), value.strip()
+        if not sign or not value:
+            raise InputError(f"--also {text}: '{part}' is not KEY=VALUE")
+        if key not in KEYS:
+            raise InputError(f"--also {text}: unknown key '{key}'; known: {', '.join(KEYS)}")
+        if key in given:
+            raise InputError(f"--also {text}: {key} is given twice")
+        given[key] = value
+    missing = [key for key in _REQUIRED if key not in given]
+    if missing:
+        raise InputError(f"--also {text}: {' and '.join(missing)} must be given")
+    return given
+
+
+def _number(key: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"--also: {key} must be a number, is '{text}'")
+    return number

@@ -1,21 +1,204 @@
-"""Options of ``isogal match``, by subject."""
+"""Options of ``isogal match``: the recorded track, the matcher, what is assumed of errors, and
+what becomes of the results."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from isogal.cli.checks import output_file, output_folder
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.checks import finite
+from isogal.cli.options import RESULTS, Json, written_file, written_folder
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
-    from isogal.tracks.matching import Match, Uncertainty
+    from isogal.tracks.matching import Uncertainty
 
-ASSUMED = "What is assumed"
+
+@dataclass(frozen=True)
+class TrackChoice:
+    """Which recorded track, and what its file does not say."""
+
+    track: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE",
+            help=(
+                "CSV or XYZ file with the columns latitude, longitude (deg, where the navigator"
+                " said it was; or x, y with --crs), value, and if you like time (s or ISO 8601),"
+                " sigma, offset (added to the map's value) and line; or a bag (MCAP)."
+            ),
+        ),
+    ]
+    column: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help=(
+                "Column of the readings; default: value. With another NAME the columns NAME_sigma"
+                " and NAME_offset go with it."
+            ),
+        ),
+    ] = None
+    gradients: Annotated[
+        str | None,
+        typer.Option(
+            metavar="nn,ne,nd,ee,ed",
+            help=(
+                "The readings are these components of the gravity gradient tensor (n north, e"
+                " east, d down; less the normal gradient), in columns of these names, t_nn or tnn,"
+                " in E; the map is of the disturbance."
+            ),
+        ),
+    ] = None
+    one_potential: Annotated[
+        bool,
+        typer.Option(
+            "--one-potential",
+            help=(
+                "Errors of the components' maps come from one wrong potential: --map-sigma and"
+                " --map-correlation-length are those of dd; goes with --gradients. Without it they"
+                " count as independent."
+            ),
+        ),
+    ] = False
+    tilt_sigma: Annotated[
+        float,
+        typer.Option(
+            metavar="RAD",
+            min=0.0,
+            max=0.1,
+            help=(
+                "1-sigma of the tilt of the gradiometer's platform, which is estimated where there"
+                " are several components; 0 = it is level; goes with --gradients."
+            ),
+        ),
+    ] = 5e-3
+    offset_sigma: Annotated[
+        float,
+        typer.Option(
+            metavar="E",
+            min=0.0,
+            help="1-sigma of each component's offset, E; goes with --gradients.",
+        ),
+    ] = 0.0
+    offset_walk: Annotated[
+        float,
+        typer.Option(
+            metavar="E",
+            min=0.0,
+            help="By how much that walks, E per root second; goes with --gradients.",
+        ),
+    ] = 0.0
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE,...",
+            help=(
+                "Another field that was read along the track: map=FILE,column=NAME and, where"
+                " needed, variable, quantity, unit, crs, format, track-unit, reduction, height,"
+                " map-height, sensor-sigma, map-sigma, map-correlation-length, bias-sigma, as the"
+                " options of these names; repeatable."
+            ),
+        ),
+    ] = None
+    track_unit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNIT",
+            help=(
+                "Unit of value, sigma and offset and of the sigma options below; default: the map"
+                " file's."
+            ),
+        ),
+    ] = None
+    reduction: Annotated[
+        str | None,
+        typer.Option(
+            metavar="none|latitude|velocity|main-field",
+            help=(
+                "What of the track itself went into value or offset: normal gravity at its"
+                " latitude, or also the Eötvös"
+                " acceleration of its velocity, or the Earth's main magnetic field at its"
+                " position. A candidate elsewhere would"
+                " have had another. Default: none, but an offset that holds normal gravity is"
+                " allowed to be that of another"
+                " latitude. Of a bag's readings it is known."
+            ),
+        ),
+    ] = None
+    fix_topic: Annotated[
+        str,
+        typer.Option("--fix-topic", metavar="TOPIC", help="Of a bag: the navigator's position."),
+    ] = "nav/fix"
+    compensation: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.yaml",
+            help=(
+                "Coefficients of isogal mag calibrate: the track is a flight of isogal mag with"
+                " the columns scalar, vector_x, vector_y, vector_z (nT) and height (m); the"
+                " vehicle's field and the main field are taken off."
+            ),
+        ),
+    ] = None
+    base: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help=(
+                "Base station near by, with the columns time (on the track's clock) and scalar"
+                " (nT): the daily variation that it measured is taken off the track's values."
+            ),
+        ),
+    ] = None
+    height: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            callback=finite,
+            help=(
+                "Height of the readings above the ellipsoid: the map is continued there from the"
+                " level that it says its values hold on. Default: it is taken as it is."
+            ),
+        ),
+    ] = None
+    map_height: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            callback=finite,
+            help="With --height: the level that the map's values hold on; default: as it says.",
+        ),
+    ] = None
+    spacing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Average readings over stretches of this length, m.",
+        ),
+    ] = None
+
+    def resolved(self) -> "TrackChoice":
+        """Return the same with what a compensation or a base station says of the track's values;
+        raises InputError where they are in another unit than a base station's, or options do not
+        go together."""
+        if self.gradients is not None and self.column is not None:
+            raise InputError(f"--column {self.column}: --gradients names its own columns")
+        if self.one_potential and self.gradients is None:
+            raise InputError("--one-potential: goes with --gradients")
+        if (self.offset_sigma or self.offset_walk) and self.gradients is None:
+            raise InputError("--offset-sigma, --offset-walk: go with --gradients")
+        if self.map_height is not None and self.height is None:
+            raise InputError(f"--map-height {self.map_height:g}: goes with --height")
+        if self.base is not None and self.track_unit not in (None, "nT"):
+            raise InputError(f"--base: is in nT, --track-unit is {self.track_unit}")
+        if self.compensation is None and self.base is None:
+            return self
+        reduction = "main-field" if self.compensation is not None else None
+        unit = self.track_unit or "nT"
+        return replace(self, reduction=self.reduction or reduction, track_unit=unit)
 
 
 @dataclass(frozen=True)
@@ -29,7 +212,6 @@ class MatcherChoice:
     batch_length: Annotated[
         str | None,
         typer.Option(
-            "--batch-length",
             metavar="T|all",
             help="Readings matched at once, or all of a track; default: 30.",
         ),
@@ -50,7 +232,7 @@ class MatcherChoice:
         bool,
         typer.Option(
             "--chain",
-            help="Each batch starts from what the earlier ones told, as an aided navigator would.",
+            help="Each batch starts from what the earlier ones say, as an aided navigator would.",
         ),
     ] = False
 
@@ -90,85 +272,71 @@ class MatcherChoice:
 class Assumptions:
     """How wrong track, readings and map are; sigmas of readings and map in the track's unit."""
 
+    PANEL: ClassVar = "What is assumed"
+
     prior_sigma: Annotated[
         float,
         typer.Option(
-            "--prior-sigma",
             metavar="M",
             help="1-sigma of the track's position, m per axis.",
-            rich_help_panel=ASSUMED,
         ),
     ] = 1000.0
     velocity_sigma: Annotated[
         float,
         typer.Option(
-            "--velocity-sigma",
             metavar="M/S",
             help="1-sigma of the track's velocity, constant over a batch, m/s per axis.",
-            rich_help_panel=ASSUMED,
         ),
     ] = 0.0
     walk_sigma: Annotated[
         float,
         typer.Option(
-            "--walk-sigma",
             metavar="M",
             help="With --chain: how far the track's error walks between batches, m in an hour.",
-            rich_help_panel=ASSUMED,
         ),
     ] = 0.0
     sensor_sigma: Annotated[
         str | None,
         typer.Option(
-            "--sensor-sigma",
             metavar="SIGMA",
             help=(
                 "1-sigma of a reading, where the track has no column sigma, such as 0.5mGal;"
                 " default: what --reference shows, for gravity 1 mGal."
             ),
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     map_sigma: Annotated[
         str | None,
         typer.Option(
-            "--map-sigma",
             metavar="SIGMA|auto",
             help=(
                 "1-sigma of the map's error, such as 15nT, or auto: estimated; default: what the"
                 " map says (it counts where it is larger), else auto."
             ),
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     map_correlation_length: Annotated[
         float | None,
         typer.Option(
-            "--map-correlation-length",
             metavar="M",
             help="Its correlation length, m; default: what the map says, else estimated.",
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     reference: Annotated[
         list[Path] | None,
         typer.Option(
-            "--reference",
             metavar="FILE",
             help=(
                 "Track like --track (CSV), near by and with true positions: the map's error is"
                 " learnt from it; repeatable."
             ),
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     bias_sigma: Annotated[
         str | None,
         typer.Option(
-            "--bias-sigma",
             metavar="SIGMA",
             help="1-sigma of an unknown constant in the readings; default: estimated.",
-            rich_help_panel=ASSUMED,
         ),
     ] = None
 
@@ -223,26 +391,13 @@ class Assumptions:
 class MatchResults:
     """What becomes of the results."""
 
+    PANEL: ClassVar = RESULTS
+
     out: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            callback=output_file,
-            help="Results, by suffix: .json, .csv or .geojson; repeatable.",
-            rich_help_panel=RESULTS,
-        ),
+        written_file("FILE", "Results, by suffix: .json, .csv or .geojson; repeatable."),
     ] = None
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            "--report",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder for a report with figures.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = None
+    report: Annotated[Path | None, written_folder("Folder for a report with figures.")] = None
     json: Json = False
 
     def check(self, gradients: bool) -> None:
@@ -254,45 +409,3 @@ class MatchResults:
             raise InputError("--report: shows tracks of one number per reading, not --gradients")
         for path in self.out or ():
             writer_for(path)
-
-    def write(self, found: "Sequence[Matched]", chained: bool) -> None:
-        """Write the files; raises InputError."""
-        from isogal.tracks.results import write_results
-
-        for path in self.out or ():
-            write_results(_objects(found, chained), path)
-
-    def show(self, found: "Sequence[Matched]", chained: bool) -> None:
-        """Print the fixes."""
-        from isogal.cli.match.table import print_table
-        from isogal.tracks.results import as_json
-
-        if self.json:
-            typer.echo(as_json(_objects(found, chained)), nl=False)
-            return
-        for one in found:
-            print_table(one.matches, one.line)
-
-
-def _objects(found: "Sequence[Matched]", chained: bool) -> list[dict[str, Any]]:
-    from isogal.tracks.results import as_objects
-
-    return [
-        entry
-        for one in found
-        for entry in as_objects(
-            one.matches, chained, factor=one.factor, line=one.line, others=one.others
-        )
-    ]
-
-
-@dataclass(frozen=True)
-class Matched:
-    """What a track, or a line of its file, has given."""
-
-    matches: "Sequence[Match]"
-    line: str | None
-    factor: float
-    """Units inside in one unit of the track."""
-    others: "Mapping[str, float]"
-    """The same of each other field, by its name."""

@@ -54,6 +54,15 @@ class BatchEnd:
         """Whether the batch gave a fix."""
         return self.runs.fix_reason[0][self.batch] is None
 
+    @property
+    def claims(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Error (2,) and covariance (2, 2) of the navigator after the batch, and of the fix."""
+        runs, batch = self.runs, self.batch
+        return (
+            (runs.posterior_error[0, batch], runs.posterior_covariance[0, batch]),
+            (runs.fix_error[0, batch], runs.fix_covariance[0, batch]),
+        )
+
     def candidates(self) -> tuple[Array, Array]:
         """Return (N, 2) m north and east of the truth and (N,) weights of the batch's candidates.
 
@@ -88,7 +97,7 @@ class BatchEnd:
 
 def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) -> None:
     """Draw one batch end."""
-    runs, batch = end.runs, end.batch
+    runs = end.runs
     candidates, weights = end.candidates()
     half = _half_width(end, candidates)
     km, values, image = surroundings(panel, (end.latitude, end.longitude), field_map, half)
@@ -112,15 +121,11 @@ def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) 
     ):
         north, east = end.track(error)
         panel.plot(east / 1e3, north / 1e3, **line.options())
-    error, covariance = runs.posterior_error[0, batch], runs.posterior_covariance[0, batch]
-    _ellipse(panel, error, covariance, style.AIDED, r"navigator, $3\sigma$")
+    after, fix = end.claims
+    _ellipse(panel, *after, style.AIDED, r"navigator, $3\sigma$")
     if end.published:
-        error, covariance = runs.fix_error[0, batch], runs.fix_covariance[0, batch]
-        _ellipse(panel, error, covariance, _FIX, r"fix, $3\sigma$")
-        panel.plot(
-            *(error[1] / 1e3, error[0] / 1e3, "o"),
-            **style.FIX_DOT,
-        )
+        _ellipse(panel, *fix, _FIX, r"fix, $3\sigma$")
+        panel.plot(fix[0][1] / 1e3, fix[0][0] / 1e3, "o", **style.FIX_DOT)
     panel.plot(0.0, 0.0, "x", color="black", markersize=5, label="truth (batch end)")
     panel.set_xlim(-half / 1e3, half / 1e3)
     panel.set_ylim(-half / 1e3, half / 1e3)
@@ -172,12 +177,8 @@ def surroundings(
 def _half_width(end: BatchEnd, candidates: Array) -> float:
     """Distance (m) from the centre to the edge, so that the 3-sigma ellipses of batch and
     navigator, and their errors, fit in."""
-    runs, batch = end.runs, end.batch
     reaches = [200.0]
-    for error, covariance in (
-        (runs.posterior_error[0, batch], runs.posterior_covariance[0, batch]),
-        (runs.fix_error[0, batch], runs.fix_covariance[0, batch]),
-    ):
+    for error, covariance in end.claims:
         reach = float(
             np.abs(error).max() + 3.2 * math.sqrt(max(covariance[0, 0], covariance[1, 1]))
         )

@@ -33,19 +33,11 @@ def error_figure(runs: Runs) -> "Figure":
         for column in range(2):
             panel = axes[axis, column]
             panel.axhline(0.0, color="0.5", linewidth=0.6)
-            panel.fill_between(
-                *(time, -deviation[:, axis], deviation[:, axis]),
-                color=style.SKY,
-                alpha=0.35,
-                linewidth=0,
-                label=r"$\pm3\sigma$ of the navigator",
-            )
-            panel.plot(
-                time,
-                runs.unaided_error[0, :, axis],
-                **style.UNAIDED.options(),
-                label="unaided INS",
-            )
+            label = r"$\pm3\sigma$ of the navigator"
+            band = -deviation[:, axis], deviation[:, axis]
+            panel.fill_between(time, *band, **style.BAND, label=label)
+            unaided = runs.unaided_error[0, :, axis]
+            panel.plot(time, unaided, **style.UNAIDED.options(), label="unaided INS")
             panel.plot(time, runs.error[0, :, axis], **style.AIDED.options(), label="aided")
             if column == 1:
                 _fix_marks(panel, fix_time, runs, axis)
@@ -99,15 +91,7 @@ def nees_figure(runs: Runs) -> "Figure":
     if known.any():
         band = np.array([chi_square_interval(float(n), 2, CONFIDENCE) for n in counts[known]])
         label = f"{CONFIDENCE:.0%} of consistent navigators"
-        panel.fill_between(
-            time[known],
-            band[:, 0],
-            band[:, 1],
-            color=style.SKY,
-            alpha=0.35,
-            linewidth=0,
-            label=label,
-        )
+        panel.fill_between(time[known], *band.T, **style.BAND, label=label)
     who = "this run" if len(runs) == 1 else f"mean of {len(runs)} runs"
     panel.plot(time, mean, **style.AIDED.options(), marker="o", markersize=3, label=who)
     panel.axhline(1.0, **style.BOUND.options(), label="1: right")

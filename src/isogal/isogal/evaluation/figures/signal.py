@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
     from isogal.maps.tiled_map import ScalarMap
 
+_DOTS = {"linestyle": "none", "marker": ".", "markersize": 2.0, "color": style.VERMILION}
+"""Of readings."""
+
 
 @style.journal
 def signal_figure(runs: Runs, field_map: "ScalarMap", sigma: float) -> "Figure":
@@ -34,42 +37,22 @@ def signal_figure(runs: Runs, field_map: "ScalarMap", sigma: float) -> "Figure":
     figure = style.new_figure(4.2)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     time = style.hours(detail.scan_time - runs.time[0])
-    top.plot(
-        time, scale(detail.reading), ".", markersize=2.0, color=style.VERMILION, label="measured"
-    )
-    top.plot(time, scale(detail.map_value), **style.TRUTH.options(), label="map, true position")
-    top.plot(
-        time,
-        scale(detail.map_value_navigator),
-        **style.SERIES[2].options(),
-        label="map, navigator",
-    )
+    for values, line, label in (
+        (detail.reading, _DOTS, "measured"),
+        (detail.map_value, style.TRUTH.options(), "map, true position"),
+        (detail.map_value_navigator, style.SERIES[2].options(), "map, navigator"),
+    ):
+        top.plot(time, scale(values), **line, label=label)
     top.set_ylabel(scale.two_lines)
 
     band = 3.0 * sigma / scale.unit
-    bottom.axhspan(
-        -band,
-        band,
-        color=style.SKY,
-        alpha=0.35,
-        linewidth=0,
-        label=r"$\pm3\sigma$ of the noise",
-    )
-    difference = (detail.reading - detail.map_value) / scale.unit
-    bottom.plot(
-        time,
-        difference,
-        ".",
-        markersize=2.0,
-        color=style.VERMILION,
-        label="measured − map, true position",
-    )
-    bottom.plot(
-        time,
-        (detail.reading - detail.map_value_navigator) / scale.unit,
-        **style.Line(style.GREEN, "-", 0.8).options(),
-        label="measured − map, navigator",
-    )
+    bottom.axhspan(-band, band, **style.BAND, label=r"$\pm3\sigma$ of the noise")
+    for value, line, where in (
+        (detail.map_value, _DOTS, "true position"),
+        (detail.map_value_navigator, style.Line(style.GREEN, "-", 0.8).options(), "navigator"),
+    ):
+        difference = (detail.reading - value) / scale.unit
+        bottom.plot(time, difference, **line, label=f"measured − map, {where}")
     bottom.set_ylabel("difference\n" + scale.unit_label)
     style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
     style.legend_below(figure, columns=3)

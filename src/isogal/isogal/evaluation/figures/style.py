@@ -65,6 +65,8 @@ FIX_DOT: dict[str, Any] = {
     "markersize": 3.5,
 }
 """Of a fix on a map."""
+BAND: dict[str, Any] = {"color": SKY, "alpha": 0.35, "linewidth": 0}
+"""Of an area behind lines."""
 
 
 _JOURNAL: dict[str, Any] = {

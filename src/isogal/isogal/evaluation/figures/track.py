@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
 
 
@@ -34,25 +35,22 @@ def track_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
     """The first run on the map: above the whole route, below close-ups of batches early, half-way
     and at the end."""
     count = runs.fix_time.size
-    chosen = (
-        sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS)}) if count else []
-    )
+    chosen = sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS) if count})
     frame = Frame.around(runs.latitude, np.unwrap(runs.longitude), 5e3)
-    height = frame.height
+    below = 2.4 if chosen else 0.0
+    figure = style.new_figure(frame.height + below + _LEGEND)
     if not chosen:
-        figure = style.new_figure(height + _LEGEND)
         _overview(figure.add_subplot(), runs, field_map, frame, chosen)
-        style.legend_below(figure, columns=4)
+        style.legend_below(figure)
         return figure
-    figure = style.new_figure(height + 2.4 + _LEGEND)
-    ratios = (height, 2.4 + _LEGEND)
+    ratios = (frame.height, below + _LEGEND)
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=ratios)[:, 0]
     _overview(upper.add_subplot(), runs, field_map, frame, chosen)
     panels = lower.subplots(1, len(chosen), squeeze=False)[0]
     for panel, batch, letter in zip(panels, chosen, "abc", strict=False):
         close_up(panel, BatchEnd.of(runs, batch), field_map, letter)
     panels[0].set_ylabel("north (km)")
-    style.legend_below(lower, columns=4, panels=figure.axes)
+    style.legend_below(lower, panels=figure.axes)
     return figure
 
 
@@ -89,8 +87,28 @@ class Frame:
         shape = (self.north - self.south) * self.stretch / (self.east - self.west)
         return _MAP_WIDTH * shape + 0.5
 
-    def draw(self, panel: "Axes", field_map: "ScalarMap") -> None:
-        """Draw the map in the frame."""
+    @classmethod
+    def whole(cls, field_map: "FieldMap") -> "Frame":
+        """Frame a map from its first node to its last."""
+        per_north, per_east = metres_per_radian(float(field_map.latitude.mean()))
+        axes = field_map.latitude, field_map.longitude
+        south, north, west, east = (float(axis[end]) for axis in axes for end in (0, -1))
+        return cls(south, north, west, east, stretch=float(per_north / per_east))
+
+    def draw(
+        self, panel: "Axes", field_map: "ScalarMap", label: str | None = None, percent: float = 1.0
+    ) -> None:
+        """Draw the map in the frame, with a bar of its colours.
+
+        Parameters
+        ----------
+        panel : Axes
+        field_map : ScalarMap
+        label : str, optional
+            Of the colours; default: the map's quantity and unit.
+        percent : float
+            Of the values that are beyond the colours, at either end.
+        """
         window = Window(self.south, self.north, self.west, self.east)
         part = field_map.overview(_DOTS, window)
         scale = style.field_scale(part)
@@ -100,7 +118,7 @@ class Frame:
         turn *= round((0.5 * (self.west + self.east) - float(part.longitude.mean())) / turn)
         south, north = image_edges(np.degrees(part.latitude))
         west, east = image_edges(np.degrees(part.longitude + turn))
-        low, high = np.nanpercentile(values, [1.0, 99.0])
+        low, high = np.nanpercentile(values, [percent, 100.0 - percent])
         figure: Any = panel.figure
         image = panel.imshow(
             values,
@@ -112,7 +130,9 @@ class Frame:
             interpolation="bilinear",
             aspect=self.stretch,
         )
-        figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9, pad=0.02, extend="both")
+        figure.colorbar(
+            image, ax=panel, label=label or scale.label, shrink=0.9, pad=0.02, extend="both"
+        )
         panel.grid(False)
         panel.set_facecolor("0.9")  # where there is no map
         panel.set_xlim(math.degrees(self.west), math.degrees(self.east))
@@ -146,11 +166,7 @@ def _overview(
         batch_end[axis] + np.degrees(runs.fix_error[0, :, axis] / metres[axis])
         for axis in range(2)
     )
-    panel.plot(
-        *(fix_longitude, fix_latitude, "o"),
-        **style.FIX_DOT,
-        label="fix",
-    )
+    panel.plot(fix_longitude, fix_latitude, "o", **style.FIX_DOT, label="fix")
     for letter, batch in zip("abc", chosen, strict=False):
         panel.annotate(
             letter,

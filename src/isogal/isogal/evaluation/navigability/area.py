@@ -10,11 +10,16 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.evaluation.navigability.kernels import errors_on_arrival
+from isogal.evaluation.navigability.kernels import (
+    Approach,
+    Ground,
+    errors_on_arrival,
+    second_places,
+)
 from isogal.evaluation.navigability.leg import Leg, leg_to
-from isogal.evaluation.navigability.second_places import second_places
 from isogal.fields.measured import measured_field
 from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Grid
 from isogal.maps.variability import feature_variability
 from isogal.scenario import Scenario
 
@@ -120,55 +125,41 @@ class Area:
 
     def __init__(self, scenario: Scenario, field_map: FieldMap) -> None:
         self.scenario, self.field_map = fitting(scenario, field_map), field_map
-        self.values = np.ascontiguousarray(field_map.values, dtype=np.float64)
         metres = np.stack(metres_per_radian(field_map.latitude, scenario.route.height), axis=1)
-        self.cell = np.ascontiguousarray(metres * np.array(field_map.step))
-        self.sigma, self.length = _map_error(scenario, field_map)
+        values = np.ascontiguousarray(field_map.values, dtype=np.float64)
+        self.ground = Ground(
+            Grid(values, len(values), 0.0, 1.0, 0.0, 1.0),
+            np.ascontiguousarray(metres * np.array(field_map.step)),
+            *map_error_at_nodes(scenario, field_map),
+        )
 
     def leg(self, heading: float) -> Leg:
         """Return the leg on a heading (rad) in the middle of the area."""
-        middle = [float(axis[axis.size // 2]) for axis in self._axes]
+        axes = self.field_map.latitude, self.field_map.longitude
+        middle = [float(axis[axis.size // 2]) for axis in axes]
         return leg_to(self.scenario, middle[0], middle[1], heading, self.field_map.quantisation)
-
-    @property
-    def _axes(self) -> tuple[Array, Array]:
-        return self.field_map.latitude, self.field_map.longitude
 
     def errors(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the RMS horizontal error (m) on arrival at nodes."""
         return errors_on_arrival(
-            rows,
-            columns,
-            self.values,
-            self.cell,
-            leg.offset,
-            leg.position,
-            leg.reduction,
-            np.array([leg.noise, leg.step, leg.rest]),
-            self.sigma,
-            self.length,
+            rows, columns, self.ground, leg.approach, leg.position, leg.reduction, leg.rest
         )
 
     def ambiguity(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the probability of a second place at nodes."""
         prior = math.sqrt((leg.position[0] ** 2).sum() / 2.0)
-        step = float(self.cell.min())
         reach = _REACH * prior
-        count = math.ceil(min(reach / max(2.0 * reach / _CELLS, 0.5 * step), _CELLS / 2))
-        every = slice(len(leg.offset) % _THINNED, None, _THINNED)
-        noise = leg.noise / _THINNED
-        return second_places(
-            rows,
-            columns,
-            self.values,
-            self.cell,
-            np.ascontiguousarray(leg.offset[every]),
-            np.array([noise, leg.step * _THINNED, prior, 0.25 * step, _SEPARATION]),
-            leg.by_place,
-            np.linspace(-reach, reach, 2 * count + 1),
-            self.sigma,
-            self.length,
+        cell = 0.5 * float(self.ground.cell.min())
+        count = math.ceil(min(reach / max(2.0 * reach / _CELLS, cell), _CELLS / 2))
+        whole = leg.approach
+        thinned = Approach(
+            np.ascontiguousarray(whole.offset[len(whole.offset) % _THINNED :: _THINNED]),
+            whole.step * _THINNED,
+            whole.noise / _THINNED,
+            whole.by_place,
         )
+        places = np.linspace(-reach, reach, 2 * count + 1)
+        return second_places(rows, columns, self.ground, thinned, prior, _SEPARATION, places)
 
 
 def fitting(scenario: Scenario, field_map: FieldMap) -> Scenario:
@@ -270,7 +261,7 @@ def between(
     return found
 
 
-def _map_error(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:
+def map_error_at_nodes(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:
     """Return (n, m) 1-sigma and correlation length (m) of the map's error: what the map says, or
     what the scenario does where that is larger."""
     assumed = scenario.world.map_error

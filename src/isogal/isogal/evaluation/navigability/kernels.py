@@ -1,209 +1,388 @@
-"""The bound at many nodes: compiled functions.
+"""The bound, and how probable a second place is, at many nodes: compiled functions.
 
 Along a leg the noise of readings is white noise and a map error that is a first-order Gauss-Markov
 process. A scalar Kalman filter of the map error turns readings into independent ones (innovations;
-Kailath 1968, IEEE Trans. Automatic Control 13(6)), here the derivatives of readings by the
-coefficients of `isogal.evaluation.navigability.leg`. Their squares add up to the Fisher
-information.
+Kailath 1968, IEEE Trans. Automatic Control 13(6)). The squares of their derivatives by the
+coefficients of `isogal.evaluation.navigability.leg` add up to the Fisher information.
 
-A reading lies as far from one node of a row as from another of that row. So the weights of the
-interpolation (those of `isogal.maps.interpolation`) are the same along the row, and nodes of a row
-are computed side by side, in short stretches."""
+A leg of readings fits the map at a place d m off the true one, for a navigator that knows its
+place to a 1-sigma s, by the chi-square f(d) = |w(d) - w(0)|² + |d|² / s², w the whitened readings
+to be expected there. With the noise of readings and prior, log p(d) / p(0) is N(-f / 2, f), and
+that of the whole posterior about two places, Gaussians whose widths are by the Hessians H of
+f / 2, has the mean -f / 2 + log(|H(0)| / |H(d)|) / 2. A second place is a minimum of f that is a
+place of its own: as far from the true one as two places are that are told apart, and between
+them the density goes down as between two Gaussians so far apart. Of several second places odds add
+up (Luce 1959, Individual Choice Behavior): exact for places that are all as likely."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.compiled import kernel
+from isogal.maps.interpolation import Grid, value_and_gradient
 
-SIDE_BY_SIDE = 64
-"""Nodes of a row that are computed together."""
+_PROMISING = 60.0
+"""Chi-square that a minimum between points of the grid may have by a parabola through them."""
+_NEGLIGIBLE = 36.0
+"""Chi-square from which a second place is the likelier one in less than 0.15 % of all cases."""
+_STEPS = 3
+"""Of Gauss and Newton to a minimum."""
+_REACH = 1.0
+"""Cells of the grid that these may lead away from its point."""
+_BETWEEN = (0.22, 0.5, 0.81)
+"""Shares of the way between two places where it is asked whether readings fit worse; not evenly,
+for a field that repeats itself."""
+_MOST = 16
+"""Second places of a node at most."""
+
+
+class Ground(NamedTuple):
+    """The map under legs."""
+
+    grid: Grid
+    """Of one map of n rows and m columns, whose axes count these."""
+    cell: Array
+    """(n, 2) m between nodes to the north and to the east, by row."""
+    sigma: Array
+    """(n, m) 1-sigma of the map's error."""
+    length: Array
+    """(n, m) m, its correlation length."""
+
+
+class Approach(NamedTuple):
+    """T readings of a leg on one heading, the last at its end, where a node is."""
+
+    offset: Array
+    """(T, 2) m north and east of each from the end."""
+    step: float
+    """m between readings."""
+    noise: float
+    """Variance of a reading's noise."""
+    by_place: Array
+    """(2,) reading by the place, per m north and east, without the part of the map's gradient."""
+
+
+class _Node(NamedTuple):
+    """A node at the end of a leg: what `_white` takes besides a place."""
+
+    values: Array
+    """(n, m) of the map."""
+    row: int
+    column: int
+    cell: Array
+    """(2,) m between nodes."""
+    offset: Array
+    """(T, 2) m, as of `Approach`."""
+    by_place: Array
+    """(2,) as of `Approach`."""
+    prior: float
+    """m, 1-sigma of the place."""
+    step: float
+    """m, of derivatives."""
+    correlation: float
+    """Of the map's error from reading to reading."""
+    gain: Array
+    """(T,) of a scalar filter of the map's error."""
+    weight: Array
+    """(T,) 1 / variance of what it does not foretell."""
 
 
 @kernel(error_model="numpy")
-def _cubic(weights, slopes, u):  # type: ignore[no-untyped-def]
-    """Write the weights of four nodes, and those of the derivative, at fraction u between the
-    second and the third (Keys 1981, a = -1/2)."""
-    weights[0] = ((-0.5 * u + 1.0) * u - 0.5) * u
-    weights[1] = (1.5 * u - 2.5) * u * u + 1.0
-    weights[2] = ((-1.5 * u + 2.0) * u + 0.5) * u
-    weights[3] = (0.5 * u - 0.5) * u * u
-    slopes[0] = (-1.5 * u + 2.0) * u - 0.5
-    slopes[1] = (4.5 * u - 5.0) * u
-    slopes[2] = (-4.5 * u + 4.0) * u + 0.5
-    slopes[3] = (1.5 * u - 1.0) * u
-
-
-@kernel(error_model="numpy")
-def _interpolate(values, row, column, columns, out):  # type: ignore[no-untyped-def]
-    """Write value, derivative by row and by column (3, B) at `column` columns from each of some
-    columns (B,), in fractional row `row`; NaN outside."""
-    n, m = values.shape
-    i, shift = math.floor(row), math.floor(column)
-    weights, slopes = np.empty((2, 4)), np.empty((2, 4))
-    _cubic(weights[0], slopes[0], row - i)
-    _cubic(weights[1], slopes[1], column - shift)
-    for b in range(columns.shape[0]):
-        out[0, b] = out[1, b] = out[2, b] = math.nan
-    if i < 1 or i + 2 > n - 1:
-        return
-    for b in range(columns.shape[0]):
-        j = columns[b] + shift
-        if j < 1 or j + 2 > m - 1:
-            continue
-        value, by_row, by_column = 0.0, 0.0, 0.0
-        for q in range(4):
-            along, steep = 0.0, 0.0
-            for p in range(4):
-                node = values[i + p - 1, j + q - 1]
-                along += weights[0, p] * node
-                steep += slopes[0, p] * node
-            value += weights[1, q] * along
-            by_row += weights[1, q] * steep
-            by_column += slopes[1, q] * along
-        out[0, b], out[1, b], out[2, b] = value, by_row, by_column
+def _filter(ground, approach, i, j, known, gain, weight):  # type: ignore[no-untyped-def]
+    """Write gain (T,) and 1 / innovation variance (T,) of the scalar filter of the map's error at
+    node (i, j), for readings of which some are known (T,); return that error's correlation from
+    reading to reading."""
+    correlation = math.exp(-approach.step / ground.length[i, j])
+    variance = ground.sigma[i, j] ** 2
+    left = variance
+    for t in range(len(gain)):
+        weight[t] = 1.0 / (left + approach.noise)
+        gain[t] = left * weight[t] if known[t] else 0.0
+        left = correlation**2 * left * (1.0 - gain[t]) + (1.0 - correlation**2) * variance
+    return correlation
 
 
 @kernel(error_model="numpy")
 def errors_on_arrival(  # type: ignore[no-untyped-def]
-    rows: Integers,
-    columns: Integers,
-    values: Array,
-    cell: Array,
-    offset: Array,
-    position: Array,
-    reduction: Array,
-    constants: Array,
-    sigma: Array,
-    length: Array,
+    rows, columns, ground, approach, position, reduction, rest
 ):
-    """Return (N, M) the RMS horizontal error (m) at nodes, by one leg.
+    """Return (N, M) the RMS horizontal error (m) at nodes; NaN where the map has no value.
 
     Parameters
     ----------
-    rows, columns : (N,), (M,) nodes of the map
-    values : (n, m) the map
-    cell : (n, 2) m between nodes to the north and to the east, by row
-    offset, position, reduction
-        See `Leg`.
-    constants : (3,) noise, step and rest of the leg
-    sigma, length : (n, m)
-        1-sigma and correlation length of the map's error.
+    rows, columns : (N,), (M,) arrays of int
+        Nodes of the map.
+    ground : Ground
+    approach : Approach
+    position : (T, 2, m) array
+    reduction : (T, m) array
+    rest : float
+        See `isogal.evaluation.navigability.leg.Leg`.
     """
     T, m = reduction.shape
-    noise, step, rest = constants
+    grid = ground.grid
+    rows_of_map, columns_of_map = grid.values.shape
     out = np.full((rows.size, columns.size), math.nan)
-    at = np.empty((3, SIDE_BY_SIDE))
-    correlation, variance, left = np.empty((3, SIDE_BY_SIDE))
-    information = np.empty((m, m, SIDE_BY_SIDE))
-    forecast, h = np.empty((m, SIDE_BY_SIDE)), np.empty((m, SIDE_BY_SIDE))
+    h, forecast = np.empty((m, T)), np.empty(m)
+    gain, weight, known = np.empty(T), np.empty(T), np.empty(T, dtype=np.bool_)
+    slope = np.empty((2, T))
+    arrival = np.ascontiguousarray(position[T - 1].T)
     for a in range(rows.size):
         i = rows[a]
-        for first in range(0, columns.size, SIDE_BY_SIDE):
-            chosen = columns[first : first + SIDE_BY_SIDE]
-            B = chosen.size
-            for b in range(B):
-                variance[b] = sigma[i, chosen[b]] ** 2
-                correlation[b] = math.exp(-step / length[i, chosen[b]])
-                left[b] = variance[b]  # of the map error given the readings so far
-            information[:] = 0.0
-            forecast[:] = 0.0
-            for p in range(m):
-                information[p, p] = 1.0
+        north_cell, east_cell = ground.cell[i]
+        for b in range(columns.size):
+            j = columns[b]
+            if math.isnan(grid.values[i, j]):
+                continue
             for t in range(T):
-                row = i + offset[t, 0] / cell[i, 0]
-                _interpolate(values, row, offset[t, 1] / cell[i, 1], chosen, at)
-                _whiten(t, at, cell[i], reduction[t], position[t], forecast, h, correlation)
-                _learn(t, noise, at, h, forecast, information, correlation, variance, left, B)
-            _arrive(information, position[T - 1], rest, h, left, B)
-            for b in range(B):
-                if not math.isnan(values[i, chosen[b]]):
-                    out[a, first + b] = left[b]
+                row = i + approach.offset[t, 0] / north_cell
+                column = j + approach.offset[t, 1] / east_cell
+                value, by_row, by_column = value_and_gradient(grid, row, column)
+                on_map = row < rows_of_map - 2 and 1.0 <= column < columns_of_map - 2
+                known[t] = on_map and not math.isnan(value)
+                slope[0, t], slope[1, t] = by_row / north_cell, by_column / east_cell
+            correlation = _filter(ground, approach, i, j, known, gain, weight)
+            forecast[:] = 0.0
+            for t in range(T):
+                root = math.sqrt(weight[t]) if known[t] else 0.0
+                for p in range(m):
+                    by_map = slope[0, t] * position[t, 0, p] + slope[1, t] * position[t, 1, p]
+                    innovation = reduction[t, p] - by_map - forecast[p] if known[t] else 0.0
+                    forecast[p] = correlation * (forecast[p] + gain[t] * innovation)
+                    h[p, t] = innovation * root
+            information = np.eye(m) + np.dot(h, h.T)
+            out[a, b] = math.sqrt(rest + (arrival * np.linalg.solve(information, arrival)).sum())
     return out
 
 
 @kernel(error_model="numpy")
-def _whiten(  # type: ignore[no-untyped-def]
-    t, at, cell, reduction, position, forecast, h, correlation
+def second_places(  # type: ignore[no-untyped-def]
+    rows, columns, ground, approach, prior, separation, places
 ):
-    """Write the derivatives of a reading by the coefficients, less what the readings before let
-    expect, in place."""
-    for p in range(h.shape[0]):
-        constant = reduction[p]
-        by_row, by_column = position[0, p] / cell[0], position[1, p] / cell[1]
-        for b in range(h.shape[1]):
-            expected = forecast[p, b] * (correlation[b] if t > 0 else 0.0)
-            forecast[p, b] = expected
-            h[p, b] = constant - at[1, b] * by_row - at[2, b] * by_column - expected
+    """Return (N, M) the probability that a second place is likelier than the true one.
 
-
-@kernel(error_model="numpy")
-def _learn(  # type: ignore[no-untyped-def]
-    t, noise, at, h, forecast, information, correlation, variance, left, count
-):
-    """Add the information of a reading, in place; one that is missing has none."""
-    for b in range(count):
-        if t > 0:
-            square = correlation[b] ** 2
-            left[b] = square * left[b] + (1.0 - square) * variance[b]
-        known = 0.0 if math.isnan(at[0, b]) else 1.0
-        total = left[b] + noise
-        at[1, b], at[2, b] = known * left[b] / total, math.sqrt(known / total)
-        left[b] *= 1.0 - at[1, b]
-    for p in range(h.shape[0]):
-        for b in range(count):
-            value = h[p, b] if at[2, b] > 0.0 else 0.0
-            forecast[p, b] += at[1, b] * value
-            h[p, b] = at[2, b] * value
-    for p in range(h.shape[0]):
-        for q in range(p + 1):
-            for b in range(count):
-                information[p, q, b] += h[p, b] * h[q, b]
-
-
-@kernel(error_model="numpy")
-def _arrive(A, position, rest, solved, out, count):  # type: ignore[no-untyped-def]
-    """Write the root of rest + trace(E A^-1 E'), with A given by its lower triangle, which its
-    Cholesky factor L replaces: the sum of squares of L^-1 E'."""
-    m = A.shape[0]
-    for b in range(count):
-        out[b] = rest
-    for p in range(m):
-        for q in range(p + 1):
-            for r in range(q):
-                for b in range(count):
-                    A[p, q, b] -= A[p, r, b] * A[q, r, b]
-            for b in range(count):
-                A[p, q, b] = math.sqrt(A[p, p, b]) if p == q else A[p, q, b] / A[q, q, b]
-    for axis in range(2):
-        for p in range(m):
-            for b in range(count):
-                solved[p, b] = position[axis, p]
-            for r in range(p):
-                for b in range(count):
-                    solved[p, b] -= A[p, r, b] * solved[r, b]
-            for b in range(count):
-                solved[p, b] /= A[p, p, b]
-                out[b] += solved[p, b] ** 2
-    for b in range(count):
-        out[b] = math.sqrt(out[b])
-
-
-@kernel(error_model="numpy")
-def shifted(values, i, columns, offset, cell, north, east, out):  # type: ignore[no-untyped-def]
-    """Write the map's values (T, B) at the readings of legs that end some way (m) off nodes of a
-    row, linear between nodes."""
-    n, m = values.shape
-    for t in range(offset.shape[0]):
-        row, column = i + (offset[t, 0] + north) / cell[0], (offset[t, 1] + east) / cell[1]
-        k, shift = math.floor(row), math.floor(column)
-        v, u = row - k, column - shift
-        for b in range(columns.shape[0]):
-            j = columns[b] + shift
-            if k < 0 or k + 1 > n - 1 or j < 0 or j + 1 > m - 1:
-                out[t, b] = math.nan
+    Parameters
+    ----------
+    rows, columns : (N,), (M,) arrays of int
+        Nodes of the map.
+    ground : Ground
+    approach : Approach
+        With the readings that are given.
+    prior : float
+        m, 1-sigma of the place.
+    separation : float
+        How far apart two places are, in 1-sigmas.
+    places : (K,) array
+        m, places tried to the north and, likewise, to the east; evenly spaced.
+    """
+    T, K = approach.offset.shape[0], places.shape[0]
+    out = np.full((rows.size, columns.size), math.nan)
+    gain, weight, known = np.empty(T), np.empty(T), np.ones(T, dtype=np.bool_)
+    own, before, fit = np.empty(T), np.empty((K, K)), np.empty((K, K))
+    step = 0.25 * ground.cell.min()
+    for a in range(rows.size):
+        i = rows[a]
+        for b in range(columns.size):
+            j = columns[b]
+            if math.isnan(ground.grid.values[i, j]):
                 continue
-            out[t, b] = (1.0 - v) * ((1.0 - u) * values[k, j] + u * values[k, j + 1]) + v * (
-                (1.0 - u) * values[k + 1, j] + u * values[k + 1, j + 1]
-            )
+            correlation = _filter(ground, approach, i, j, known, gain, weight)
+            node = _Node(
+                ground.grid.values, i, j, ground.cell[i], approach.offset, approach.by_place,
+                prior, step, correlation, gain, weight,
+            )  # fmt: skip
+            _white(node, 0.0, 0.0, own)
+            _fits(node, own, places, before, fit)
+            out[a, b] = _of_node(node, own, places, fit, separation**2)
+    return out
+
+
+@kernel(error_model="numpy")
+def _of_node(node, own, places, fit, apart):  # type: ignore[no-untyped-def]
+    """Return the probability at one node, from the chi-square (K, K) at places; `own` (T,) is
+    what `_white` writes of the node, `apart` the square of the separation."""
+    K, size = places.shape[0], places[1] - places[0]
+    found = np.empty((_MOST + 1, 6))  # north, east, chi-square, Hessian
+    w, slopes, hessian = np.empty(own.shape), np.empty((2, own.shape[0])), np.empty(3)
+    _slopes(node, 0.0, 0.0, w, slopes, hessian)
+    found[0, :3], found[0, 3:] = 0.0, hessian
+    count = 1
+    for p in range(1, K - 1):
+        for q in range(1, K - 1):
+            if not _least(fit, p, q) or fit[p, q] - _below(fit, p, q) > _PROMISING:
+                continue
+            north, east = places[p], places[q]
+            for _ in range(_STEPS):
+                _slopes(node, north, east, w, slopes, hessian)
+                g_n, g_e = north / node.prior**2, east / node.prior**2
+                for t in range(w.shape[0]):
+                    g_n += slopes[0, t] * (w[t] - own[t])
+                    g_e += slopes[1, t] * (w[t] - own[t])
+                determinant = hessian[0] * hessian[2] - hessian[1] ** 2
+                north -= (hessian[2] * g_n - hessian[1] * g_e) / determinant
+                east -= (hessian[0] * g_e - hessian[1] * g_n) / determinant
+                north = min(max(north, places[p] - _REACH * size), places[p] + _REACH * size)
+                east = min(max(east, places[q] - _REACH * size), places[q] + _REACH * size)
+            _white(node, north, east, w)
+            value = min(_misfit(node, w, own, north, east), fit[p, q])
+            if not value < _NEGLIGIBLE:
+                continue
+            place = count
+            for k in range(count):
+                d_n, d_e = north - found[k, 0], east - found[k, 1]
+                spread = _spread(found[k, 3:], d_n, d_e) + _spread(hessian, d_n, d_e)
+                least = 0.5 * (value + found[k, 2]) + 0.25 * apart
+                clear = 2.0 * (d_n**2 + d_e**2) > apart * spread
+                if not (clear and _worse_between(node, w, own, north, east, d_n, d_e, least)):
+                    place = k
+                    break
+            if place == count:
+                if count > _MOST:
+                    continue
+                count += 1
+            elif place == 0 or value >= found[place, 2]:
+                continue
+            found[place, 0], found[place, 1], found[place, 2] = north, east, value
+            found[place, 3:] = hessian
+    return _probability(found[:count])
+
+
+@kernel(error_model="numpy")
+def _fits(node, own, places, before, fit):  # type: ignore[no-untyped-def]
+    """Write the chi-square (K, K) of all places: `_misfit` of `_white`, for many places at a time.
+    `before` (K, K) is work space."""
+    values, offset, cell, K = node.values, node.offset, node.cell, places.shape[0]
+    n, m = values.shape
+    for p in range(K):
+        for q in range(K):
+            fit[p, q] = (places[p] ** 2 + places[q] ** 2) / node.prior**2
+            before[p, q] = 0.0
+    for t in range(offset.shape[0]):
+        gain, root = node.gain[t], math.sqrt(node.weight[t])
+        for p in range(K):
+            row = node.row + (offset[t, 0] + places[p]) / cell[0]
+            k = min(max(math.floor(row), 0), n - 2)
+            v = row - k if 0.0 <= row < n - 1 else math.nan
+            for q in range(K):
+                column = node.column + (offset[t, 1] + places[q]) / cell[1]
+                c = min(max(math.floor(column), 0), m - 2)
+                u = column - c if 0.0 <= column < m - 1 else math.nan
+                value = (1.0 - v) * ((1.0 - u) * values[k, c] + u * values[k, c + 1]) + v * (
+                    (1.0 - u) * values[k + 1, c] + u * values[k + 1, c + 1]
+                )
+                expected = node.correlation * before[p, q]
+                more = node.by_place[0] * places[p] + node.by_place[1] * places[q]
+                difference = value - more - expected
+                before[p, q] = expected + gain * difference
+                fit[p, q] += (root * difference - own[t]) ** 2
+
+
+@kernel(error_model="numpy")
+def _worse_between(node, w, own, north, east, d_n, d_e, least):  # type: ignore[no-untyped-def]
+    """Whether the chi-square is above `least` somewhere between a place and that (d_n, d_e) before
+    it; `w` is work space."""
+    for part in _BETWEEN:
+        n, e = north - part * d_n, east - part * d_e
+        _white(node, n, e, w)
+        if _misfit(node, w, own, n, e) > least:
+            return True
+    return False
+
+
+@kernel(error_model="numpy")
+def _misfit(node, w, own, north, east):  # type: ignore[no-untyped-def]
+    """Return the chi-square of a place, by whitened readings (T,) there and at the true one; NaN,
+    which is not less than anything, where one is missing."""
+    out = (north**2 + east**2) / node.prior**2
+    for t in range(w.shape[0]):
+        out += (w[t] - own[t]) ** 2
+    return out
+
+
+@kernel(error_model="numpy")
+def _probability(found):  # type: ignore[no-untyped-def]
+    """Return the probability that any but the first of places (K, 6) is the likeliest."""
+    odds = 0.0
+    size_0 = math.log(found[0, 3] * found[0, 5] - found[0, 4] ** 2)
+    for k in range(1, found.shape[0]):
+        size_k = math.log(found[k, 3] * found[k, 5] - found[k, 4] ** 2)
+        mean = 0.5 * (found[k, 2] - size_0 + size_k)
+        wrong = 0.5 * math.erfc(mean / math.sqrt(2.0 * max(found[k, 2], 1e-12)))
+        odds += wrong / max(1.0 - wrong, 1e-12)
+    return odds / (1.0 + odds)
+
+
+@kernel(error_model="numpy")
+def _least(fit, p, q):  # type: ignore[no-untyped-def]
+    """Whether a point of a grid is not above its neighbours."""
+    for d in range(-1, 2):
+        for e in range(-1, 2):
+            if not fit[p + d, q + e] >= fit[p, q]:
+                return False
+    return True
+
+
+@kernel(error_model="numpy")
+def _below(fit, p, q):  # type: ignore[no-untyped-def]
+    """Return by how much parabolas through a point's neighbours go below it."""
+    out = 0.0
+    for d, e in ((1, 0), (0, 1)):
+        low, high = fit[p - d, q - e], fit[p + d, q + e]
+        bend = low + high - 2.0 * fit[p, q]
+        if bend > 0.0 and bend < math.inf:
+            out += (high - low) ** 2 / (8.0 * bend)
+    return out
+
+
+@kernel(error_model="numpy")
+def _spread(hessian, north, east):  # type: ignore[no-untyped-def]
+    """Return the variance of a place along a direction, which need not be of length one."""
+    determinant = hessian[0] * hessian[2] - hessian[1] ** 2
+    square = hessian[2] * north**2 - 2.0 * hessian[1] * north * east + hessian[0] * east**2
+    return square / (determinant * max(north**2 + east**2, 1e-12))
+
+
+@kernel(error_model="numpy")
+def _slopes(node, north, east, w, slopes, hessian):  # type: ignore[no-untyped-def]
+    """Write the whitened readings (T,) at a place, their slopes (2, T) to north and east, and half
+    the Hessian of the chi-square (north north, north east, east east)."""
+    h = node.step
+    for axis in range(2):
+        d_n, d_e = (h, 0.0) if axis == 0 else (0.0, h)
+        _white(node, north - d_n, east - d_e, w)
+        _white(node, north + d_n, east + d_e, slopes[axis])
+        for t in range(w.shape[0]):
+            slopes[axis, t] = (slopes[axis, t] - w[t]) / (2.0 * h)
+    _white(node, north, east, w)
+    hessian[0] = hessian[2] = 1.0 / node.prior**2
+    hessian[1] = 0.0
+    for t in range(w.shape[0]):
+        hessian[0] += slopes[0, t] ** 2
+        hessian[1] += slopes[0, t] * slopes[1, t]
+        hessian[2] += slopes[1, t] ** 2
+
+
+@kernel(error_model="numpy")
+def _white(node, north, east, out):  # type: ignore[no-untyped-def]
+    """Write the readings (T,) of a leg that ends some way (m) off a node, linear between nodes of
+    the map, in units of the noise and without what the ones before say of it; NaN off the map."""
+    values, offset, cell = node.values, node.offset, node.cell
+    n, m = values.shape
+    before, more = 0.0, node.by_place[0] * north + node.by_place[1] * east
+    for t in range(offset.shape[0]):
+        row = node.row + (offset[t, 0] + north) / cell[0]
+        column = node.column + (offset[t, 1] + east) / cell[1]
+        k, c = math.floor(row), math.floor(column)
+        if k < 0 or k + 1 > n - 1 or c < 0 or c + 1 > m - 1:
+            out[:] = math.nan
+            return
+        v, u = row - k, column - c
+        value = (1.0 - v) * ((1.0 - u) * values[k, c] + u * values[k, c + 1]) + v * (
+            (1.0 - u) * values[k + 1, c] + u * values[k + 1, c + 1]
+        )
+        expected = node.correlation * before
+        difference = value - more - expected
+        before = expected + node.gain[t] * difference
+        out[t] = math.sqrt(node.weight[t]) * difference

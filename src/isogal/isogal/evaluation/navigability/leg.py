@@ -15,20 +15,18 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import bias_and_drift
-from isogal.evaluation.bound_recursion import discretise
-from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import (
-    ageing,
     divide,
-    fill_auxiliary,
     initial_covariance,
     noise_density,
+    transitions,
 )
+from isogal.evaluation.navigability.kernels import Approach
+from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
-from isogal.fusion.auxiliary import auxiliary_of
+from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.model import FilterModel
-from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -43,22 +41,13 @@ _NEGLECTED = 1e-5
 class Leg:
     """A leg on one heading, with T readings, the last at its end."""
 
-    heading: float
-    """rad, clockwise from north."""
-    offset: Array
-    """(T, 2) m north and east of each reading from the end."""
-    step: float
-    """m between readings."""
+    approach: Approach
     position: Array
     """(T, 2, m) position error (m) by the coefficients."""
     reduction: Array
     """(T, m) reading by the coefficients, without the part of the map's gradient."""
     rest: float
     """m², variance of the position at the end that is left out."""
-    noise: float
-    """Variance of a reading's noise."""
-    by_place: Array
-    """(2,) reading by the place, per m north and east, without the part of the map's gradient."""
 
 
 def leg_to(
@@ -102,15 +91,17 @@ def leg_to(
     jacobian = measured_field(scenario).reduction(scenario).jacobian(at)
     basis = _basis(stacked, jacobian)
     rest = np.trace(stacked[-5:-3, -5:-3]) - (basis[-1, :2] ** 2).sum()
-    return Leg(
-        heading,
+    approach = Approach(
         offset,
         float(np.hypot(*velocity[-1, :2])) * scenario.gravimeter.interval,
+        effective_noise_variance(scenario.world.gravimeter, quantisation),
+        np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
+    )
+    return Leg(
+        approach,
         np.ascontiguousarray(basis[:, :2]),
         np.einsum("ti,tim->tm", np.column_stack([jacobian, np.ones(T)]), basis),
         max(float(rest), 0.0),
-        effective_noise_variance(scenario.world.gravimeter, quantisation),
-        np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
     )
 
 
@@ -149,36 +140,28 @@ def _covariance(world: Scenario, trajectory: Trajectory) -> Array:
     offset at all readings."""
     segments = divide(world, trajectory)
     gravity = true_residual_gravity(world, trajectory)
-    states = FilterModel.from_scenario(world, gravity).auxiliary
-    m = STATES + len(states)
-    n = m + 2
-    P = np.zeros((n, n))
-    P[:m, :m] = initial_covariance(world, states)
-    P[m:, m:] = np.diag(np.square(bias_and_drift(world, trajectory)))
-    correlation, steady = ageing(segments, states)
-    auxiliary, density = auxiliary_of(states), noise_density(world)
-    F, transition, half = np.zeros((m, m)), np.zeros((n, n)), np.zeros((n, n))
-    chosen = np.r_[0:4, m]
-    crosses = np.zeros((0, n))
-    rows: list[Array] = []
-    for k in range(len(segments.geometry)):
-        rotation, force = segments.rotation[k], segments.force[k]
-        fill_dynamics(F, segments.geometry[k], force, rotation)
-        fill_auxiliary(F, auxiliary, force, rotation, segments.rate[k])
-        discretise(transition, half, F, rotation, density, segments.dt)
-        for j in range(STATES, m):
-            transition[j, j], half[j, j] = correlation[k, j - STATES], steady[k, j - STATES]
+    offset = [
+        AuxiliaryState(name, "none", 0, sigma)
+        for name, sigma in zip(("bias", "drift"), bias_and_drift(world, trajectory), strict=True)
+    ]
+    states = [*FilterModel.from_scenario(world, gravity).auxiliary, *offset]
+    P = initial_covariance(world, states)
+    chosen = np.zeros((5, len(P)))
+    chosen[:4, :4], chosen[4, -2] = np.eye(4), 1.0
+    crosses, rows = np.zeros((0, len(P))), []
+    steps = transitions(segments, noise_density(world), states)
+    for stretch, (transition, half) in enumerate(steps, 1):
         P = transition @ (P + half) @ transition.T + half
         crosses = crosses @ transition.T
-        if (k + 1) % segments.per_scan == 0:
-            rows.append(np.concatenate([crosses[:, chosen].T, P[np.ix_(chosen, chosen)]], axis=1))
-            crosses = np.concatenate([crosses, P[chosen]])
+        if stretch % segments.per_scan == 0:
+            chosen[4, -1] = stretch * segments.dt
+            crosses = np.concatenate([crosses, chosen @ P])
+            rows.append(crosses @ chosen.T)
     T = len(rows)
     stacked = np.zeros((5 * T, 5 * T))
     for k, row in enumerate(rows):
-        stacked[5 * k : 5 * (k + 1), : row.shape[1]] = row
-    lower = np.tril(stacked)
-    return lower + np.tril(stacked, -1).T
+        stacked[: len(row), 5 * k : 5 * (k + 1)] = row
+    return np.triu(stacked) + np.triu(stacked, 1).T
 
 
 def _basis(stacked: Array, jacobian: Array) -> Array:

@@ -14,14 +14,12 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.earth.gravity import normal_gravity
-from isogal.evaluation.bound_recursion import discretise, propagate
-from isogal.evaluation.gravimeter_states import effective_noise_variance
 from isogal.evaluation.ins_error_model import initial_covariance, noise_density
 from isogal.evaluation.planning.lattice import Lattice
+from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import from_heading, matrix
-from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
@@ -39,8 +37,8 @@ class Edges(NamedTuple):
     """(D, 3, 3) body to NED."""
     jacobian: Array
     """(D, 4) a reading's derivative by the navigator's error."""
-    density: Array
-    """(6,)"""
+    white: Array
+    """(D, SIZE, SIZE) density of the white noise that enters the navigator's errors."""
     map_error: Array
     """(2,) variance and correlation length of the map's error where the map says nothing."""
     constants: Array
@@ -56,13 +54,16 @@ def edges_of(scenario: Scenario, lattice: Lattice, quantisation: float) -> Edges
     velocity = speed * np.stack([np.cos(lattice.heading), np.sin(lattice.heading)], axis=1)
     here = np.full(len(velocity), latitude), np.full(len(velocity), longitude)
     at = State(*here, np.full(len(velocity), height), velocity[:, 0], velocity[:, 1])
-    error = world.map_error
+    rotation, density = matrix(from_heading(lattice.heading)), noise_density(world)
+    white = np.zeros((len(rotation), SIZE, SIZE))
+    white[:, 2:4, 2:4] = (rotation * density[:3] @ rotation.transpose(0, 2, 1))[:, :2, :2]
+    white[:, 4:7, 4:7] = rotation * density[3:] @ rotation.transpose(0, 2, 1)
     return Edges(
         velocity,
-        matrix(from_heading(lattice.heading)),
+        rotation,
         np.ascontiguousarray(measured_field(scenario).reduction(scenario).jacobian(at)),
-        noise_density(world),
-        np.array([error.sigma**2, error.correlation_length]),
+        white,
+        np.array([world.map_error.sigma**2, world.map_error.correlation_length]),
         np.array(
             [
                 world.gravimeter.interval,
@@ -85,19 +86,12 @@ def start_covariance(scenario: Scenario, own_variance: float) -> Array:
     return P
 
 
-def uncertainty_grid(scenario: Scenario, field_map: FieldMap) -> Array:
-    """Return (n, m) the 1-sigma of the map's error: as the map says, or `map_error` where that is
-    larger."""
-    own = np.broadcast_to(np.nan_to_num(field_map.sigma), field_map.shape)
-    return np.ascontiguousarray(np.maximum(own, scenario.world.map_error.sigma))
-
-
 @kernel(error_model="numpy")
 def along_edge(  # type: ignore[no-untyped-def]
     P, latitude, longitude, length, direction, edges, grid: Grid, sigma
 ):
     """Return the covariance at the end of an edge that begins at a place (rad)."""
-    velocity, rotation, jacobian, density, map_error, constants = edges
+    velocity, rotation, jacobian, white, map_error, constants = edges
     vn, ve = velocity[direction]
     interval, noise, height, gravity = constants
     speed = math.sqrt(vn * vn + ve * ve)
@@ -105,24 +99,18 @@ def along_edge(  # type: ignore[no-untyped-def]
     dt = length / (speed * count)
     n = P.shape[0]
     m = n - 3
-    F = np.zeros((m, m))
-    core, half_core = np.zeros((m + 2, m + 2)), np.zeros((m + 2, m + 2))
-    transition, half = np.zeros((n, n)), np.zeros((n, n))
     force = np.array([0.0, 0.0, -gravity])
     meridian, normal = curvature(math.sin(latitude))
     inv_m, inv_n = 1.0 / (meridian + height), 1.0 / (normal + height)
     geometry = np.array([latitude, vn, ve, inv_m, inv_n])
+    F = np.zeros((n, n))
     fill_dynamics(F, geometry, force, rotation[direction])
-    discretise(core, half_core, F, rotation[direction], density, dt)
-    for i in range(n):
-        for j in range(n):
-            a, b = (i if i < m else i - 1), (j if j < m else j - 1)
-            if i != m and j != m:  # noqa: PLR1714 - compiled
-                transition[i, j], half[i, j] = core[a, b], half_core[a, b]
+    F[n - 2, n - 1] = 1.0
+    transition = np.eye(n) + dt * F + 0.5 * dt * dt * np.dot(F, F)
     c = math.exp(-speed * dt / map_error[1])
     transition[m, m] = c
-    h, column, work = np.zeros(n), np.empty(n), np.empty((2, n, n))
-    P = P.copy()
+    half = 0.5 * dt * white[direction]
+    h = np.zeros(n)
     for k in range(count):
         lat = latitude + (k + 1) * dt * vn * inv_m
         lon = longitude + (k + 1) * dt * ve * inv_n / math.cos(lat)
@@ -132,24 +120,12 @@ def along_edge(  # type: ignore[no-untyped-def]
         known = not math.isnan(by_lat)
         variance = sigma[i, j] ** 2 if known else P[m, m]
         half[m, m] = variance * (1.0 - c * c) / (1.0 + c * c)
-        propagate(P, transition, half, work)
-        if not known:
-            continue
-        for a in range(n):
-            h[a] = 0.0
-        for a in range(4):
-            h[a] = jacobian[direction, a]
-        h[0] -= by_lat * inv_m
-        h[1] -= by_lon * inv_n / math.cos(lat)
-        h[m] = h[n - 2] = 1.0
-        for a in range(n):
-            column[a] = 0.0
-            for b in range(n):
-                column[a] += P[a, b] * h[b]
-        total = noise
-        for a in range(n):
-            total += column[a] * h[a]
-        for a in range(n):
-            for b in range(n):
-                P[a, b] -= column[a] * column[b] / total
+        P = np.dot(np.dot(transition, P + half), transition.T) + half
+        if known:
+            h[:4] = jacobian[direction]
+            h[0] -= by_lat * inv_m
+            h[1] -= by_lon * inv_n / math.cos(lat)
+            h[m] = h[n - 2] = 1.0
+            column = np.dot(P, h)
+            P -= np.outer(column, column) / (noise + np.dot(column, h))
     return P

@@ -19,13 +19,13 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.evaluation.bound import BoundResult, posterior_cramer_rao
+from isogal.evaluation.navigability.area import map_error_at_nodes
 from isogal.evaluation.planning.areas import Rings, inside
 from isogal.evaluation.planning.belief import (
     Edges,
     along_edge,
     edges_of,
     start_covariance,
-    uncertainty_grid,
 )
 from isogal.evaluation.planning.lattice import Lattice, lattice_between
 from isogal.maps.field_map import FieldMap
@@ -43,7 +43,7 @@ Place = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class RouteRequest:
     """What is asked of a route."""
 
     start: Place
@@ -119,7 +119,7 @@ class _Way:
 def plan_route(
     scenario: Scenario,
     field_map: FieldMap,
-    wish: Wish,
+    request: RouteRequest,
     progress: Callable[[int, int], None] | None = None,
 ) -> Plan:
     """Find a route.
@@ -130,7 +130,7 @@ def plan_route(
         Speed, turn rate, height, sensors and initial errors; its route's points do not count.
     field_map : FieldMap
         Of what the scenario measures.
-    wish : Wish
+    request : RouteRequest
     progress : function, optional
         Called with the number of columns of the lattice that are done, and of all.
 
@@ -139,34 +139,34 @@ def plan_route(
     InputError
         No route keeps out of all areas within the detour, or none has an error below the ceiling.
     """
-    wish.check()
-    lattice = lattice_between(wish.start, wish.goal, wish.detour, list(wish.areas))
+    request.check()
+    lattice = lattice_between(request.start, request.goal, request.detour, list(request.areas))
     least = 4.0 * scenario.route.speed / scenario.route.turn_rate
     if lattice.straight < least:
         raise InputError(
             f"start and goal are {lattice.straight:.0f} m apart; with this speed and turn rate a"
             f" route needs {least:.0f} m"
         )
-    ends = _search(scenario, field_map, wish, lattice, progress)
+    ends = _search(scenario, field_map, request, lattice, progress)
     if not ends:
         raise InputError(
             f"the goal cannot be reached: no way keeps out of the areas within"
-            f" {100.0 * wish.detour:.3g} % of detour"
+            f" {100.0 * request.detour:.3g} % of detour"
         )
     straight = None
     if lattice.free[:, lattice.middle, len(lattice.rise) // 2].all():
-        straight = assess(scenario, field_map, np.array([wish.start, wish.goal]))
+        straight = assess(scenario, field_map, np.array([request.start, request.goal]))
     found = [assess(scenario, field_map, _corners(lattice, way.rows())) for way in ends]
     if straight is not None:
         found.append(straight)
-    if wish.ceiling is None:
+    if request.ceiling is None:
         return Plan(min(found, key=lambda one: one.error), straight)
-    good = [one for one in found if one.error <= wish.ceiling]
+    good = [one for one in found if one.error <= request.ceiling]
     if not good:
         best = min(one.error for one in found)
         raise InputError(
-            f"no route within {100.0 * wish.detour:.3g} % of detour has an expected error below"
-            f" {wish.ceiling:g} m; the best has {best:.0f} m"
+            f"no route within {100.0 * request.detour:.3g} % of detour has an expected error below"
+            f" {request.ceiling:g} m; the best has {best:.0f} m"
         )
     return Plan(min(good, key=lambda one: one.length), straight)
 
@@ -193,20 +193,20 @@ def with_waypoints(scenario: Scenario, waypoints: Array) -> Scenario:
 def _search(
     scenario: Scenario,
     field_map: FieldMap,
-    wish: Wish,
+    request: RouteRequest,
     lattice: Lattice,
     progress: Callable[[int, int], None] | None,
 ) -> list[_Way]:
     """Return the ways that reach the goal, one for each class of length at most."""
-    own = float(field_map.sigma_at(*wish.start))
+    own = float(field_map.sigma_at(*request.start))
     own = max(own, scenario.world.map_error.sigma) if math.isfinite(own) else 0.0
     start = start_covariance(scenario, own**2)
     world = _World(
         lattice,
         edges_of(scenario, lattice, field_map.quantisation),
         field_map,
-        uncertainty_grid(scenario, field_map),
-        (1.0 + _DRIVEN * wish.detour) * lattice.straight,
+        map_error_at_nodes(scenario, field_map)[0],
+        (1.0 + _DRIVEN * request.detour) * lattice.straight,
     )
     columns = len(lattice.free)
     ways = {lattice.middle: [_Way(0.0, start, 0.0, -1, lattice.middle, None)]}

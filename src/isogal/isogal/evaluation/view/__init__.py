@@ -5,9 +5,7 @@ record      what the page shows: a run, what nodes said, what was not recorded
 projection  kilometres on the map
 payload     the numbers of the page, which change while a run is watched
 background  the map as a shaded picture and as contours
-keys        titles and keys of the figures
-maps        the two maps (Bokeh)
-times       the panels over time (Bokeh)
+figures     the maps and the panels over time, with their titles and keys (Bokeh)
 page        the file
 
 The page's style, its script and its frame are ``view.css``, ``view.js`` and ``view.html``."""

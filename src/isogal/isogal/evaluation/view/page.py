@@ -13,7 +13,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures.style import FieldScale, field_scale
 from isogal.evaluation.view.background import background
-from isogal.evaluation.view.keys import Drawing
+from isogal.evaluation.view.figures import drawings
 from isogal.evaluation.view.payload import payload
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import ViewedRun
@@ -25,15 +25,6 @@ if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
 
 MAPS = ("overview", "close_up")
-CAPTIONS = {
-    "overview": "Whole route on the map. Click a place to go there; the frame is what the map"
-    " beside it shows.",
-    "close_up": "At the time of the slider.",
-    "errors": "Click a time to go there; drag to zoom in time, in all panels at once.",
-    "nees": "Grey: where 95 % of single values of a consistent navigator lie.",
-    "signal": "First channel where an instrument has several.",
-    "said": "Point at a mark to read it.",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +62,15 @@ class Frame:
             Bokeh is not installed.
         """
         require_bokeh()
+        from bokeh.embed import components
+
         latitude, longitude = route[0], np.unwrap(route[1])
         shown = channels_of(field_map)[0]
         projection, scale = Projection.of(latitude, longitude), field_scale(shown)
         label = _plain(scale.label)
         back = background(shown, projection, latitude, longitude, scale)
-        script, figures = _figures(back, label, end)
+        drawn = drawings(back, label, end, chi_square_interval(1, 2))
+        script, divisions = components({drawing.name: drawing.plot for drawing in drawn})
         lines = f"Lines of equal value every {back.coarse.step:g}"
         if back.fine.x.size:
             lines += f", near the route {back.fine.step:g}"
@@ -84,7 +78,8 @@ class Frame:
             title=title,
             subtitle=subtitle,
             script=script,
-            figures=figures,
+            drawings=drawn,
+            divisions=divisions,
             live=live,
             lines=f"{lines} {_unit(label)}.",
         )
@@ -128,43 +123,6 @@ def require_bokeh() -> None:
 
     if find_spec("bokeh") is None:
         raise InputError("the page needs the Python package bokeh: pip install 'isogal[view]'")
-
-
-@dataclass(frozen=True, slots=True)
-class _Figure:
-    """A figure as the page has it."""
-
-    drawing: Drawing
-    division: str
-    """Its HTML element."""
-    caption: str
-
-
-def _figures(back: Any, label: str, end: float) -> tuple[str, list[_Figure]]:
-    """Return Bokeh's script of the figures, and the figures."""
-    from bokeh.embed import components
-
-    from isogal.evaluation.view import maps, times
-
-    data = maps.sources()
-    shared = times.Panels.new(end)
-    drawings = [
-        maps.overview(back, data, label),
-        maps.close_up(back, data),
-        *times.panels(shared, label, chi_square_interval(1, 2)),
-    ]
-    for drawing in drawings:
-        _click(drawing)
-    script, divisions = components({drawing.name: drawing.plot for drawing in drawings})
-    return script, [_Figure(d, divisions[d.name], CAPTIONS.get(d.name, "")) for d in drawings]
-
-
-def _click(drawing: Drawing) -> None:
-    """Let a click move the slider."""
-    from bokeh.models import CustomJS
-
-    to = "seekPlace(cb_obj.x, cb_obj.y)" if drawing.name in MAPS else "seek(cb_obj.x)"
-    drawing.plot.js_on_event("tap", CustomJS(code=f"window.isogalView.{to}"))
 
 
 def _page(**values: Any) -> str:

@@ -1,0 +1,218 @@
+"""What the bound takes of the errors of one field's readings: a state for each error that changes
+slowly, and variances of white noise (docs/mathematics.md, sections 2.8 and 11.1)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.fields.beams import Footprints
+from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.maps.tensor_error import displacements, tensor_covariance
+from isogal.maps.tiled_map import ScalarMap
+from isogal.scenario import Gradiometer, Gravimeter, Scenario
+from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
+from isogal.sensors.gravimeter_errors import accelerations
+from isogal.sensors.platform import mean_error
+from isogal.sensors.trajectory import Trajectory
+
+_BEFORE = 4
+"""Scans before on which the map's errors at a scan are conditioned. The information of a straight
+track is then right within 5 %."""
+
+
+class SlowError(NamedTuple):
+    """An error of readings that changes slowly."""
+
+    state: AuxiliaryState
+    by: Array
+    """d(reading)/d(state), to be broadcast to (S, C): S scans of C channels."""
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        sigma: float,
+        by: Array,
+        time: float = math.inf,
+        length: float = math.inf,
+        walk: float = 0.0,
+    ) -> "SlowError":
+        """Return one with a 1-sigma at the start and a process; see `AuxiliaryState`."""
+        return cls(AuxiliaryState(name, "none", 0, sigma, time, length, walk), by)
+
+
+class MapSteps(NamedTuple):
+    """The map's errors of C channels at S scans by those at the p scans before, the last one first
+    (Vecchia 1988, J. R. Stat. Soc. B 50:297)."""
+
+    gain: Array
+    """(S, C, p C)."""
+    root: Array
+    """(S, C, C) square root of the covariance of what is new."""
+
+
+class BeamChannels(NamedTuple):
+    """The beams of an altimeter, turned into B channels whose map errors are independent."""
+
+    sensitivity: Array
+    """(S, B, 4) d(reading)/d(navigator's error)."""
+    map_variance: Array
+    """(B,) of the map's error in each, in units of that of one beam."""
+    common: Array
+    """(B,) how much of what all beams have in common is in each: tide, height."""
+
+
+def beam_channels(
+    scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap, scans: Integers
+) -> BeamChannels:
+    """Return the channels of a scenario's altimeter.
+
+    The map's errors under the beams are taken to be correlated as they are where the clearance is
+    its mean, and from scan to scan as under one beam; the scale of the ranges is taken to be
+    known. Both make the bound smaller."""
+    foot = Footprints(scenario, trajectory, field_map, scans)
+    _, north, east = field_map.value_and_gradient(*foot.places(foot.range))
+    across = foot.body * foot.range.mean(axis=0)[:, None]
+    apart = np.hypot(*(across[:, None, :2] - across[None, :, :2]).transpose(2, 0, 1))
+    values, turn = np.linalg.eigh(np.exp(-apart / scenario.map_error.correlation_length))
+    sensitivity = np.zeros((*foot.range.shape, 4))
+    sensitivity[..., 0] = -np.einsum("bc,sb->sc", turn, north)
+    sensitivity[..., 1] = -np.einsum("bc,sb->sc", turn, east)
+    return BeamChannels(sensitivity, np.maximum(values, 0.0), turn.sum(axis=0))
+
+
+def gravimeter_errors(
+    settings: Gravimeter, trajectory: Trajectory, index: Integers
+) -> list[SlowError]:
+    """Return those of an instrument: noise correlated in time, cross-coupling with the two
+    horizontal accelerations, and what its platform's tilt takes of the vertical and of the
+    horizontal specific force. What they are by is (S, 1).
+
+    Parameters
+    ----------
+    index : (S,) array
+        Of each scan in the trajectory.
+    """
+    found, always = [], np.ones((len(index), 1))
+    before = np.concatenate([[0], index])
+    time, velocity = trajectory.time[before], trajectory.velocity[before, :2]
+    if (sigma := settings.correlated_sigma) > 0.0:
+        found.append(SlowError.of("noise", sigma, always, time=settings.correlation_time))
+    if (sigma := settings.cross_coupling) > 0.0:
+        moving = accelerations(time, velocity)[1:]
+        found += [SlowError.of("coupling", sigma, by[:, None]) for by in moving.T]
+    if (sigma := settings.platform_tilt) > 0.0:
+        half, lasting = 0.5 * settings.platform_time, settings.platform_time
+        found.append(SlowError.of("levelling", abs(mean_error(settings)), always, time=half))
+        force = np.diff(velocity, axis=0) / np.diff(time)[:, None]
+        found += [SlowError.of("tilt", sigma, by[:, None], time=lasting) for by in force.T]
+    return found
+
+
+def gradiometer_errors(
+    settings: Gradiometer, trajectory: Trajectory, index: Integers, turn: Array
+) -> list[SlowError]:
+    """Return those of a gradiometer, for channels that are its components turned by (C, C), whose
+    columns they are: its platform's tilt about north and about east, with what the normal gradient
+    makes of it in the middle of the route, and the components' offsets. What they are by is (C,).
+
+    Parameters
+    ----------
+    index : (S,) array
+        Of each scan in the trajectory.
+    """
+    found = []
+    if settings.platform_tilt > 0.0:
+        middle = trajectory.latitude[index[len(index) // 2]]
+        effect = turn.T @ tilt_effect(settings.components, middle)
+        lasting = settings.platform_time
+        found += [
+            SlowError.of("tilt", settings.platform_tilt, by, time=lasting) for by in effect.T
+        ]
+    bias, walk = EOTVOS * settings.bias_eotvos, EOTVOS * settings.bias_walk_eotvos
+    if bias > 0.0 or walk > 0.0:
+        found += [SlowError.of("offset", bias, by, walk=walk) for by in turn]
+    return found
+
+
+def effective_noise_variance(gravimeter: Gravimeter, quantisation: float = 0.0) -> float:
+    """Return the variance (map's unit squared) whose information equals that of a reading on
+    average; `quantisation` is the step of the map's values.
+
+    White noise and the map's rounding (step² / 12) add. With outliers the bound is that of a
+    navigator that knows which readings are outliers: the mean of the two informations. So is that
+    of readings of which a share is missing by chance."""
+    covariance = np.array([[gravimeter.sigma**2]])
+    return float(effective_noise(gravimeter, covariance, np.array([quantisation]))[0, 0])
+
+
+def effective_noise(gravimeter: Gravimeter, covariance: Array, quantisation: Array) -> Array:
+    """Return the same as a covariance (C, C), for readings of C channels with a covariance of
+    their noise, and steps (C,) of the maps' values."""
+    good = covariance + np.diag(quantisation**2 / 12.0)
+    outlier = good + gravimeter.outlier_sigma**2 * covariance
+    share = gravimeter.outlier_fraction
+    known = (1.0 - share) * np.linalg.inv(good) + share * np.linalg.inv(outlier)
+    return np.asarray(np.linalg.inv((1.0 - gravimeter.missing_fraction) * known))
+
+
+def map_errors(
+    scenario: Scenario, of_channel: Array, share: Array, steps: MapSteps | None
+) -> list[SlowError]:
+    """Return the map's errors: one for each channel, or those of the last scans.
+
+    Parameters
+    ----------
+    of_channel : (C,) array
+        Variances in units of that of the scenario.
+    share : (S,) array
+        1-sigma at each scan in units of that of the scenario.
+    steps : MapSteps or None
+        How the errors go on where they do not do so independently in each channel.
+    """
+    error, channels = scenario.map_error, np.eye(len(of_channel))
+    if steps is None:
+        length = error.correlation_length
+        sigmas = error.sigma * np.sqrt(of_channel)
+        return [
+            SlowError.of("map", sigma, share[:, None] * one, length=length)
+            for sigma, one in zip(sigmas.tolist(), channels, strict=True)
+        ]
+    # known by nothing before the first scan; those of scans before are in no reading
+    every = np.vstack([channels, np.zeros((steps.gain.shape[2] - len(channels), len(channels)))])
+    return [SlowError.of("map", 0.0, share[:, None] * one) for one in every]
+
+
+def map_steps(
+    scenario: Scenario, trajectory: Trajectory, scans: Integers, turn: Array
+) -> MapSteps | None:
+    """Return how map errors of one potential go on from scan to scan together, for channels that
+    are the components of a scenario's gradiometer turned by (C, C), whose columns they are; None
+    where they are independent Gauss-Markov processes (docs/mathematics.md, section 11.1)."""
+    components = scenario.gradiometer.of_one_potential
+    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
+    if components is None or sigma == 0.0:
+        return None
+    count, most = len(components), min(_BEFORE, len(scans) - 1)
+    channel = np.tile(np.arange(count), most + 1)
+    gain = np.zeros((len(scans), count, most * count))
+    root = np.zeros((len(scans), count, count))
+    whole = np.kron(np.eye(most + 1), turn)
+    for k in range(len(scans)):
+        here = scans[k - min(k, most) : k + 1][::-1]
+        size = len(here) * count
+        rows = np.repeat(here, count)
+        apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])
+        part = whole[:size, :size]
+        covariance = tensor_covariance(components, channel[:size], apart, length)
+        covariance = sigma**2 * (part.T @ covariance @ part)
+        now, before = covariance[:count, :count], covariance[count:, count:]
+        cross = covariance[:count, count:]
+        jitter = 1e-9 * sigma**2 * np.eye(len(before))
+        gain[k, :, : size - count] = np.linalg.solve(before + jitter, cross.T).T
+        left = now - gain[k, :, : size - count] @ cross.T
+        values, vectors = np.linalg.eigh(0.5 * (left + left.T))
+        root[k] = vectors * np.sqrt(np.maximum(values, 0.0))
+    return MapSteps(gain, root)
