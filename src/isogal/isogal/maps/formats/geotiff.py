@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.errors import InputError
+from isogal.files import reading
 from isogal.maps.assemble import assemble, check_size
 from isogal.maps.axes import RegularAxis, Window, part_within
 from isogal.maps.field_map import FieldMap
@@ -54,19 +55,12 @@ def read_geotiff(
     where = str(path)
     if not Path(path).is_file():
         raise InputError(f"{where}: no such file")
-    try:
-        with (
-            rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"),
-            rasterio.open(path) as source,
-        ):
-            return _read(source, variable, window, (quantity, unit, crs), where)
-    except InputError:
-        raise
-    except Exception as error:  # GDAL's own errors share no public base class with rasterio's
-        raise InputError(
-            f"{where}: cannot be read as GeoTIFF:"
-            f" {str(error).splitlines()[0] if str(error) else error!r}"
-        ) from None
+    with (
+        reading(path, "GeoTIFF"),
+        rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"),
+        rasterio.open(path) as source,
+    ):
+        return _read(source, variable, window, (quantity, unit, crs), where)
 
 
 def _read(
