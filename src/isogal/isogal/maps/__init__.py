@@ -5,7 +5,6 @@
     channels             several maps on one grid; types of map that functions take
     several              the maps of several fields
     tiled_map            a map too large for the memory, read in tiles
-    part_reader          how parts of a map are read
     corridor             the part of the Earth along a route
     axes                 windows, regular axes, and the part of an axis that a window needs
     load                 which format does a file have? does a map cover a route?
