@@ -19,7 +19,7 @@ from isogal.files import atomic_path
 
 _LOG = logging.getLogger(__name__)
 
-Maker = Callable[[], Mapping[str, NDArray[Any]]]
+Maker = Callable[[], Mapping[str, Any]]
 """Makes the arrays of a cache file, by their names."""
 
 
@@ -88,7 +88,7 @@ def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, N
 
 def _make(path: Path, maker: Maker, name: str, wait: bool) -> NDArray[Any] | None:
     """Make a cache file; None if another process is making it, unless told to wait for that."""
-    arrays: Mapping[str, NDArray[Any]] | None = None
+    arrays: Mapping[str, Any] | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path, wait) as mine:
