@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.maps.tensor_error import displacements, tensor_covariance
+from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
 

@@ -19,7 +19,7 @@ What maps are used for:
     gradients            the gravity gradient tensor from the disturbance
     gravity_vector       the horizontal components of gravity
     spectral             Fourier transforms of a map over a plane
-    tensor_error         errors of the tensor's components that come from one potential
+    error_model          the covariance of a map's errors, between places and along a track
     error_spectrum       what becomes of a map's errors in such a transform
 
 Where maps come from:

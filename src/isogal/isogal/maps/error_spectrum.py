@@ -1,7 +1,8 @@
 """The errors of a map as a random field: how large, and over which distance they hold together,
 after an operator that depends on the wavelength alone.
 
-The error of the values is taken to have the covariance sigma² exp(-d / L), thus the spectrum
+The error of the values has the covariance of `isogal.maps.error_model`, sigma² exp(-d / L), thus
+the spectrum
 
     S(k) = sigma² L² / (1 + k² L²)^(3/2),   the integral of S(k) k dk being sigma²,
 
@@ -22,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.maps.error_model import decay
 from isogal.maps.field_map import FieldMap
 
 USUAL_LENGTH = 4000.0
@@ -117,7 +119,7 @@ def mixed_length(parts: Sequence[tuple[float, float | None]]) -> float | None:
     low, high = 0.0, float(length.max())
     for _ in range(60):
         middle = 0.5 * (low + high)
-        correlation = float((variance * np.exp(-middle / length)).sum() / variance.sum())
+        correlation = float((variance * decay(middle, length)).sum() / variance.sum())
         above = correlation > math.exp(-1.0)
         low, high = (middle, high) if above else (low, middle)
     return high

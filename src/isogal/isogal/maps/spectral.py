@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
+from isogal.maps.error_model import decay
 from isogal.maps.field_map import FieldMap
 
 STRETCH = 0.01
@@ -257,4 +258,4 @@ def _error_spectrum(cell: tuple[float, float], length: float | None) -> Array:
     """Return the power of errors of a map at each wavenumber of a real transform, in any unit."""
     if length is None:
         return np.ones((_TORUS[0], _TORUS[1] // 2 + 1))
-    return np.maximum(np.fft.rfft2(np.exp(-_torus_distance(cell) / length)).real, 0.0)
+    return np.maximum(np.fft.rfft2(decay(_torus_distance(cell), length)).real, 0.0)

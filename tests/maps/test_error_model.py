@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from isogal.fields.potential_error import draw_potential_error
+from isogal.maps.error_model import displacements, shares, tensor_covariance
 from isogal.maps.gradients import COMPONENTS, _operator
 from isogal.maps.spectral import waves_of
-from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
