@@ -2,13 +2,17 @@
 of its fields.
 
 A group is a frozen dataclass whose fields are annotated as typer wants the parameters of a
-command, so each option is declared once, however many commands have it."""
+command, so each option is declared once, however many commands have it. A class variable `PANEL`
+is the heading in the help of its options that name none."""
 
+import copy
 import functools
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
+
+from typer.models import OptionInfo
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -48,6 +52,16 @@ def _parameters(group: type) -> Iterator[inspect.Parameter]:
         yield inspect.Parameter(
             field.name,
             inspect.Parameter.KEYWORD_ONLY,
-            annotation=hints[field.name],
+            annotation=_under(getattr(group, "PANEL", None), hints[field.name]),
             default=inspect.Parameter.empty if field.default is MISSING else field.default,
         )
+
+
+def _under(panel: str | None, annotation: Any) -> Any:
+    """Return the annotation of an option with a heading, unless it has one."""
+    option = annotation.__metadata__[0]
+    if not isinstance(option, OptionInfo) or option.rich_help_panel is not None:
+        return annotation
+    option = copy.copy(option)
+    option.rich_help_panel = panel
+    return Annotated[annotation.__origin__, option]

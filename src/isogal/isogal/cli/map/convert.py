@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -23,14 +23,15 @@ if TYPE_CHECKING:
 class Target:
     """The file or folder that is written."""
 
+    PANEL: ClassVar[str] = RESULTS
+
     out: Annotated[
         Path,
         typer.Argument(metavar="OUT", help="NetCDF file to write; with --to ggmplus, a folder."),
     ]
-    to: Annotated[
-        str,
-        typer.Option("--to", metavar="FORMAT", help="netcdf or ggmplus.", rich_help_panel=RESULTS),
-    ] = "netcdf"
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="netcdf or ggmplus.")] = (
+        "netcdf"
+    )
     sigma: Annotated[
         float | None,
         typer.Option(
@@ -38,17 +39,12 @@ class Target:
             min=0.0,
             callback=finite,
             help="1-sigma of the map's error to write into it, SI (nT).",
-            rich_help_panel=RESULTS,
         ),
     ] = None
     correlation_length: Annotated[
         float | None,
         typer.Option(
-            "--correlation-length",
-            metavar="M",
-            callback=positive,
-            help="Of that error.",
-            rich_help_panel=RESULTS,
+            "--correlation-length", metavar="M", callback=positive, help="Of that error."
         ),
     ] = None
 
@@ -84,12 +80,10 @@ class Target:
 def convert(map_: MapChoice, target: Target, where: PartChoice, json: Json = False) -> None:
     """Convert a map to NetCDF that says everything about itself, in SI units; whole, or the part
     of a route or window."""
-    from isogal.cli.map.description import describe_map
-
     target.check()
     route = where.build_if_asked()
     part = where.part(route)
     whole = whole_window(part) if part is not None else None
     field_map = target.with_error(map_.load(whole, route.measured if route else "gravity"))
     target.write(field_map, map_.variable)
-    say_written(describe_map(field_map), target.out, json)
+    say_written(field_map, target.out, json)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -26,6 +26,8 @@ ASSUMED = "What is assumed"
 class Assumptions:
     """What the expected accuracy of fixes depends on."""
 
+    PANEL: ClassVar[str] = ASSUMED
+
     stretch: Annotated[
         float,
         typer.Option(
@@ -34,7 +36,6 @@ class Assumptions:
             min=0.1,
             callback=finite,
             help="Track that a fix is made from.",
-            rich_help_panel=ASSUMED,
         ),
     ] = 5.0
     sensor_sigma: Annotated[
@@ -43,7 +44,6 @@ class Assumptions:
             "--sensor-sigma",
             callback=positive,
             help="1-sigma of a reading, map's unit; default: gravimeter.sigma.",
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     map_sigma: Annotated[
@@ -52,7 +52,6 @@ class Assumptions:
             "--map-sigma",
             callback=not_negative,
             help="1-sigma of the map, its unit; default: as the map says.",
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     map_correlation_length: Annotated[
@@ -62,7 +61,6 @@ class Assumptions:
             metavar="M",
             callback=positive,
             help="Of the map's error; default: as the map says, or 4000.",
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     bias_sigma: Annotated[
@@ -72,7 +70,6 @@ class Assumptions:
             min=0.0,
             callback=finite,
             help="1-sigma of an unknown offset, map's unit.",
-            rich_help_panel=ASSUMED,
         ),
     ] = 0.0
 

@@ -1,6 +1,7 @@
 """How the commands of ``isogal map`` print a result, and where they write a picture."""
 
 import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,8 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from isogal.maps.field_map import FieldMap
 
 
 def _png(path: Path | None) -> Path | None:
@@ -53,12 +56,46 @@ def print_json(found: dict[str, Any]) -> None:
     typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
 
 
-def say_written(found: dict[str, Any], path: Path, as_json: bool) -> None:
-    """Print the description of a map that was written, and where it is."""
-    from isogal.cli.map.description import print_map
+def netcdf_file(path: Path) -> Path:
+    """Return the name of a NetCDF file to be written; raises InputError where it has another
+    suffix or cannot be."""
+    require_netcdf_name(path)
+    return output_file(path)
 
+
+NetcdfOut = Annotated[
+    Path, typer.Argument(metavar="OUT", callback=netcdf_file, help="NetCDF file to write.")
+]
+
+
+def print_table(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None, left: int = 0
+) -> None:
+    """Print a table under headings, none if all are empty; its first `left` columns are text, the
+    others numbers."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", show_header=any(headings))
+    for k, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if k < left else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table, highlight=False)
+
+
+def say_written(
+    field_map: "FieldMap", path: Path, as_json: bool, lines: Iterable[str] = (), **more: Any
+) -> None:
+    """Describe a map that was written: as JSON, with what else there is to say, or as a table with
+    further lines; and where it is."""
+    from isogal.cli.map.description import describe_map, print_map
+
+    found = describe_map(field_map)
     if as_json:
-        print_json(found | {"file": str(path)})
+        print_json(found | more | {"file": str(path)})
     else:
         print_map(found)
-        typer.echo(str(path))
+        for line in (*lines, str(path)):
+            typer.echo(line)
