@@ -298,11 +298,15 @@ class FieldMap:
             max(1, min(step, (n - 1) // 3))
             for step, n in zip((rows, columns), self.shape, strict=True)
         )
+        return self.part(slice(None, None, rows), slice(None, None, columns))
+
+    def part(self, rows: slice, columns: slice) -> "FieldMap":
+        """Return some rows and columns."""
         return replace(
             self,
-            latitude=self.latitude[::rows],
-            longitude=self.longitude[::columns],
-            **self.at_nodes(lambda array: array[::rows, ::columns]),
+            latitude=self.latitude[rows],
+            longitude=self.longitude[columns],
+            **self.at_nodes(lambda array: array[rows, columns]),
         )
 
     def at_nodes(self, change: Callable[[Any], Any]) -> dict[str, Any]:

@@ -306,9 +306,4 @@ def _without_margin(part: FieldMap, tile: Window) -> FieldMap:
     columns = slice(*np.searchsorted(longitude, tile[2:4]))
     if rows.stop - rows.start < FEWEST_NODES or columns.stop - columns.start < FEWEST_NODES:
         raise EmptyWindowError(f"{part.provenance}: ends at the edge of a tile")
-    return replace(
-        part,
-        latitude=part.latitude[rows],
-        longitude=longitude[columns],
-        **part.at_nodes(lambda array: array[rows, columns]),
-    )
+    return replace(part.part(rows, columns), longitude=longitude[columns])

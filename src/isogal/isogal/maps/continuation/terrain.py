@@ -4,14 +4,12 @@ Values on the ground, as those of GGMplus, are not on a level. Sources below the
 that make them (`isogal.maps.continuation.source_layer`); the field of these at the level is the
 result. Nodes below the ground have no value."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.continuation.harmonic import EDGE, TAPER, check, filled, trimmed
+from isogal.maps.continuation.harmonic import EDGE, TAPER, at_level, check, filled, trimmed
 from isogal.maps.continuation.source_layer import Scale, SourceLayer
 from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
 from isogal.maps.field_map import FieldMap
@@ -66,23 +64,12 @@ def from_terrain(
     ground[missing] = np.median(ground[~missing])
     result, rest = _continued(field_map, values, ground, height)
     rest[missing] = 0.0
-    sigma, length = _error(field_map, np.maximum(rise, 0.0), rest, typical)
+    errors = _error(field_map, np.maximum(rise, 0.0), rest, typical)
     result += offset
     result[~kept | ~(rise >= 0.0)] = np.nan
     if not np.isfinite(result).any():
         raise InputError(f"{where}: within the map's edges {height:g} m is below the ground")
-    return replace(
-        field_map,
-        values=result,
-        sigma=sigma,
-        correlation_length=length,
-        correlation_lengths=None,
-        error_ellipses=None,
-        error_stated=field_map.states_error,
-        quantisation=0.0,
-        provenance=f"{where} continued from the ground to {height:g} m",
-        height=height,
-    )
+    return at_level(field_map, result, errors, height, from_ground=True)
 
 
 def _check_ground(ground: Array, missing: Booleans, height: float, where: str) -> None:
