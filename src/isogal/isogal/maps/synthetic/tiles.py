@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.maps.cache import Maker, cache_folder, read_array, read_or_make
+from isogal.maps.ggmplus.tiles import corner_of, tile_name
 from isogal.maps.synthetic.terrain import make_tile
 
 VERSION = 1
@@ -32,7 +33,7 @@ def read_tiles(
         if progress is not None:
             progress(len(makers) - len(absent) + done, len(makers))
     for path, numbers in read_or_make(makers, quantity):
-        yield _corner(path.name), numbers
+        yield corner_of(path.name), numbers
 
 
 def _makers(tiles: Iterable[Tile]) -> dict[Path, Maker]:
@@ -41,16 +42,7 @@ def _makers(tiles: Iterable[Tile]) -> dict[Path, Maker]:
 
 
 def _path(tile: Tile) -> Path:
-    south, west = tile
-    name = f"{'S' if south < 0 else 'N'}{abs(south):02d}{'W' if west < 0 else 'E'}{abs(west):03d}"
-    return cache_folder() / f"synthetic-{VERSION}" / f"{name}.npz"
-
-
-def _corner(name: str) -> Tile:
-    """Return south and west (deg) of a tile's file name."""
-    return int(name[1:3]) * (-1 if name[0] == "S" else 1), int(name[4:7]) * (
-        -1 if name[3] == "W" else 1
-    )
+    return cache_folder() / f"synthetic-{VERSION}" / tile_name(*tile, "npz")
 
 
 def _made_in_child(paths: list[Path]) -> Iterator[int]:
@@ -77,7 +69,7 @@ def _made_in_child(paths: list[Path]) -> Iterator[int]:
 
 def _make_here(names: list[str]) -> None:
     """Make tiles; print the name of each when it is there."""
-    for path, _ in read_or_make(_makers(map(_corner, names)), "gravity"):
+    for path, _ in read_or_make(_makers(map(corner_of, names)), "gravity"):
         print(path.name, flush=True)
 
 
