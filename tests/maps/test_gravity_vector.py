@@ -164,8 +164,8 @@ def test_errors_of_the_map_go_into_each_component():
     ("changes", "keys", "message"),
     [
         ({"quantity": "height", "unit": "m"}, {}, "disturbance, not of height"),
-        ({}, {"height": -1.0}, "height of the gravity vector must be >= 0 m"),
-        ({}, {"edge": np.nan}, "edge of the gravity vector must be >= 0 m"),
+        ({}, {"height": -1.0}, "height of the horizontal components must be >= 0 m"),
+        ({}, {"edge": np.nan}, "edge of the horizontal components must be >= 0 m"),
         ({}, {"edge": 50e3}, "nothing is left of the map within 50 km"),
         ({"latitude": np.linspace(-1.2, -0.2, 81)}, {}, "reaches too far north-south"),
     ],
@@ -173,7 +173,7 @@ def test_errors_of_the_map_go_into_each_component():
 def test_what_has_no_horizontal_components_is_refused(changes, keys, message):
     disturbance = replace(field_map_of(lambda n, e: 1e-9 * n, step=1000.0), **changes)
     with pytest.raises(InputError, match=message):
-        gravity_vector(disturbance, **keys)
+        horizontal_gravity(disturbance, **keys)
 
 
 def test_other_maps_are_no_deflections():

@@ -343,3 +343,8 @@ def flat_points(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array
 def _none_or(value: float | None, least: float) -> bool:
     """Whether a number is not given, or finite and not below a limit."""
     return value is None or (math.isfinite(value) and value >= least)
+
+
+def said_by(place: Callable[[Any], FieldMap], name: str) -> Any:
+    """Return a property of something made of maps: what one of them says."""
+    return property(lambda whole: getattr(place(whole), name))

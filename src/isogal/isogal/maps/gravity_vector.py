@@ -73,10 +73,10 @@ def horizontal_gravity(
     return _components(disturbance, COMPONENTS[1:], height, edge, rim_error)
 
 
-def gravity_vector(disturbance: FieldMap, height: float = 0.0, edge: float = EDGE) -> ChannelMap:
+def gravity_vector(disturbance: FieldMap, height: float = 0.0) -> ChannelMap:
     """Return maps of the disturbance (down) and of the attraction to the north and to the east on
     one grid, see `horizontal_gravity`."""
-    return _components(disturbance, COMPONENTS, height, edge)
+    return _components(disturbance, COMPONENTS, height, EDGE)
 
 
 def from_deflections(xi: FieldMap, eta: FieldMap) -> ChannelMap:
@@ -125,7 +125,7 @@ def _components(
     edge: float,
     rim_error: bool = True,
 ) -> ChannelMap:
-    _check(disturbance, height, edge)
+    spectral.check_disturbance(disturbance, "horizontal components", height=height, edge=edge)
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
     kept = spectral.inside(disturbance, missing, edge)
@@ -159,18 +159,6 @@ def _components(
             )
         )
     return ChannelMap(channels, result)
-
-
-def _check(disturbance: FieldMap, height: float, edge: float) -> None:
-    if disturbance.quantity != "disturbance":
-        raise InputError(
-            f"{disturbance.provenance or 'map'}: the gravity vector comes from a map of the"
-            f" disturbance, not of {disturbance.quantity}"
-        )
-    for name, value in (("height", height), ("edge", edge)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(f"{name} of the gravity vector must be >= 0 m, is {value}")
-    spectral.check_plane(disturbance, "horizontal components")
 
 
 def _operator(quantity: str, height: float, waves: Waves) -> NDArray[Any]:

@@ -11,6 +11,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,7 +27,7 @@ from isogal.maps.axes import (
     Window,
 )
 from isogal.maps.corridor import Corridor, joined
-from isogal.maps.field_map import FieldMap, flat_points
+from isogal.maps.field_map import FieldMap, flat_points, said_by
 
 WHOLE_CELLS = 6_000_000
 """A map along a route that has at most so many cells is read as a whole (48 MB)."""
@@ -55,9 +56,7 @@ class Load(Protocol):
         ...
 
 
-def _of_start(name: str) -> Any:
-    """Return a property of a `TiledMap`: what the part at the start of the route says."""
-    return property(lambda tiled: getattr(tiled._start, name))
+_of_start = partial(said_by, lambda tiled: tiled._start)
 
 
 class TiledMap:
