@@ -258,6 +258,11 @@ class FieldMap:
         north, east = metres_per_radian(latitude)
         return float(self.step[0] * north), float(self.step[1] * east)
 
+    @property
+    def cell(self) -> tuple[float, float]:
+        """Distance between nodes (to the north, to the east), m, in the map's middle."""
+        return self.cell_size_m(float(self.latitude.mean()))
+
     def window(self, lat_min: float, lat_max: float, lon_min: float, lon_max: float) -> "FieldMap":
         """Cut out a part (rad), with the nodes beyond it that interpolation at its edge needs.
 

@@ -96,7 +96,7 @@ def _channel(disturbance: FieldMap, name: str, values: Array, height: float) -> 
     sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
     step = disturbance.quantisation
     length = disturbance.correlation_length or USUAL_LENGTH
-    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
+    cell = disturbance.cell
     return FieldMap(
         disturbance.latitude,
         disturbance.longitude,

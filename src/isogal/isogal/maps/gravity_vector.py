@@ -32,7 +32,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Waves
 
@@ -173,21 +173,21 @@ def _operator(quantity: str, height: float, waves: Waves) -> NDArray[Any]:
 
 def _own_error(disturbance: FieldMap, height: float) -> tuple[float, float | None]:
     """Return sigma and correlation length (m) of what the map says of its errors, at a height."""
-    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
-    spectrum = ErrorSpectrum.of_grid(cell, disturbance.correlation_length)
+    spectrum = ErrorSpectrum.of_map(disturbance)
 
     def decay(wavenumber: Array) -> Array:
         return np.exp(-wavenumber * height)
 
-    sigma, white = typical_sigma(disturbance), rounding(disturbance)
-    own = math.hypot(sigma * spectrum.gain(decay), white * spectrum.white_gain(decay))
-    return own, spectrum.length(decay, sigma, white) if own else None
+    own = math.hypot(
+        spectrum.sigma * spectrum.gain(decay), spectrum.rounding * spectrum.white_gain(decay)
+    )
+    return own, spectrum.length(decay)
 
 
 def _sigma_beyond(disturbance: FieldMap, missing: NDArray[np.bool_]) -> tuple[Array, float]:
     """Return 1-sigma (n, m) of what masses beyond the map, and in its holes, do to a horizontal
     component; and the distance, m, over which that error holds together: half of the map."""
-    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
+    cell = disturbance.cell
     width = min(size * count for size, count in zip(cell, missing.shape, strict=True))
     thinned = disturbance.thinned(*(count // _NODES for count in missing.shape))
     values = np.asarray(thinned.values, dtype=np.float64)

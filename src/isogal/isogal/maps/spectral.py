@@ -137,7 +137,7 @@ def transformed(
     (P, n, m)
     """
     chosen = tuple(operators)
-    rows_m, _ = field_map.cell_size_m(float(field_map.latitude.mean()))
+    rows_m, _ = field_map.cell
     result = np.zeros((len(chosen), *values.shape))
     for latitude, weight in reference_latitudes(field_map.latitude):
         cell = rows_m, field_map.cell_size_m(latitude)[1]
@@ -202,7 +202,7 @@ def rim_distance(missing: Booleans, field_map: FieldMap) -> Array:
     from scipy.ndimage import distance_transform_edt
 
     around = np.pad(~missing, 1, constant_values=False)
-    size = field_map.cell_size_m(float(field_map.latitude.mean()))
+    size = field_map.cell
     return np.asarray(distance_transform_edt(around, sampling=size)[1:-1, 1:-1])
 
 

@@ -13,7 +13,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.continuation.harmonic import EDGE, TAPER, at_level, check, filled, trimmed
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Operator
 
@@ -112,7 +112,7 @@ def _start(field_map: FieldMap, from_height: float | None, where: str) -> float:
 
 
 def _check_cutoff(field_map: FieldMap, rise: float, cutoff: float | None, where: str) -> None:
-    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
+    cell = field_map.cell
     if rise >= 0.0:
         if cutoff is not None:
             raise InputError(
@@ -139,15 +139,13 @@ def _error(
 ) -> tuple[float | Array, float | None]:
     """Return sigma and correlation length (m) of the result; `left_out` is the 1-sigma of the
     waves beyond the cut-off."""
-    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
-    spectrum = ErrorSpectrum.of_grid(cell, field_map.correlation_length)
-    sigma, white = typical_sigma(field_map), rounding(field_map)
+    spectrum = ErrorSpectrum.of_map(field_map)
     gain = spectrum.gain(factors.continued)
-    steps = white * spectrum.white_gain(factors.continued)
+    steps = spectrum.rounding * spectrum.white_gain(factors.continued)
     own: float | Array = field_map.sigma * gain
-    parts = [(left_out**2, factors.cutoff and factors.cutoff / (2.0 * math.pi))]
-    if sigma or white:
-        length = spectrum.length(factors.continued, sigma, white)
-        parts.append(((sigma * gain) ** 2 + steps**2, length))
+    parts = [
+        (left_out**2, factors.cutoff and factors.cutoff / (2.0 * math.pi)),
+        ((spectrum.sigma * gain) ** 2 + steps**2, spectrum.length(factors.continued)),
+    ]
     total = np.sqrt(np.square(own) + steps**2 + left_out**2)
     return float(total) if isinstance(own, float) else total, mixed_length(parts)

@@ -11,7 +11,7 @@ from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.continuation.harmonic import EDGE, TAPER, at_level, check, filled, trimmed
 from isogal.maps.continuation.source_layer import Scale, SourceLayer
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
 from isogal.maps.field_map import FieldMap
 
 _STRETCH = 0.08
@@ -110,7 +110,7 @@ def _continued(
     """Return the field (n, m) at a height (m), and what of the values is left unexplained."""
     from scipy.fft import next_fast_len
 
-    rows_m, columns_m = field_map.cell_size_m(float(field_map.latitude.mean()))
+    rows_m, columns_m = field_map.cell
     n, m = values.shape
     pads = spectral.padding((n, m), (rows_m, columns_m), TAPER)
     more = [
@@ -140,19 +140,18 @@ def _error(
 ) -> tuple[Array, float | None]:
     """Return sigma (n, m) and correlation length (m) at heights (n, m) above the ground, m, half
     of which are above `typical`, where `rest` (n, m) is left unexplained."""
-    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
-    spectrum = ErrorSpectrum.of_grid(cell, field_map.correlation_length)
+    cell, spectrum = field_map.cell, ErrorSpectrum.of_map(field_map)
     steps = np.r_[0.0, np.geomspace(0.1 * min(cell), max(float(np.nanmax(rise)), cell[0]), _RISES)]
     decays = [lambda k, step=step: np.exp(-k * step) for step in steps]
     gain = np.interp(rise, steps, [spectrum.gain(decay) for decay in decays])
     white_gain = np.interp(rise, steps, [spectrum.white_gain(decay) for decay in decays])
-    sigma, white = typical_sigma(field_map), rounding(field_map)
     around = _unexplained(rest, rise, cell)
-    total = (field_map.sigma * gain) ** 2 + (white * white_gain) ** 2 + around
-    parts = [(float(np.mean(around)), 2.0 * max(*cell, typical))]
-    if sigma or white:
-        length = spectrum.length(lambda k: np.exp(-k * typical), sigma, white)
-        parts.append((float(np.nanmean(total - around)), length))
+    total = (field_map.sigma * gain) ** 2 + (spectrum.rounding * white_gain) ** 2 + around
+    length = spectrum.length(lambda k: np.exp(-k * typical))
+    parts = [
+        (float(np.mean(around)), 2.0 * max(*cell, typical)),
+        (float(np.nanmean(total - around)), length),
+    ]
     return np.sqrt(total), mixed_length(parts)
 
 
