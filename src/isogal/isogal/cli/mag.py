@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -84,14 +84,13 @@ class FlightChoice:
 class Fitting:
     """How coefficients are learnt."""
 
-    PANEL: ClassVar[str] = FITTING
-
     band: Annotated[
         str,
         typer.Option(
             "--band",
             metavar="LOW,HIGH",
             help="Frequencies of the manoeuvres, Hz.",
+            rich_help_panel=FITTING,
         ),
     ] = "0.1,0.9"
     ridge: Annotated[
@@ -101,6 +100,7 @@ class Fitting:
             metavar="NUMBER",
             callback=not_negative,
             help="Added to the normal equations; default: by the evidence.",
+            rich_help_panel=FITTING,
         ),
     ] = None
     lag: Annotated[
@@ -110,6 +110,7 @@ class Fitting:
             metavar="S",
             callback=finite,
             help="By which the vector magnetometer is late; default: found out.",
+            rich_help_panel=FITTING,
         ),
     ] = None
 

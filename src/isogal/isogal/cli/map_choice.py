@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 MAP = "Map"
 """Heading of the options that say what the map is."""
+ARGUMENTS = "Arguments"
+"""That of what is no option."""
 SYNTHETIC = "synthetic"
 """Source that is no file."""
 SOURCE_HELP = "NetCDF, GeoTIFF, ICGEM or XYZ file, GGMplus folder, or 'synthetic'."
@@ -30,23 +32,18 @@ class Unsaid:
 
     variable: Annotated[
         str | None,
-        typer.Option(
-            "--variable", metavar="NAME", help="Variable, band, column or extension of the values."
-        ),
+        typer.Option(metavar="NAME", help="Variable, band, column or extension of the values."),
     ] = None
     quantity: Annotated[
-        str | None,
-        typer.Option("--quantity", help="What the values are of, where the file does not say."),
+        str | None, typer.Option(help="What the values are of, where the file does not say.")
     ] = None
     unit: Annotated[
-        str | None, typer.Option("--unit", help="Of the values, where the file does not say.")
+        str | None, typer.Option(help="Of the values, where the file does not say.")
     ] = None
     crs: Annotated[
         str | None,
         typer.Option(
-            "--crs",
-            metavar="EPSG:N",
-            help="System of a GeoTIFF that does not say, or of columns x and y.",
+            metavar="EPSG:N", help="System of a GeoTIFF that does not say, or of columns x and y."
         ),
     ] = None
 
@@ -55,7 +52,9 @@ class Unsaid:
 class MapChoice(Unsaid):
     """Which map; by its file or folder, which is an argument."""
 
-    source: Annotated[str, typer.Argument(metavar="MAP", help=SOURCE_HELP)]
+    source: Annotated[
+        str, typer.Argument(metavar="MAP", help=SOURCE_HELP, rich_help_panel=ARGUMENTS)
+    ]
     format_name: Annotated[
         str | None,
         typer.Option(

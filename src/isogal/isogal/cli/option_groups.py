@@ -2,17 +2,15 @@
 of its fields.
 
 A group is a frozen dataclass whose fields are annotated as typer wants the parameters of a
-command, so each option is declared once, however many commands have it. A class variable `PANEL`
-is the heading in the help of its options that name none."""
+command, so each option is declared once, however many commands have it. Where it has a `PANEL`,
+that is the heading of its options in the help."""
 
-import copy
 import functools
 import inspect
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Annotated, Any, get_type_hints
-
-from typer.models import OptionInfo
+from typing import Annotated, Any, get_args, get_type_hints
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -52,16 +50,14 @@ def _parameters(group: type) -> Iterator[inspect.Parameter]:
         yield inspect.Parameter(
             field.name,
             inspect.Parameter.KEYWORD_ONLY,
-            annotation=_under(getattr(group, "PANEL", None), hints[field.name]),
+            annotation=_in_panel(hints[field.name], getattr(group, "PANEL", None)),
             default=inspect.Parameter.empty if field.default is MISSING else field.default,
         )
 
 
-def _under(panel: str | None, annotation: Any) -> Any:
-    """Return the annotation of an option with a heading, unless it has one."""
-    option = annotation.__metadata__[0]
-    if not isinstance(option, OptionInfo) or option.rich_help_panel is not None:
-        return annotation
-    option = copy.copy(option)
-    option.rich_help_panel = panel
-    return Annotated[annotation.__origin__, option]
+def _in_panel(annotation: Any, panel: str | None) -> Any:
+    """Return the annotation of an option with its heading in the help."""
+    kind, option = get_args(annotation)
+    option = copy(option)
+    option.rich_help_panel = option.rich_help_panel or panel
+    return Annotated[kind, option]

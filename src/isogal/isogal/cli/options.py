@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import output_folder
+from isogal.cli.checks import output_file, output_folder
 
 if TYPE_CHECKING:
     from isogal.montecarlo.study import Backend
@@ -18,6 +18,16 @@ RESULTS = "Results"
 Json = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON.", rich_help_panel=RESULTS)
 ]
+
+
+def written_folder(help_: str) -> Any:
+    """Return the option of a folder that is written into, which is checked before all else."""
+    return typer.Option(metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS)
+
+
+def written_file(metavar: str, help_: str) -> Any:
+    """Return the option of a file that is written, which is checked before all else."""
+    return typer.Option(metavar=metavar, callback=output_file, help=help_, rich_help_panel=RESULTS)
 
 
 @dataclass(frozen=True)
@@ -58,7 +68,6 @@ class Workers:
     workers: Annotated[
         int | None,
         typer.Option(
-            "--workers",
             metavar="N",
             min=1,
             help="Processes on this machine; default: one for each core.",
@@ -82,16 +91,9 @@ class Workers:
 class StudyResults:
     """What becomes of the results of many runs."""
 
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of results, report, figures and finished runs.",
-            rich_help_panel=RESULTS,
-        ),
-    ]
+    PANEL: ClassVar = RESULTS
+
+    out: Annotated[Path, written_folder("Folder of results, report, figures and finished runs.")]
     json: Json = False
 
     @property

@@ -28,16 +28,12 @@ class Heights:
     height: Annotated[
         float,
         typer.Option(
-            "--height",
-            metavar="M",
-            callback=finite,
-            help="Level to continue to, above the ellipsoid.",
+            metavar="M", callback=finite, help="Level to continue to, above the ellipsoid."
         ),
     ]
     from_height: Annotated[
         float | None,
         typer.Option(
-            "--from-height",
             metavar="M",
             callback=finite,
             help="Level that the values hold on; default: as the map says.",
@@ -46,15 +42,12 @@ class Heights:
     terrain: Annotated[
         Path | None,
         typer.Option(
-            "--terrain",
-            metavar="FILE",
-            help="Map of the ground's height, for values on the ground (GGMplus).",
+            metavar="FILE", help="Map of the ground's height, for values on the ground (GGMplus)."
         ),
     ] = None
     downward_cutoff: Annotated[
         float | None,
         typer.Option(
-            "--downward-cutoff",
             metavar="KM",
             callback=positive,
             help="Leave out wavelengths shorter than this; needed downwards.",
@@ -63,7 +56,6 @@ class Heights:
     edge: Annotated[
         float | None,
         typer.Option(
-            "--edge",
             metavar="KM",
             callback=not_negative,
             help="Rim that is left out; default: five times the way up or down.",

@@ -9,7 +9,7 @@ import typer
 from isogal.cli.checks import finite, positive
 from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import require_netcdf_name, say_written
-from isogal.cli.map_choice import MapChoice
+from isogal.cli.map_choice import ARGUMENTS, MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
 from isogal.errors import InputError
@@ -27,25 +27,21 @@ class Target:
 
     out: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="NetCDF file to write; with --to ggmplus, a folder."),
+        typer.Argument(
+            metavar="OUT",
+            help="NetCDF file to write; with --to ggmplus, a folder.",
+            rich_help_panel=ARGUMENTS,
+        ),
     ]
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="netcdf or ggmplus.")] = (
-        "netcdf"
-    )
+    to: Annotated[str, typer.Option(metavar="FORMAT", help="netcdf or ggmplus.")] = "netcdf"
     sigma: Annotated[
         float | None,
         typer.Option(
-            "--sigma",
-            min=0.0,
-            callback=finite,
-            help="1-sigma of the map's error to write into it, SI (nT).",
+            min=0.0, callback=finite, help="1-sigma of the map's error to write into it, SI (nT)."
         ),
     ] = None
     correlation_length: Annotated[
-        float | None,
-        typer.Option(
-            "--correlation-length", metavar="M", callback=positive, help="Of that error."
-        ),
+        float | None, typer.Option(metavar="M", callback=positive, help="Of that error.")
     ] = None
 
     def check(self) -> None:

@@ -4,10 +4,9 @@ import math
 from typing import Any
 
 import numpy as np
-import typer
 
 from isogal.arrays import Array
-from isogal.cli.map.results import print_table
+from isogal.cli.tables import print_table
 from isogal.maps.expected_accuracy import Stretches
 from isogal.maps.tiled_map import ScalarMap
 
@@ -101,14 +100,13 @@ def finite_or_none(number: float) -> float | None:
     return float(number) if math.isfinite(number) else None
 
 
-def print_map(found: dict[str, Any]) -> None:
-    """Print a description as a table."""
+def print_map(found: dict[str, Any], *below: str) -> None:
+    """Print a description as a table, and lines below it."""
     show = _writer(found["unit"])
     (rows, columns), (height, width) = found["nodes"], found["step_deg"]
     tall, wide = found["cell_m"]
     quantity = found["quantity"].replace("_", " ")
     table = {
-        "map": found["provenance"],
         "quantity": f"{quantity} in {found['unit']} (file: {found['file_unit']})",
         "latitude": f"{found['south']:.4f} to {found['north']:.4f} deg",
         "longitude": f"{found['west']:.4f} to {found['east']:.4f} deg",
@@ -124,11 +122,11 @@ def print_map(found: dict[str, Any]) -> None:
         "step of the values": show(found["quantisation"]) if found["quantisation"] else "none",
         "level": "not said" if found["height"] is None else f"{found['height']:g} m",
     }
-    print_table(("", ""), table.items(), left=2)
+    print_table(("map", found["provenance"]), list(table.items()), *below, words=(0, 1))
 
 
-def print_route(found: dict[str, Any], unit: str) -> None:
-    """Print the stretches of a track as a table."""
+def print_route(found: dict[str, Any], unit: str, *below: str) -> None:
+    """Print the stretches of a track as a table, and lines below it."""
     factor, slope_unit = (1e8, "mGal/km") if unit == "m/s²" else (1e3, f"{unit}/km")
     print_table(
         ("km", "latitude", "longitude", "readings", slope_unit, "best (m)", "worst (m)"),
@@ -144,11 +142,11 @@ def print_route(found: dict[str, Any], unit: str) -> None:
             )
             for part in found["stretches"]
         ],
-        f"Gradient ({slope_unit}) and expected 1-sigma of a fix from each stretch alone",
-    )
-    typer.echo(
         f"{found['length_km']:.1f} km; values {_writer(unit)(found['value_standard_deviation'])}"
-        f" standard deviation, gradient {factor * found['gradient_rms']:.3g} {slope_unit} RMS"
+        f" standard deviation, gradient {factor * found['gradient_rms']:.3g} {slope_unit} RMS",
+        *below,
+        title=f"Gradient ({slope_unit}) and expected 1-sigma of a fix from each stretch alone",
+        words=(),
     )
 
 

@@ -9,7 +9,7 @@ import typer
 
 from isogal.cli.checks import finite, not_negative, positive
 from isogal.cli.map.results import NetcdfOut, say_written
-from isogal.cli.map_choice import Unsaid
+from isogal.cli.map_choice import ARGUMENTS, Unsaid
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json
 
@@ -25,7 +25,9 @@ class SurveyChoice(Unsaid):
     survey: Annotated[
         Path,
         typer.Argument(
-            metavar="SURVEY", help="Readings: CSV or Geosoft XYZ text, or NetCDF of one dimension."
+            metavar="SURVEY",
+            help="Readings: CSV or Geosoft XYZ text, or NetCDF of one dimension.",
+            rich_help_panel=ARGUMENTS,
         ),
     ]
 
@@ -47,14 +49,12 @@ class Gridding:
     method: Annotated[
         str,
         typer.Option(
-            "--method",
-            help="kriging, or sources: equivalent sources, for readings of several heights.",
+            help="kriging, or sources: equivalent sources, for readings of several heights."
         ),
     ] = "kriging"
     spacing: Annotated[
         float | None,
         typer.Option(
-            "--spacing",
             metavar="M",
             callback=positive,
             help="Between nodes; default: a third of the shortest correlation length.",
@@ -63,7 +63,6 @@ class Gridding:
     block: Annotated[
         float | None,
         typer.Option(
-            "--block",
             metavar="M",
             callback=not_negative,
             help="Readings are averaged in blocks of this side, 0 = none; default: half of"
@@ -71,13 +70,11 @@ class Gridding:
         ),
     ] = None
     trend: Annotated[
-        int,
-        typer.Option("--trend", min=0, max=3, help="Degree of the polynomial taken off first."),
+        int, typer.Option(min=0, max=3, help="Degree of the polynomial taken off first.")
     ] = 1
     height: Annotated[
         float | None,
         typer.Option(
-            "--height",
             metavar="M",
             callback=finite,
             help="Of the map above the ellipsoid (sources); default: the readings' median.",
@@ -86,7 +83,7 @@ class Gridding:
     level: Annotated[
         bool, typer.Option("--level", help="Level survey lines where they cross.")
     ] = False
-    leave_out: Annotated[
+    left_out: Annotated[
         str | None,
         typer.Option(
             "--leave-out",
@@ -99,15 +96,7 @@ class Gridding:
         """Return the same as the library takes it; raises InputError."""
         from isogal.maps.gridding.gridder import GridSettings
 
-        return GridSettings(
-            method=self.method,
-            spacing=self.spacing,
-            block=self.block,
-            trend=self.trend,
-            height=self.height,
-            level=self.level,
-            left_out=self.leave_out,
-        )
+        return GridSettings(**vars(self))
 
 
 @with_groups

@@ -1,8 +1,7 @@
 """``isogal map info``: what is a map, and how good can fixes be along a route?"""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -31,33 +30,24 @@ class Assumptions:
     stretch: Annotated[
         float,
         typer.Option(
-            "--stretch",
-            metavar="KM",
-            min=0.1,
-            callback=finite,
-            help="Track that a fix is made from.",
+            metavar="KM", min=0.1, callback=finite, help="Track that a fix is made from."
         ),
     ] = 5.0
     sensor_sigma: Annotated[
         float | None,
         typer.Option(
-            "--sensor-sigma",
-            callback=positive,
-            help="1-sigma of a reading, map's unit; default: gravimeter.sigma.",
+            callback=positive, help="1-sigma of a reading, map's unit; default: gravimeter.sigma."
         ),
     ] = None
     map_sigma: Annotated[
         float | None,
         typer.Option(
-            "--map-sigma",
-            callback=not_negative,
-            help="1-sigma of the map, its unit; default: as the map says.",
+            callback=not_negative, help="1-sigma of the map, its unit; default: as the map says."
         ),
     ] = None
     map_correlation_length: Annotated[
         float | None,
         typer.Option(
-            "--map-correlation-length",
             metavar="M",
             callback=positive,
             help="Of the map's error; default: as the map says, or 4000.",
@@ -65,12 +55,7 @@ class Assumptions:
     ] = None
     bias_sigma: Annotated[
         float,
-        typer.Option(
-            "--bias-sigma",
-            min=0.0,
-            callback=finite,
-            help="1-sigma of an unknown offset, map's unit.",
-        ),
+        typer.Option(min=0.0, callback=finite, help="1-sigma of an unknown offset, map's unit."),
     ] = 0.0
 
     def stretches(
@@ -107,7 +92,7 @@ def info(
 
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
     position already known to within the linear range of the map."""
-    from isogal.cli.map.description import describe_map, describe_route
+    from isogal.cli.map.description import describe_map, describe_route, print_map, print_route
 
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
@@ -124,15 +109,10 @@ def info(
         draw(figure, map_figure(field_map, track, stretches))
     if json:
         print_json(found)
+        return
+    files = [str(figure)] if figure is not None else []
+    if route is None:
+        print_map(found, *files)
     else:
-        _print(found, field_map.unit, figure)
-
-
-def _print(found: dict[str, Any], unit: str, figure: Path | None) -> None:
-    from isogal.cli.map.description import print_map, print_route
-
-    print_map(found)
-    if "route" in found:
-        print_route(found["route"], unit)
-    if figure is not None:
-        typer.echo(str(figure))
+        print_map(found)
+        print_route(found["route"], field_map.unit, *files)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import output_file
 from isogal.cli.map.part import PartChoice, whole_window
-from isogal.cli.map.results import Picture, draw, print_json, print_table
+from isogal.cli.map.results import Picture, draw, print_json
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.options import RESULTS, Json, written_file
+from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
     from isogal.evaluation.navigability.area import Navigability
@@ -31,10 +31,7 @@ class AreaResults:
     PANEL: ClassVar[str] = RESULTS
 
     out: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--out", metavar="FILE", callback=output_file, help="Grids as .nc or .tif; repeatable."
-        ),
+        list[Path] | None, written_file("FILE", "Grids as .nc or .tif; repeatable.")
     ] = None
     figure: Picture = None
     json: Json = False
@@ -67,9 +64,7 @@ def navigability(
     map_: MapChoice,
     where: PartChoice,
     results: AreaResults,
-    headings: Annotated[
-        int, typer.Option("--headings", min=1, max=72, help="How many, evenly spread.")
-    ] = 8,
+    headings: Annotated[int, typer.Option(min=1, max=72, help="How many, evenly spread.")] = 8,
 ) -> None:
     """Compute how well one can navigate over the area of a map: the RMS error on arrival at each
     node after a straight leg, on the worst, all and the best headings, the probability of a second
@@ -113,9 +108,7 @@ def _print(found: "Navigability", files: list[Path]) -> None:
             for name, text in texts.items()
             if name in summary
         ],
-        f"RMS error on arrival, {rows} x {columns} nodes, {summary['headings']} headings; without"
-        f" readings {found.prior:.0f} m",
-        left=1,
+        *map(str, files),
+        title=f"RMS error on arrival, {rows} x {columns} nodes, {summary['headings']} headings;"
+        f" without readings {found.prior:.0f} m",
     )
-    for path in files:
-        typer.echo(str(path))

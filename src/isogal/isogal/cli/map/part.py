@@ -68,9 +68,7 @@ class RouteChoice(ScenarioChoice):
 
     scenario: Annotated[
         Path | None,
-        typer.Option(
-            "--scenario", metavar="FILE", help="Scenario (YAML) whose route and sensor count."
-        ),
+        typer.Option(metavar="FILE", help="Scenario (YAML) whose route and sensor count."),
     ] = None
     set_: Annotated[
         list[str] | None,
@@ -81,16 +79,13 @@ class RouteChoice(ScenarioChoice):
     route: Annotated[
         str | None,
         typer.Option(
-            "--route",
             metavar="'LAT,LON LAT,LON ...'",
             help="Route by its points, deg, instead of the scenario's.",
         ),
     ] = None
     margin: Annotated[
         float,
-        typer.Option(
-            "--margin", metavar="KM", min=0.0, callback=finite, help="Map kept around a route."
-        ),
+        typer.Option(metavar="KM", min=0.0, callback=finite, help="Map kept around a route."),
     ] = 25.0
 
     def load(self, *changes: str) -> "Scenario":
@@ -118,7 +113,7 @@ class PartChoice(RouteChoice):
 
     window: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option("--window", metavar="SOUTH NORTH WEST EAST", help="Part of the map, deg."),
+        typer.Option(metavar="SOUTH NORTH WEST EAST", help="Part of the map, deg."),
     ] = None
 
     def part(self, route: Route | None) -> "Window | Corridor | None":

@@ -1,7 +1,7 @@
 """How the commands of ``isogal map`` print a result, and where they write a picture."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,11 +27,7 @@ def _png(path: Path | None) -> Path | None:
 Picture = Annotated[
     Path | None,
     typer.Option(
-        "--figure",
-        metavar="FILE.png",
-        help="Draw a picture.",
-        rich_help_panel=RESULTS,
-        callback=_png,
+        metavar="FILE.png", help="Draw a picture.", rich_help_panel=RESULTS, callback=_png
     ),
 ]
 
@@ -68,23 +64,6 @@ NetcdfOut = Annotated[
 ]
 
 
-def print_table(
-    headings: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None, left: int = 0
-) -> None:
-    """Print a table under headings, none if all are empty; its first `left` columns are text, the
-    others numbers."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", show_header=any(headings))
-    for k, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if k < left else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table, highlight=False)
-
-
 def say_written(
     field_map: "FieldMap", path: Path, as_json: bool, lines: Iterable[str] = (), **more: Any
 ) -> None:
@@ -96,6 +75,4 @@ def say_written(
     if as_json:
         print_json(found | more | {"file": str(path)})
     else:
-        print_map(found)
-        for line in (*lines, str(path)):
-            typer.echo(line)
+        print_map(found, *lines, str(path))

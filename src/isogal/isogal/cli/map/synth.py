@@ -17,17 +17,12 @@ def synth(
     out: Annotated[
         Path,
         typer.Option(
-            "--out",
-            metavar="FILE.nc",
-            callback=netcdf_file,
-            help="Map to write.",
-            rich_help_panel=RESULTS,
+            metavar="FILE.nc", callback=netcdf_file, help="Map to write.", rich_help_panel=RESULTS
         ),
     ],
     where: PartChoice,
     quantity: Annotated[
-        str,
-        typer.Option("--quantity", help="gravity, disturbance or height.", rich_help_panel=MAP),
+        str, typer.Option(help="gravity, disturbance or height.", rich_help_panel=MAP)
     ] = "gravity",
     json: Json = False,
 ) -> None:

@@ -9,10 +9,11 @@ import typer
 from isogal.cli.checks import finite
 from isogal.cli.map.info import ASSUMED
 from isogal.cli.map.part import RouteChoice
-from isogal.cli.map.results import Picture, draw, print_json, print_table
+from isogal.cli.map.results import Picture, draw, print_json
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json
+from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
     from isogal.arrays import Array
@@ -40,17 +41,11 @@ class Template:
     PANEL: ClassVar[str] = ASSUMED
 
     half_width: Annotated[
-        float,
-        typer.Option(
-            "--half-width", metavar="M", min=1.0, callback=finite, help="Of the window template."
-        ),
+        float, typer.Option(metavar="M", min=1.0, callback=finite, help="Of the window template.")
     ] = 2000.0
-    points: Annotated[
-        int, typer.Option("--points", min=3, help="Along each side of the template, odd.")
-    ] = 9
+    points: Annotated[int, typer.Option(min=3, help="Along each side of the template, odd.")] = 9
     samples: Annotated[
-        int,
-        typer.Option("--samples", min=1, help="Places that the normalisation looks back over."),
+        int, typer.Option(min=1, help="Places that the normalisation looks back over.")
     ] = 100
 
     def along(self, field_map: "ScalarMap", track: "tuple[Array, Array]") -> _Along:
@@ -129,7 +124,7 @@ def _print(field_map: "ScalarMap", found: _Along, figure: Path | None) -> None:
     print_table(
         ("km", f"root of C ({unit})", "normalised"),
         rows,
-        f"Map feature variability of {field_map.provenance}",
+        *([str(figure)] if figure is not None else ()),
+        title=f"Map feature variability of {field_map.provenance}",
+        words=(),
     )
-    if figure is not None:
-        typer.echo(str(figure))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -90,14 +90,13 @@ class MatcherChoice:
 class Assumptions:
     """How wrong track, readings and map are; sigmas of readings and map in the track's unit."""
 
-    PANEL: ClassVar[str] = ASSUMED
-
     prior_sigma: Annotated[
         float,
         typer.Option(
             "--prior-sigma",
             metavar="M",
             help="1-sigma of the track's position, m per axis.",
+            rich_help_panel=ASSUMED,
         ),
     ] = 1000.0
     velocity_sigma: Annotated[
@@ -106,6 +105,7 @@ class Assumptions:
             "--velocity-sigma",
             metavar="M/S",
             help="1-sigma of the track's velocity, constant over a batch, m/s per axis.",
+            rich_help_panel=ASSUMED,
         ),
     ] = 0.0
     walk_sigma: Annotated[
@@ -114,6 +114,7 @@ class Assumptions:
             "--walk-sigma",
             metavar="M",
             help="With --chain: how far the track's error walks between batches, m in an hour.",
+            rich_help_panel=ASSUMED,
         ),
     ] = 0.0
     sensor_sigma: Annotated[
@@ -125,6 +126,7 @@ class Assumptions:
                 "1-sigma of a reading, where the track has no column sigma, such as 0.5mGal;"
                 " default: what --reference shows, for gravity 1 mGal."
             ),
+            rich_help_panel=ASSUMED,
         ),
     ] = None
     map_sigma: Annotated[
@@ -136,6 +138,7 @@ class Assumptions:
                 "1-sigma of the map's error, such as 15nT, or auto: estimated; default: what the"
                 " map says (it counts where it is larger), else auto."
             ),
+            rich_help_panel=ASSUMED,
         ),
     ] = None
     map_correlation_length: Annotated[
@@ -144,6 +147,7 @@ class Assumptions:
             "--map-correlation-length",
             metavar="M",
             help="Its correlation length, m; default: what the map says, else estimated.",
+            rich_help_panel=ASSUMED,
         ),
     ] = None
     reference: Annotated[
@@ -155,6 +159,7 @@ class Assumptions:
                 "Track like --track (CSV), near by and with true positions: the map's error is"
                 " learnt from it; repeatable."
             ),
+            rich_help_panel=ASSUMED,
         ),
     ] = None
     bias_sigma: Annotated[
@@ -163,6 +168,7 @@ class Assumptions:
             "--bias-sigma",
             metavar="SIGMA",
             help="1-sigma of an unknown constant in the readings; default: estimated.",
+            rich_help_panel=ASSUMED,
         ),
     ] = None
 
@@ -217,8 +223,6 @@ class Assumptions:
 class MatchResults:
     """What becomes of the results."""
 
-    PANEL: ClassVar[str] = RESULTS
-
     out: Annotated[
         list[Path] | None,
         typer.Option(
@@ -226,6 +230,7 @@ class MatchResults:
             metavar="FILE",
             callback=output_file,
             help="Results, by suffix: .json, .csv or .geojson; repeatable.",
+            rich_help_panel=RESULTS,
         ),
     ] = None
     report: Annotated[
@@ -235,6 +240,7 @@ class MatchResults:
             metavar="DIR",
             callback=output_folder,
             help="Folder for a report with figures.",
+            rich_help_panel=RESULTS,
         ),
     ] = None
     json: Json = False
