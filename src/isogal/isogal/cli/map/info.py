@@ -92,7 +92,7 @@ def info(
 
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
     position already known to within the linear range of the map."""
-    from isogal.cli.map.description import describe_map, describe_route, print_map, print_route
+    from isogal.cli.map.description import describe_map, describe_route
 
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
@@ -109,10 +109,15 @@ def info(
         draw(figure, map_figure(field_map, track, stretches))
     if json:
         print_json(found)
-        return
-    files = [str(figure)] if figure is not None else []
-    if route is None:
-        print_map(found, *files)
     else:
+        _print(found, field_map.unit, [str(figure)] if figure is not None else [])
+
+
+def _print(found: dict[str, Any], unit: str, files: list[str]) -> None:
+    from isogal.cli.map.description import print_map, print_route
+
+    if "route" in found:
         print_map(found)
-        print_route(found["route"], field_map.unit, *files)
+        print_route(found["route"], unit, *files)
+    else:
+        print_map(found, *files)
