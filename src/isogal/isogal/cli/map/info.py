@@ -1,7 +1,7 @@
 """``isogal map info``: what is a map, and how good can fixes be along a route?"""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
