@@ -25,7 +25,7 @@ _SYNTHETIC_VARIABLES = {"ga": "gravity", "dg": "disturbance", "height": "height"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unsaid:
+class SourceOptions:
     """What a file of a map or a survey does not say."""
 
     PANEL: ClassVar[str] = MAP
@@ -49,7 +49,7 @@ class Unsaid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MapChoice(Unsaid):
+class MapChoice(SourceOptions):
     """Which map; by its file or folder, which is an argument."""
 
     source: Annotated[

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap, said_by
+from isogal.maps.field_map import FieldMap, delegated
 from isogal.maps.interpolation import Grid, Values
 from isogal.maps.tiled_map import ScalarMap
 
-_of_first = partial(said_by, lambda several: several.channels[0])
+_of_first = partial(delegated, lambda several: several.channels[0])
 
 
 class ChannelMap:

@@ -93,7 +93,7 @@ class ErrorSpectrum:
         if not power.any():
             return None
         power /= power.sum()
-        return _fallen(
+        return _correlation_length(
             lambda distance: float((power * j0(self.wavenumber * distance)).sum()),
             1.0 / float((power * self.wavenumber).sum()),
         )
@@ -113,13 +113,13 @@ def mixed_length(parts: Sequence[tuple[float, float | None]]) -> float | None:
     if not errors:
         return None
     variance, length = np.transpose(errors)
-    return _fallen(
+    return _correlation_length(
         lambda distance: float((variance * decay(distance, length)).sum() / variance.sum()),
         float(length.max()),
     )
 
 
-def _fallen(correlation: Callable[[float], float], first: float) -> float:
+def _correlation_length(correlation: Callable[[float], float], first: float) -> float:
     """Return the distance (m) at which a correlation is 1/e, by bisection from a first guess."""
     low, high = 0.0, first
     while correlation(high) > math.exp(-1.0):

@@ -350,6 +350,6 @@ def _none_or(value: float | None, least: float) -> bool:
     return value is None or (math.isfinite(value) and value >= least)
 
 
-def said_by(place: Callable[[Any], FieldMap], name: str) -> Any:
+def delegated(place: Callable[[Any], FieldMap], name: str) -> Any:
     """Return a property of something made of maps: what one of them says."""
     return property(lambda whole: getattr(place(whole), name))

@@ -27,7 +27,7 @@ from isogal.maps.axes import (
     Window,
 )
 from isogal.maps.corridor import Corridor, joined
-from isogal.maps.field_map import FieldMap, flat_points, said_by
+from isogal.maps.field_map import FieldMap, delegated, flat_points
 
 WHOLE_CELLS = 6_000_000
 """A map along a route that has at most so many cells is read as a whole (48 MB)."""
@@ -56,7 +56,7 @@ class Load(Protocol):
         ...
 
 
-_of_start = partial(said_by, lambda tiled: tiled._start)
+_of_start = partial(delegated, lambda tiled: tiled._start)
 
 
 class TiledMap:

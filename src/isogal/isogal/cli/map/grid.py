@@ -9,7 +9,7 @@ import typer
 
 from isogal.cli.checks import finite, not_negative, positive
 from isogal.cli.map.results import NetcdfOut, say_written
-from isogal.cli.map_choice import ARGUMENTS, Unsaid
+from isogal.cli.map_choice import ARGUMENTS, SourceOptions
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurveyChoice(Unsaid):
+class SurveyChoice(SourceOptions):
     """Which readings."""
 
     survey: Annotated[
