@@ -41,7 +41,7 @@ def test_what_cannot_be_read_is_refused_alike(file, command, name, words, messag
 
 def test_a_format_that_the_name_does_not_say(file, small_map):
     for group in (MapChoice, MapOption):
-        found = group(source=str(file.with_name("map.grid")), format_name="netcdf").load(None)
+        found = group(str(file.with_name("map.grid")), format_name="netcdf").load(None)
         assert found.values.shape == small_map.values.shape
 
 
@@ -58,7 +58,7 @@ def test_a_format_that_the_name_does_not_say(file, small_map):
 def test_what_the_synthetic_map_does_not_have_is_refused(choice, message):
     window = Window(-0.65, -0.649, 2.5, 2.501) if choice else None
     with pytest.raises(InputError, match=message):
-        MapChoice(source="synthetic", **choice).load(window)
+        MapChoice("synthetic", **choice).load(window)
 
 
 @pytest.mark.parametrize(
@@ -73,4 +73,4 @@ def test_what_the_synthetic_map_does_not_have_is_refused(choice, message):
 def test_quantity_of_the_synthetic_map(monkeypatch, choice, quantity):
     monkeypatch.setattr("isogal.cli.map_choice.make_synthetic", lambda name, window: name)
     window = Window(-0.65, -0.649, 2.5, 2.501)
-    assert MapChoice(source="synthetic", **choice).load(window, measured="disturbance") == quantity
+    assert MapChoice("synthetic", **choice).load(window, measured="disturbance") == quantity

@@ -48,7 +48,7 @@ class SourceOptions:
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class MapChoice(SourceOptions):
     """Which map; by its file or folder, which is an argument."""
 
@@ -158,7 +158,7 @@ def make_synthetic_along(quantity: str, corridor: "Corridor") -> "ScalarMap":
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class MapOption(MapChoice):
     """Which map; by its file or folder, which is an option."""
 

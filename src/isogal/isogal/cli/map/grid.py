@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from isogal.maps.gridding.survey import Survey
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SurveyChoice(SourceOptions):
     """Which readings."""
 
