@@ -10,10 +10,10 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.error_ellipses import ellipses_of, joint
+from isogal.maps.error_model import displacements
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.gridder import GridSettings, Model, grid_survey
 from isogal.maps.gridding.reading import read_survey
-from isogal.maps.tensor_error import displacements
 from measured_data.lines import Line, scotland
 from measured_data.matches import AWAY
 from measured_data.untold import MAGNETIC_SIGMA

@@ -1,12 +1,11 @@
 """The terms of the model, against the field of an aircraft built by hand and by other means."""
 
 import numpy as np
-import pytest
 
 from helpers.magnetics import INTENSITY, aircraft, fly
 from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.manoeuvres import calibration_flight, ordinary_flight
-from isogal.magnetics.terms import COUNT, SCALE, derivative, identifiable, names, terms
+from isogal.magnetics.terms import COUNT, SCALE, identifiable, names, terms
 
 
 def test_columns_in_the_order_and_scale_of_the_literature():
@@ -40,11 +39,3 @@ def test_what_a_flight_does_not_tell_is_constant_or_nothing():
     coefficients[[9, 13, 17]] = 40.0
     assert np.abs(readings.terms() @ coefficients).max() < 0.1
     np.testing.assert_allclose(identifiable(coefficients), 0.0, atol=1e-12)
-
-
-def test_derivative_of_uneven_times():
-    time = np.array([0.0, 0.1, 0.3, 0.4, 0.6])
-    vector = np.stack([time**2, 3.0 * time, np.ones(5)], axis=-1)
-    rate = derivative(vector, time)
-    assert rate[1:-1, 0] == pytest.approx(2.0 * time[1:-1])
-    np.testing.assert_allclose(rate[:, 1:], [[3.0, 0.0]] * 5, atol=1e-12)

@@ -4,61 +4,67 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from isogal.maps.cache import cache_folder, read_or_make, read_part, write_parts
+from isogal.maps.cache import cache_folder, read_array, read_or_make
 
-PARTS = (b"first", b"", b"third" * 1000)
-
-
-def test_parts_come_back(tmp_path):
-    write_parts(tmp_path / "a", PARTS)
-    assert [read_part(tmp_path / "a", i) for i in range(4)] == [*PARTS, None]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a"]
+ARRAYS = {"first": np.arange(3), "none": np.zeros(0), "third": np.full((40, 50), 7)}
 
 
-@pytest.mark.parametrize("damage", ["absent", "empty", "cut", "longer", "flipped", "foreign"])
+def kept(path):
+    """Make a cache file, and return its path."""
+    ((_, made),) = read_or_make({path: lambda: ARRAYS}, "first")
+    np.testing.assert_array_equal(made, ARRAYS["first"])
+    return path
+
+
+def test_arrays_come_back(tmp_path):
+    path = kept(tmp_path / "a.npz")
+    for name, array in ARRAYS.items():
+        np.testing.assert_array_equal(read_array(path, name), array)
+    assert read_array(path, "fourth") is None
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".a.npz.lock", "a.npz"]
+
+
+@pytest.mark.parametrize("damage", ["absent", "empty", "cut", "flipped", "foreign"])
 def test_damage_is_found_and_repaired(tmp_path, damage):
-    path = tmp_path / "a"
-    write_parts(path, PARTS)
+    path = kept(tmp_path / "a.npz")
     body = path.read_bytes()
+    at = body.index(ARRAYS["third"].tobytes()) + 800
     path.unlink()
     if damage != "absent":
-        flipped = body[:-7] + bytes([body[-7] ^ 1]) + body[-6:]
-        path.write_bytes(
-            {
-                "empty": b"",
-                "cut": body[:-3],
-                "longer": body + b"x",
-                "flipped": flipped,
-                "foreign": b"PK" * 40,
-            }[damage]
-        )
-    assert read_part(path, 2) is None
-    assert dict(read_or_make({path: lambda: PARTS}, 2)) == {path: PARTS[2]}
-    assert read_part(path, 2) == PARTS[2]
+        flipped = body[:at] + bytes([body[at] ^ 1]) + body[at + 1 :]
+        spoilt = {"empty": b"", "cut": body[:-3], "flipped": flipped, "foreign": b"PK" * 40}
+        path.write_bytes(spoilt[damage])
+    assert read_array(path, "third") is None
+    ((_, made),) = read_or_make({path: lambda: ARRAYS}, "third")
+    for array in (made, read_array(path, "third")):
+        np.testing.assert_array_equal(array, ARRAYS["third"])
 
 
-def test_without_a_writable_folder_parts_are_made_and_not_kept(tmp_path):
+def test_without_a_writable_folder_arrays_are_made_and_not_kept(tmp_path):
     file = tmp_path / "file"
     file.write_text("not a folder")
     calls = []
-    made = dict(read_or_make({file / "a": lambda: calls.append(1) or PARTS}, 0))
-    assert made == {file / "a": PARTS[0]} and len(calls) == 1
+    ((_, made),) = read_or_make({file / "a.npz": lambda: calls.append(1) or ARRAYS}, "first")
+    assert len(made) == 3 and len(calls) == 1
 
 
 SHARE = """
 import sys, time
 from pathlib import Path
+import numpy as np
 from isogal.maps.cache import read_or_make
 folder = Path(sys.argv[1])
 def make(name):
     with (folder / "log").open("a") as log:
         log.write(name + "\\n")
     time.sleep(0.2)
-    return [name.encode()]
-got = dict(read_or_make({folder / "t" / n: (lambda n=n: make(n)) for n in "abcdef"}, 0))
-assert {p.name: b.decode() for p, b in got.items()} == {n: n for n in "abcdef"}
+    return {"name": np.array(name)}
+makers = {folder / "t" / f"{n}.npz": (lambda n=n: make(n)) for n in "abcdef"}
+got = {path.stem: str(array) for path, array in read_or_make(makers, "name")}
+assert got == {n: n for n in "abcdef"}
 """
 
 

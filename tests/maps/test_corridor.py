@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.corridor import along_track, corridor_of, joined
+from isogal.maps.corridor import along_track, corridor_of
 
 
 def around(latitude, longitude, metres, count=16):
@@ -53,9 +53,3 @@ def test_distance_along_a_track_across_the_date_line():
     longitude = np.radians([179.0, 179.9, -179.9, -179.0])
     distance = along_track(np.zeros(4), longitude)
     np.testing.assert_allclose(distance, np.radians([0.0, 0.9, 1.1, 2.0]) * 6378137.0, rtol=1e-9)
-
-
-def test_two_windows_joined():
-    pieces = corridor_of(np.radians([0.0, 1.0]), np.radians([0.0, 1.0]), 0.0).windows()
-    whole = joined(pieces[0], pieces[-1])
-    assert all(joined(whole, piece) == whole for piece in pieces)

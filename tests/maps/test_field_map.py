@@ -156,5 +156,5 @@ def test_correlation_lengths_at_each_node(small_map):
     assert replace(small_map, correlation_length=9.0).correlation_length_at(*here) == 9.0
     assert np.isnan(replace(small_map, correlation_length=None).correlation_length_at(*here))
     for wrong in (lengths[1:], -lengths):
-        with pytest.raises(InputError, match="correlation lengths must be > 0 m"):
+        with pytest.raises(InputError, match=r"correlation.lengths"):
             replace(small_map, correlation_lengths=wrong)

@@ -82,3 +82,34 @@ def write_atomic(path: str | Path, data: bytes | str, sync: bool = True) -> None
     """Write a whole file, text as UTF-8; see `atomic_path`."""
     with atomic_path(path, sync) as temporary:
         temporary.write_bytes(data.encode("utf-8") if isinstance(data, str) else data)
+
+
+@contextmanager
+def reading(path: str | Path, kind: str | None = None) -> Iterator[None]:
+    """Turn what goes wrong while a file is read into one line that names it.
+
+    Parameters
+    ----------
+    path : path
+    kind : str, optional
+        Format that a library reads, such as ``NetCDF``: whatever that raises means that the file
+        is damaged. None = text, or a file of Isogal's own.
+
+    Raises
+    ------
+    InputError
+        As it is, or of a file that cannot be read.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        if kind is not None:  # libraries have no base class of their own errors
+            reason = str(error).splitlines()[0] if str(error) else repr(error)
+            raise InputError(f"{path}: cannot be read as {kind}: {reason}") from None
+        if isinstance(error, OSError):
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        if isinstance(error, UnicodeDecodeError):
+            raise InputError(f"{path}: is not a text file (UTF-8)") from None
+        raise

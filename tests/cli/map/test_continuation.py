@@ -59,15 +59,9 @@ def test_from_the_ground(folder, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("out.nc", "--height", 500), "unsaid.nc:disturbance: does not say at which height"),
         (("out.tif", "--height", 500), "out.tif: must end in .nc"),
         (("out.nc",), "Missing option '--height'"),
         (("out.nc", "--height", "inf"), "--height: must be finite, is inf"),
-        (("out.nc", "--height", 0, "--from-height", 300), "give a cut-off wavelength (--downward"),
-        (
-            ("out.nc", "--height", 500, "--from-height", 0, "--downward-cutoff", 3),
-            "a cut-off wavelength is for downward continuation",
-        ),
         (
             ("out.nc", "--height", 500, "--terrain", "x.nc", "--from-height", 0),
             "--from-height 0: cannot be given together with --terrain",
@@ -78,9 +72,3 @@ def test_from_the_ground(folder, tmp_path):
 )
 def test_bad_input_ends_in_one_line(folder, words, message):
     assert message in refusal("map", "continue", folder / "unsaid.nc", *words)
-
-
-def test_quantities_that_are_not_harmonic_are_refused(folder):
-    words = ("out.nc", "--height", 500, "--from-height", 0)
-    message = refusal("map", "continue", folder / "hills.nc", *words)
-    assert "a map of height cannot be continued" in message

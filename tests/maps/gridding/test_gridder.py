@@ -1,5 +1,7 @@
 """Maps of surveys of a field whose covariance is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ from isogal.errors import InputError
 from isogal.maps.error_ellipses import axes_of, joint
 from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.gridder import GridSettings, grid_survey, learn_model
 from isogal.maps.gridding.kriging import Kriging
@@ -121,7 +123,7 @@ def test_sources_continue_upward():
 
 def test_groups_agree_where_they_meet(stations):
     kriging = stations[2].kriging
-    few = Kriging(kriging.places, kriging.value, kriging.covariance)
+    few = replace(kriging, readings=replace(kriging.readings, sigma=None, line=None))
     at = np.column_stack([np.full(40, 100.0), np.linspace(-9e3, 9e3, 40), np.zeros(40)])
     together = few.at(at)
     alone = [few.at(one[None]) for one in at]
@@ -165,7 +167,9 @@ def test_errors_along_a_line_between_others_hold_together_as_it_says(strike, one
     covariance = Covariance(
         "matern", (1e-4, 1e-9), (3e3, 3e3), 2e-6, ratio=3.0, strike=np.radians(strike)
     )
-    kriging = Kriging(np.pad(places, ((0, 0), (0, 1))), np.zeros(len(places)), covariance)
+    kriging = Kriging(
+        Readings(np.pad(places, ((0, 0), (0, 1))), np.zeros(len(places))), covariance
+    )
     east, north = np.meshgrid(np.arange(-6e3, 6.1e3, 300.0), np.arange(0.0, 3.1e3, 300.0))
     nodes = np.stack([east.ravel(), north.ravel(), np.zeros(east.size)], axis=1)
     _, among = kriging.together(nodes)

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.misfit import IMPOSSIBLE, misfit
 
 MATERN = Covariance("matern", (2.0, 3.0), (900.0, 4000.0), 0.3, 0.4, 1.7, 0.6)
 HARMONIC = Covariance("harmonic", (2.0, 3.0), (900.0, 4000.0), 0.3)
 
 
-def readings(line: bool):
+def readings(line: bool) -> Readings:
     random = np.random.default_rng(3)
     places = np.column_stack([random.uniform(0.0, 5e3, (40, 2)), random.uniform(0.0, 300.0, 40)])
     sigma = random.uniform(0.1, 0.2, 40)
-    return places, random.normal(0.0, 3.0, 40), sigma, np.arange(40) // 10 if line else None
+    number = np.arange(40) // 10 if line else None
+    return Readings(places, random.normal(0.0, 3.0, 40), sigma, number)
 
 
 def changed(covariance: Covariance, which: int, step: float) -> Covariance:
@@ -45,21 +46,20 @@ def changed(covariance: Covariance, which: int, step: float) -> Covariance:
 def test_it_is_the_normal_distributions_and_its_derivatives_are_its_differences(
     covariance, parameters
 ):
-    places, value, sigma, line = given = readings(covariance is MATERN)
-    cost, slopes = misfit(covariance, 5.0, *given)
-    R = covariance.of_readings(places, sigma, line) + 25.0
-    density = multivariate_normal(np.zeros(40), R).logpdf(value)
+    given = readings(covariance is MATERN)
+    cost, slopes = misfit(covariance, 5.0, given)
+    R = covariance.of_readings(given) + 25.0
+    density = multivariate_normal(np.zeros(40), R).logpdf(given.value)
     assert cost == pytest.approx(-density - 20.0 * np.log(2.0 * np.pi))
     assert len(slopes) == len(parameters)
     for which, slope in zip(parameters, slopes, strict=True):
-        up, down = (misfit(changed(covariance, which, s), 5.0, *given)[0] for s in (1e-5, -1e-5))
+        up, down = (misfit(changed(covariance, which, s), 5.0, given)[0] for s in (1e-5, -1e-5))
         assert slope == pytest.approx((up - down) / 2e-5, rel=1e-4, abs=1e-5), which
 
 
 def test_what_is_not_positive_definite_is_impossible():
     nothing = replace(MATERN, sigma=(0.0, 0.0), noise=0.0)
-    places, value, _, line = readings(True)
-    cost, slopes = misfit(nothing, 0.0, places, value, None, line)
+    cost, slopes = misfit(nothing, 0.0, replace(readings(True), sigma=None))
     assert cost == IMPOSSIBLE
     assert not slopes.any()
     assert slopes.size == 8

@@ -118,7 +118,7 @@ def test_like_ggmplus():
 def test_a_broken_cache_file_is_made_again(own_cache, tmp_path, monkeypatch):
     part = window(-37.5, -37.49, 145.5, 145.51)
     first = synthetic_map("gravity", part)
-    tile = tmp_path / own_cache[0].name / "S38E145.tile"
+    tile = tmp_path / own_cache[0].name / "S38E145.npz"
     tile.parent.mkdir()
     shutil.copy(own_cache[0] / tile.name, tile)
     tile.write_bytes(tile.read_bytes()[:-1000])

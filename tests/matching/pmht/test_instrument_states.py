@@ -10,8 +10,7 @@ from helpers.batches import INTERVAL, field_map_of, make_batch, noise_covariance
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_along_track import filtered_chain
-from isogal.maps.tensor_error import tensor_covariance
+from isogal.maps.error_model import filtered_chain, tensor_covariance
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Soundings
 from isogal.matching.parameters import Parameters

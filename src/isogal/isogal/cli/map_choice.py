@@ -1,7 +1,7 @@
 """Which map a command works on, and what its file does not say."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -16,54 +16,51 @@ if TYPE_CHECKING:
 
 MAP = "Map"
 """Heading of the options that say what the map is."""
+ARGUMENTS = "Arguments"
+"""That of what is no option."""
 SYNTHETIC = "synthetic"
 """Source that is no file."""
 SOURCE_HELP = "NetCDF, GeoTIFF, ICGEM or XYZ file, GGMplus folder, or 'synthetic'."
 _SYNTHETIC_VARIABLES = {"ga": "gravity", "dg": "disturbance", "height": "height"}
 
 
-@dataclass(frozen=True)
-class MapChoice:
-    """Which map; by its file or folder, which is an argument."""
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """What a file of a map or a survey does not say."""
 
-    source: Annotated[str, typer.Argument(metavar="MAP", help=SOURCE_HELP)]
+    PANEL: ClassVar[str] = MAP
+
     variable: Annotated[
         str | None,
-        typer.Option(
-            "--variable",
-            metavar="NAME",
-            help="Variable, band, column or extension.",
-            rich_help_panel=MAP,
-        ),
+        typer.Option(metavar="NAME", help="Variable, band, column or extension of the values."),
     ] = None
     quantity: Annotated[
-        str | None,
-        typer.Option(
-            "--quantity", help="What the map is of, where it does not say.", rich_help_panel=MAP
-        ),
+        str | None, typer.Option(help="What the values are of, where the file does not say.")
     ] = None
     unit: Annotated[
-        str | None,
-        typer.Option(
-            "--unit", help="Unit of the numbers, where the file does not say.", rich_help_panel=MAP
-        ),
+        str | None, typer.Option(help="Of the values, where the file does not say.")
     ] = None
     crs: Annotated[
         str | None,
         typer.Option(
-            "--crs",
-            metavar="EPSG:N",
-            help="System of a GeoTIFF that does not say.",
-            rich_help_panel=MAP,
+            metavar="EPSG:N", help="System of a GeoTIFF that does not say, or of columns x and y."
         ),
     ] = None
+
+
+@dataclass(frozen=True)
+class MapChoice(SourceOptions):
+    """Which map; by its file or folder, which is an argument."""
+
+    source: Annotated[
+        str, typer.Argument(metavar="MAP", help=SOURCE_HELP, rich_help_panel=ARGUMENTS)
+    ]
     format_name: Annotated[
         str | None,
         typer.Option(
             "--format",
             metavar="NAME",
             help="Such as netcdf or xyz (a wrong one lists all); default: by name.",
-            rich_help_panel=MAP,
         ),
     ] = None
 

@@ -9,7 +9,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.fields.beams import Footprints
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.maps.tensor_error import displacements, tensor_covariance
+from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Gradiometer, Gravimeter, Scenario
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect

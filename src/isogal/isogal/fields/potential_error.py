@@ -7,7 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.tensor_error import wave_factors
+from isogal.maps.error_model import wave_factors
 from isogal.scenario import Scenario
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory

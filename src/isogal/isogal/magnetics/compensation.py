@@ -8,7 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.files import write_atomic
+from isogal.files import reading, write_atomic
 from isogal.magnetics.readings import Readings
 from isogal.magnetics.terms import COUNT, EDDY, INDUCED, PERMANENT, SCALE, terms
 from isogal.yaml_text import parse_yaml
@@ -97,12 +97,8 @@ def read_compensation(path: str | Path) -> Compensation:
     InputError
         The file cannot be read, is of another kind or version, or holds what cannot be.
     """
-    try:
+    with reading(path):
         text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file (UTF-8)") from None
     document = parse_yaml(text, str(path))
     if not isinstance(document, dict) or _KEY not in document:
         raise InputError(f"{path}: holds no compensation; it must begin with '{_KEY}: {VERSION}'")

@@ -36,16 +36,10 @@ class Flight:
     def in_body(self, field: Array) -> Array:
         """Return (N, 3) a field (N, 3) or (3,) given in north, east, down, in body axes (Groves
         2013, eq. 2.22)."""
-        roll, pitch, heading = self.angles.T
-        cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-        ch, sh = np.cos(heading), np.sin(heading)
-        rows = [
-            [cp * ch, cp * sh, -sp],
-            [sr * sp * ch - cr * sh, sr * sp * sh + cr * ch, sr * cp],
-            [cr * sp * ch + sr * sh, cr * sp * sh - sr * ch, cr * cp],
-        ]
-        matrix = np.moveaxis(np.array(rows), -1, 0)
-        return np.einsum("nij,...j->ni" if field.ndim == 1 else "nij,nj->ni", matrix, field)
+        from scipy.spatial.transform import Rotation
+
+        attitude = Rotation.from_euler("xyz", self.angles)
+        return np.asarray(attitude.apply(field, inverse=True))
 
 
 def calibration_flight(rate: float = 10.0, laps: int = 1, speed: float = 70.0) -> Flight:

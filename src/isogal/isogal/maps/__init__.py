@@ -5,7 +5,6 @@
     channels             several maps on one grid; types of map that functions take
     several              the maps of several fields
     tiled_map            a map too large for the memory, read in tiles
-    part_reader          how parts of a map are read
     corridor             the part of the Earth along a route
     axes                 windows, regular axes, and the part of an axis that a window needs
     load                 which format does a file have? does a map cover a route?
@@ -20,7 +19,7 @@ What maps are used for:
     gradients            the gravity gradient tensor from the disturbance
     gravity_vector       the horizontal components of gravity
     spectral             Fourier transforms of a map over a plane
-    tensor_error         errors of the tensor's components that come from one potential
+    error_model          the covariance of a map's errors, between places and along a track
     error_spectrum       what becomes of a map's errors in such a transform
 
 Where maps come from:

@@ -6,16 +6,21 @@ import fcntl
 import logging
 import os
 import tempfile
-import zlib
-from collections.abc import Callable, Iterator, Sequence
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from isogal.errors import InputError
 from isogal.files import atomic_path
 
 _LOG = logging.getLogger(__name__)
-_MAGIC = b"ISOGAL1\n"
-_ENTRY = 12  # bytes of the table for each part: length (8), CRC-32 (4)
+
+Maker = Callable[[], Mapping[str, Any]]
+"""Makes the arrays of a cache file, by their names."""
 
 
 def cache_folder() -> Path:
@@ -32,34 +37,13 @@ def cache_folder() -> Path:
         return Path(tempfile.gettempdir()) / f"isogal-{os.getuid()}"
 
 
-def read_part(path: Path, index: int) -> bytes | None:
-    """Return one part of a cache file, or None if the file is absent, cut short or damaged."""
+def read_array(path: Path, name: str) -> NDArray[Any] | None:
+    """Return one array of a cache file, or None if the file is absent, cut short or damaged."""
     try:
-        with path.open("rb") as file:
-            head = file.read(len(_MAGIC) + 1)
-            count = head[-1] if head[:-1] == _MAGIC else 0
-            table = file.read(_ENTRY * count)
-            if index >= count or len(table) < _ENTRY * count:
-                return None
-            entries = [table[i : i + _ENTRY] for i in range(0, len(table), _ENTRY)]
-            lengths = [int.from_bytes(entry[:8], "big") for entry in entries]
-            if path.stat().st_size != len(head) + len(table) + sum(lengths):
-                return None
-            file.seek(sum(lengths[:index]), os.SEEK_CUR)
-            body = file.read(lengths[index])
-    except OSError:
+        with np.load(path) as file:
+            return np.asarray(file[name])  # its checksum is compared as it is read
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return None
-    return body if zlib.crc32(body) == int.from_bytes(entries[index][8:], "big") else None
-
-
-def write_parts(path: Path, parts: Sequence[bytes]) -> None:
-    """Write a cache file of at most 255 parts with their lengths and checksums; it appears whole
-    or not at all."""
-    table = b"".join(
-        len(part).to_bytes(8, "big") + zlib.crc32(part).to_bytes(4, "big") for part in parts
-    )
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(b"".join((_MAGIC, bytes([len(parts)]), table, *parts)))
 
 
 @contextlib.contextmanager
@@ -75,50 +59,47 @@ def locked(path: Path, wait: bool) -> Iterator[bool]:
         yield True
 
 
-def read_or_make(
-    makers: dict[Path, Callable[[], Sequence[bytes]]], index: int
-) -> Iterator[tuple[Path, bytes]]:
-    """Give one part of each of many cache files, making those that are absent or damaged, in any
+def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, NDArray[Any]]]:
+    """Give one array of each of many cache files, making those that are absent or damaged, in any
     order.
 
     Processes that ask at the same time share the work: each takes what no other is making, then
-    waits for the rest. Where the folder cannot be written, the parts are made and not kept.
+    waits for the rest. Where the folder cannot be written, the arrays are made and not kept.
 
     Parameters
     ----------
     makers : dict
-        File, and the function that makes its parts: the same bytes in every process.
-    index : int
-        Which part is wanted.
+        File (``.npz``), and the function that makes its arrays: the same in every process.
+    name : str
+        Which array is wanted.
     """
     waiting = list(makers)
     for wait in (False, True):
         left, waiting = waiting, []
         for path in left:
-            body = read_part(path, index)
-            if body is None:
-                body = _make(path, makers[path], index, wait)
-            if body is None:
+            array = read_array(path, name)
+            if array is None:
+                array = _make(path, makers[path], name, wait)
+            if array is None:
                 waiting.append(path)
             else:
-                yield path, body
+                yield path, array
 
 
-def _make(
-    path: Path, maker: Callable[[], Sequence[bytes]], index: int, wait: bool
-) -> bytes | None:
+def _make(path: Path, maker: Maker, name: str, wait: bool) -> NDArray[Any] | None:
     """Make a cache file; None if another process is making it, unless told to wait for that."""
-    parts: Sequence[bytes] | None = None
+    arrays: Mapping[str, Any] | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path, wait) as mine:
             if not mine:
                 return None
-            body = read_part(path, index)  # another process may have finished it meanwhile
-            if body is not None:
-                return body
-            parts = maker()
-            write_parts(path, parts)
+            array = read_array(path, name)  # another process may have finished it meanwhile
+            if array is not None:
+                return array
+            arrays = maker()
+            with atomic_path(path) as temporary:
+                np.savez(temporary, **arrays)
     except (OSError, InputError) as error:
         _LOG.warning("%s is not kept in the cache: %s", path.name, error)
-    return (maker() if parts is None else parts)[index]
+    return (maker() if arrays is None else arrays)[name]

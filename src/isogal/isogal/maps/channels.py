@@ -3,7 +3,7 @@ gravity gradient tensor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap
+from isogal.maps.field_map import FieldMap, delegated
 from isogal.maps.interpolation import Grid, Values
 from isogal.maps.tiled_map import ScalarMap
+
+_of_first = partial(delegated, lambda several: several.channels[0])
 
 
 class ChannelMap:
@@ -86,25 +88,10 @@ class ChannelMap:
         columns = self.values.shape[2]
         return self.channels[0].grid._replace(values=self.values.reshape(-1, columns))
 
-    @property
-    def unit(self) -> str:
-        """Unit of all channels."""
-        return self.channels[0].unit
-
-    @property
-    def quantity(self) -> str:
-        """Quantity of all channels."""
-        return self.channels[0].quantity
-
-    @property
-    def extent(self) -> Window:
-        """South, north, west and east node, rad."""
-        return self.channels[0].extent
-
-    @property
-    def provenance(self) -> str:
-        """Where it comes from, one line."""
-        return self.channels[0].provenance
+    unit: str = _of_first("unit")
+    quantity: str = _of_first("quantity")
+    extent: Window = _of_first("extent")
+    provenance: str = _of_first("provenance")
 
 
 AnyMap = FieldMap | ChannelMap

@@ -1,7 +1,8 @@
 """The errors of a map as a random field: how large, and over which distance they hold together,
 after an operator that depends on the wavelength alone.
 
-The error of the values is taken to have the covariance sigma² exp(-d / L), thus the spectrum
+The error of the values has the covariance of `isogal.maps.error_model`, sigma² exp(-d / L), thus
+the spectrum
 
     S(k) = sigma² L² / (1 + k² L²)^(3/2),   the integral of S(k) k dk being sigma²,
 
@@ -17,11 +18,12 @@ c(d) = (1 + (d / 2h)²)^(-3/2)."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.maps.error_model import decay
 from isogal.maps.field_map import FieldMap
 
 USUAL_LENGTH = 4000.0
@@ -43,6 +45,20 @@ class ErrorSpectrum:
     """(K,) share of the variance of errors of 1-sigma one that each wavenumber has."""
     white: Array
     """(K,) likewise, of white noise of the nodes."""
+    sigma: float = 1.0
+    """1-sigma of the correlated errors."""
+    rounding: float = 0.0
+    """1-sigma of the white noise."""
+
+    @classmethod
+    def of_map(cls, field_map: FieldMap) -> "ErrorSpectrum":
+        """Return that of what a map says of its errors: the root mean square over its nodes, and
+        the rounding of its values."""
+        return replace(
+            cls.of_grid(field_map.cell, field_map.correlation_length),
+            sigma=float(np.sqrt(np.nanmean(np.square(field_map.sigma)))),
+            rounding=field_map.quantisation / math.sqrt(12.0),
+        )
 
     @classmethod
     def of_grid(cls, cell: tuple[float, float], length: float | None) -> "ErrorSpectrum":
@@ -67,37 +83,20 @@ class ErrorSpectrum:
         """Return the 1-sigma after an operator of white noise of 1-sigma one."""
         return math.sqrt(float((self.white * factor(self.wavenumber) ** 2).sum()))
 
-    def length(self, factor: Factor, sigma: float, white: float) -> float:
-        """Return the distance (m) at which errors after an operator have a correlation of 1/e.
-
-        Parameters
-        ----------
-        factor : Factor
-        sigma, white : float
-            1-sigma of the correlated errors and of the white noise before it, not both zero.
-        """
+    def length(self, factor: Factor) -> float | None:
+        """Return the distance (m) at which errors after an operator have a correlation of 1/e;
+        None where there are no errors."""
         from scipy.special import j0
 
-        power = (sigma**2 * self.correlated + white**2 * self.white) * factor(self.wavenumber) ** 2
+        power = self.sigma**2 * self.correlated + self.rounding**2 * self.white
+        power *= factor(self.wavenumber) ** 2
+        if not power.any():
+            return None
         power /= power.sum()
-        low, high = 0.0, 1.0 / float((power * self.wavenumber).sum())
-        while (power * j0(self.wavenumber * high)).sum() > math.exp(-1.0):
-            low, high = high, 1.5 * high
-        for _ in range(40):
-            middle = 0.5 * (low + high)
-            above = (power * j0(self.wavenumber * middle)).sum() > math.exp(-1.0)
-            low, high = (middle, high) if above else (low, middle)
-        return high
-
-
-def typical_sigma(field_map: FieldMap) -> float:
-    """Return the 1-sigma of a map's error, root mean square over its nodes."""
-    return float(np.sqrt(np.nanmean(np.square(field_map.sigma))))
-
-
-def rounding(field_map: FieldMap) -> float:
-    """Return the 1-sigma of the rounding of a map's values."""
-    return field_map.quantisation / math.sqrt(12.0)
+        return _correlation_length(
+            lambda distance: float((power * j0(self.wavenumber * distance)).sum()),
+            1.0 / float((power * self.wavenumber).sum()),
+        )
 
 
 def mixed_length(parts: Sequence[tuple[float, float | None]]) -> float | None:
@@ -114,10 +113,18 @@ def mixed_length(parts: Sequence[tuple[float, float | None]]) -> float | None:
     if not errors:
         return None
     variance, length = np.transpose(errors)
-    low, high = 0.0, float(length.max())
+    return _correlation_length(
+        lambda distance: float((variance * decay(distance, length)).sum() / variance.sum()),
+        float(length.max()),
+    )
+
+
+def _correlation_length(correlation: Callable[[float], float], first: float) -> float:
+    """Return the distance (m) at which a correlation is 1/e, by bisection from a first guess."""
+    low, high = 0.0, first
+    while correlation(high) > math.exp(-1.0):
+        low, high = high, 1.5 * high
     for _ in range(60):
         middle = 0.5 * (low + high)
-        correlation = float((variance * np.exp(-middle / length)).sum() / variance.sum())
-        above = correlation > math.exp(-1.0)
-        low, high = (middle, high) if above else (low, middle)
+        low, high = (middle, high) if correlation(middle) > math.exp(-1.0) else (low, middle)
     return high

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.maps.corridor import along_track
+from isogal.maps.error_model import covariance
 from isogal.maps.tiled_map import ScalarMap
 
 
@@ -51,10 +51,8 @@ class Errors:
             else np.full(latitude.size, self.map_sigma)
         )
         white = self.sensor_sigma**2 + field_map.quantisation**2 / 12.0
-        noise = white * np.eye(latitude.size) + self.bias_sigma**2
-        correlation = np.exp(-_distances(latitude, longitude) / self.correlation_length)
-        noise += np.outer(map_sigma, map_sigma) * correlation
-        return noise
+        of_map = covariance(latitude, longitude, map_sigma, self.correlation_length)
+        return white * np.eye(latitude.size) + self.bias_sigma**2 + of_map
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ def position_information(
     if field_map.quantity.endswith("disturbance"):
         north = north + normal_gravity_gradient_north(latitude)
     slope = np.stack([north, east], axis=1)
-    covariance = np.full((edges.size, 2, 2), np.nan)
+    found = np.full((edges.size, 2, 2), np.nan)
     gradient = np.full(edges.size, np.nan)
     middle, count = np.zeros((2, edges.size), dtype=np.int64)
     for index in range(edges.size):
@@ -136,7 +134,7 @@ def position_information(
         gradient[index] = math.sqrt(np.mean(np.sum(slope[here] ** 2, axis=1)))
         noise = errors.covariance(field_map, latitude[here], longitude[here])
         if np.isfinite(slope[here]).all() and np.isfinite(noise).all():
-            covariance[index] = _inverse(slope[here].T @ np.linalg.solve(noise, slope[here]))
+            found[index] = _inverse(slope[here].T @ np.linalg.solve(noise, slope[here]))
     return Stretches(
         edges,
         np.r_[edges[1:], distance[-1]],
@@ -144,7 +142,7 @@ def position_information(
         longitude[middle],
         count,
         gradient,
-        covariance,
+        found,
     )
 
 
@@ -153,15 +151,6 @@ def _edges(total: float, stretch: float) -> Array:
     edges = np.arange(0.0, total, stretch) if stretch > 0.0 else np.zeros(1)
     # a short rest joins the last stretch
     return edges[:-1] if edges.size > 1 and total - edges[-1] < 0.5 * stretch else edges
-
-
-def _distances(latitude: Array, longitude: Array) -> Array:
-    north, east = metres_per_radian(float(latitude.mean()))
-    turned = np.unwrap(longitude)
-    apart: Array = np.hypot(
-        north * (latitude[:, None] - latitude), east * (turned[:, None] - turned)
-    )
-    return apart
 
 
 def _inverse(information: Array) -> Array:

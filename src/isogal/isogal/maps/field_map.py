@@ -30,6 +30,9 @@ from isogal.maps.interpolation import (
     values_at,
 )
 
+_ERRORS_AT_NODES = ("sigma", "correlation_lengths", "error_ellipses")
+"""Attributes that may hold an array over the nodes."""
+
 
 @dataclass(frozen=True, eq=False)
 class FieldMap:
@@ -128,47 +131,33 @@ class FieldMap:
         self._check_errors(where, drop)
 
     def _check_errors(self, where: str, drop: bool) -> None:
-        sigma: Any = self.sigma
-        if np.ndim(sigma) == 0:
-            if not (math.isfinite(sigma) and sigma >= 0.0):
-                raise InputError(f"{where}: sigma must be >= 0, is {sigma}")
-            object.__setattr__(self, "sigma", float(sigma))
-        else:
-            sigma = np.ascontiguousarray(sigma, dtype=np.float64)
-            if drop and sigma.ndim == 2:
-                sigma = np.ascontiguousarray(sigma[:, :-1])
-            if sigma.shape != self.values.shape:
-                raise InputError(
-                    f"{where}: sigma has shape {sigma.shape}, the values {self.values.shape}"
-                )
-            if (sigma < 0.0).any():
+        shape = self.values.shape
+        for name in _ERRORS_AT_NODES:
+            array = np.asarray(getattr(self, name), dtype=np.float64)
+            if array.ndim == 0:  # one number, or None
+                continue
+            array = np.ascontiguousarray(array[:, :-1] if drop and array.ndim > 1 else array)
+            if array.shape != (*shape, 3)[: 3 if name == "error_ellipses" else 2]:
+                raise InputError(f"{where}: {name} has shape {array.shape}, the values {shape}")
+            object.__setattr__(self, name, array)
+        sigma, lengths, ellipses = self.sigma, self.correlation_lengths, self.error_ellipses
+        if np.ndim(sigma):
+            if np.less(sigma, 0.0).any():
                 raise InputError(f"{where}: sigma must be >= 0")
-            object.__setattr__(self, "sigma", sigma)
-        if self.correlation_lengths is not None:
-            lengths = np.ascontiguousarray(self.correlation_lengths, dtype=np.float64)
-            if drop and lengths.ndim == 2:
-                lengths = np.ascontiguousarray(lengths[:, :-1])
-            if lengths.shape != self.values.shape or (lengths <= 0.0).any():
-                raise InputError(
-                    f"{where}: correlation lengths must be > 0 m and have the shape of the values"
-                )
-            object.__setattr__(self, "correlation_lengths", lengths)
-        if self.error_ellipses is not None:
-            ellipses = np.asarray(self.error_ellipses, dtype=np.float64)
-            ellipses = np.ascontiguousarray(ellipses[:, :-1] if drop else ellipses)
-            if ellipses.shape != (*self.values.shape, 3) or impossible(ellipses).any():
-                raise InputError(
-                    f"{where}: correlation lengths of ellipses must be > 0 m and have the shape of"
-                    " the values"
-                )
-            object.__setattr__(self, "error_ellipses", ellipses)
-        length = self.correlation_length
-        if length is not None and not (math.isfinite(length) and length > 0.0):
-            raise InputError(f"{where}: correlation_length must be > 0 m, is {length}")
-        if self.height is not None and not math.isfinite(self.height):
-            raise InputError(f"{where}: height must be finite, is {self.height}")
-        if not (math.isfinite(self.quantisation) and self.quantisation >= 0.0):
-            raise InputError(f"{where}: quantisation must be >= 0, is {self.quantisation}")
+        else:
+            object.__setattr__(self, "sigma", float(sigma))
+        if (lengths is not None and (lengths <= 0.0).any()) or (
+            ellipses is not None and impossible(ellipses).any()
+        ):
+            raise InputError(f"{where}: correlation lengths must be > 0 m")
+        for name, allowed, good in (
+            ("sigma", ">= 0", np.ndim(sigma) or (np.isfinite(sigma) and sigma >= 0.0)),
+            ("correlation_length", "> 0 m", _none_or(self.correlation_length, math.ulp(0.0))),
+            ("height", "finite", _none_or(self.height, -math.inf)),
+            ("quantisation", ">= 0", _none_or(self.quantisation, 0.0)),
+        ):
+            if not good:
+                raise InputError(f"{where}: {name} must be {allowed}, is {getattr(self, name)}")
 
     @cached_property
     def grid(self) -> Grid:
@@ -269,6 +258,11 @@ class FieldMap:
         north, east = metres_per_radian(latitude)
         return float(self.step[0] * north), float(self.step[1] * east)
 
+    @property
+    def cell(self) -> tuple[float, float]:
+        """Distance between nodes (to the north, to the east), m, in the map's middle."""
+        return self.cell_size_m(float(self.latitude.mean()))
+
     def window(self, lat_min: float, lat_max: float, lon_min: float, lon_max: float) -> "FieldMap":
         """Cut out a part (rad), with the nodes beyond it that interpolation at its edge needs.
 
@@ -309,18 +303,21 @@ class FieldMap:
             max(1, min(step, (n - 1) // 3))
             for step, n in zip((rows, columns), self.shape, strict=True)
         )
+        return self.part(slice(None, None, rows), slice(None, None, columns))
+
+    def part(self, rows: slice, columns: slice) -> "FieldMap":
+        """Return some rows and columns."""
         return replace(
             self,
-            latitude=self.latitude[::rows],
-            longitude=self.longitude[::columns],
-            **self.at_nodes(lambda array: array[::rows, ::columns]),
+            latitude=self.latitude[rows],
+            longitude=self.longitude[columns],
+            **self.at_nodes(lambda array: array[rows, columns]),
         )
 
     def at_nodes(self, change: Callable[[Any], Any]) -> dict[str, Any]:
         """Return what the map says at its nodes, each array (n, m, ...) changed in the same way,
         by the attributes' names."""
-        names = ("values", "sigma", "correlation_lengths", "error_ellipses")
-        arrays = {name: getattr(self, name) for name in names}
+        arrays = {name: getattr(self, name) for name in ("values", *_ERRORS_AT_NODES)}
         return {name: change(one) for name, one in arrays.items() if np.ndim(one)}
 
     def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "FieldMap":
@@ -346,3 +343,13 @@ def flat_points(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array
         np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
     )
     return np.ascontiguousarray(lat).reshape(-1), np.ascontiguousarray(lon).reshape(-1), lat.shape
+
+
+def _none_or(value: float | None, least: float) -> bool:
+    """Whether a number is not given, or finite and not below a limit."""
+    return value is None or (math.isfinite(value) and value >= least)
+
+
+def delegated(place: Callable[[Any], FieldMap], name: str) -> Any:
+    """Return a property of something made of maps: what one of them says."""
+    return property(lambda whole: getattr(place(whole), name))

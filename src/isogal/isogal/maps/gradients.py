@@ -11,7 +11,6 @@ down, k = (k_n, k_e) and the disturbance g = dT/d(down) of transform G:
 so that T_nn + T_ee + T_dd = 0: five components are independent. `isogal.maps.spectral` does the
 transforms."""
 
-import math
 from functools import partial
 from typing import Any
 
@@ -29,6 +28,8 @@ from isogal.scenario import TENSOR_COMPONENTS
 
 COMPONENTS = TENSOR_COMPONENTS
 """Second derivatives of the disturbing potential by north (n), east (e) and down (d)."""
+TAPER = 20_000.0
+"""m over which the continuation beyond the map fades out."""
 INDEPENDENT = COMPONENTS[:5]
 """Five that say all: dd = -nn - ee."""
 
@@ -38,7 +39,6 @@ def tensor_maps(
     components: tuple[str, ...] = INDEPENDENT,
     *,
     height: float = 0.0,
-    taper: float = 20_000.0,
     edge: float = 20_000.0,
 ) -> ChannelMap:
     """Return maps of components of the gradient tensor, one channel each, in 1/s² (1 E = 1e-9
@@ -50,7 +50,7 @@ def tensor_maps(
     height, whichever is larger, and not over L: each channel has a correlation length of its own.
 
     Edges: what lies beyond the map is unknown. The map's mean is taken off, the map continued by
-    its mirror image, and the continuation faded out by a cosine over `taper`. What the unknown
+    its mirror image, and the continuation faded out by a cosine over `TAPER`. What the unknown
     outside changes is largest at the rim, where the result is left out over `edge`.
 
     Parameters
@@ -62,8 +62,8 @@ def tensor_maps(
         Of `COMPONENTS`.
     height : float
         m above the map's surface that the field is continued to, >= 0.
-    taper, edge : float
-        m.
+    edge : float
+        m at the rim and round holes that are left out, >= 0.
 
     Raises
     ------
@@ -71,12 +71,18 @@ def tensor_maps(
         Not a map of the disturbance, unknown component, negative height, too many holes, too small
         or too large a map.
     """
-    _check(disturbance, components, {"height": height, "taper": taper, "edge": edge})
+    spectral.check_disturbance(disturbance, "gradients", height=height, edge=edge)
+    unknown = [name for name in components if name not in COMPONENTS]
+    if unknown or not components:
+        raise InputError(
+            f"unknown tensor component {', '.join(unknown) or '(none)'}; known:"
+            f" {', '.join(COMPONENTS)}"
+        )
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
     filled = np.where(missing, 0.0, values - np.nanmean(values))
     operators = [partial(_operator, name, height) for name in components]
-    result = spectral.transformed(disturbance, filled, operators, taper)
+    result = spectral.transformed(disturbance, filled, operators, TAPER)
     kept = spectral.inside(disturbance, missing, edge)
     channels = []
     for name, component in zip(components, result, strict=True):
@@ -90,7 +96,7 @@ def _channel(disturbance: FieldMap, name: str, values: Array, height: float) -> 
     sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
     step = disturbance.quantisation
     length = disturbance.correlation_length or USUAL_LENGTH
-    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
+    cell = disturbance.cell
     return FieldMap(
         disturbance.latitude,
         disturbance.longitude,
@@ -104,26 +110,6 @@ def _channel(disturbance: FieldMap, name: str, values: Array, height: float) -> 
         file_unit="1/s²",
         error_stated=disturbance.states_error,
     )
-
-
-def _check(
-    disturbance: FieldMap, components: tuple[str, ...], distances: dict[str, float]
-) -> None:
-    if disturbance.quantity != "disturbance":
-        raise InputError(
-            f"{disturbance.provenance or 'map'}: gradients come from a map of the disturbance, not"
-            f" of {disturbance.quantity}"
-        )
-    unknown = [name for name in components if name not in COMPONENTS]
-    if unknown or not components:
-        raise InputError(
-            f"unknown tensor component {', '.join(unknown) or '(none)'}; known:"
-            f" {', '.join(COMPONENTS)}"
-        )
-    for name, value in distances.items():
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(f"{name} of the gradients must be >= 0 m, is {value}")
-    spectral.check_plane(disturbance, "gradients")
 
 
 def _operator(component: str, height: float, waves: Waves) -> NDArray[Any]:

@@ -32,7 +32,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Waves
 
@@ -73,10 +73,10 @@ def horizontal_gravity(
     return _components(disturbance, COMPONENTS[1:], height, edge, rim_error)
 
 
-def gravity_vector(disturbance: FieldMap, height: float = 0.0, edge: float = EDGE) -> ChannelMap:
+def gravity_vector(disturbance: FieldMap, height: float = 0.0) -> ChannelMap:
     """Return maps of the disturbance (down) and of the attraction to the north and to the east on
     one grid, see `horizontal_gravity`."""
-    return _components(disturbance, COMPONENTS, height, edge)
+    return _components(disturbance, COMPONENTS, height, EDGE)
 
 
 def from_deflections(xi: FieldMap, eta: FieldMap) -> ChannelMap:
@@ -125,7 +125,7 @@ def _components(
     edge: float,
     rim_error: bool = True,
 ) -> ChannelMap:
-    _check(disturbance, height, edge)
+    spectral.check_disturbance(disturbance, "horizontal components", height=height, edge=edge)
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
     kept = spectral.inside(disturbance, missing, edge)
@@ -161,18 +161,6 @@ def _components(
     return ChannelMap(channels, result)
 
 
-def _check(disturbance: FieldMap, height: float, edge: float) -> None:
-    if disturbance.quantity != "disturbance":
-        raise InputError(
-            f"{disturbance.provenance or 'map'}: the gravity vector comes from a map of the"
-            f" disturbance, not of {disturbance.quantity}"
-        )
-    for name, value in (("height", height), ("edge", edge)):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(f"{name} of the gravity vector must be >= 0 m, is {value}")
-    spectral.check_plane(disturbance, "horizontal components")
-
-
 def _operator(quantity: str, height: float, waves: Waves) -> NDArray[Any]:
     """Return what the transform of a map of the disturbance is to be multiplied by."""
     decay = np.exp(-waves.size * height)
@@ -185,21 +173,21 @@ def _operator(quantity: str, height: float, waves: Waves) -> NDArray[Any]:
 
 def _own_error(disturbance: FieldMap, height: float) -> tuple[float, float | None]:
     """Return sigma and correlation length (m) of what the map says of its errors, at a height."""
-    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
-    spectrum = ErrorSpectrum.of_grid(cell, disturbance.correlation_length)
+    spectrum = ErrorSpectrum.of_map(disturbance)
 
     def decay(wavenumber: Array) -> Array:
         return np.exp(-wavenumber * height)
 
-    sigma, white = typical_sigma(disturbance), rounding(disturbance)
-    own = math.hypot(sigma * spectrum.gain(decay), white * spectrum.white_gain(decay))
-    return own, spectrum.length(decay, sigma, white) if own else None
+    own = math.hypot(
+        spectrum.sigma * spectrum.gain(decay), spectrum.rounding * spectrum.white_gain(decay)
+    )
+    return own, spectrum.length(decay)
 
 
 def _sigma_beyond(disturbance: FieldMap, missing: NDArray[np.bool_]) -> tuple[Array, float]:
     """Return 1-sigma (n, m) of what masses beyond the map, and in its holes, do to a horizontal
     component; and the distance, m, over which that error holds together: half of the map."""
-    cell = disturbance.cell_size_m(float(disturbance.latitude.mean()))
+    cell = disturbance.cell
     width = min(size * count for size, count in zip(cell, missing.shape, strict=True))
     thinned = disturbance.thinned(*(count // _NODES for count in missing.shape))
     values = np.asarray(thinned.values, dtype=np.float64)

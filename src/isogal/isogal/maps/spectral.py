@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
+from isogal.maps.error_model import decay
 from isogal.maps.field_map import FieldMap
 
 STRETCH = 0.01
@@ -58,6 +59,20 @@ def waves_of(shape: tuple[int, int], cell: tuple[float, float]) -> Waves:
     if shape[1] % 2 == 0:
         odd_e[:, -1] = 0.0
     return Waves(k_n, k_e, np.hypot(k_n, k_e), odd_n, odd_e)
+
+
+def check_disturbance(field_map: FieldMap, what: str, **distances: float) -> None:
+    """Raise InputError unless something (`what`, for messages) can be made of a map of the
+    disturbance, with distances that are >= 0, m."""
+    if field_map.quantity != "disturbance":
+        raise InputError(
+            f"{field_map.provenance or 'map'}: {what} come from a map of the disturbance, not of"
+            f" {field_map.quantity}"
+        )
+    for name, value in distances.items():
+        if not (math.isfinite(value) and value >= 0.0):
+            raise InputError(f"{name} of the {what} must be >= 0 m, is {value}")
+    check_plane(field_map, what)
 
 
 def check_plane(field_map: FieldMap, what: str) -> None:
@@ -122,7 +137,7 @@ def transformed(
     (P, n, m)
     """
     chosen = tuple(operators)
-    rows_m, _ = field_map.cell_size_m(float(field_map.latitude.mean()))
+    rows_m, _ = field_map.cell
     result = np.zeros((len(chosen), *values.shape))
     for latitude, weight in reference_latitudes(field_map.latitude):
         cell = rows_m, field_map.cell_size_m(latitude)[1]
@@ -187,7 +202,7 @@ def rim_distance(missing: Booleans, field_map: FieldMap) -> Array:
     from scipy.ndimage import distance_transform_edt
 
     around = np.pad(~missing, 1, constant_values=False)
-    size = field_map.cell_size_m(float(field_map.latitude.mean()))
+    size = field_map.cell
     return np.asarray(distance_transform_edt(around, sampling=size)[1:-1, 1:-1])
 
 
@@ -257,4 +272,4 @@ def _error_spectrum(cell: tuple[float, float], length: float | None) -> Array:
     """Return the power of errors of a map at each wavenumber of a real transform, in any unit."""
     if length is None:
         return np.ones((_TORUS[0], _TORUS[1] // 2 + 1))
-    return np.maximum(np.fft.rfft2(np.exp(-_torus_distance(cell) / length)).real, 0.0)
+    return np.maximum(np.fft.rfft2(decay(_torus_distance(cell), length)).real, 0.0)

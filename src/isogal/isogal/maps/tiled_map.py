@@ -11,7 +11,8 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +27,7 @@ from isogal.maps.axes import (
     Window,
 )
 from isogal.maps.corridor import Corridor, joined
-from isogal.maps.field_map import FieldMap, flat_points
-from isogal.maps.part_reader import Load
+from isogal.maps.field_map import FieldMap, delegated, flat_points
 
 WHOLE_CELLS = 6_000_000
 """A map along a route that has at most so many cells is read as a whole (48 MB)."""
@@ -35,6 +35,28 @@ TILE_CELLS = 250
 """Cells along a side of a tile."""
 _BATCH = 100_000.0  # m; longer batches are matched as well, but their tiles are not made ahead
 _KEPT_CELLS = 4_000_000  # of parts that were read, 32 MB
+
+
+class Load(Protocol):
+    """How a part of a map is read: a function, which can be pickled if the map is sent to other
+    processes."""
+
+    def __call__(self, *, window: Window) -> FieldMap:
+        """Read what the map has in a window, with the nodes around it that interpolation needs.
+
+        Raises
+        ------
+        EmptyWindowError
+            There is nothing.
+        TooManyCellsError
+            There is more than the window allows.
+        InputError
+            The map cannot be read.
+        """
+        ...
+
+
+_of_start = partial(delegated, lambda tiled: tiled._start)
 
 
 class TiledMap:
@@ -71,60 +93,18 @@ class TiledMap:
         """Pickle the map without the parts that were read."""
         return TiledMap, (self._load, self.corridor, self._start)
 
-    @property
-    def unit(self) -> str:
-        """See `FieldMap`."""
-        return self._start.unit
-
-    @property
-    def quantity(self) -> str:
-        """See `FieldMap`."""
-        return self._start.quantity
-
-    @property
-    def sigma(self) -> float | Array:
-        """See `FieldMap`; where it differs from place to place, at the start of the route."""
-        return self._start.sigma
-
-    @property
-    def states_error(self) -> bool:
-        """See `FieldMap`."""
-        return self._start.states_error
-
-    @property
-    def correlation_length(self) -> float | None:
-        """See `FieldMap`."""
-        return self._start.correlation_length
-
-    @property
-    def quantisation(self) -> float:
-        """See `FieldMap`."""
-        return self._start.quantisation
-
-    @property
-    def height(self) -> float | None:
-        """See `FieldMap`."""
-        return self._start.height
-
-    @property
-    def provenance(self) -> str:
-        """See `FieldMap`."""
-        return self._start.provenance
-
-    @property
-    def file_unit(self) -> str:
-        """See `FieldMap`."""
-        return self._start.file_unit
-
-    @property
-    def file_factor(self) -> float:
-        """See `FieldMap`."""
-        return self._start.file_factor
-
-    @property
-    def step(self) -> tuple[float, float]:
-        """See `FieldMap`."""
-        return self._start.step
+    # what a map says of itself is what its start says: see `FieldMap`
+    unit: str = _of_start("unit")
+    quantity: str = _of_start("quantity")
+    sigma: float | Array = _of_start("sigma")
+    states_error: bool = _of_start("states_error")
+    correlation_length: float | None = _of_start("correlation_length")
+    quantisation: float = _of_start("quantisation")
+    height: float | None = _of_start("height")
+    provenance: str = _of_start("provenance")
+    file_unit: str = _of_start("file_unit")
+    file_factor: float = _of_start("file_factor")
+    step: tuple[float, float] = _of_start("step")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -325,9 +305,4 @@ def _without_margin(part: FieldMap, tile: Window) -> FieldMap:
     columns = slice(*np.searchsorted(longitude, tile[2:4]))
     if rows.stop - rows.start < FEWEST_NODES or columns.stop - columns.start < FEWEST_NODES:
         raise EmptyWindowError(f"{part.provenance}: ends at the edge of a tile")
-    return replace(
-        part,
-        latitude=part.latitude[rows],
-        longitude=longitude[columns],
-        **part.at_nodes(lambda array: array[rows, columns]),
-    )
+    return replace(part.part(rows, columns), longitude=longitude[columns])

@@ -85,7 +85,7 @@ class Batch:
     stamp."""
     of_one_potential: tuple[str, ...] | None = None
     """Components of the gravity gradient tensor, one for each channel, where the errors of their
-    maps come from one wrong potential (`isogal.maps.tensor_error`): sigma and length of the map's
+    maps come from one wrong potential (`isogal.maps.error_model`): sigma and length of the map's
     error are then those of dd; None = the channels' errors are independent."""
     beam: Integers | None = None
     """(T,) which of the beams of a sounder each row is of: rows of a scan share its stamp, and

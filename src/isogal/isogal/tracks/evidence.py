@@ -14,8 +14,8 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_ellipses import joint
+from isogal.maps.error_model import displacements, shares, tensor_covariance
 from isogal.maps.field_map import FieldMap
-from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.matching.pmht.cells import FEATURE_M, in_common, residuals_at, slopes, states_at
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import OF_LENGTHS, Rows

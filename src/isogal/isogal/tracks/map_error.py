@@ -17,8 +17,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.maps.error_model import displacements
 from isogal.maps.field_map import FieldMap
-from isogal.maps.tensor_error import displacements
 from isogal.tracks.track import Track
 
 SMOOTHING = 2000.0

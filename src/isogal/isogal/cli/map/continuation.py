@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from isogal.cli.checks import finite, not_negative, output_file, positive
+from isogal.cli.checks import finite, not_negative, positive
 from isogal.cli.map.part import PartChoice, whole_window
-from isogal.cli.map.results import say_written
+from isogal.cli.map.results import NetcdfOut, say_written
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json
@@ -18,61 +18,47 @@ if TYPE_CHECKING:
     from isogal.maps.axes import Window
     from isogal.maps.field_map import FieldMap
 
-HEIGHTS = "Heights"
-"""Heading of the options that say from where to where."""
-
 
 @dataclass(frozen=True)
 class Heights:
     """From where a map is continued, and to which level."""
 
+    PANEL: ClassVar[str] = "Heights"
+
     height: Annotated[
         float,
         typer.Option(
-            "--height",
-            metavar="M",
-            callback=finite,
-            help="Level to continue to, above the ellipsoid.",
-            rich_help_panel=HEIGHTS,
+            metavar="M", callback=finite, help="Level to continue to, above the ellipsoid."
         ),
     ]
     from_height: Annotated[
         float | None,
         typer.Option(
-            "--from-height",
             metavar="M",
             callback=finite,
             help="Level that the values hold on; default: as the map says.",
-            rich_help_panel=HEIGHTS,
         ),
     ] = None
     terrain: Annotated[
         Path | None,
         typer.Option(
-            "--terrain",
-            metavar="FILE",
-            help="Map of the ground's height, for values on the ground (GGMplus).",
-            rich_help_panel=HEIGHTS,
+            metavar="FILE", help="Map of the ground's height, for values on the ground (GGMplus)."
         ),
     ] = None
     downward_cutoff: Annotated[
         float | None,
         typer.Option(
-            "--downward-cutoff",
             metavar="KM",
             callback=positive,
             help="Leave out wavelengths shorter than this; needed downwards.",
-            rich_help_panel=HEIGHTS,
         ),
     ] = None
     edge: Annotated[
         float | None,
         typer.Option(
-            "--edge",
             metavar="KM",
             callback=not_negative,
             help="Rim that is left out; default: five times the way up or down.",
-            rich_help_panel=HEIGHTS,
         ),
     ] = None
 
@@ -101,27 +87,18 @@ class Heights:
 
 @with_groups
 def continue_(
-    map_: MapChoice,
-    out: Annotated[
-        Path, typer.Argument(metavar="OUT", callback=output_file, help="NetCDF file to write.")
-    ],
-    heights: Heights,
-    where: PartChoice,
-    json: Json = False,
+    map_: MapChoice, out: NetcdfOut, heights: Heights, where: PartChoice, json: Json = False
 ) -> None:
     """Continue a map of gravity disturbances, magnetic anomalies or gradients to another height,
     and write it as NetCDF that says its height and its error there.
 
     From a level to a level, or with --terrain from the ground. Downwards only with
     --downward-cutoff."""
-    from isogal.cli.map.description import describe_map
     from isogal.maps.formats.netcdf_writing import write_netcdf
 
     heights.check()
-    if out.suffix.casefold() not in (".nc", ".nc4"):
-        raise InputError(f"{out}: must end in .nc")
     part = where.part(where.build_if_asked())
     whole = None if part is None else whole_window(part)
     field_map = heights.continued(map_.load(whole, "disturbance"), whole)
     write_netcdf(field_map, out)
-    say_written(describe_map(field_map), out, json)
+    say_written(field_map, out, json)

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from isogal.cli.checks import finite, positive
 from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import require_netcdf_name, say_written
-from isogal.cli.map_choice import MapChoice
+from isogal.cli.map_choice import ARGUMENTS, MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json
 from isogal.errors import InputError
@@ -23,33 +23,25 @@ if TYPE_CHECKING:
 class Target:
     """The file or folder that is written."""
 
+    PANEL: ClassVar[str] = RESULTS
+
     out: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="NetCDF file to write; with --to ggmplus, a folder."),
+        typer.Argument(
+            metavar="OUT",
+            help="NetCDF file to write; with --to ggmplus, a folder.",
+            rich_help_panel=ARGUMENTS,
+        ),
     ]
-    to: Annotated[
-        str,
-        typer.Option("--to", metavar="FORMAT", help="netcdf or ggmplus.", rich_help_panel=RESULTS),
-    ] = "netcdf"
+    to: Annotated[str, typer.Option(metavar="FORMAT", help="netcdf or ggmplus.")] = "netcdf"
     sigma: Annotated[
         float | None,
         typer.Option(
-            "--sigma",
-            min=0.0,
-            callback=finite,
-            help="1-sigma of the map's error to write into it, SI (nT).",
-            rich_help_panel=RESULTS,
+            min=0.0, callback=finite, help="1-sigma of the map's error to write into it, SI (nT)."
         ),
     ] = None
     correlation_length: Annotated[
-        float | None,
-        typer.Option(
-            "--correlation-length",
-            metavar="M",
-            callback=positive,
-            help="Of that error.",
-            rich_help_panel=RESULTS,
-        ),
+        float | None, typer.Option(metavar="M", callback=positive, help="Of that error.")
     ] = None
 
     def check(self) -> None:
@@ -84,12 +76,10 @@ class Target:
 def convert(map_: MapChoice, target: Target, where: PartChoice, json: Json = False) -> None:
     """Convert a map to NetCDF that says everything about itself, in SI units; whole, or the part
     of a route or window."""
-    from isogal.cli.map.description import describe_map
-
     target.check()
     route = where.build_if_asked()
     part = where.part(route)
     whole = whole_window(part) if part is not None else None
     field_map = target.with_error(map_.load(whole, route.measured if route else "gravity"))
     target.write(field_map, map_.variable)
-    say_written(describe_map(field_map), target.out, json)
+    say_written(field_map, target.out, json)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.cli.tables import print_table
 from isogal.maps.expected_accuracy import Stretches
 from isogal.maps.tiled_map import ScalarMap
 
@@ -99,90 +100,53 @@ def finite_or_none(number: float) -> float | None:
     return float(number) if math.isfinite(number) else None
 
 
-def print_map(found: dict[str, Any]) -> None:
-    """Print a description as a table."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
+def print_map(found: dict[str, Any], *below: str) -> None:
+    """Print a description as a table, and lines below it."""
     show = _writer(found["unit"])
-    table = Table(box=SIMPLE_HEAD, show_header=False)
-    table.add_column()
-    table.add_column(overflow="fold")
-    rows = [
-        ("map", found["provenance"]),
-        (
-            "quantity",
-            (
-                f"{found['quantity'].replace('_', ' ')} in {found['unit']} (file:"
-                f" {found['file_unit']})"
-            ),
+    (rows, columns), (height, width) = found["nodes"], found["step_deg"]
+    tall, wide = found["cell_m"]
+    quantity = found["quantity"].replace("_", " ")
+    table = {
+        "quantity": f"{quantity} in {found['unit']} (file: {found['file_unit']})",
+        "latitude": f"{found['south']:.4f} to {found['north']:.4f} deg",
+        "longitude": f"{found['west']:.4f} to {found['east']:.4f} deg",
+        "nodes": (
+            f"{rows} x {columns}, {height:.5g} x {width:.5g} deg ({tall:.0f} x {wide:.0f} m)"
         ),
-        ("latitude", f"{found['south']:.4f} to {found['north']:.4f} deg"),
-        ("longitude", f"{found['west']:.4f} to {found['east']:.4f} deg"),
-        (
-            "nodes",
-            (
-                f"{found['nodes'][0]} x {found['nodes'][1]}, {found['step_deg'][0]:.5g} x"
-                f" {found['step_deg'][1]:.5g} deg ({found['cell_m'][0]:.0f} x"
-                f" {found['cell_m'][1]:.0f} m)"
-            ),
+        "values": (
+            f"{show(found['minimum'])} to {show(found['maximum'])}, mean {show(found['mean'])}"
         ),
-        (
-            "values",
-            f"{show(found['minimum'])} to {show(found['maximum'])}, mean {show(found['mean'])}",
-        ),
-        ("standard deviation", show(found["standard_deviation"])),
-        ("missing", f"{100 * found['missing']:.2g} %"),
-        ("1-sigma error", show(found["sigma"]) if found["sigma"] else "not said"),
-        ("step of the values", show(found["quantisation"]) if found["quantisation"] else "none"),
-        ("level", "not said" if found["height"] is None else f"{found['height']:g} m"),
-    ]
-    for name, text in rows:
-        table.add_row(name, text)
-    Console().print(table, highlight=False)
+        "standard deviation": show(found["standard_deviation"]),
+        "missing": f"{100 * found['missing']:.2g} %",
+        "1-sigma error": show(found["sigma"]) if found["sigma"] else "not said",
+        "step of the values": show(found["quantisation"]) if found["quantisation"] else "none",
+        "level": "not said" if found["height"] is None else f"{found['height']:g} m",
+    }
+    print_table(("map", found["provenance"]), list(table.items()), *below, words=(0, 1))
 
 
-def print_route(found: dict[str, Any], unit: str) -> None:
-    """Print the stretches of a track as a table."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    show = _writer(unit)
+def print_route(found: dict[str, Any], unit: str, *below: str) -> None:
+    """Print the stretches of a track as a table, and lines below it."""
     factor, slope_unit = (1e8, "mGal/km") if unit == "m/s²" else (1e3, f"{unit}/km")
-    table = Table(
-        box=SIMPLE_HEAD,
-        pad_edge=False,
+    print_table(
+        ("km", "latitude", "longitude", "readings", slope_unit, "best (m)", "worst (m)"),
+        [
+            (
+                f"{part['from_km']:.0f}–{part['to_km']:.0f}",
+                f"{part['latitude']:.3f}",
+                f"{part['longitude']:.3f}",
+                str(part["readings"]),
+                "none" if part["gradient_rms"] is None else f"{factor * part['gradient_rms']:.3g}",
+                _metres(part["sigma_best"]),
+                _metres(part["sigma_worst"]),
+            )
+            for part in found["stretches"]
+        ],
+        f"{found['length_km']:.1f} km; values {_writer(unit)(found['value_standard_deviation'])}"
+        f" standard deviation, gradient {factor * found['gradient_rms']:.3g} {slope_unit} RMS",
+        *below,
         title=f"Gradient ({slope_unit}) and expected 1-sigma of a fix from each stretch alone",
-        title_justify="left",
-    )
-    for heading in (
-        "km",
-        "latitude",
-        "longitude",
-        "readings",
-        slope_unit,
-        "best (m)",
-        "worst (m)",
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for part in found["stretches"]:
-        table.add_row(
-            f"{part['from_km']:.0f}–{part['to_km']:.0f}",
-            f"{part['latitude']:.3f}",
-            f"{part['longitude']:.3f}",
-            str(part["readings"]),
-            "none" if part["gradient_rms"] is None else f"{factor * part['gradient_rms']:.3g}",
-            _metres(part["sigma_best"]),
-            _metres(part["sigma_worst"]),
-        )
-    console = Console()
-    console.print(table, highlight=False)
-    console.print(
-        f"{found['length_km']:.1f} km; values {show(found['value_standard_deviation'])} standard"
-        f" deviation, gradient {factor * found['gradient_rms']:.3g} {slope_unit} RMS",
-        highlight=False,
+        words=(),
     )
 
 

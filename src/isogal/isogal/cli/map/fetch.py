@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isogal.cli.checks import finite, output_folder
+from isogal.cli.checks import finite
 from isogal.cli.map.part import PartChoice
 from isogal.cli.map.results import print_json
 from isogal.cli.map_choice import MAP
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.options import Json, written_folder
 from isogal.cli.progress import Bars
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ class Server:
     base_url: Annotated[
         str,
         typer.Option(
-            "--base-url",
             metavar="URL",
             help=(
                 "Folder of a mirror that holds the folders ga, dg, ...:"
@@ -38,16 +37,13 @@ class Server:
     timeout: Annotated[
         float,
         typer.Option(
-            "--timeout",
             metavar="S",
             min=0.1,
             callback=finite,
             help="Seconds without a byte before another try.",
         ),
     ] = 30.0
-    tries: Annotated[
-        int, typer.Option("--tries", min=1, help="Tries in a row that bring nothing new.")
-    ] = 5
+    tries: Annotated[int, typer.Option(min=1, help="Tries in a row that bring nothing new.")] = 5
 
     def patience(self) -> "Patience":
         """Return how long it is tried."""
@@ -60,20 +56,10 @@ class Server:
 def fetch(
     server: Server,
     where: PartChoice,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="DIR",
-            callback=output_folder,
-            help="Folder of the tiles.",
-            rich_help_panel=RESULTS,
-        ),
-    ] = Path("ggmplus"),
+    out: Annotated[Path, written_folder("Folder of the tiles.")] = Path("ggmplus"),
     variable: Annotated[
         list[str] | None,
         typer.Option(
-            "--variable",
             metavar="NAME",
             help="ga, dg, xi, eta or ha; repeatable; default: by gravimeter.quantity.",
             rich_help_panel=MAP,

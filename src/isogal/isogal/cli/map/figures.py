@@ -1,6 +1,5 @@
 """Figures of maps: values, gradient, and the expected accuracy of fixes along a track."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +20,10 @@ _ACCURACY = 2.1
 """in, height of the panel of accuracies."""
 _TALLEST = 4.4
 """in, largest height of a map."""
+_WIDE = 0.4
+"""Height over width below which the two maps stand one above the other."""
+_AROUND, _BELOW = 1.32, 0.75
+"""in, room for labels and colour bar beside a map, and for title and labels above and below."""
 _FINEST = 330
 """Nodes of a map drawn along each side: the figure has no more pixels for them."""
 
@@ -55,29 +58,24 @@ def map_figure(
     latitude, longitude = shown.latitude, shown.longitude
     metres_north, metres_east = metres_per_radian(float(latitude.mean()))
     shape = float(np.ptp(latitude) * metres_north / (np.ptp(longitude) * metres_east))
-    frame = _frame(shape)
-    height = frame.height + (_ACCURACY if stretches is not None else 0.0)
-    figure = style.new_figure(height)
+    above = shape < _WIDE
+    wide = style.WIDTH - _AROUND if above else 0.5 * style.WIDTH - _AROUND
+    tall = (2 if above else 1) * (min(wide * shape, _TALLEST) + _BELOW)
+    figure = style.new_figure(tall + (_ACCURACY if stretches is not None else 0.0))
     top, bottom = figure, None
-    if stretches is None:
-        figure.set_layout_engine("none")  # the maps stand where _frame puts them
-    else:
-        top, bottom = figure.subfigures(
-            2, 1, squeeze=False, height_ratios=(frame.height, _ACCURACY)
-        )[:, 0]
-    panels = [top.add_axes(place) for place in frame.panels]
+    if stretches is not None:
+        ratios = (tall, _ACCURACY)
+        top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=ratios)[:, 0]
+    panels = top.subplots(*((2, 1) if above else (1, 2)), sharex=True, sharey=True)
     levels = (
         np.nanpercentile(steep, [5, 99.5]) if np.isfinite(steep).any() else np.array([0.1, 1.0])
     )
-    _field(
-        panels[0],
-        (latitude, longitude),
-        scale(shown.values),
-        scale.label,
-        None,
-    )
-    _field(panels[1], (latitude, longitude), steep, f"Size of the gradient ({unit})", levels)
+    at = shown.latitude, shown.longitude
+    _field(panels[0], at, scale(shown.values), scale.label, None)
+    _field(panels[1], at, steep, f"Size of the gradient ({unit})", levels)
     for axes in panels:
+        axes.set(xlabel="longitude (deg)", ylabel="latitude (deg)")
+        axes.label_outer()  # beside the other map, or above it, they are the same
         axes.set_aspect(float(metres_north / metres_east))
         if track is not None:
             _track(axes, track, shown, stretches)
@@ -86,72 +84,16 @@ def map_figure(
     return figure
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Places of the two maps: side by side, or one above the other where the map is wide."""
-
-    height: float
-    """in"""
-    panels: list[tuple[float, float, float, float]]
-    """Left, bottom, width, height of each, as shares of the page's width and of the height."""
-
-
-def _frame(shape: float) -> _Frame:
-    """Lay out two maps of this height over width, with room (in) for axis labels, title and colour
-    bar."""
-    left, bottom, right, top = 0.74, 0.45, 0.58, 0.3
-    above = shape < 0.4
-    wide = style.WIDTH - left - right if above else 0.5 * style.WIDTH - left - right
-    tall = min(wide * shape, _TALLEST)
-    wide = tall / shape
-    column = 0.5 * style.WIDTH
-    height = bottom + tall + top
-    places = (
-        [(left, height + bottom), (left, bottom)]
-        if above
-        else [(left, bottom), (column + left, bottom)]
-    )
-    total = 2.0 * height if above else height
-    return _Frame(
-        total, [(x / style.WIDTH, y / total, wide / style.WIDTH, tall / total) for x, y in places]
-    )
-
-
-def _width(axes: "Axes") -> float:
-    """Return the width of a panel, in."""
-    return float(axes.get_position().width) * style.WIDTH
-
-
 def _shown(field_map: "ScalarMap") -> "tuple[FieldMap, Array]":
     """Return the map as it is drawn, and the magnitude of the gradient at its nodes."""
-    from isogal.maps.tiled_map import TiledMap
-
-    if isinstance(field_map, TiledMap):
-        shown = field_map.overview(_FINEST)
-        steep = np.full(shown.values.shape, np.nan)
-        known = np.nonzero(np.isfinite(shown.values))
-        _, north, east = field_map.value_and_gradient(
-            shown.latitude[known[0]], shown.longitude[known[1]]
-        )
-        steep[known] = np.hypot(north, east)
-        return shown, steep
-    step = max(1, -(-max(field_map.shape) // _FINEST))
-    return field_map.thinned(step, step), _steepness(field_map, step)
-
-
-def _steepness(field_map: "FieldMap", step: int) -> Array:
-    """Return the magnitude of the gradient at every ``step``-th node, as RMS over the nodes that
-    are not drawn."""
-    rows = []
-    for first in range(0, field_map.latitude.size, step):
-        latitude = field_map.latitude[first : first + step]
-        _, north, east = field_map.value_and_gradient(
-            latitude[:, None], field_map.longitude[None, :]
-        )
-        square = np.mean(north**2 + east**2, axis=0)
-        starts = np.arange(0, square.size, step)
-        rows.append(np.sqrt(np.add.reduceat(square, starts) / np.diff(np.r_[starts, square.size])))
-    return np.stack(rows)
+    shown = field_map.overview(_FINEST)
+    steep = np.full(shown.values.shape, np.nan)
+    known = np.nonzero(np.isfinite(shown.values))  # of a tiled map nothing else is read
+    _, north, east = field_map.value_and_gradient(
+        shown.latitude[known[0]], shown.longitude[known[1]]
+    )
+    steep[known] = np.hypot(north, east)
+    return shown, steep
 
 
 def _field(
@@ -175,17 +117,16 @@ def _field(
     picture = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **options)
     axes.set_facecolor("0.92")
     axes.grid(False)
-    beside = axes.inset_axes((1.0 + 0.05 / _width(axes), 0.0, 0.1 / _width(axes), 1.0))
+    # as tall as the map, whose shape is its own
+    beside = axes.inset_axes((1.02, 0.0, 0.04, 1.0))
     bar = axes.figure.colorbar(picture, cax=beside, extend="both", extendfrac=0.03)
-    axes.set_title(label, loc="left")
+    axes.set_title(label)
     if logarithmic:
         bar.ax.yaxis.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bar.ax.yaxis.set_minor_locator(LogLocator(10, subs=()))
     axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
-    axes.set_xlabel("longitude (deg)")
-    axes.set_ylabel("latitude (deg)")
 
 
 def _track(
@@ -194,40 +135,21 @@ def _track(
     """Draw the track, with a mark every ten stretches."""
     from matplotlib.patheffects import withStroke
 
+    halo = [withStroke(linewidth=2.6, foreground="black")]
     latitude, longitude = np.degrees(track[0]), np.degrees(_into(track[1], field_map))
-    axes.plot(
-        longitude,
-        latitude,
-        color="white",
-        linewidth=1.2,
-        path_effects=[withStroke(linewidth=2.6, foreground="black")],
-    )
-    axes.plot(
-        longitude[:1],
-        latitude[:1],
-        marker="o",
-        markersize=5,
-        color="white",
-        markeredgecolor="black",
-        linestyle="none",
-    )
+    axes.plot(longitude, latitude, color="white", linewidth=1.2, path_effects=halo)
+    axes.plot(longitude[0], latitude[0], "o", color="white", markeredgecolor="black")
     if stretches is None:
         return
+    middle = 0.5 * (stretches.start + stretches.end)
     spacing = style.nice_limit(float(stretches.end[-1]) / 5.0)
     for mark in np.arange(spacing, float(stretches.end[-1]), spacing):
-        index = int(np.argmin(np.abs(0.5 * (stretches.start + stretches.end) - mark)))
+        nearest = int(np.argmin(np.abs(middle - mark)))
         at = (
-            np.degrees(_into(stretches.longitude[index : index + 1], field_map))[0],
-            np.degrees(stretches.latitude[index]),
+            np.degrees(_into(stretches.longitude[nearest : nearest + 1], field_map))[0],
+            np.degrees(stretches.latitude[nearest]),
         )
-        axes.plot(
-            *at,
-            marker="|",
-            markersize=7,
-            color="white",
-            markeredgewidth=1.4,
-            path_effects=[withStroke(linewidth=3, foreground="black")],
-        )
+        axes.plot(*at, marker="|", markersize=7, color="white", path_effects=halo)
         axes.annotate(
             f"{mark / 1e3:g} km",
             at,
@@ -235,7 +157,7 @@ def _track(
             textcoords="offset points",
             fontsize=7,
             color="white",
-            path_effects=[withStroke(linewidth=2, foreground="black")],
+            path_effects=halo,
         )
 
 

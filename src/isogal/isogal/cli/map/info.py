@@ -1,8 +1,7 @@
 """``isogal map info``: what is a map, and how good can fixes be along a route?"""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -26,54 +25,37 @@ ASSUMED = "What is assumed"
 class Assumptions:
     """What the expected accuracy of fixes depends on."""
 
+    PANEL: ClassVar[str] = ASSUMED
+
     stretch: Annotated[
         float,
         typer.Option(
-            "--stretch",
-            metavar="KM",
-            min=0.1,
-            callback=finite,
-            help="Track that a fix is made from.",
-            rich_help_panel=ASSUMED,
+            metavar="KM", min=0.1, callback=finite, help="Track that a fix is made from."
         ),
     ] = 5.0
     sensor_sigma: Annotated[
         float | None,
         typer.Option(
-            "--sensor-sigma",
-            callback=positive,
-            help="1-sigma of a reading, map's unit; default: gravimeter.sigma.",
-            rich_help_panel=ASSUMED,
+            callback=positive, help="1-sigma of a reading, map's unit; default: gravimeter.sigma."
         ),
     ] = None
     map_sigma: Annotated[
         float | None,
         typer.Option(
-            "--map-sigma",
-            callback=not_negative,
-            help="1-sigma of the map, its unit; default: as the map says.",
-            rich_help_panel=ASSUMED,
+            callback=not_negative, help="1-sigma of the map, its unit; default: as the map says."
         ),
     ] = None
     map_correlation_length: Annotated[
         float | None,
         typer.Option(
-            "--map-correlation-length",
             metavar="M",
             callback=positive,
             help="Of the map's error; default: as the map says, or 4000.",
-            rich_help_panel=ASSUMED,
         ),
     ] = None
     bias_sigma: Annotated[
         float,
-        typer.Option(
-            "--bias-sigma",
-            min=0.0,
-            callback=finite,
-            help="1-sigma of an unknown offset, map's unit.",
-            rich_help_panel=ASSUMED,
-        ),
+        typer.Option(min=0.0, callback=finite, help="1-sigma of an unknown offset, map's unit."),
     ] = 0.0
 
     def stretches(
@@ -128,14 +110,14 @@ def info(
     if json:
         print_json(found)
     else:
-        _print(found, field_map.unit, figure)
+        _print(found, field_map.unit, [str(figure)] if figure is not None else [])
 
 
-def _print(found: dict[str, Any], unit: str, figure: Path | None) -> None:
+def _print(found: dict[str, Any], unit: str, files: list[str]) -> None:
     from isogal.cli.map.description import print_map, print_route
 
-    print_map(found)
     if "route" in found:
-        print_route(found["route"], unit)
-    if figure is not None:
-        typer.echo(str(figure))
+        print_map(found)
+        print_route(found["route"], unit, *files)
+    else:
+        print_map(found, *files)

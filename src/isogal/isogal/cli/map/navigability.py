@@ -2,16 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import output_file
 from isogal.cli.map.part import PartChoice, whole_window
 from isogal.cli.map.results import Picture, draw, print_json
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json
+from isogal.cli.options import RESULTS, Json, written_file
+from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
     from isogal.evaluation.navigability.area import Navigability
@@ -21,7 +21,6 @@ _ROWS = {
     "error_mean": "all headings (m)",
     "error_best": "best heading (m)",
     "ambiguity": "second place",
-    "variability": "variability",
 }
 
 
@@ -29,15 +28,10 @@ _ROWS = {
 class AreaResults:
     """What becomes of the grids."""
 
+    PANEL: ClassVar[str] = RESULTS
+
     out: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            callback=output_file,
-            help="Grids as .nc or .tif; repeatable.",
-            rich_help_panel=RESULTS,
-        ),
+        list[Path] | None, written_file("FILE", "Grids as .nc or .tif; repeatable.")
     ] = None
     figure: Picture = None
     json: Json = False
@@ -70,10 +64,7 @@ def navigability(
     map_: MapChoice,
     where: PartChoice,
     results: AreaResults,
-    headings: Annotated[
-        int,
-        typer.Option("--headings", min=1, max=72, help="How many, evenly spread."),
-    ] = 8,
+    headings: Annotated[int, typer.Option(min=1, max=72, help="How many, evenly spread.")] = 8,
 ) -> None:
     """Compute how well one can navigate over the area of a map: the RMS error on arrival at each
     node after a straight leg, on the worst, all and the best headings, the probability of a second
@@ -107,28 +98,17 @@ def _along_a_route(where: PartChoice) -> bool:
 
 
 def _print(found: "Navigability", files: list[Path]) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
     summary: dict[str, Any] = found.summary()
     rows, columns = summary["nodes"]
-    table = Table(
-        box=SIMPLE_HEAD,
-        title=(
-            f"RMS error on arrival, {rows} x {columns} nodes, {summary['headings']} headings;"
-            f" without readings {found.prior:.0f} m"
-        ),
-        title_justify="left",
+    texts = _ROWS | {"variability": f"variability ({found.unit})"}
+    print_table(
+        ("", "least", "quarter", "median", "three quarters", "largest"),
+        [
+            (text, *(f"{value:.3g}" for value in summary[name].values()))
+            for name, text in texts.items()
+            if name in summary
+        ],
+        *map(str, files),
+        title=f"RMS error on arrival, {rows} x {columns} nodes, {summary['headings']} headings;"
+        f" without readings {found.prior:.0f} m",
     )
-    for heading in ("", "least", "quarter", "median", "three quarters", "largest"):
-        table.add_column(heading, justify="right" if heading else "left")
-    for name, text in _ROWS.items():
-        if name in summary:
-            numbers = [f"{value:.3g}" for value in summary[name].values()]
-            table.add_row(
-                f"variability ({found.unit})" if name == "variability" else text, *numbers
-            )
-    Console().print(table, highlight=False)
-    for path in files:
-        typer.echo(str(path))

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import typer
 
@@ -64,43 +64,28 @@ class Route(NamedTuple):
 class RouteChoice(ScenarioChoice):
     """Which route, and how much of the map about it."""
 
+    PANEL: ClassVar[str] = PART
+
     scenario: Annotated[
         Path | None,
-        typer.Option(
-            "--scenario",
-            metavar="FILE",
-            help="Scenario (YAML) whose route and sensor count.",
-            rich_help_panel=PART,
-        ),
+        typer.Option(metavar="FILE", help="Scenario (YAML) whose route and sensor count."),
     ] = None
     set_: Annotated[
         list[str] | None,
         typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a key of the scenario; repeatable.",
-            rich_help_panel=PART,
+            "--set", metavar="KEY=VALUE", help="Change a key of the scenario; repeatable."
         ),
     ] = None
     route: Annotated[
         str | None,
         typer.Option(
-            "--route",
             metavar="'LAT,LON LAT,LON ...'",
             help="Route by its points, deg, instead of the scenario's.",
-            rich_help_panel=PART,
         ),
     ] = None
     margin: Annotated[
         float,
-        typer.Option(
-            "--margin",
-            metavar="KM",
-            min=0.0,
-            callback=finite,
-            help="Map kept around a route.",
-            rich_help_panel=PART,
-        ),
+        typer.Option(metavar="KM", min=0.0, callback=finite, help="Map kept around a route."),
     ] = 25.0
 
     def load(self, *changes: str) -> "Scenario":
@@ -128,12 +113,7 @@ class PartChoice(RouteChoice):
 
     window: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(
-            "--window",
-            metavar="SOUTH NORTH WEST EAST",
-            help="Part of the map, deg.",
-            rich_help_panel=PART,
-        ),
+        typer.Option(metavar="SOUTH NORTH WEST EAST", help="Part of the map, deg."),
     ] = None
 
     def part(self, route: Route | None) -> "Window | Corridor | None":

@@ -1,6 +1,7 @@
 """How the commands of ``isogal map`` print a result, and where they write a picture."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,8 @@ from isogal.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from isogal.maps.field_map import FieldMap
+
 
 def _png(path: Path | None) -> Path | None:
     """Return a file's name; raises InputError where a picture cannot be written to it."""
@@ -24,11 +27,7 @@ def _png(path: Path | None) -> Path | None:
 Picture = Annotated[
     Path | None,
     typer.Option(
-        "--figure",
-        metavar="FILE.png",
-        help="Draw a picture.",
-        rich_help_panel=RESULTS,
-        callback=_png,
+        metavar="FILE.png", help="Draw a picture.", rich_help_panel=RESULTS, callback=_png
     ),
 ]
 
@@ -53,12 +52,27 @@ def print_json(found: dict[str, Any]) -> None:
     typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
 
 
-def say_written(found: dict[str, Any], path: Path, as_json: bool) -> None:
-    """Print the description of a map that was written, and where it is."""
-    from isogal.cli.map.description import print_map
+def netcdf_file(path: Path) -> Path:
+    """Return the name of a NetCDF file to be written; raises InputError where it has another
+    suffix or cannot be."""
+    require_netcdf_name(path)
+    return output_file(path)
 
+
+NetcdfOut = Annotated[
+    Path, typer.Argument(metavar="OUT", callback=netcdf_file, help="NetCDF file to write.")
+]
+
+
+def say_written(
+    field_map: "FieldMap", path: Path, as_json: bool, lines: Iterable[str] = (), **more: Any
+) -> None:
+    """Describe a map that was written: as JSON, with what else there is to say, or as a table with
+    further lines; and where it is."""
+    from isogal.cli.map.description import describe_map, print_map
+
+    found = describe_map(field_map)
     if as_json:
-        print_json(found | {"file": str(path)})
+        print_json(found | more | {"file": str(path)})
     else:
-        print_map(found)
-        typer.echo(str(path))
+        print_map(found, *lines, str(path))

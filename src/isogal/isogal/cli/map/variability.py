@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import typer
 
@@ -13,6 +13,7 @@ from isogal.cli.map.results import Picture, draw, print_json
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json
+from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
     from isogal.arrays import Array
@@ -37,34 +38,14 @@ class _Along(NamedTuple):
 class Template:
     """The window template round each reading, and how the variability is normalised."""
 
+    PANEL: ClassVar[str] = ASSUMED
+
     half_width: Annotated[
-        float,
-        typer.Option(
-            "--half-width",
-            metavar="M",
-            min=1.0,
-            callback=finite,
-            help="Of the window template.",
-            rich_help_panel=ASSUMED,
-        ),
+        float, typer.Option(metavar="M", min=1.0, callback=finite, help="Of the window template.")
     ] = 2000.0
-    points: Annotated[
-        int,
-        typer.Option(
-            "--points",
-            min=3,
-            help="Along each side of the template, odd.",
-            rich_help_panel=ASSUMED,
-        ),
-    ] = 9
+    points: Annotated[int, typer.Option(min=3, help="Along each side of the template, odd.")] = 9
     samples: Annotated[
-        int,
-        typer.Option(
-            "--samples",
-            min=1,
-            help="Places that the normalisation looks back over.",
-            rich_help_panel=ASSUMED,
-        ),
+        int, typer.Option(min=1, help="Places that the normalisation looks back over.")
     ] = 100
 
     def along(self, field_map: "ScalarMap", track: "tuple[Array, Array]") -> _Along:
@@ -128,18 +109,9 @@ def _as_json(field_map: "ScalarMap", template: Template, found: _Along) -> dict[
 
 def _print(field_map: "ScalarMap", found: _Along, figure: Path | None) -> None:
     import numpy as np
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
 
     factor, unit = (1e5, "mGal") if field_map.unit == "m/s²" else (1.0, field_map.unit)
-    table = Table(
-        box=SIMPLE_HEAD,
-        title=f"Map feature variability of {field_map.provenance}",
-        title_justify="left",
-    )
-    for heading in ("km", f"root of C ({unit})", "normalised"):
-        table.add_column(heading, justify="right")
+    rows = []
     for first in range(0, found.distance.size, 50):
         part = slice(first, min(first + 50, found.distance.size))
         kilometres = found.distance[part] / 1e3
@@ -148,7 +120,11 @@ def _print(field_map: "ScalarMap", found: _Along, figure: Path | None) -> None:
         if known.any():
             root = factor * np.sqrt(np.mean(found.variability[part][known]))
             row += [f"{root:.3g}", f"{np.mean(found.normalised[part][known]):.3g}"]
-        table.add_row(*row)
-    Console().print(table, highlight=False)
-    if figure is not None:
-        typer.echo(str(figure))
+        rows.append(row)
+    print_table(
+        ("km", f"root of C ({unit})", "normalised"),
+        rows,
+        *([str(figure)] if figure is not None else ()),
+        title=f"Map feature variability of {field_map.provenance}",
+        words=(),
+    )

@@ -18,7 +18,7 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.continuation.harmonic import EDGE, FADING, OFFSET
+from isogal.maps.continuation.harmonic import EDGE, FADING, OFFSET, at_level
 from isogal.maps.continuation.level import to_level
 from isogal.maps.error_spectrum import mixed_length
 from isogal.maps.field_map import FieldMap
@@ -96,18 +96,8 @@ def continued(
         )
     beyond = _BEYOND * abs(rise) / rim * float(np.nanstd(field_map.values))
     mean_sigma, length = _errors(parts, (beyond, rim))
-    return replace(
-        field_map,
-        values=values,
-        sigma=mean_sigma if sigma is None else np.hypot(sigma, beyond),
-        correlation_length=length,
-        correlation_lengths=None,
-        error_ellipses=None,
-        error_stated=field_map.states_error,
-        quantisation=0.0,
-        provenance=f"{field_map.provenance or 'map'} continued to {height:g} m",
-        height=height,
-    )
+    errors = mean_sigma if sigma is None else np.hypot(sigma, beyond), length
+    return at_level(field_map, values, errors, height)
 
 
 def _in_blocks(
@@ -119,10 +109,9 @@ def _in_blocks(
     sigma = None if isinstance(field_map.sigma, float) else np.zeros(values.shape)
     parts: list[tuple[int, float, float | None]] = []
     for block in _blocks(field_map, rim_of(levels[0] - levels[1], cutoff)):
-        whole = _cut(field_map, block.outer)
-        if whole is None:
+        if not np.isfinite(field_map.values[block.outer]).any():
             continue
-        part, kept = _continued(whole, levels, cutoff)
+        part, kept = _continued(field_map.part(*block.outer), levels, cutoff)
         inner = _relative(block)
         values[block.inner] = np.where(kept[inner], part.values[inner], np.nan)
         if sigma is not None and not isinstance(part.sigma, float):
@@ -190,19 +179,6 @@ def _blocks(field_map: FieldMap, rim: float) -> Iterator[_Block]:
                 slice(max(inner[1].start - more[1], 0), inner[1].stop + more[1]),
             )
             yield _Block(inner, outer)
-
-
-def _cut(field_map: FieldMap, part: tuple[slice, slice]) -> FieldMap | None:
-    """Return a part of a map; None where it has no value."""
-    if not np.isfinite(field_map.values[part]).any():
-        return None
-    return replace(
-        field_map,
-        latitude=field_map.latitude[part[0]],
-        longitude=field_map.longitude[part[1]],
-        values=field_map.values[part],
-        sigma=field_map.sigma if isinstance(field_map.sigma, float) else field_map.sigma[part],
-    )
 
 
 def _relative(block: _Block) -> tuple[slice, slice]:

@@ -14,6 +14,7 @@ from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Values
 
 FADING = (
     "disturbance",
@@ -54,15 +55,31 @@ def trimmed(field_map: FieldMap) -> FieldMap:
     rim that an earlier transform has left out."""
     known = np.isfinite(field_map.values)
     rows, columns = np.nonzero(known.any(axis=1))[0], np.nonzero(known.any(axis=0))[0]
-    cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    return field_map.part(slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+
+
+def at_level(
+    field_map: FieldMap,
+    values: Values,
+    errors: tuple[float | Array, float | None],
+    height: float,
+    from_ground: bool = False,
+) -> FieldMap:
+    """Return a map continued to a height (m): its values there, and 1-sigma and correlation length
+    (m) of their errors."""
+    sigma, length = errors
+    origin = " from the ground" if from_ground else ""
     return replace(
         field_map,
-        latitude=field_map.latitude[cut[0]],
-        longitude=field_map.longitude[cut[1]],
-        values=field_map.values[cut],
-        sigma=field_map.sigma if isinstance(field_map.sigma, float) else field_map.sigma[cut],
+        values=values,
+        sigma=sigma,
+        correlation_length=length,
         correlation_lengths=None,
         error_ellipses=None,
+        error_stated=field_map.states_error,
+        quantisation=0.0,
+        provenance=f"{field_map.provenance or 'map'} continued{origin} to {height:g} m",
+        height=height,
     )
 
 

@@ -6,17 +6,16 @@ only done with a cut-off wavelength. Waves shorter than it are left out, those l
 it kept, with a cosine between."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.continuation.harmonic import EDGE, TAPER, check, filled, trimmed
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
+from isogal.maps.continuation.harmonic import EDGE, TAPER, at_level, check, filled, trimmed
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
 from isogal.maps.field_map import FieldMap
-from isogal.maps.spectral import Waves
+from isogal.maps.spectral import Operator
 
 _KEPT = 0.75
 """Share of the cut-off's wavenumber up to which everything is kept."""
@@ -66,55 +65,38 @@ def to_level(
     kept = spectral.inside(field_map, missing, EDGE * abs(rise) if edge is None else edge)
     values, offset = filled(field_map, missing)
     factors = _Factors(rise, cutoff)
-    operators = [factors.whole] if cutoff is None else [factors.whole, factors.left_out]
+    operators: list[Operator] = [lambda waves: factors.continued(waves.size)]
+    if cutoff is not None:
+        operators.append(lambda waves: 1.0 - factors.passed(waves.size))
     result = spectral.transformed(field_map, values, operators, TAPER, antisymmetric=True)
     left_out = factors.growth * float(np.sqrt(np.mean(result[1:, kept] ** 2))) if cutoff else 0.0
-    sigma, length = _error(field_map, factors, left_out)
+    errors = _error(field_map, factors, left_out)
     result[0] += offset
     result[0][~kept] = np.nan
-    return replace(
-        field_map,
-        values=result[0],
-        sigma=sigma,
-        correlation_length=length,
-        error_stated=field_map.states_error,
-        quantisation=0.0,
-        provenance=f"{where} continued to {height:g} m",
-        height=height,
-    )
+    return at_level(field_map, result[0], errors, height)
 
 
 class _Factors:
-    """Operators of a continuation, as spectral operators and by wavenumber."""
+    """Factors of a continuation at wavenumbers (rad/m)."""
 
     def __init__(self, rise: float, cutoff: float | None) -> None:
         self.rise, self.cutoff = rise, cutoff
+        self.highest = math.inf if cutoff is None else 2.0 * math.pi / cutoff
 
     def passed(self, wavenumber: Array) -> Array:
         """Return the share of each wave that is kept."""
-        if self.cutoff is None:
-            return np.ones_like(wavenumber)
-        highest = 2.0 * math.pi / self.cutoff
-        place = np.clip((wavenumber / highest - _KEPT) / (1.0 - _KEPT), 0.0, 1.0)
+        place = np.clip((wavenumber / self.highest - _KEPT) / (1.0 - _KEPT), 0.0, 1.0)
         return np.asarray(0.5 + 0.5 * np.cos(math.pi * place))
 
-    def by_wavenumber(self, wavenumber: Array) -> Array:
+    def continued(self, wavenumber: Array) -> Array:
         """Return the factor of the continuation."""
-        highest = math.inf if self.cutoff is None else 2.0 * math.pi / self.cutoff
-        return np.exp(-self.rise * np.minimum(wavenumber, highest)) * self.passed(wavenumber)
-
-    def whole(self, waves: Waves) -> Array:
-        """Return the factor of the continuation at the wavenumbers of a map."""
-        return self.by_wavenumber(waves.size)
+        grown = np.exp(-self.rise * np.minimum(wavenumber, self.highest))
+        return np.asarray(grown * self.passed(wavenumber))
 
     @property
     def growth(self) -> float:
         """Factor of the continuation at the cut-off."""
-        return 1.0 if self.cutoff is None else math.exp(-2.0 * math.pi * self.rise / self.cutoff)
-
-    def left_out(self, waves: Waves) -> Array:
-        """Return the share of each wave of the map that is not kept."""
-        return 1.0 - self.passed(waves.size)
+        return 1.0 if self.cutoff is None else math.exp(-self.rise * self.highest)
 
 
 def _start(field_map: FieldMap, from_height: float | None, where: str) -> float:
@@ -130,7 +112,7 @@ def _start(field_map: FieldMap, from_height: float | None, where: str) -> float:
 
 
 def _check_cutoff(field_map: FieldMap, rise: float, cutoff: float | None, where: str) -> None:
-    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
+    cell = field_map.cell
     if rise >= 0.0:
         if cutoff is not None:
             raise InputError(
@@ -157,15 +139,13 @@ def _error(
 ) -> tuple[float | Array, float | None]:
     """Return sigma and correlation length (m) of the result; `left_out` is the 1-sigma of the
     waves beyond the cut-off."""
-    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
-    spectrum = ErrorSpectrum.of_grid(cell, field_map.correlation_length)
-    sigma, white = typical_sigma(field_map), rounding(field_map)
-    gain = spectrum.gain(factors.by_wavenumber)
-    steps = white * spectrum.white_gain(factors.by_wavenumber)
+    spectrum = ErrorSpectrum.of_map(field_map)
+    gain = spectrum.gain(factors.continued)
+    steps = spectrum.rounding * spectrum.white_gain(factors.continued)
     own: float | Array = field_map.sigma * gain
-    parts = [(left_out**2, factors.cutoff and factors.cutoff / (2.0 * math.pi))]
-    if sigma or white:
-        length = spectrum.length(factors.by_wavenumber, sigma, white)
-        parts.append(((sigma * gain) ** 2 + steps**2, length))
+    parts = [
+        (left_out**2, factors.cutoff and factors.cutoff / (2.0 * math.pi)),
+        ((spectrum.sigma * gain) ** 2 + steps**2, spectrum.length(factors.continued)),
+    ]
     total = np.sqrt(np.square(own) + steps**2 + left_out**2)
     return float(total) if isinstance(own, float) else total, mixed_length(parts)

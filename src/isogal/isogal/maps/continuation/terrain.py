@@ -4,16 +4,14 @@ Values on the ground, as those of GGMplus, are not on a level. Sources below the
 that make them (`isogal.maps.continuation.source_layer`); the field of these at the level is the
 result. Nodes below the ground have no value."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.continuation.harmonic import EDGE, TAPER, check, filled, trimmed
+from isogal.maps.continuation.harmonic import EDGE, TAPER, at_level, check, filled, trimmed
 from isogal.maps.continuation.source_layer import Scale, SourceLayer
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, rounding, typical_sigma
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
 from isogal.maps.field_map import FieldMap
 
 _STRETCH = 0.08
@@ -66,23 +64,12 @@ def from_terrain(
     ground[missing] = np.median(ground[~missing])
     result, rest = _continued(field_map, values, ground, height)
     rest[missing] = 0.0
-    sigma, length = _error(field_map, np.maximum(rise, 0.0), rest, typical)
+    errors = _error(field_map, np.maximum(rise, 0.0), rest, typical)
     result += offset
     result[~kept | ~(rise >= 0.0)] = np.nan
     if not np.isfinite(result).any():
         raise InputError(f"{where}: within the map's edges {height:g} m is below the ground")
-    return replace(
-        field_map,
-        values=result,
-        sigma=sigma,
-        correlation_length=length,
-        correlation_lengths=None,
-        error_ellipses=None,
-        error_stated=field_map.states_error,
-        quantisation=0.0,
-        provenance=f"{where} continued from the ground to {height:g} m",
-        height=height,
-    )
+    return at_level(field_map, result, errors, height, from_ground=True)
 
 
 def _check_ground(ground: Array, missing: Booleans, height: float, where: str) -> None:
@@ -123,7 +110,7 @@ def _continued(
     """Return the field (n, m) at a height (m), and what of the values is left unexplained."""
     from scipy.fft import next_fast_len
 
-    rows_m, columns_m = field_map.cell_size_m(float(field_map.latitude.mean()))
+    rows_m, columns_m = field_map.cell
     n, m = values.shape
     pads = spectral.padding((n, m), (rows_m, columns_m), TAPER)
     more = [
@@ -153,19 +140,18 @@ def _error(
 ) -> tuple[Array, float | None]:
     """Return sigma (n, m) and correlation length (m) at heights (n, m) above the ground, m, half
     of which are above `typical`, where `rest` (n, m) is left unexplained."""
-    cell = field_map.cell_size_m(float(field_map.latitude.mean()))
-    spectrum = ErrorSpectrum.of_grid(cell, field_map.correlation_length)
+    cell, spectrum = field_map.cell, ErrorSpectrum.of_map(field_map)
     steps = np.r_[0.0, np.geomspace(0.1 * min(cell), max(float(np.nanmax(rise)), cell[0]), _RISES)]
     decays = [lambda k, step=step: np.exp(-k * step) for step in steps]
     gain = np.interp(rise, steps, [spectrum.gain(decay) for decay in decays])
     white_gain = np.interp(rise, steps, [spectrum.white_gain(decay) for decay in decays])
-    sigma, white = typical_sigma(field_map), rounding(field_map)
     around = _unexplained(rest, rise, cell)
-    total = (field_map.sigma * gain) ** 2 + (white * white_gain) ** 2 + around
-    parts = [(float(np.mean(around)), 2.0 * max(*cell, typical))]
-    if sigma or white:
-        length = spectrum.length(lambda k: np.exp(-k * typical), sigma, white)
-        parts.append((float(np.nanmean(total - around)), length))
+    total = (field_map.sigma * gain) ** 2 + (spectrum.rounding * white_gain) ** 2 + around
+    length = spectrum.length(lambda k: np.exp(-k * typical))
+    parts = [
+        (float(np.mean(around)), 2.0 * max(*cell, typical)),
+        (float(np.nanmean(total - around)), length),
+    ]
     return np.sqrt(total), mixed_length(parts)
 
 

@@ -1,8 +1,6 @@
 """Map formats in single files; each reader is an entry point of the group `isogal.map_formats`.
 
 netcdf             NetCDF, CF and GMT (COARDS) conventions
-netcdf_variable    what a NetCDF variable says about itself, and its numbers
-netcdf_classic     is a file of NetCDF's classic formats complete?
 netcdf_writing     maps into NetCDF
 geotiff            GeoTIFF in any coordinate reference system
 gdf                ICGEM grids

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from isogal.errors import InputError
+from isogal.files import reading
 from isogal.maps.assemble import assemble
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
@@ -63,13 +64,10 @@ def read_gdf(
         describes, impossible numbers.
     """
     where = str(path)
-    try:
-        with Path(path).open(encoding="ascii", errors="replace") as file:
-            header = _header(file, where)
-            columns = 4 if header.get("height_in_file") else 3
-            table = numbers(file, columns, where)
-    except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from None
+    with reading(path), Path(path).open(encoding="ascii", errors="replace") as file:
+        header = _header(file, where)
+        columns = 4 if header.get("height_in_file") else 3
+        table = numbers(file, columns, where)
     functional = header.get("functional", "")
     if variable is not None and variable != functional:
         raise InputError(f"{where}: holds '{functional}', not '{variable}'")

@@ -1,13 +1,17 @@
 """GeoTIFF maps, in any coordinate reference system."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.files import reading
 from isogal.maps.assemble import assemble, check_size
 from isogal.maps.axes import RegularAxis, Window, part_within
 from isogal.maps.field_map import FieldMap
@@ -54,57 +58,60 @@ def read_geotiff(
     where = str(path)
     if not Path(path).is_file():
         raise InputError(f"{where}: no such file")
-    try:
-        with (
-            rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"),
-            rasterio.open(path) as source,
-        ):
-            return _read(source, variable, window, (quantity, unit, crs), where)
-    except InputError:
-        raise
-    except Exception as error:  # GDAL's own errors share no public base class with rasterio's
-        raise InputError(
-            f"{where}: cannot be read as GeoTIFF:"
-            f" {str(error).splitlines()[0] if str(error) else error!r}"
-        ) from None
+    with (
+        reading(path, "GeoTIFF"),
+        rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"),
+        rasterio.open(path) as source,
+    ):
+        band = _band(source, variable, where)
+        kind = np.dtype(source.dtypes[band - 1]).kind
+        if kind not in "iuf":
+            raise InputError(f"{where}: band {band} holds {source.dtypes[band - 1]}, not numbers")
+        named = (source.descriptions[band - 1], variable)
+        by_name = (quantity_of(text) for text in named if text)
+        scale, offset = source.scales[band - 1], source.offsets[band - 1]
+        with _geographic(source, _system(source, crs, where), where) as (grid, origin):
+            latitude, longitude, values = _part(grid, band, window, (scale, offset), origin)
+        return assemble(
+            latitude,
+            longitude,
+            values,
+            unit=unit or source.units[band - 1] or None,
+            quantity=quantity or next((found for found in by_name if found), None),
+            where=origin,
+            quantisation=abs(scale) if kind in "iu" else 0.0,
+        )
 
 
-def _read(
-    source: Any,
-    variable: str | None,
-    window: Window | None,
-    asked: tuple[str | None, str | None, str | None],
-    where: str,
-) -> FieldMap:
+def _system(source: Any, crs: str | None, where: str) -> Any:
+    """Return the coordinate reference system, that of the user before that of the file."""
     import rasterio
-    from rasterio.vrt import WarpedVRT
 
-    quantity, unit, crs = asked
-    band = _band(source, variable, where)
-    if np.dtype(source.dtypes[band - 1]).kind not in "iuf":
-        raise InputError(f"{where}: band {band} holds {source.dtypes[band - 1]}, not numbers")
-    name = source.descriptions[band - 1]
-    quantity = quantity or next(
-        (q for q in (quantity_of(t) for t in (name, variable) if t) if q), None
-    )
-    unit = unit or source.units[band - 1] or None
     if crs is not None:
         try:
-            system = rasterio.crs.CRS.from_string(crs)
+            return rasterio.crs.CRS.from_string(crs)
         except rasterio.errors.CRSError:
             raise InputError(f"{where}: crs '{crs}' is not known; give it as EPSG:4326") from None
-    else:
-        system = source.crs
-    if not system:
+    if not source.crs:
         raise InputError(
             f"{where}: does not say its coordinate reference system; give crs= (--crs of 'isogal"
             " map convert'), for example EPSG:4326"
         )
-    scale, offset = source.scales[band - 1], source.offsets[band - 1]
+    return source.crs
+
+
+@contextmanager
+def _geographic(source: Any, system: Any, where: str) -> Iterator[tuple[Any, str]]:
+    """Give a file as it is, or resampled where it is no grid of latitude and longitude; and where
+    its values are from."""
+    import rasterio
+    from rasterio.vrt import WarpedVRT
+
     turn = source.transform
     plain = turn.b == turn.d == 0.0 and turn.a > 0.0 and turn.e < 0.0
     if plain and _is_plain_geographic(system, source, where):
-        return _assemble(source, band, window, (quantity, unit, scale, offset), where)
+        yield source, where
+        return
     with WarpedVRT(
         source,
         src_crs=system,
@@ -113,13 +120,7 @@ def _read(
         nodata=math.nan,
         dtype="float64",
     ) as warped:
-        return _assemble(
-            warped,
-            band,
-            window,
-            (quantity, unit, scale, offset),
-            f"{where} (from {system.to_string()[:60]})",
-        )
+        yield warped, f"{where} (from {system.to_string()[:60]})"
 
 
 def _band(source: Any, variable: str | None, where: str) -> int:
@@ -164,16 +165,13 @@ def _is_plain_geographic(system: Any, source: Any, where: str) -> bool:
     )
 
 
-def _assemble(
-    source: Any,
-    band: int,
-    window: Window | None,
-    meaning: tuple[str | None, str | None, float, float],
-    where: str,
-) -> FieldMap:
+def _part(
+    source: Any, band: int, window: Window | None, packing: tuple[float, float], where: str
+) -> tuple[Array, Array, NDArray[Any]]:
+    """Return latitude (n,) and longitude (m,), rad, and the band's values (n, m) in a window, by
+    scale and offset of its numbers."""
     import rasterio.windows
 
-    quantity, unit, scale, offset = meaning
     rows, turn = source.height, source.transform
     latitude = RegularAxis(
         math.radians(turn.f + turn.e * (rows - 0.5)), math.radians(-turn.e), rows
@@ -183,24 +181,15 @@ def _assemble(
     )
     part = part_within(latitude, longitude, window, where)
     check_size(math.prod(part.shape), where, window)
-    up, blocks = part.rows, []
+    up, down = part.rows, (rows - part.rows.stop, rows - part.rows.start)
+    blocks = []
     for columns in part.columns:
-        where_in_file = rasterio.windows.Window.from_slices(
-            (rows - up.stop, rows - up.start), (columns.start, columns.stop)
-        )
-        blocks.append(
-            _unpacked(source.read(band, window=where_in_file, masked=True), scale, offset)
-        )
-    values = np.concatenate(blocks, axis=1)[::-1]
-    whole = np.dtype(source.dtypes[band - 1]).kind in "iu"
-    return assemble(
+        cut = rasterio.windows.Window.from_slices(down, (columns.start, columns.stop))
+        blocks.append(_unpacked(source.read(band, window=cut, masked=True), *packing))
+    return (
         latitude.first + latitude.step * np.arange(up.start, up.stop),
         part.longitude(longitude.step),
-        values,
-        unit=unit,
-        quantity=quantity,
-        where=where,
-        quantisation=abs(scale) if whole else 0.0,
+        np.concatenate(blocks, axis=1)[::-1],
     )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.files import reading
 from isogal.maps.assemble import assemble
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
@@ -71,22 +72,19 @@ def read_xyz(
 
 def _table(path: Path, variable: str | None, where: str) -> tuple[list[str], Array]:
     """Return the names of the columns and the numbers (N, columns)."""
-    try:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            first = file.readline(_LONGEST_LINE)
-            names = _names(first)
-            if names is None:
-                if variable is None or variable.count(",") < 2:
-                    raise InputError(
-                        f"{where}: does not name its columns; give variable= (--variable) their"
-                        " order, for example lon,lat,dg"
-                    )
-                names = _split(variable)
-                file.seek(0)
-            delimiter = next((mark for mark in ",;" if mark in first), None)
-            return names, numbers(file, len(names), where, delimiter)
-    except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from None
+    with reading(path), path.open(encoding="utf-8", errors="replace") as file:
+        first = file.readline(_LONGEST_LINE)
+        names = _names(first)
+        if names is None:
+            if variable is None or variable.count(",") < 2:
+                raise InputError(
+                    f"{where}: does not name its columns; give variable= (--variable) their order,"
+                    " for example lon,lat,dg"
+                )
+            names = _split(variable)
+            file.seek(0)
+        delimiter = next((mark for mark in ",;" if mark in first), None)
+        return names, numbers(file, len(names), where, delimiter)
 
 
 def _split(line: str) -> list[str]:

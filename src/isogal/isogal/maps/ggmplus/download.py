@@ -35,10 +35,6 @@ class Patience:
     """s before the second try; twice as long before each further one."""
 
 
-class _TryAgainError(Exception):
-    pass
-
-
 def check_base_url(url: str) -> str:
     """Return the URL without a trailing slash, or raise InputError unless it is an HTTP
     address."""
@@ -78,25 +74,23 @@ def download(
         The server cannot be reached, refuses, or has a file of another size; or the disk is full.
     """
     part = target.with_name(f"{target.name}.part")
-    fruitless = 0
-    while True:
-        before = part.stat().st_size if part.exists() else 0
-        if before > size:
-            part.unlink()
-            before = 0
-        try:
-            if before < size:
-                _append(url, part, size, patience.timeout, progress)
+    fruitless, there = 0, _size(part)
+    while there != size:
+        reason = _append(url, part, size, patience.timeout, progress)
+        before, there = there, _size(part)
+        if there == size:
             break
-        except _TryAgainError as error:
-            after = part.stat().st_size if part.exists() else 0
-            fruitless = 0 if after > before else fruitless + 1
-            if fruitless >= patience.tries:
-                raise InputError(f"{url}: {error}; gave up after {patience.tries} tries") from None
-            time.sleep(patience.pause * 2.0 ** max(fruitless - 1, 0))
+        fruitless = 0 if there > before else fruitless + 1
+        if fruitless >= patience.tries:
+            raise InputError(f"{url}: {reason}; gave up after {patience.tries} tries")
+        time.sleep(patience.pause * 2.0 ** max(fruitless - 1, 0))
     digest = sha256(part)
     part.replace(target)
     return digest
+
+
+def _size(part: Path) -> int:
+    return part.stat().st_size if part.exists() else 0
 
 
 def sha256(path: Path) -> str:
@@ -105,17 +99,24 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _append(url: str, part: Path, size: int, timeout: float, progress: Progress | None) -> None:
-    """Fetch what is missing; raises _TryAgainError where another try may help."""
-    there = part.stat().st_size if part.exists() else 0
+def _append(url: str, part: Path, size: int, timeout: float, progress: Progress | None) -> str:
+    """Fetch what is missing; returns why another try may help where something still is."""
+    there = _size(part)
+    if there > size:
+        part.unlink()
+        there = 0
     headers = {"User-Agent": "isogal", "Accept-Encoding": "identity"}
     if there:
         headers["Range"] = f"bytes={there}-"
+    request = urllib.request.Request(url, headers=headers)
     try:
-        with urllib.request.urlopen(
-            urllib.request.Request(url, headers=headers), timeout=timeout
-        ) as answer:
-            there = _starts_at(answer, there)
+        with urllib.request.urlopen(request, timeout=timeout) as answer:
+            span = answer.headers.get("Content-Range", "")
+            if answer.status != 206:  # a server that does not resume
+                there = 0
+            elif not span.startswith(f"bytes {there}-"):
+                span = span[:60] or "no Content-Range"
+                return f"the server resumes elsewhere than asked ({span})"
             length = answer.headers.get("Content-Length", "")
             if length.isdecimal() and there + int(length) != size:
                 part.unlink(missing_ok=True)
@@ -123,18 +124,9 @@ def _append(url: str, part: Path, size: int, timeout: float, progress: Progress 
                     f"{url}: the server's file has {there + int(length)} bytes, a tile has {size};"
                     " wrong address?"
                 )
-            with part.open("r+b" if there else "wb") as file:
-                file.truncate(there)
-                file.seek(there)
-                while chunk := answer.read(_CHUNK):
-                    there += len(chunk)
-                    if there > size:
-                        break
-                    file.write(chunk)
-                    if progress is not None:
-                        progress(there, size)
+            there = _copy(answer, part, there, size, progress)
     except urllib.error.HTTPError as error:
-        _refuse(url, part, error)
+        return _refusal(url, part, error)
     except (
         urllib.error.URLError,
         http.client.HTTPException,
@@ -143,11 +135,9 @@ def _append(url: str, part: Path, size: int, timeout: float, progress: Progress 
     ) as error:
         reason = getattr(error, "reason", None) or error
         if isinstance(reason, TimeoutError):
-            raise _TryAgainError(f"no answer within {timeout:g} s") from None
-        raise _TryAgainError(
-            f"cannot be reached ({' '.join(str(reason).split()) or type(reason).__name__});"
-            " offline?"
-        ) from None
+            return f"no answer within {timeout:g} s"
+        why = " ".join(str(reason).split()) or type(reason).__name__
+        return f"cannot be reached ({why}); offline?"
     except OSError as error:
         raise InputError(f"{part}: cannot be written: {error.strerror or error}") from None
     if there > size:
@@ -155,32 +145,37 @@ def _append(url: str, part: Path, size: int, timeout: float, progress: Progress 
         raise InputError(
             f"{url}: the server sends more than the {size} bytes of a tile; wrong address?"
         )
-    if there < size:
-        raise _TryAgainError(f"the connection broke off at {there} of {size} bytes")
+    return f"the connection broke off at {there} of {size} bytes"
 
 
-def _starts_at(answer: http.client.HTTPResponse, asked: int) -> int:
-    """Return where the bytes of an answer belong: at what was asked for, or at 0 from a server
-    that does not resume."""
-    if answer.status != 206:
-        return 0
-    span = answer.headers.get("Content-Range", "")
-    if not span.startswith(f"bytes {asked}-"):
-        raise _TryAgainError(
-            f"the server resumes elsewhere than asked ({span[:60] or 'no Content-Range'})"
-        )
-    return asked
+def _copy(
+    answer: http.client.HTTPResponse, part: Path, there: int, size: int, progress: Progress | None
+) -> int:
+    """Write what arrives behind the first bytes of a file; returns how many there are then, more
+    than the size where the server goes on beyond it."""
+    with part.open("r+b" if there else "wb") as file:
+        file.truncate(there)
+        file.seek(there)
+        while there <= size and (chunk := answer.read(_CHUNK)):
+            there += len(chunk)
+            if there <= size:
+                file.write(chunk)
+                if progress is not None:
+                    progress(there, size)
+    return there
 
 
-def _refuse(url: str, part: Path, error: urllib.error.HTTPError) -> None:
-    """Raise the error that a status of HTTP means."""
+def _refusal(url: str, part: Path, error: urllib.error.HTTPError) -> str:
+    """Return why another try may help, by a status of HTTP; raises the error that it means where
+    none does."""
     with contextlib.suppress(OSError):
         error.close()
     if error.code in (404, 410):
         raise AbsentError
     if error.code == 416:  # what is on disk is not a part of the server's file
         part.unlink(missing_ok=True)
-        raise _TryAgainError("the server cannot resume")
-    if error.code in _AGAIN:
-        raise _TryAgainError(f"the server answers {error.code} {error.reason}")
-    raise InputError(f"{url}: the server answers {error.code} {error.reason}")
+        return "the server cannot resume"
+    reason = f"the server answers {error.code} {error.reason}"
+    if error.code not in _AGAIN:
+        raise InputError(f"{url}: {reason}")
+    return reason

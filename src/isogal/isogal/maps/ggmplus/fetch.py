@@ -110,46 +110,39 @@ def _one(
 ) -> None:
     extension = name.rpartition(".")[2]
     size = CELLS * CELLS * np.dtype(KINDS[extension].dtype).itemsize
-    path, expected = folder / name, known.get(name)
-    if path.is_file() and path.stat().st_size == size:
-        digest = sha256(path)
-        if expected in (None, "absent", digest):  # not fetched by this program: trusted as well
-            if expected != digest:
-                result.trusted.append(name)
-                known[name] = digest
-                write_registry(folder, known)
-            result.present.append(name)
-            return
-    try:
-        digest = download(
-            f"{base_url}/{extension}/{name}",
-            folder / f".{name}.new",
-            size,
-            patience,
-            (lambda done, total: progress(name, done, total)) if progress else None,
-        )
-    except AbsentError:
-        result.absent.append(name)
-        if expected not in (None, "absent"):
-            raise InputError(
-                f"{base_url}/{extension}/{name}: the server has it no more; it had when"
-                " checksums.txt was written"
-            ) from None
+    url = f"{base_url}/{extension}/{name}"
+    path, new, expected = folder / name, folder / f".{name}.new", known.get(name)
+    digest = sha256(path) if path.is_file() and path.stat().st_size == size else None
+    if digest is not None and expected in (None, digest):  # as fetched, or not by this program
+        result.present.append(name)
     else:
-        new = folder / f".{name}.new"
-        if expected not in (None, "absent", digest):
+        try:
+            digest = download(
+                url,
+                new,
+                size,
+                patience,
+                (lambda done, total: progress(name, done, total)) if progress else None,
+            )
+        except AbsentError:
+            result.absent.append(name)
+            if expected is None:
+                return
+            raise InputError(
+                f"{url}: the server has it no more; it had when {REGISTRY} was written"
+            ) from None
+        if expected not in (None, digest):
             new.unlink()
             raise InputError(
-                f"{base_url}/{extension}/{name}: differs from the checksum of its first download"
-                f" in {folder / REGISTRY}; damaged on the way, or a new edition: remove its line"
-                " there to trust it"
+                f"{url}: differs from the checksum of its first download in {folder / REGISTRY};"
+                " damaged on the way, or a new edition: remove its line there to trust it"
             )
         new.replace(path)
         result.downloaded.append(name)
-        if expected != digest:
-            result.trusted.append(name)
-    known[name] = digest if name in result.downloaded else "absent"
-    write_registry(folder, known)
+    if expected is None:
+        result.trusted.append(name)
+        known[name] = digest
+        write_registry(folder, known)
 
 
 @contextlib.contextmanager
@@ -165,7 +158,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def read_registry(folder: Path) -> dict[str, str]:
-    """Return name and SHA-256 (or "absent") of the tiles once fetched into a folder.
+    """Return name and SHA-256 of the tiles once fetched into a folder.
 
     Raises
     ------
@@ -184,19 +177,16 @@ def read_registry(folder: Path) -> dict[str, str]:
         match = _LINE.fullmatch(line.strip())
         if not match:
             raise InputError(
-                f"{path} (line {number}): must be a file name, two blanks and a SHA-256 (or"
-                " 'absent')"
+                f"{path} (line {number}): must be a file name, two blanks and a SHA-256"
             )
-        known[match.group(1)] = match.group(2)
+        if match.group(2) != "absent":  # earlier versions wrote which tiles the server had not
+            known[match.group(1)] = match.group(2)
     return known
 
 
 def write_registry(folder: Path, known: dict[str, str]) -> None:
     """Write the registry, whole or not at all."""
-    head = (
-        "# SHA-256 of each tile when it was first fetched (trusted then); absent = the server had"
-        " none\n"
-    )
+    head = "# SHA-256 of each tile when it was first fetched (trusted then)\n"
     lines = "".join(f"{name}  {digest}\n" for name, digest in sorted(known.items()))
     with atomic_path(folder / REGISTRY) as temporary:
         temporary.write_text(head + lines, encoding="utf-8")

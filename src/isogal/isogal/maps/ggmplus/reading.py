@@ -8,6 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.files import reading
 from isogal.maps.assemble import check_size
 from isogal.maps.axes import EmptyWindowError, Window
 from isogal.maps.field_map import FieldMap
@@ -143,7 +144,7 @@ def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) ->
     ``place``."""
     dtype = np.dtype(kind.dtype)
     expected = CELLS * CELLS * dtype.itemsize
-    try:
+    with reading(path):
         size = path.stat().st_size
         if size != expected:
             raise InputError(
@@ -163,8 +164,6 @@ def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) ->
             values[
                 place[0] + rows.start : place[0] + rows.stop, place[1] + first : place[1] + last
             ] = block
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if low <= high:
         check_plausible((low, high), kind.quantity, 1.0, str(path), fixed=True)
 

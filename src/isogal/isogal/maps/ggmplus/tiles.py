@@ -52,13 +52,8 @@ def tile_name(south: int, west: int, extension: str) -> str:
 
 def corner_of(name: str) -> tuple[int, int]:
     """Return the south-west corner (deg) of a tile by its file name."""
-    match = NAME.fullmatch(name)
-    assert match is not None
-    south, west = int(match.group(2)), int(match.group(4))
-    return (
-        -south if match.group(1) == "S" else south,
-        -west if match.group(3) == "W" else west,
-    )
+    south, west = int(name[1:3]), int(name[4:7])
+    return -south if name[0] == "S" else south, -west if name[3] == "W" else west
 
 
 def tiles_of(window: Window) -> list[tuple[int, int]]:

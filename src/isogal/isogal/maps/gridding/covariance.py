@@ -18,11 +18,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
 
 KINDS = ("matern", "harmonic")
 JITTER = 1e-8
 """Share of the field's variance that is added to that of each reading."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """N readings of a field without its trend."""
+
+    places: Array
+    """(N, 3) east, north, height above the lowest reading, m."""
+    value: Array
+    """(N,)"""
+    sigma: Array | None = None
+    """(N,) 1-sigma of each; None = the covariance's noise alone."""
+    line: Integers | None = None
+    """(N,) survey line of each; None = stations."""
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def part(self, rows: Integers | Booleans) -> "Readings":
+        """Return some of the readings."""
+        return Readings(
+            self.places[rows],
+            self.value[rows],
+            None if self.sigma is None else self.sigma[rows],
+            None if self.line is None else self.line[rows],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +102,13 @@ class Covariance:
             total += (sigma * depth / (places[:, 2] + depth)) ** 2
         return total
 
-    def of_readings(self, places: Array, sigma: Array | None, line: Integers | None) -> Array:
+    def of_readings(self, readings: Readings) -> Array:
         """Return (N, N) the covariance of readings: field, noise and offsets of lines."""
-        total = self.between(places, places)
-        if self.line > 0.0 and line is not None:
-            total += self.line**2 * (line[:, None] == line)
-        own = self.noise**2 if sigma is None else self.noise**2 + sigma**2
-        total[np.diag_indices(len(places))] += own + JITTER * self.variance
+        total = self.between(readings.places, readings.places)
+        if self.line > 0.0 and readings.line is not None:
+            total += self.line**2 * (readings.line[:, None] == readings.line)
+        own = self.noise**2 + (0.0 if readings.sigma is None else readings.sigma**2)
+        total[np.diag_indices(len(readings))] += own + JITTER * self.variance
         return total
 
     def turned(self, places: Array) -> Array:

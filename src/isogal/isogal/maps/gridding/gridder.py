@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.amplitude import Amplitude
-from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.kriging import GROUP, Kriging, groups
 from isogal.maps.gridding.learning import learn
@@ -107,7 +107,7 @@ class Model:
     @property
     def default_height(self) -> float:
         """Of a map whose height nobody has chosen, m: the median of the readings'."""
-        return self.floor + float(np.median(self.kriging.places[:, 2]))
+        return self.floor + float(np.median(self.kriging.readings.places[:, 2]))
 
     @property
     def covariance(self) -> Covariance:
@@ -131,8 +131,9 @@ def learn_model(survey: Survey, settings: GridSettings) -> Model:
     places = np.column_stack([plane.points(survey), up])
     trend = Trend.fitted(places, survey.value, settings.trend)
     value = survey.value - trend.at(places)
-    covariance = learn(places, value, survey.sigma, survey.line, kind=kind)
-    kriging = Kriging(places, value, covariance, survey.sigma, survey.line)
+    readings = Readings(places, value, survey.sigma, survey.line)
+    covariance = learn(readings, kind=kind)
+    kriging = Kriging(readings, covariance)
     shortest = _shortest(covariance)
     out = leave_out(kriging, by, 2.0 * shortest)
     errors = np.stack([out.error**2, out.variance - out.noise, out.noise])

@@ -10,13 +10,13 @@ between them and the places, and k0 among the places,
 away are screened by the nearer ones."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.covariance import Covariance, Readings
 
 NEIGHBOURS = 700
 """Readings that a group of places is kriged from."""
@@ -35,28 +35,14 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kriging:
-    """Readings (without their trend) and their covariance."""
+    """Readings and the covariance of their field."""
 
-    places: Array
-    """(N, 3) east, north, height above the lowest reading, m."""
-    value: Array
-    """(N,)"""
+    readings: Readings
     covariance: Covariance
-    sigma: Array | None = None
-    """(N,)"""
-    line: Integers | None = None
-    """(N,)"""
 
     def without(self, out: Booleans) -> "Kriging":
         """Return the same with some readings (N,) left out."""
-        keep = ~out
-        return replace(
-            self,
-            places=self.places[keep],
-            value=self.value[keep],
-            sigma=None if self.sigma is None else self.sigma[keep],
-            line=None if self.line is None else self.line[keep],
-        )
+        return Kriging(self.readings.part(~out), self.covariance)
 
     def at(self, places: Array) -> Estimate:
         """Return the field at any places (P, 3)."""
@@ -71,28 +57,23 @@ class Kriging:
         together."""
         from scipy.linalg import solve_triangular
 
-        rows = self._nearest(places)
-        level = 3.0 * float(np.std(self.value)) + 1e-300
-        readings = self.covariance.of_readings(
-            self.places[rows],
-            None if self.sigma is None else self.sigma[rows],
-            None if self.line is None else self.line[rows],
-        )
-        factor = np.linalg.cholesky(readings + level**2)
-        between = self.covariance.between(self.places[rows], places) + level**2
+        near = self.readings.part(self._nearest(places))
+        level = 3.0 * float(np.std(self.readings.value)) + 1e-300
+        factor = np.linalg.cholesky(self.covariance.of_readings(near) + level**2)
+        between = self.covariance.between(near.places, places) + level**2
         white = solve_triangular(
-            factor, np.column_stack([self.value[rows], between]), lower=True, check_finite=False
+            factor, np.column_stack([near.value, between]), lower=True, check_finite=False
         )
         among = self.covariance.between(places, places) + level**2
         return white[:, 1:].T @ white[:, 0], among - white[:, 1:].T @ white[:, 1:]
 
     def _nearest(self, places: Array) -> Integers:
         """Return rows of the readings next to the box round some places."""
-        if len(self.value) <= NEIGHBOURS:
-            return np.arange(len(self.value))
+        if len(self.readings) <= NEIGHBOURS:
+            return np.arange(len(self.readings))
         low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
         centre, half = 0.5 * (low + high), 0.5 * (high - low)
-        beyond = np.maximum(np.abs(self.places[:, :2] - centre) - half, 0.0)
+        beyond = np.maximum(np.abs(self.readings.places[:, :2] - centre) - half, 0.0)
         distance = beyond[:, 0] ** 2 + beyond[:, 1] ** 2
         inside = distance == 0.0
         # of readings inside the box all count; the others by their distance to it

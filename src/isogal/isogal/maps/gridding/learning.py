@@ -2,12 +2,13 @@
 5.4), near each of some places of the survey and around it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
-from isogal.maps.gridding.covariance import Covariance
+from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.misfit import misfit
 from isogal.seeds import generator
 
@@ -16,22 +17,12 @@ _NEAR, _AROUND, _PLACES = 120, 150, 10
 from."""
 
 
-def learn(
-    places: Array,
-    value: Array,
-    sigma: Array | None,
-    line: Integers | None,
-    *,
-    kind: str = "matern",
-) -> Covariance:
-    """Return the covariance that makes readings without their trend most likely.
+def learn(readings: Readings, *, kind: str = "matern") -> Covariance:
+    """Return the covariance that makes readings most likely.
 
     Parameters
     ----------
-    places : (N, 3) m
-    value : (N,)
-    sigma, line : (N,) or None
-        See `isogal.maps.gridding.survey.Survey`.
+    readings : Readings
     kind : str
         One of `covariance.KINDS`.
 
@@ -42,13 +33,12 @@ def learn(
     """
     from scipy.optimize import minimize
 
-    spread = float(np.std(value))
+    places, line = readings.places, readings.line
+    spread = float(np.std(readings.value))
     if not spread > 0.0:
         raise InputError("the readings are all the same; there is no field to map")
-    samples = [
-        (places[rows], value[rows] - value[rows].mean(), *_cut(sigma, line, rows))
-        for rows in _neighbourhoods(places)
-    ]
+    samples = [readings.part(rows) for rows in _neighbourhoods(places)]
+    samples = [replace(one, value=one.value - one.value.mean()) for one in samples]
     extent = float(np.hypot(*np.ptp(places[:, :2], axis=0)))
     lined = line is not None and np.unique(line).size > 1
     start = _start(kind, spread, extent, lined)
@@ -60,7 +50,7 @@ def learn(
         expected[small] = p[small] - math.log(0.03 * spread)
         total, slopes = 0.5 * float(expected @ expected), expected
         for sample in samples:
-            more, slope = misfit(covariance, 3.0 * spread, *sample)
+            more, slope = misfit(covariance, 3.0 * spread, sample)
             total, slopes = total + more, slopes + slope
         return total, slopes
 
@@ -114,12 +104,3 @@ def _typical_gap(places: Array) -> float:
 
     distance = cKDTree(places[:, :2]).query(places[:, :2], 2)[0][:, 1]
     return max(float(np.median(distance)), 1.0)
-
-
-def _cut(
-    sigma: Array | None, line: Integers | None, rows: Integers
-) -> tuple[Array | None, Integers | None]:
-    return (
-        None if sigma is None else sigma[rows],
-        None if line is None else line[rows],
-    )

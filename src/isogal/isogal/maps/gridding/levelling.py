@@ -2,6 +2,7 @@
 lets them differ least."""
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,6 @@ class CrossOvers:
     second: Integers
     difference: Array
     """(C,) first less second, interpolated along each."""
-    height_difference: Array
-    """(C,) m; NaN where the survey has no heights."""
 
     def figures(self) -> dict[str, float | int]:
         """Return how many there are and how large the differences are."""
@@ -43,20 +42,18 @@ def cross_overs(survey: Survey) -> CrossOvers:
     if survey.line is None:
         raise InputError(f"{survey.where}: has no column line, so no lines that cross")
     places = Plane.of(survey.latitude, survey.longitude).points(survey)
-    height = np.full(len(survey), np.nan) if survey.height is None else survey.height
-    attributes = np.column_stack([survey.value, height])
     numbers = np.unique(survey.line)
-    tracks = [_ordered(places[survey.line == n], attributes[survey.line == n]) for n in numbers]
+    tracks = [_ordered(places[survey.line == n], survey.value[survey.line == n]) for n in numbers]
     gaps = np.concatenate([np.hypot(*np.diff(place, axis=0).T) for place, _ in tracks])
     longest = _LONGEST_GAP * max(float(np.median(gaps)), 1.0) if gaps.size else 0.0
-    found: list[tuple[int, int, float, float]] = []
-    for i in range(len(tracks)):
-        for j in range(i + 1, len(tracks)):
-            for difference in _crossings(tracks[i], tracks[j], longest):
-                found.append((int(numbers[i]), int(numbers[j]), *difference))
-    table = np.array(found).reshape(-1, 4)
+    found = [
+        (int(one), int(other), difference)
+        for (one, a), (other, b) in combinations(zip(numbers, tracks, strict=True), 2)
+        for difference in _crossings(a, b, longest)
+    ]
+    table = np.array(found).reshape(-1, 3)
     ids = table[:, :2].astype(np.int64)
-    return CrossOvers(ids[:, 0], ids[:, 1], table[:, 2], table[:, 3])
+    return CrossOvers(ids[:, 0], ids[:, 1], table[:, 2])
 
 
 def levelled(survey: Survey, crossings: CrossOvers) -> Survey:
@@ -86,20 +83,20 @@ def levelled(survey: Survey, crossings: CrossOvers) -> Survey:
     return replace(survey, value=survey.value - offset[np.searchsorted(numbers, survey.line)])
 
 
-def _ordered(places: Array, attributes: Array) -> tuple[Array, Array]:
+def _ordered(places: Array, value: Array) -> tuple[Array, Array]:
     """Return the readings of a line in the order along it."""
     if len(places) < 2:
-        return places, attributes
+        return places, value
     centred = places - places.mean(axis=0)
     along = centred @ np.linalg.eigh(centred.T @ centred)[1][:, -1]
     order = np.argsort(along, kind="stable")
-    return places[order], attributes[order]
+    return places[order], value[order]
 
 
 def _crossings(
     one: tuple[Array, Array], other: tuple[Array, Array], longest: float
-) -> list[tuple[float, float]]:
-    """Return the differences of value and height where two lines cross."""
+) -> list[float]:
+    """Return the differences of the value where two lines cross."""
     (p, a), (q, b) = one, other
     if len(p) < 2 or len(q) < 2:
         return []
@@ -113,9 +110,7 @@ def _crossings(
         u = (apart[..., 0] * r[:, None, 1] - apart[..., 1] * r[:, None, 0]) / cross
     short = (np.hypot(*r.T) < longest)[:, None] & (np.hypot(*s.T) < longest)
     hit = (t >= 0.0) & (t < 1.0) & (u >= 0.0) & (u < 1.0) & short & (cross != 0.0)
-    found = []
-    for i, j in zip(*np.nonzero(hit), strict=True):
-        first = a[i] + t[i, j] * (a[i + 1] - a[i])
-        second = b[j] + u[i, j] * (b[j + 1] - b[j])
-        found.append((float(first[0] - second[0]), float(first[1] - second[1])))
-    return found
+    i, j = np.nonzero(hit)
+    first = a[i] + t[i, j] * (a[i + 1] - a[i])
+    second = b[j] + u[i, j] * (b[j + 1] - b[j])
+    return [float(one) for one in first - second]

@@ -5,28 +5,22 @@ import math
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
-from isogal.maps.gridding.covariance import JITTER, Covariance
+from isogal.arrays import Array
+from isogal.maps.gridding.covariance import JITTER, Covariance, Readings
 
 IMPOSSIBLE = 1e12
 """Misfit where the covariance is not positive definite."""
 
 
-def misfit(
-    covariance: Covariance,
-    level: float,
-    places: Array,
-    value: Array,
-    sigma: Array | None,
-    line: Integers | None,
-) -> tuple[float, Array]:
+def misfit(covariance: Covariance, level: float, readings: Readings) -> tuple[float, Array]:
     """Return minus the log-likelihood of readings about an unknown level (1-sigma), and its
     derivatives by the logarithms of sigma and length of either part and of the noise; then, for
     readings of lines, of their offset; then, for `matern`, by that of the ratio and by the
     strike."""
     from scipy.linalg.lapack import dpotrf, dpotri
 
-    R = covariance.of_readings(places, sigma, line)
+    line = readings.line
+    R = covariance.of_readings(readings)
     R += level**2
     factor, failed = dpotrf(R, lower=1, clean=1)
     count = 5 + (covariance.line > 0.0) + 2 * (covariance.kind == "matern")
@@ -34,12 +28,12 @@ def misfit(
         return IMPOSSIBLE, np.zeros(count)
     inverse = np.tril(dpotri(factor, lower=1)[0])
     inverse += np.tril(inverse, -1).T
-    solved = inverse @ value
-    cost = 0.5 * float(value @ solved) + float(np.log(np.diag(factor)).sum())
+    solved = inverse @ readings.value
+    cost = 0.5 * float(readings.value @ solved) + float(np.log(np.diag(factor)).sum())
     inverse -= np.outer(solved, solved)
     trace = float(np.trace(inverse))
     parts = _matern if covariance.kind == "matern" else _harmonic
-    by_part, by_shape = parts(covariance, places, inverse)
+    by_part, by_shape = parts(covariance, readings.places, inverse)
     by_part[:, 0] += [2.0 * JITTER * s**2 * trace for s in covariance.sigma]
     slopes = [*by_part.ravel(), 2.0 * covariance.noise**2 * trace]
     if covariance.line > 0.0:

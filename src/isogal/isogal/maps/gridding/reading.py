@@ -9,7 +9,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.formats.netcdf_variable import quantity_in, text_of
+from isogal.maps.formats.netcdf import open_netcdf, quantity_in, text_of, unpacked
 from isogal.maps.gridding.survey import Survey, survey_of
 from isogal.maps.gridding.text_table import TextTable, read_table
 from isogal.maps.quantities import quantity_of
@@ -135,37 +135,29 @@ def _text(table: TextTable, variable: str | None, where: str) -> tuple[Columns, 
 
 
 def _netcdf(path: Path, variable: str | None) -> tuple[Columns, dict[str, Any]]:
-    import netCDF4
-
     where = str(path)
-    try:
-        with netCDF4.Dataset(where) as dataset:
-            flat = {
-                name: data
-                for name, data in dataset.variables.items()
-                if data.ndim == 1 and np.dtype(data.dtype).kind in "iuf"
-            }
-            used = _assign(list(flat))
-            _require_places(used, list(flat), where)
-            dimension = flat[used.get("latitude", used.get("y", ""))].dimensions
-            flat = {name: data for name, data in flat.items() if data.dimensions == dimension}
-            known = {name: quantity_in(data) for name, data in flat.items()}
-            name = _value(list(flat), used, known, variable, where)
+    with open_netcdf(path) as dataset:
+        flat = {
+            name: data
+            for name, data in dataset.variables.items()
+            if data.ndim == 1 and np.dtype(data.dtype).kind in "iuf"
+        }
+        used = _assign(list(flat))
+        _require_places(used, list(flat), where)
+        dimension = flat[used.get("latitude", used.get("y", ""))].dimensions
+        flat = {name: data for name, data in flat.items() if data.dimensions == dimension}
+        known = {name: quantity_in(data) for name, data in flat.items()}
+        name = _value(list(flat), used, known, variable, where)
 
-            def numbers(own: str) -> Array:
-                return np.ma.filled(flat[own][:].astype(np.float64), np.nan)
+        def numbers(own: str) -> Array:
+            return unpacked(flat[own], flat[own][:]).astype(np.float64)
 
-            columns: Columns = {
-                kind: numbers(own) for kind, own in used.items() if own in flat and own != name
-            }
-            columns["value"] = numbers(name)
-            said = {"name": name, "unit": text_of(flat[name], "units"), "quantity": known[name]}
-            return columns, said
-    except InputError:
-        raise
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else repr(error)
-        raise InputError(f"{where}: cannot be read as NetCDF: {reason}") from None
+        columns: Columns = {
+            kind: numbers(own) for kind, own in used.items() if own in flat and own != name
+        }
+        columns["value"] = numbers(name)
+        said = {"name": name, "unit": text_of(flat[name], "units"), "quantity": known[name]}
+        return columns, said
 
 
 def geographic(x: Array | None, y: Array | None, crs: str | None, where: str) -> dict[str, Array]:

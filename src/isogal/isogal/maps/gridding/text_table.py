@@ -13,6 +13,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.files import reading
 
 _LINE = re.compile(r"^\s*(line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 
@@ -31,36 +32,49 @@ class TextLines:
     where: str
     """File, for messages."""
 
-    def cells(self, needed: str) -> tuple[list[str], list[list[str]]]:
-        """Return the names of the columns (K,) and the cells of each row (N, K), separated by
-        commas, semicolons, tabs or blanks.
+    def columns(self, needed: str) -> tuple[list[str], str | None]:
+        """Return the names of the columns (K,) and what separates them: a comma, semicolon or tab;
+        None = blanks.
 
         Raises
         ------
         InputError
-            There is no header, which is then said to be of the columns `needed`, or a row has
-            another number of cells than that.
+            There is no header, which is then said to be of the columns `needed`.
         """
         if self.header is None:
             what = "has no header" if self.rows else "is empty"
             raise InputError(f"{self.where}: {what}; it needs a header with {needed}")
         mark = max(",;\t", key=(self.rows or [self.header])[0].count)
         if mark not in self.header:
-            names, cells = _words(self.header), [row.split() for row in self.rows]
-        else:
-            rows = [self.header, *self.rows]
-            try:
-                names, *cells = csv.reader(rows, delimiter=mark, skipinitialspace=True)
-            except csv.Error as error:
-                raise InputError(f"{self.where}: is not a CSV file: {error}") from None
-            if len(cells) != len(self.rows):
-                raise InputError(f"{self.where}: a quoted cell runs over several lines")
+            return _words(self.header), None
+        names = next(csv.reader([self.header], delimiter=mark, skipinitialspace=True))
+        return [name.strip() for name in names], mark
+
+    def cells(self, needed: str) -> tuple[list[str], list[list[str]]]:
+        """Return the names of the columns (K,) and the cells of each row (N, K).
+
+        Raises
+        ------
+        InputError
+            As `columns` does, or a row has another number of cells than the header.
+        """
+        names, mark = self.columns(needed)
+        try:
+            cells = (
+                [row.split() for row in self.rows]
+                if mark is None
+                else list(csv.reader(self.rows, delimiter=mark, skipinitialspace=True))
+            )
+        except csv.Error as error:
+            raise InputError(f"{self.where}: is not a CSV file: {error}") from None
+        if len(cells) != len(self.rows):
+            raise InputError(f"{self.where}: a quoted cell runs over several lines")
         for number, row in zip(self.number, cells, strict=True):
             if len(row) != len(names):
                 raise InputError(
                     f"{self.where}: line {number} has {len(row)} cells, the header {len(names)}"
                 )
-        return [name.strip() for name in names], cells
+        return names, cells
 
 
 def read_lines(path: Path) -> TextLines:
@@ -72,12 +86,8 @@ def read_lines(path: Path) -> TextLines:
     InputError
         The file cannot be read.
     """
-    try:
+    with reading(path):
         text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file (UTF-8)") from None
     header: str | None = None
     plain, here = False, ("", "")
     rows, numbers, lines = list[str](), list[int](), list[tuple[str, str]]()
@@ -111,7 +121,7 @@ def _names_columns(row: str, header: str | None, plain: bool) -> bool:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word.replace("*", "nan"))
+        float(word.replace("*", "nan").replace("_", "?"))  # Python's 1_000 is none in a file
     except ValueError:
         return False
     return True
@@ -139,14 +149,24 @@ def read_table(path: Path) -> TextTable:
     InputError
         The file cannot be read, columns have no names, a row is not numbers or is too short.
     """
-    where, found = str(path), read_lines(path)
-    names, cells = found.cells("latitude, longitude, value and the like")
-    if not cells:
-        raise InputError(f"{where}: has no readings")
-    table = np.array([
-        [_number(cell, number, where) for cell in row]
-        for number, row in zip(found.number, cells, strict=True)
-    ])  # fmt: skip
+    found, needed = read_lines(path), "latitude, longitude, value and the like"
+    names, mark = found.columns(needed)
+    if not found.rows:
+        raise InputError(f"{path}: has no readings")
+    plain = [row.replace("*", "nan") for row in found.rows]
+    try:
+        table = np.loadtxt(plain, delimiter=mark, comments=None, quotechar='"', ndmin=2)
+        if table.shape[1] != len(names):
+            raise ValueError(f"has {table.shape[1]} columns, the header {len(names)}")
+    except ValueError as error:
+        cells = zip(found.number, found.cells(needed)[1], strict=True)
+        wrong = (
+            f"line {number} holds '{cell.strip()[:40]}', which is not a number"
+            for number, row in cells
+            for cell in row
+            if not _is_number(cell)
+        )
+        raise InputError(f"{path}: {next(wrong, error)}") from None
     line: Array | None = None
     if found.line is not None:
         order: dict[str, int] = {}
@@ -157,13 +177,3 @@ def read_table(path: Path) -> TextTable:
 
 def _words(row: str) -> list[str]:
     return [word for word in re.split(r"[\s,;]+", row.strip()) if word]
-
-
-def _number(cell: str, line: int, where: str) -> float:
-    try:
-        return float(
-            cell.replace("*", "nan").replace("_", "?")
-        )  # Python's 1_000 is none in a file
-    except ValueError:
-        said = cell.strip()[:40]
-        raise InputError(f"{where}: line {line} holds '{said}', which is not a number") from None

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
+from isogal.maps.gridding.covariance import Readings
 from isogal.maps.gridding.kriging import Kriging, groups
 from isogal.seeds import generator
 
@@ -76,45 +77,46 @@ def leave_out(kriging: Kriging, by: str, side: float) -> LeftOut:
     """
     from scipy.spatial import cKDTree
 
-    part = _parts(kriging, by, side)
-    chosen = _sample(kriging, side)
+    readings = kriging.readings
+    part = _parts(readings, by, side)
+    chosen = _sample(readings)
     names = np.unique(part[chosen])
     error, variance, distance = (np.full(len(part), np.nan) for _ in range(3))
     for name in names:
         out = part == name
         rows = np.flatnonzero(out & chosen)
         rest = kriging.without(out)
-        found = rest.at(kriging.places[rows])
-        error[rows] = kriging.value[rows] - found.mean
+        found = rest.at(readings.places[rows])
+        error[rows] = readings.value[rows] - found.mean
         variance[rows] = found.variance
-        distance[rows] = cKDTree(rest.places[:, :2]).query(kriging.places[rows, :2])[0]
+        distance[rows] = cKDTree(rest.readings.places[:, :2]).query(readings.places[rows, :2])[0]
     rows = np.flatnonzero(np.isfinite(error))
     covariance = kriging.covariance
     noise = np.full(rows.size, covariance.noise**2)
-    if kriging.sigma is not None:
-        noise += kriging.sigma[rows] ** 2
+    if readings.sigma is not None:
+        noise += readings.sigma[rows] ** 2
     if by == "lines":
         noise += covariance.line**2
     return LeftOut(rows, error[rows], variance[rows] + noise, noise, distance[rows], part)
 
 
-def _parts(kriging: Kriging, by: str, side: float) -> Integers:
-    if by == "lines" and kriging.line is not None:
-        return kriging.line
-    cell = np.floor((kriging.places[:, :2] - kriging.places[:, :2].min(axis=0)) / side)
+def _parts(readings: Readings, by: str, side: float) -> Integers:
+    if by == "lines" and readings.line is not None:
+        return readings.line
+    cell = np.floor((readings.places[:, :2] - readings.places[:, :2].min(axis=0)) / side)
     _, block = np.unique(cell.astype(np.int64), axis=0, return_inverse=True)
     block = block.reshape(-1)
     order = generator(0, 0, "gridding blocks left out").permutation(int(block.max()) + 1)
     return order[block] % BLOCKS
 
 
-def _sample(kriging: Kriging, side: float) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+def _sample(readings: Readings) -> Booleans:
     """Return which readings (N,) are predicted: all, or some of all places."""
-    count = len(kriging.value)
+    count = len(readings)
     chosen = np.ones(count, dtype=np.bool_)
     if count > _MOST:
         chosen[:] = False
-        together = list(groups(kriging.places, max(20, count // 200)))
+        together = list(groups(readings.places, max(20, count // 200)))
         random = generator(0, 0, "gridding readings left out")
         share = _MOST / count
         for rows in together:

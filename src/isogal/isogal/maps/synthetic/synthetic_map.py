@@ -1,20 +1,19 @@
 """The synthetic map of a window, or along a route."""
 
-import math
 from functools import partial
 
 import numpy as np
 
 from isogal.errors import InputError
 from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import MARGIN, TooManyCellsError, Window
+from isogal.maps.axes import TooManyCellsError, Window
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
+from isogal.maps.ggmplus.tiles import cells_of
 from isogal.maps.synthetic.terrain import CELLS, QUANTA, STEP_DEG
 from isogal.maps.synthetic.tiles import VERSION, Progress, Tile, read_tiles
 from isogal.maps.tiled_map import WHOLE_CELLS, ScalarMap, TiledMap
 
-_ACROSS = 360 * CELLS
 _NAME = f"synthetic map {VERSION}"
 
 
@@ -81,25 +80,14 @@ def synthetic_map_along(
 
 
 def _cells(window: Window) -> tuple[range, range]:
-    """Return rows (from the south pole) and columns (from Greenwich, continuous) of a window and
-    its margin."""
-    south, north = math.degrees(window.south), math.degrees(window.north)
-    west = math.degrees(window.west)
-    east = west + math.degrees(window.east - window.west) % 360.0
-    low, high = _cell(south + 90.0) - MARGIN, _cell(north + 90.0) + MARGIN + 1
-    left, right = (
-        _cell(west) - MARGIN,
-        min(_cell(east) + MARGIN + 1, _cell(west) - MARGIN + _ACROSS),
-    )
-    if low < CELLS or high > 179 * CELLS:
+    """Return rows and columns of a window and its margin, as `cells_of` does; raises InputError
+    near the poles."""
+    rows, columns = cells_of(window)
+    if rows.start < CELLS or rows.stop > 179 * CELLS:
         raise InputError(
             f"map: the synthetic map ends at 89 deg south and north; asked for {window.text()}"
         )
-    return range(low, high), range(left, right)
-
-
-def _cell(degrees: float) -> int:
-    return math.floor(degrees / STEP_DEG)
+    return rows, columns
 
 
 def _places(rows: range, columns: range) -> dict[Tile, list[tuple[int, int]]]:

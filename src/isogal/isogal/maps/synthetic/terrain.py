@@ -28,6 +28,7 @@ gradient of gravity, RMS (median)    26.1 (8.0)      27.9 (11.4) mGal/km
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
@@ -58,9 +59,9 @@ _REACH = 10e3  # of the terrain correction, m
 _MOST_COLUMNS = 600  # its reach near the poles, where meridians are close
 
 
-def make_tile(south: int, west: int) -> tuple[bytes, bytes, bytes]:
-    """Compute the tile with this south-west corner (deg): disturbance, gravity, height as
-    little-endian int32, in `QUANTA`."""
+def make_tile(south: int, west: int) -> dict[str, NDArray[np.int32]]:
+    """Compute the tile with this south-west corner (deg): disturbance, gravity and height (500,
+    500), in `QUANTA`."""
     height, attraction = terrain(south, west)
     long_waves = _octaves((south, west), (0, 0), _LONG, _LONG_RMS[None], _SEED + 2000)[0]
     disturbance = np.rint((attraction + long_waves) / QUANTA["disturbance"])
@@ -68,13 +69,11 @@ def make_tile(south: int, west: int) -> tuple[bytes, bytes, bytes]:
         normal_gravity(_axis(south, 0, CELLS)[:, None], height)
         + disturbance * QUANTA["disturbance"]
     )
-    numbers = (
-        disturbance,
-        np.rint(ground / QUANTA["gravity"]),
-        np.rint(height / QUANTA["height"]),
-    )
-    one, two, three = (number.astype("<i4").tobytes() for number in numbers)
-    return one, two, three
+    return {
+        "disturbance": disturbance.astype(np.int32),
+        "gravity": np.rint(ground / QUANTA["gravity"]).astype(np.int32),
+        "height": np.rint(height / QUANTA["height"]).astype(np.int32),
+    }
 
 
 def terrain(south: int, west: int) -> tuple[Array, Array]:

@@ -3,51 +3,46 @@ folder."""
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from isogal.arrays import Integers
-from isogal.maps.cache import cache_folder, read_or_make, read_part
-from isogal.maps.synthetic.terrain import CELLS, QUANTA, make_tile
+from isogal.maps.cache import Maker, cache_folder, read_array, read_or_make
+from isogal.maps.ggmplus.tiles import corner_of, tile_name
+from isogal.maps.synthetic.terrain import make_tile
 
 VERSION = 1
 """Part of the cache's folder name: raise it whenever a number of `terrain` changes."""
 Tile = tuple[int, int]
 """South-west corner, deg."""
-Makers = dict[Path, Callable[[], Sequence[bytes]]]
 Progress = Callable[[int, int], None]
 """Called with (tiles ready, tiles needed)."""
 
 
 def read_tiles(
     quantity: str, tiles: Iterable[Tile], progress: Progress | None = None
-) -> Iterator[tuple[Tile, Integers]]:
+) -> Iterator[tuple[Tile, NDArray[np.int32]]]:
     """Give the numbers (500, 500) of tiles, in the quantity's `QUANTA`, in any order; make those
     that are not there."""
-    makers: Makers = {_path(tile): partial(make_tile, *tile) for tile in tiles}
-    index = list(QUANTA).index(quantity)
-    absent = [path for path in makers if read_part(path, index) is None]
+    makers = _makers(tiles)
+    absent = [path for path in makers if read_array(path, quantity) is None]
     for done in _made_in_child(absent):
         if progress is not None:
             progress(len(makers) - len(absent) + done, len(makers))
-    for path, body in read_or_make(makers, index):
-        yield _corner(path.name), np.frombuffer(body, dtype="<i4").reshape(CELLS, CELLS)
+    for path, numbers in read_or_make(makers, quantity):
+        yield corner_of(path.name), numbers
+
+
+def _makers(tiles: Iterable[Tile]) -> dict[Path, Maker]:
+    """Return the files of tiles, and what makes each."""
+    return {_path(tile): partial(make_tile, *tile) for tile in tiles}
 
 
 def _path(tile: Tile) -> Path:
-    south, west = tile
-    name = f"{'S' if south < 0 else 'N'}{abs(south):02d}{'W' if west < 0 else 'E'}{abs(west):03d}"
-    return cache_folder() / f"synthetic-{VERSION}" / f"{name}.tile"
-
-
-def _corner(name: str) -> Tile:
-    """Return south and west (deg) of a tile's file name."""
-    return int(name[1:3]) * (-1 if name[0] == "S" else 1), int(name[4:7]) * (
-        -1 if name[3] == "W" else 1
-    )
+    return cache_folder() / f"synthetic-{VERSION}" / tile_name(*tile, "npz")
 
 
 def _made_in_child(paths: list[Path]) -> Iterator[int]:
@@ -74,8 +69,7 @@ def _made_in_child(paths: list[Path]) -> Iterator[int]:
 
 def _make_here(names: list[str]) -> None:
     """Make tiles; print the name of each when it is there."""
-    makers: Makers = {_path(_corner(name)): partial(make_tile, *_corner(name)) for name in names}
-    for path, _ in read_or_make(makers, 0):
+    for path, _ in read_or_make(_makers(map(corner_of, names)), "gravity"):
         print(path.name, flush=True)
 
 

@@ -4,9 +4,9 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.maps.channels import AnyMap, by_channel, channels_of
+from isogal.maps.error_model import shares
 from isogal.maps.field_map import FieldMap
 from isogal.maps.roughness import roughness_at
-from isogal.maps.tensor_error import shares
 from isogal.matching.interfaces import Batch
 
 

@@ -22,7 +22,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
-from isogal.maps.error_along_track import Chain, chained, filtered_chain
+from isogal.maps.error_model import Chain, chained, filtered_chain
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.loads import loads_of
 from isogal.matching.pmht.states import (

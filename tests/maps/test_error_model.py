@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from isogal.fields.potential_error import draw_potential_error
+from isogal.maps.error_model import displacements, shares, tensor_covariance
 from isogal.maps.gradients import COMPONENTS, _operator
 from isogal.maps.spectral import waves_of
-from isogal.maps.tensor_error import displacements, shares, tensor_covariance
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -109,18 +109,3 @@ def test_drawn_fields_have_this_covariance():
     assert np.abs(off).mean() < 0.05
     alone = draw_potential_error(settings, trajectory, index, [3])
     np.testing.assert_array_equal(alone[0], drawn[3])
-
-
-def test_a_drawn_field_obeys_laplace():
-    settings = validate_scenario(
-        {
-            "field": "gradient",
-            "gradiometer": {"components": ("nn", "ee", "dd"), "map_errors": "one_potential"},
-            "map_error": {"sigma": 1.0},
-            "route": {"duration": 300.0},
-        }
-    )
-    trajectory = build_trajectory(settings)
-    drawn = draw_potential_error(settings, trajectory, np.arange(10, 300, 10), [0, 1])
-    assert np.abs(drawn).max() > 0.5
-    np.testing.assert_allclose(drawn.sum(axis=-1), 0.0, atol=1e-13)
