@@ -152,8 +152,7 @@ def faults_command(
     InputError
         Scenario or folder cannot be used.
     """
-    from isogal_ros.faults.campaign import quick_scenario, run_campaign
-    from isogal_ros.faults.table import PAGE
+    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
 
     console = Console()
     make_folder(out)
