@@ -3,6 +3,7 @@ interrupted and goes on, and a table in the end."""
 
 import json
 from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -68,27 +69,22 @@ def run_campaign(
     faults = [fault for kind in kinds for fault in kind if not quick or fault.name in QUICK]
     try:
         for trial in range(max(trials)):
-            missing = [
-                [
-                    fault
-                    for fault in kind
-                    if fault in faults and trial < count and (fault.name, trial) not in done
-                ]
-                for kind, count in zip(kinds, (trials[0], *trials), strict=True)
-            ]
-            if interrupt or not any(missing):
+            of_messages, of_nodes, of_processes = (
+                [f for f in faults if f in kind and trial < n and (f.name, trial) not in done]
+                for kind, n in zip(kinds, (trials[0], *trials), strict=True)
+            )
+            if interrupt or not (of_messages or of_nodes or of_processes):
                 continue
             interrupt.ends_at_once = True
             feed = Feed(scenario, trial)
-            for some in missing[:2]:
-                for outcome in run_trials(feed, some) if some else ():
-                    keep(outcome)
+            for outcome in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
+                keep(outcome)
             interrupt.ends_at_once = False
-            for fault in missing[2]:
-                if not interrupt:
-                    found = run_process_trial(feed, fault, out / "running", interrupt)
-                    if found is not None:
-                        keep(found)
+            for fault in of_processes:
+                found = run_process_trial(feed, fault, out / "running", interrupt)
+                if found is None:
+                    break
+                keep(found)
     except KeyboardInterrupt:
         say("Interrupted.")
     finally:

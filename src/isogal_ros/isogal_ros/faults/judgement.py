@@ -32,28 +32,41 @@ class Span(NamedTuple):
 
 
 def outcome_of(
-    span: Span, collector: Collector, plain: Feed, reports: Iterable[tuple[float, str]]
+    fault: Fault,
+    feed: Feed,
+    span: Span,
+    collector: Collector,
+    reports: Iterable[tuple[float, str]],
+    crash: str | None = None,
 ) -> Row:
     """Return what became of the navigator in a run with a fault, as JSON can say it.
 
     Parameters
     ----------
+    fault : Fault
+    feed : Feed
+        The same run without the fault.
     span : Span
     collector : Collector
         What was published.
-    plain : Feed
-        The same run without the fault.
     reports : iterable
         When (s) something was reported at WARN or ERROR because of the fault, and what.
+    crash : str, optional
+        What ended a node, or that the trial hung; None = nothing did.
     """
     track = track_of(collector)
     during = track.error[(track.time >= span.begin) & (track.time <= span.end)]
     after, without = (
-        (one.time > span.after) & (one.time <= span.until) for one in (track, plain.track)
+        (one.time > span.after) & (one.time <= span.until) for one in (track, feed.track)
     )
     first, text = next(iter(reports), (None, None))
-    kept = [[getattr(one, name) for name in STORES] for one in (plain.collector, collector)]
+    kept = [[getattr(one, name) for name in STORES] for one in (feed.collector, collector)]
     return {
+        "fault": fault.name,
+        "trial": feed.run,
+        "crash": crash,
+        "restart": None,
+        "unexpected_errors": [],
         "begin": span.begin,
         "not_finite": track.not_finite,
         "reported_after": None if first is None else max(first - span.begin, 0.0),
@@ -61,7 +74,7 @@ def outcome_of(
         "error_during": float(during.max(initial=0.0)),
         "error_after": _rms(track.error[after]),
         "sigma_after": _rms(track.sigma[after]),
-        "error_without": _rms(plain.track.error[without]),
+        "error_without": _rms(feed.track.error[without]),
         "lost": sum(
             to_seconds(ns) <= span.until
             for before, now in zip(*kept, strict=True)

@@ -97,14 +97,9 @@ def run_process_trial(feed: Feed, fault: Fault, folder: Path, interrupt: Interru
     span = Span(begin, begin + 10.0, 2.0 / 3.0 * feed.duration, feed.duration)
     reports = ((to_seconds(ns), text) for ns, text in collector.warnings)
     late = (report for report in reports if report[0] >= begin - EARLIER)
-    outcome = {
-        "fault": fault.name,
-        "trial": feed.run,
-        **outcome_of(span, collector, feed, late),
-        "crash": crash,
-        "restart": None if crash or interrupt else _silence(folder / "bag", fault, signals),
-        "unexpected_errors": [],
-    }
+    outcome = outcome_of(fault, feed, span, collector, late, crash)
+    if crash is None and not interrupt:
+        outcome["restart"] = _silence(folder / "bag", fault, signals)
     if crash is None or interrupt:
         shutil.rmtree(folder)
     return None if interrupt else outcome

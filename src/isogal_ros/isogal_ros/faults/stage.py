@@ -5,6 +5,7 @@ import math
 import re
 import tempfile
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -151,11 +152,16 @@ class Stage:
         """Take a node off, as if its process had been killed."""
         self.bus.remove(self.nodes.pop(name))
 
-    def play(self, until: float = math.inf) -> "Stage":
-        """Play what is still to be played up to a time (s); return itself."""
+    def play(
+        self, until: float = math.inf, before_step: Callable[[float], None] | None = None
+    ) -> "Stage":
+        """Play what is still to be played up to a time (s), and call something with the time
+        before each step; return itself."""
         for ns in self.stamps():
             if to_seconds(ns) > until:
                 break
+            if before_step is not None:
+                before_step(to_seconds(ns))
             self.step(ns)
         return self
 

@@ -21,7 +21,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 from isogal_ros.faults.catalogue import Fault, Moment, topics_of
 from isogal_ros.faults.judgement import Row, Span, outcome_of
 from isogal_ros.faults.stage import Feed, Stage, without_numbers
-from isogal_ros.messages.stamps import to_seconds
 
 LIMIT = 120.0
 """s of wall time after which a trial hangs."""
@@ -77,7 +76,7 @@ class _Trial:
         """Play it in a process of its own; return what became of it."""
         gc.freeze()
         receiving, sending = _FORK.Pipe(duplex=False)
-        child = _FORK.Process(target=self._send, args=(sending,))
+        child = _FORK.Process(target=self._play, args=(sending,))
         try:
             child.start()
             sending.close()
@@ -92,22 +91,15 @@ class _Trial:
                 child.join()
         return self._outcome(crash)
 
-    def _send(self, sending: Any) -> None:
+    def _play(self, sending: Any) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the parent's trial
-        sending.send(self._played())
-
-    def _played(self) -> Row:
         stage, crash = self._stage, None
         stage.bus.change = self._change
         try:
-            for ns in stage.stamps():
-                if to_seconds(ns) > self._span.until:
-                    break
-                self._act(to_seconds(ns))
-                stage.step(ns)
+            stage.play(self._span.until, self._act)
         except Exception:
             crash = traceback.format_exc(limit=-3)
-        return self._outcome(crash)
+        sending.send(self._outcome(crash))
 
     def _change(self, topic: str, data: bytes) -> list[bytes]:
         """Return what comes instead of a serialised message."""
@@ -136,18 +128,12 @@ class _Trial:
                 stage.bus.go(stage.nodes[name])
 
     def _outcome(self, crash: str | None) -> Row:
-        stage, plain = self._stage, self._stage.feed
+        stage, feed = self._stage, self._stage.feed
         reports = (
             (time, text)
             for time, text in stage.reports
-            if time >= self._begin and without_numbers(text) not in plain.reports
+            if time >= self._begin and without_numbers(text) not in feed.reports
         )
+        found = outcome_of(self._fault, feed, self._span, stage.collector, reports, crash)
         errors = (without_numbers(text) for text in stage.bus.errors if UNEXPECTED.search(text))
-        return {
-            "fault": self._fault.name,
-            "trial": stage.feed.run,
-            **outcome_of(self._span, stage.collector, plain, reports),
-            "crash": crash,
-            "restart": None,
-            "unexpected_errors": list(dict.fromkeys(errors))[:MOST_ERRORS],
-        }
+        return found | {"unexpected_errors": list(dict.fromkeys(errors))[:MOST_ERRORS]}
