@@ -114,10 +114,9 @@ def _first(value: Any, moment: Moment) -> Any:
 
 
 def _shift(seconds: Callable[[Moment], float]) -> Change:
-    def of(stamp: Any, moment: Moment) -> Any:
-        return from_ns(max(to_ns(stamp) + from_seconds(seconds(moment)), 0))
-
-    return _field("header.stamp", of)
+    return _field(
+        "header.stamp", lambda old, m: from_ns(max(to_ns(old) + from_seconds(seconds(m)), 0))
+    )
 
 
 def _once(change: Change) -> Change:
@@ -126,12 +125,8 @@ def _once(change: Change) -> Change:
     )
 
 
-def _lost(_message: Any, _moment: Moment) -> Sequence[Any]:
-    return []
-
-
-def _twice(message: Any, _moment: Moment) -> Sequence[Any]:
-    return [message, message]
+def _copies(count: int) -> Change:
+    return lambda message, _moment: [message] * count
 
 
 def _every_second(message: Any, moment: Moment) -> Sequence[Any]:
@@ -174,11 +169,11 @@ MESSAGE_FAULTS = (
         ("stamps back", _shift(lambda m: -100.0)),
         ("one stamp ahead", _once(_shift(lambda m: 3600.0))),
         ("stamps jitter", _shift(lambda m: m.rng.uniform(-0.2, 0.2)), 60.0, False),
-        ("every sample twice", _twice),
+        ("every sample twice", _copies(2)),
         ("half the rate", _every_second),
-        ("outage of 5 s", _lost, 5.0),
-        ("outage of 60 s", _lost),
-        ("outage of 180 s", _lost, 180.0),
+        ("outage of 5 s", _copies(0), 5.0),
+        ("outage of 60 s", _copies(0)),
+        ("outage of 180 s", _copies(0), 180.0),
         ("accelerometers stuck", _field(_FORCE, _first), 120.0),
         ("gyroscopes stuck", _field(_RATE, _first), 120.0),
         ("dead gyroscope", _field(f"{_RATE}.z", _constant(0.0)), 120.0),
@@ -201,10 +196,10 @@ MESSAGE_FAULTS = (
         ("infinite variance", _entry(*_VARIANCE, math.inf)),
         ("stamps back", _shift(lambda m: -100.0)),
         ("stamps jitter", _shift(lambda m: m.rng.uniform(-0.4, 0.4)), 60.0, False),
-        ("every one twice", _twice),
+        ("every one twice", _copies(2)),
         ("every second one missing", _every_second, 60.0, False),
-        ("outage of 30 s", _lost, 30.0, False),
-        ("outage of 180 s", _lost, 180.0),
+        ("outage of 30 s", _copies(0), 30.0, False),
+        ("outage of 180 s", _copies(0), 180.0),
         ("stuck", _field("accel", _first), 180.0, False),
         ("drift", _value(lambda old, m: old + 1e-7 * m.since), 60.0, False),
         ("in mGal", _value(lambda old, m: old * 1e5)),
@@ -215,12 +210,17 @@ MESSAGE_FAULTS = (
         "fix",
         300.0,
         ("stamps ahead", _shift(lambda m: 3600.0), 300.0, False),
-        ("every one twice", _twice, 300.0, False),
+        ("every one twice", _copies(2), 300.0, False),
         ("one batch late", _late, 300.0, False),
-        ("lost", _lost, 300.0, False),
+        ("lost", _copies(0), 300.0, False),
     ),
-    Fault("fix without its information", ("information",), _lost, 300.0, False),
-    *_of("nav", 60.0, ("every message twice", _twice, 60.0, False), ("lost for 60 s", _lost)),
+    Fault("fix without its information", ("information",), _copies(0), 300.0, False),
+    *_of(
+        "nav",
+        60.0,
+        ("every message twice", _copies(2), 60.0, False),
+        ("lost for 60 s", _copies(0)),
+    ),
 )
 ANSWERING = (topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION)
 """The nodes that answer the sensors."""

@@ -145,7 +145,7 @@ def faults_command(
     scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
 ) -> int:
     """Run the fault campaign, some trials of each fault within one process and of each of
-    processes; return the exit status: 1 where a fault did harm or was not told.
+    processes; return the exit status: 1 where a fault did harm or was not reported.
 
     Raises
     ------
