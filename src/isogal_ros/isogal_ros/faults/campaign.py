@@ -75,8 +75,8 @@ def run_campaign(
             )
             if interrupt or not (of_messages or of_nodes or of_processes):
                 continue
+            feed = Feed(scenario, trial, interrupt)
             interrupt.ends_at_once = True
-            feed = Feed(scenario, trial)
             for outcome in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
                 keep(outcome)
             interrupt.ends_at_once = False
@@ -86,7 +86,7 @@ def run_campaign(
                     break
                 keep(found)
     except KeyboardInterrupt:
-        say("Interrupted.")
+        pass  # what has been run makes the table
     finally:
         interrupt.ends_at_once = False
     table = table_of(scenario, faults, done.values())

@@ -68,6 +68,8 @@ class Feed:
     scenario : Scenario
     run : int
         Index of the run.
+    interrupt : Interrupt, optional
+        Ends the simulation early.
 
     Raises
     ------
@@ -75,13 +77,20 @@ class Feed:
         The scenario cannot be used.
     GraphError
         A node failed.
+    KeyboardInterrupt
+        The simulation was interrupted.
     """
 
-    def __init__(self, scenario: Scenario, run: int) -> None:
+    def __init__(self, scenario: Scenario, run: int, interrupt: Interrupt | None = None) -> None:
         self.scenario, self.run = scenario, run
         with tempfile.TemporaryDirectory() as folder:
             bag = Path(folder) / "bag"
-            run_in_process(Plan(scenario, bag, run=run), Interrupt(), lambda progress: None)
+            plan = Plan(scenario, bag, run=run)
+            run_in_process(
+                plan, Interrupt() if interrupt is None else interrupt, lambda progress: None
+            )
+            if interrupt:
+                raise KeyboardInterrupt
             recorded = load(BagReader(bag), scenario)
         self.raw = adapter_of(scenario).raw
         """Topic of the instrument's own readings."""
