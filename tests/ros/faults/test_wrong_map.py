@@ -1,4 +1,4 @@
-"""A map that is not what it is taken for: what is said of it, and what it does."""
+"""A map that is not what it is assumed to be: what is reported, and what it does."""
 
 from copy import copy
 
@@ -28,7 +28,7 @@ def feed(scenario) -> Feed:
 
 
 @pytest.mark.parametrize("what", ["as it is", *WRONG])
-def test_a_wrong_map_is_told_and_does_no_harm(feed, tmp_path, what) -> None:
+def test_a_wrong_map_is_reported_and_does_no_harm(feed, tmp_path, what) -> None:
     taken = feed.scenario
     if what in WRONG:
         path = tmp_path / "wrong.nc"
@@ -45,9 +45,9 @@ def test_a_wrong_map_is_told_and_does_no_harm(feed, tmp_path, what) -> None:
         stage.step(ns)
         warned[ns / 1e9] = any(levels.values())
     track = track_of(stage.collector)
-    told = [now for now, text in stage.reports if "agree" in text or "lost" in text]
-    assert bool(told) == (what in WRONG)
-    assert all(now <= two_batches(taken) for now in told[:1])
+    reports = [now for now, text in stage.reports if "agree" in text or "lost" in text]
+    assert bool(reports) == (what in WRONG)
+    assert all(now <= two_batches(taken) for now in reports[:1])
     right = track.error < 3.0 * track.sigma
     silent = [
         t for t, is_right in zip(track.time, right, strict=True) if not (is_right or warned[t])
