@@ -21,13 +21,11 @@ KEPT = {
 
 @pytest.fixture(scope="module")
 def feed(scenario) -> Feed:
-    return Feed.of(scenario(), 0)
+    return Feed(scenario(), 0)
 
 
 def test_it_says_what_a_graph_says(feed, recording) -> None:
-    stage, recorded = Stage(feed), collect(recording)
-    for ns in stage.stamps():
-        stage.play(ns)
+    stage, recorded = Stage(feed).play(), collect(recording)
     assert stage.bus.errors == []
     for name, topic in KEPT.items():
         here, there = (getattr(one, name) for one in (stage.collector, recorded))
@@ -44,7 +42,7 @@ def test_a_node_that_is_stopped_takes_all_later(feed) -> None:
     for ns in stamps[:100]:
         if ns == stamps[20]:
             stage.bus.stop(node)
-        stage.play(ns)
+        stage.step(ns)
     assert node.samples == 20
     stage.bus.go(node)
     assert node.samples == 100
@@ -57,7 +55,7 @@ def test_a_node_that_is_taken_off_says_nothing(feed) -> None:
     for ns in stamps[:40]:
         if ns == stamps[20]:
             stage.kill(topics.UKF_FUSION)
-        stage.play(ns)
+        stage.step(ns)
     assert max(stage.collector.last_nav) == stamps[19]
     assert stage.bus.listeners(topics.IMU.name) == 0
 

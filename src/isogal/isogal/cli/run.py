@@ -180,7 +180,7 @@ def faults(
             "--out",
             metavar="DIR",
             callback=output_folder,
-            help="Folder of recordings, outcomes and table; what is there is not run again.",
+            help="Folder of outcomes and table; what is there is not run again.",
             rich_help_panel=RESULTS,
         ),
     ],
@@ -201,12 +201,12 @@ def faults(
     ] = 1,
     json: Json = False,
 ) -> None:
-    """Run the nodes with faulty sensors, messages, nodes and processes: what is told, what harm is
-    done.
+    """Run the nodes with faulty sensors, messages, nodes and processes: what is reported, what
+    harm is done.
 
     Exits with 1 where a trial died or hung, something not finite was published, an exception was
-    not foreseen, a fault that matters was not told within two batches, or the error stayed more
-    than 1.3 times as large as without."""
+    not expected, a fault that matters was not reported within two batches, or the error stayed
+    more than 1.3 times as large as without."""
     require_ros()
     from isogal_ros.graph.commands import faults_command
 

@@ -145,15 +145,14 @@ def faults_command(
     scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
 ) -> int:
     """Run the fault campaign, some trials of each fault within one process and of each of
-    processes; return the exit status: 1 where a fault did harm or was not told.
+    processes; return the exit status: 1 where a fault did harm or was not reported.
 
     Raises
     ------
     InputError
         Scenario or folder cannot be used.
     """
-    from isogal_ros.faults.campaign import quick_scenario, run_campaign
-    from isogal_ros.faults.table import PAGE
+    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
 
     console = Console()
     make_folder(out)
