@@ -145,7 +145,10 @@ def replay(
             help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
         ),
     ] = None,
-    domain: Domain = None,
+    domain: Annotated[
+        int | None,
+        typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Feed a recording's sensor messages to a fresh matcher and filter; say how far the fixes
@@ -157,6 +160,8 @@ def replay(
     from isogal.scenario import load_scenario
     from isogal_ros.graph.commands import replay_command
 
+    if domain is not None:
+        typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
     bag = bag / "bag" if (bag / "bag").is_dir() else bag
     status = replay_command(
         bag,
@@ -164,7 +169,6 @@ def replay(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
-        domain=domain,
         tolerance=tolerance,
         json=json,
     )

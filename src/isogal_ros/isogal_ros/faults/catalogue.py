@@ -56,11 +56,12 @@ class Fault:
         return within and not (self.effect == "slow" and elapsed // turn % 2)
 
 
-def topics_of(source: str, raw: Topic) -> tuple[Topic, ...]:
-    """Return the topics of a source of messages (none of a node); `raw` is the instrument's."""
+def topics_of(source: str, readings: tuple[Topic, ...]) -> tuple[Topic, ...]:
+    """Return the topics of a source of messages (none of a node); `readings` are those of the
+    instruments."""
     found = {
         "imu": (topics.IMU,),
-        "reading": (raw,),
+        "reading": readings,
         "fix": (topics.FIX, topics.INFORMATION),
         "information": (topics.INFORMATION,),
         "nav": (topics.NAV_FIX, topics.NAV_ODOM),

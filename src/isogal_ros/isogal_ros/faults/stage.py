@@ -4,9 +4,8 @@ to."""
 import math
 import re
 import tempfile
-from collections import deque
 from collections.abc import Callable
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,19 +18,13 @@ from isogal.seeds import generator
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.faults.catalogue import ANSWERING
-from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Plan, node_class
+from isogal_ros.graph.plan import Plan
+from isogal_ros.graph.player import TICK, Player
 from isogal_ros.graph.recorded import load
-from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
-from isogal_ros.parameters.values import node_values
-
-TICK = 5.0
-"""s between looks at the wall clock; of diagnostics without news half as many are needed."""
 
 
 class Track(NamedTuple):
@@ -91,13 +84,8 @@ class Feed:
             )
             if interrupt:
                 raise KeyboardInterrupt
-            recorded = load(BagReader(bag), scenario)
-        self.raw = adapter_of(scenario).raw
-        """Topic of the instrument's own readings."""
-        self.sensors = recorded.aids | {topics.IMU: recorded.imu, self.raw: recorded.raw[0]}
-        """Serialised messages by stamp (ns), in the order in which those of one stamp are
-        played."""
-        self.collector = recorded.collector
+            self.recorded = load(BagReader(bag), scenario, changed=True)
+        self.collector = self.recorded.collector
         self.track = track_of(self.collector)
         self.duration = to_seconds(max(self.collector.truth))
         """s."""
@@ -111,8 +99,8 @@ class Feed:
         return float(np.floor(rng.uniform(0.25, 0.45) * self.duration)), rng
 
 
-class Stage:
-    """Fresh nodes on a bus, and what they say.
+class Stage(Player):
+    """Fresh nodes that a run is played to, and when they report something.
 
     Parameters
     ----------
@@ -123,39 +111,19 @@ class Stage:
     """
 
     def __init__(self, feed: Feed, checkpoints: Path | None = None) -> None:
-        self.feed, self.checkpoints = feed, checkpoints
-        self.bus = Bus()
-        self.collector = Collector(feed.scenario)
-        self.collector.truth = feed.collector.truth
+        self.feed = feed
         self.reports: list[tuple[float, str]] = []
         """When (s) something was reported at WARN or ERROR, and what."""
-        for topic in self.collector.topics():
-            if topic not in (topics.TRUTH_FIX, topics.INS_FIX):
-                self.bus.hear(topic, partial(self._take, topic))
-        self.nodes: dict[str, Any] = {}
-        for name in ANSWERING:
-            self.start(name)
-        self._due = {one: deque(sorted(store.items())) for one, store in feed.sensors.items()}
-        self._ticked = 0.0
-        self.bus.tick()
+        own: dict[str, Any] = {"diagnostics_period": 2.0 * TICK}
+        if checkpoints is not None:
+            own["checkpoint"] = str(checkpoints)
+        super().__init__(replace(feed.recorded, scenario=feed.scenario), own, {})
 
-    def _take(self, topic: topics.Topic, data: bytes) -> None:
+    def take(self, topic: topics.Topic, data: bytes) -> None:
+        """Keep a message, and when it reports something."""
         known = len(self.collector.said)
-        self.collector.take(topic, data)
+        super().take(topic, data)
         self.reports += [(self.bus.now, text) for _, text in self.collector.warnings[known:]]
-
-    def start(self, name: str, checkpoint: bool = True) -> None:
-        """Make a node and let it begin, with or without what one before it has left."""
-        own: dict[str, Any] = {"run": self.feed.run, "peers": list(ANSWERING)}
-        own["diagnostics_period"] = 2.0 * TICK
-        if self.checkpoints is not None and checkpoint:
-            own["checkpoint"] = str(self.checkpoints)
-        if name == topics.UKF_FUSION:
-            own["start_time"] = math.nan if self.bus.now == 0.0 else 0.0
-        if name == topics.GRAVIMETER:
-            own["simulate"] = False
-        values = node_values(self.feed.scenario, own, node_class(name).sections)
-        self.nodes[name] = self.bus.add(name, values)
 
     def kill(self, name: str) -> None:
         """Take a node off, as if its process had been killed."""
@@ -173,21 +141,6 @@ class Stage:
                 before_step(to_seconds(ns))
             self.step(ns)
         return self
-
-    def step(self, ns: int) -> None:
-        """Play what the sensors say up to a stamp (ns), and let the nodes deal with it."""
-        self.bus.now = to_seconds(ns)
-        for topic, messages in self._due.items():
-            while messages and messages[0][0] <= ns:
-                self.bus.send(topic.name, messages.popleft()[1])
-                self.bus.run()
-        if self.bus.now >= self._ticked + TICK:
-            self._ticked = self.bus.now
-            self.bus.tick()
-
-    def stamps(self) -> list[int]:
-        """Return the stamps (ns) of what is still to be played."""
-        return [ns for ns, _ in self._due[topics.IMU]]
 
 
 def without_numbers(text: str) -> str:

@@ -67,7 +67,7 @@ class _Trial:
         duration, end = stage.feed.duration, begin + fault.lasts + 1.0
         after = end + RECOVERY * duration
         self._span = Span(begin, end, after, after + LOOKED_AT * duration)
-        topics = topics_of(fault.targets[0], stage.feed.raw)
+        topics = topics_of(fault.targets[0], stage.recorded.readings)
         self._types = {topic.name: topic.type for topic in topics}
         self._moment = Moment(0.0, rng, {})
         self._acts = False
@@ -121,7 +121,7 @@ class _Trial:
                 if self._acts:
                     stage.kill(name)
                 else:
-                    stage.start(name, checkpoint=effect == "killed")
+                    stage.start(name, () if effect == "killed" else ("checkpoint",))
             elif self._acts:
                 stage.bus.stop(stage.nodes[name])
             else:

@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode
+from rclpy.logging import LoggingSeverity, get_logger
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 
@@ -28,10 +29,11 @@ def as_it_is(_topic: str, data: bytes) -> list[bytes]:
 
 
 class Bus:
-    """Carries the messages of some nodes."""
+    """Carries the messages of some nodes, whose warnings and errors are printed unless it is
+    quiet."""
 
-    def __init__(self) -> None:
-        self.now = 0.0
+    def __init__(self, quiet: bool = True) -> None:
+        self.quiet, self.now = quiet, 0.0
         """s, what its nodes take for the wall clock."""
         self.change: Change = as_it_is
         """What becomes of messages on their way."""
@@ -185,7 +187,7 @@ class Timer:
 
 
 class _Log:
-    """A node's log: only errors are kept."""
+    """A node's log on a quiet bus: only errors are kept."""
 
     def __init__(self, name: str, bus: Bus) -> None:
         self._name, self._bus = name, bus
@@ -198,6 +200,15 @@ class _Log:
     def error(self, text: str, **_: Any) -> None:
         if len(self._bus.errors) < ERRORS:
             self._bus.errors.append(f"{self._name}: {text}")
+
+
+def _log(name: str, bus: Bus) -> Any:
+    """Return a node's log."""
+    if bus.quiet:
+        return _Log(name, bus)
+    log = get_logger(name)
+    log.set_level(LoggingSeverity.WARN)
+    return log
 
 
 class _BusNode(LifecycleNode):
@@ -216,7 +227,7 @@ class _BusNode(LifecycleNode):
     ) -> None:
         # not of LifecycleNode, which needs the middleware
         self._bus_name, self.context = name, context
-        self._bus_log = _Log(name, context)
+        self._bus_log = _log(name, context)
         self._bus_values = {item.name: item for item in parameter_overrides}
         self.publishers, self.subscriptions, self.timers = [], [], []
         self.services, self.clients = [], []

@@ -67,7 +67,6 @@ def replay_command(
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
     parameters: Sequence[str] = (),
-    domain: int | None = None,
     tolerance: float | None = None,
     json: bool,
 ) -> int:
@@ -89,13 +88,8 @@ def replay_command(
         The bag or what it needs cannot be used.
     """
     console = Console()
-    try:
-        result, summary = replay_session(
-            bag, out, console, scenario, overrides, filter_parameters(parameters), domain
-        )
-    except GraphError as error:
-        console.say(f"isogal: {error}")
-        return FAILED
+    of_filter = filter_parameters(parameters)
+    result, summary = replay_session(bag, out, console, scenario, overrides, of_filter)
     if json:
         console.json(_document(bag, out, result, summary))
     else:

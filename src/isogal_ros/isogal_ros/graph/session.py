@@ -114,20 +114,17 @@ def replay_session(
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
     parameters: Mapping[str, Any] | None = None,
-    domain: int | None = None,
 ) -> tuple[Replay, Summary | None]:
     """Replay a bag and compare; evaluate the replay as well where there is a folder for it, the
     recording has the truth, and nobody interrupts.
 
     The scenario is the bag's own unless another is given, with keys changed by `overrides`
-    (``KEY=VALUE``); for `parameters` and `domain` see `replay`.
+    (``KEY=VALUE``); for `parameters` see `replay`.
 
     Raises
     ------
     InputError
         The bag or what it needs cannot be used.
-    GraphError
-        A node failed.
     """
     reader = BagReader(bag)
     scenario = scenario or reader.scenario()
@@ -136,7 +133,7 @@ def replay_session(
     if out is not None:
         make_folder(out)
     with interrupts() as interrupt, to.progress() as report:
-        result = replay(reader, interrupt, report, scenario, parameters, domain)
+        result = replay(reader, interrupt, report, scenario, parameters)
     if out is None or result.interrupted:
         return result, None
     trajectory = build_trajectory(result.scenario)
