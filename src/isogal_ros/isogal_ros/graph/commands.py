@@ -8,7 +8,7 @@ from isogal.files import make_folder
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.console import Console
-from isogal_ros.graph.filter_parameters import filter_parameters
+from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.replay import Replay
 from isogal_ros.graph.session import Manner, Summary, replay_session, run_session

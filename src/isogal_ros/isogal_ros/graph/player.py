@@ -10,10 +10,9 @@ from typing import Any
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.graph.bus import Bus, Publisher
-from isogal_ros.graph.plan import instruments_of, node_class
+from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.recorded import Recorded
 from isogal_ros.messages.stamps import to_seconds
-from isogal_ros.parameters.values import node_values
 from isogal_ros.topics import Topic
 
 TICK = 5.0
@@ -54,10 +53,13 @@ class Player:
         for topic in self.collector.topics():
             if topic not in (topics.TRUTH_FIX, topics.INS_FIX):
                 self.bus.hear(topic, partial(self.take, topic))
-        sensors = instruments_of(recorded.scenario) if recorded.reduces else {}
-        names = (*sensors, topics.PMHT_MM, topics.UKF_FUSION)
-        self._scenarios = dict.fromkeys(names, recorded.scenario) | sensors
-        self._own = {"run": recorded.run, "peers": list(names), **own}
+        self._plan = Plan(recorded.scenario, None, run=recorded.run, real=True)
+        names = [
+            name
+            for name in self._plan.names
+            if recorded.reduces or topics.kind_of(name) != topics.GRAVIMETER
+        ]
+        self._own = {"peers": names, **own}
         self._of_filter = of_filter
         self.nodes: dict[str, Any] = {}
         """By name."""
@@ -78,10 +80,7 @@ class Player:
         own = {key: value for key, value in self._own.items() if key not in without}
         if name == topics.UKF_FUSION:
             own |= {"start_time": math.nan if self.bus.now == 0.0 else 0.0, **self._of_filter}
-        if topics.kind_of(name) == topics.GRAVIMETER:
-            own |= {"simulate": False}
-        values = node_values(self._scenarios[name], own, node_class(name).sections)
-        self.nodes[name] = self.bus.add(name, values)
+        self.nodes[name] = self.bus.add(name, self._plan.values(name) | own)
 
     def stamps(self) -> list[int]:
         """Return the stamps (ns) of the IMU samples that are still to be played."""

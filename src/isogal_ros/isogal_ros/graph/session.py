@@ -8,15 +8,15 @@ from typing import Any
 
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
-from isogal.maps.several import first_map
+from isogal.maps.several import RunMap, first_map
 from isogal.scenario import Scenario, changed_scenario
-from isogal.sensors.trajectory import build_trajectory
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import record_of
 from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.checks import checked
 from isogal_ros.graph.console import Console
-from isogal_ros.graph.evaluation import evaluate
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.processes import run_processes
@@ -141,6 +141,35 @@ def replay_session(
     return result, evaluate(
         result.outputs, result.scenario, trajectory, field_map, out, result.wall_seconds
     )
+
+
+def evaluate(
+    collector: Collector,
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RunMap,
+    out: Path,
+    wall_seconds: float,
+) -> Summary | None:
+    """Write summary.json, report.html and figures; return the summary, or None where there is
+    nothing to evaluate."""
+    from isogal.evaluation.bound import posterior_cramer_rao
+    from isogal.evaluation.run_report import run_report
+    from isogal.evaluation.summary import summarise, write_json
+
+    runs = record_of(collector, field_map)
+    if runs is None:
+        return None
+    bound = posterior_cramer_rao(scenario, trajectory, field_map)
+    summary = summarise(
+        runs,
+        scenario,
+        bound.rms_at(runs.time - runs.time[0] + bound.time[0]),
+        wall_seconds=wall_seconds,
+    )
+    write_json(out / "summary.json", summary)
+    run_report(runs, scenario, field_map, bound, out, summary)
+    return summary
 
 
 def fresh_checkpoints(folder: Path) -> Path:
