@@ -11,6 +11,7 @@ from isogal.scenario import Altimeter, Scenario
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place
 from isogal_ros.messages.checks import BadMessageError, require_reading
+from isogal_ros.messages.frames import framed
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix
 from isogal_ros.messages.stamps import set_stamp
 
@@ -44,8 +45,7 @@ class AltimeterAdapter:
 
     def new_raw(self) -> Any:
         """Return a message with the limits of range."""
-        message = self.raw.type()
-        message.header.frame_id = ALTIMETER
+        message = framed(self.raw, ALTIMETER)
         message.min_range = self._settings.min_range
         message.max_range = self._settings.max_range
         return message
@@ -78,9 +78,7 @@ class AltimeterAdapter:
 
     def new_reduced(self) -> Any:
         """Return a message of a point below the vehicle."""
-        message = self.reduced.type()
-        message.header.frame_id = GROUND
-        return message
+        return framed(self.reduced, GROUND)
 
     def fill_reduced(
         self, message: Any, ns: int, value: float, variance: float, place: Place

@@ -8,6 +8,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Place
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
+from isogal_ros.messages.frames import framed
 from isogal_ros.messages.position import NOT_MEASURED
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
@@ -41,9 +42,7 @@ class GravimeterAdapter:
 
     def new_raw(self) -> Any:
         """Return a message in the platform's frame."""
-        message = self.raw.type()
-        message.header.frame_id = PLATFORM
-        return message
+        return framed(self.raw, PLATFORM)
 
     def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
         """Write a value and its variance; the horizontal components are not measured."""

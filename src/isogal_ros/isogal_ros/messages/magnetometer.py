@@ -11,6 +11,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_reading
+from isogal_ros.messages.frames import framed
 from isogal_ros.messages.stamps import set_stamp
 
 MAGNETOMETER, MAIN_FIELD = "magnetometer_link", "main_field"
@@ -44,9 +45,7 @@ class MagnetometerAdapter:
 
     def new_raw(self) -> Any:
         """Return a message in the magnetometer's frame."""
-        message = self.raw.type()
-        message.header.frame_id = MAGNETOMETER
-        return message
+        return framed(self.raw, MAGNETOMETER)
 
     def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
         """Write a total field, nT."""
@@ -105,8 +104,7 @@ class MagnetometerAdapter:
 
     def new_reduced(self) -> Any:
         """Return a message with nothing across the main field."""
-        message = self.reduced.type()
-        message.header.frame_id = MAIN_FIELD
+        message = framed(self.reduced, MAIN_FIELD)
         message.magnetic_field.x = message.magnetic_field.y = math.nan
         return message
 
