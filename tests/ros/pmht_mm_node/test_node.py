@@ -8,12 +8,10 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import NavSatStatus, PointCloud2
 
 from helpers.node_bench import bench, vector_reading
-from isogal.earth.frames import horizontal_difference
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.gradiometer import GRADIOMETER
-from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
 from isogal_ros.nodes.health import WARN
 
@@ -39,30 +37,6 @@ def drive(scenario, matcher_bench):
         matcher_bench.reading(k, value, **keys)
 
     return go
-
-
-def test_a_batch_gives_a_fix_where_it_is(matcher_bench, drive, scenario) -> None:
-    for scan in range(1, 7):
-        drive(scan)
-    matcher_bench.wait(lambda: matcher_bench.heard["pmht_mm/fix"])
-    matcher_bench.settle()
-    (fix,) = matcher_bench.heard["pmht_mm/fix"]
-    assert to_ns(fix.header.stamp) == from_seconds(60.0)
-    assert fix.status.status == NavSatStatus.STATUS_FIX
-    trajectory = build_trajectory(scenario())
-    off = horizontal_difference(
-        *read_position(fix)[:2], trajectory.latitude[60], trajectory.longitude[60]
-    )
-    assert np.hypot(*off) < 200.0  # the navigator's prior is 30 m
-    (cloud,) = matcher_bench.heard["pmht_mm/candidates"]
-    assert cloud.width > 0
-    batch = [
-        item
-        for array in matcher_bench.heard["/diagnostics"]
-        for item in array.status
-        if item.name.endswith("batch")
-    ]
-    assert len(batch) == 1
 
 
 def test_readings_may_come_before_the_navigators_state(matcher_bench, drive, scenario) -> None:

@@ -5,11 +5,7 @@ import pytest
 
 from helpers.node_bench import Bench, bench, stamps
 from isogal.earth.frames import horizontal_difference
-from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import propagate
-from isogal.fusion.state import FilterState
-from isogal.sensors.imu import simulate_imu, simulate_samples
-from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.imu import simulate_samples
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.position import read_covariance, read_position
@@ -48,23 +44,6 @@ def regular(first: int, last: int, rate: float = 200.0):
 def says(made: Bench, words: str) -> bytes:
     made.wait(lambda: any(words in text for _, text, _ in made.says()), words)
     return next(level for level, text, _ in made.says() if words in text)
-
-
-def test_it_navigates_as_the_library_does(fast, samples) -> None:
-    trajectory, model = build_trajectory(fast), FilterModel.from_scenario(fast)
-    imu = simulate_imu(fast, trajectory, [0])
-    state = FilterState.start(draw_initial_state(fast, trajectory, [0]), model)
-    propagate(state, model, imu.specific_force, imu.angular_rate, trajectory.height[1:])
-    with bench(topics.UKF_FUSION, fast) as made:
-        send(made, samples, regular(0, 200 * SECONDS))
-        made.wait(lambda: SECONDS in stamps(made, topics.NAV_FIX))
-        assert stamps(made, topics.NAV_FIX) == list(range(SECONDS + 1))
-        last = made.heard["nav/fix"][-1]
-    off = horizontal_difference(*read_position(last)[:2], *state.position[0, :2])
-    assert np.hypot(*off) < 1e-6
-    np.testing.assert_allclose(
-        read_covariance(last)[:2, :2], state.covariance[0, :2, :2], rtol=1e-6
-    )
 
 
 def test_jitter_and_lost_samples_move_it_by_millimetres(fast, samples) -> None:

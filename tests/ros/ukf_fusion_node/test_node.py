@@ -4,15 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import NavSatStatus
 
 from helpers.node_bench import bench, stamps
 from isogal.earth.frames import horizontal_difference
-from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.protection_level import protection_level
-from isogal.inertial.strapdown import propagate
 from isogal.matching.interfaces import Fix
-from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -32,17 +28,6 @@ def filter_bench(scenario):
 def start(scenario):
     state = draw_initial_state(scenario(), build_trajectory(scenario()), [0])
     return float(state.position[0, 0]), float(state.position[0, 1])
-
-
-def test_every_sample_is_answered(filter_bench) -> None:
-    for k in range(1, 6):
-        filter_bench.imu(k)
-    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 6)
-    filter_bench.settle()
-    for topic in (topics.NAV_FIX, topics.NAV_ODOM):
-        assert stamps(filter_bench, topic) == [0, 1, 2, 3, 4, 5]  # with the start
-    assert len(filter_bench.heard["nav/covariance"]) == 6
-    assert len(filter_bench.heard["nav/path"]) == 1
 
 
 def test_the_path_stays_short_and_whole(filter_bench, monkeypatch) -> None:
@@ -72,24 +57,6 @@ def test_the_protection_level_is_that_of_the_odometrys_covariance(scenario) -> N
     expected = protection_level(covariance, 1e-3, 500.0)
     np.testing.assert_allclose([level.data for level in levels], expected, rtol=1e-9)
     assert np.all(expected > 3.0 * np.sqrt([one[0, 0] for one in covariance]))
-
-
-def test_it_navigates_as_the_library_does(scenario, filter_bench) -> None:
-    trajectory = build_trajectory(scenario())
-    imu = simulate_imu(scenario(), trajectory, [0])
-    known = known_gravity(scenario(), trajectory).compensation
-    for k in range(30):
-        filter_bench.imu(
-            k + 1, tuple(imu.specific_force[0, k])
-        )  # rates of zero: only the order of magnitude counts
-    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 31)
-    state = draw_initial_state(scenario(), trajectory, [0])
-    force = imu.specific_force[:, :30]
-    height = trajectory.height[:31]
-    end, _ = propagate(state, force, np.zeros_like(force), 1.0, height, known)
-    got = read_position(filter_bench.heard["nav/fix"][-1])
-    off = horizontal_difference(got[0], got[1], end.position[0, 0], end.position[0, 1])
-    assert np.hypot(*off) < 0.01
 
 
 def test_a_fix_moves_it_and_is_answered(filter_bench, start) -> None:
@@ -212,14 +179,6 @@ def test_a_long_gap_is_an_error(filter_bench) -> None:
         filter_bench.imu(k)
     filter_bench.wait(lambda: any(level == ERROR for level, *_ in filter_bench.says()))
     filter_bench.wait(lambda: 60 in stamps(filter_bench, topics.NAV_ODOM))
-
-
-def test_no_fix_is_answered_too(filter_bench, start) -> None:
-    filter_bench.imu(1)
-    filter_bench.wait(lambda: filter_bench.node.samples == 1)  # topics may overtake each other
-    filter_bench.fix(1, *start, status=NavSatStatus.STATUS_NO_FIX)
-    filter_bench.wait(lambda: len(filter_bench.heard["nav/fix"]) == 3)
-    assert filter_bench.node.answered == 1
 
 
 def test_a_given_start(scenario) -> None:
