@@ -79,7 +79,6 @@ def test_a_leap_of_one_stamp_costs_one_sample(scenario) -> None:
     with bench(topics.UKF_FUSION, scenario()) as made:
         for k in (1, 2, 3, 3600, 4, 5, 6, 106, 107, 108):
             made.imu(k)
-        made.wait(lambda: 108 in stamps(made, topics.NAV_FIX))
         assert stamps(made, topics.NAV_FIX) == [0, 1, 2, 3, 4, 5, 6, 107, 108]
         assert made.node.health.dropped == {"imu/data_raw": 2}
 

@@ -70,10 +70,8 @@ def test_jitter_and_lost_samples_move_it_by_millimetres(fast, samples) -> None:
 def test_a_long_gap_is_said_and_known(fast, samples) -> None:
     with bench(topics.UKF_FUSION, fast) as made:
         send(made, samples, regular(0, 800))
-        made.wait(lambda: 4 in stamps(made, topics.NAV_FIX))
         before = read_covariance(made.heard["nav/fix"][-1])
         send(made, samples, [(k, (k + 1) / 200.0 + 60.0) for k in range(800, 1300)])
-        made.wait(lambda: 66 in stamps(made, topics.NAV_FIX))
         assert says(made, "IMU samples missing") == ERROR
         after = read_covariance(made.heard["nav/fix"][-1])
     # a minute in which 0.1 m/s² may have acted: 5.8 m/s, since the vehicle has 22 m/s, that is
@@ -87,7 +85,6 @@ def test_another_rate_than_told_is_said_once_and_does_no_harm(fast, samples, rat
     every = samples[1::2] if rate < 200.0 else np.repeat(samples, 2, axis=0)
     with bench(topics.UKF_FUSION, fast) as made:
         send(made, every, regular(0, int(6 * rate), rate))
-        made.wait(lambda: 6 in stamps(made, topics.NAV_FIX))
         # the start is a told interval before the first sample
         assert [stamp for stamp in stamps(made, topics.NAV_FIX) if stamp > 0] == list(range(1, 7))
         assert says(made, f"come at {rate:.0f} Hz, imu.rate says 200") == WARN
@@ -96,7 +93,6 @@ def test_another_rate_than_told_is_said_once_and_does_no_harm(fast, samples, rat
         end = read_position(made.heard["nav/fix"][-1])
     with bench(topics.UKF_FUSION, fast) as made:
         send(made, samples, regular(0, 1200))
-        made.wait(lambda: 6 in stamps(made, topics.NAV_FIX))
         assert made.says()[-1][0] == OK
         told = read_position(made.heard["nav/fix"][-1])
     # milliseconds of the start, at 22 m/s

@@ -71,8 +71,6 @@ def test_late_or_again_without_a_checkpoint_it_waits(scenario, drive) -> None:
     with bench(topics.UKF_FUSION, scenario()) as made:
         drive(made, (300, 305))
         assert says(made, "waits for a pose on initialpose: the data begin at 299.000 s") == ERROR
-        made.wait(lambda: made.node.samples == 6)
-        made.settle()
         assert made.heard["nav/fix"] == []
         assert made.says()[-1][0] == ERROR
 
@@ -88,8 +86,6 @@ def test_it_waits_for_the_time_of_its_start(scenario, drive) -> None:
     with bench(topics.UKF_FUSION, scenario(), start_time=10.0) as made:
         drive(made, (1, 12))
         assert says(made, "waits for the start at 10.000 s") == WARN
-        made.wait(lambda: made.node.samples == 12)
-        made.settle()
         assert stamps(made, topics.NAV_FIX) == [10, 11, 12]
 
 
@@ -107,12 +103,9 @@ def test_a_checkpoint_that_is_not_its_own_is_refused(
     own = {"checkpoint": str(tmp_path)}
     with bench(topics.UKF_FUSION, scenario(), **own) as made:
         drive(made, (1, 60))
-        made.wait(lambda: 60 in stamps(made, topics.NAV_FIX))
-        made.settle()
     with bench(topics.UKF_FUSION, scenario(), **own | change) as made:
         drive(made, (first, first + 1))
         assert says(made, words) == ERROR
-        made.settle()
         assert made.heard["nav/fix"] == []
 
 
@@ -120,8 +113,6 @@ def test_another_scenario_and_a_damaged_file(scenario, drive, tmp_path) -> None:
     own = {"checkpoint": str(tmp_path)}
     with bench(topics.UKF_FUSION, scenario(), **own) as made:
         drive(made, (1, 60))
-        made.wait(lambda: 60 in stamps(made, topics.NAV_FIX))
-        made.settle()
     with bench(topics.UKF_FUSION, scenario("imu.grade=quantum"), **own) as made:
         drive(made, (61, 62))
         assert says(made, "another run or another scenario") == ERROR
@@ -138,7 +129,6 @@ def test_a_fresh_run_does_not_take_the_last_ones(scenario, drive, tmp_path) -> N
     for _ in range(2):
         with bench(topics.UKF_FUSION, scenario(), **own) as made:
             drive(made, (1, 30))
-            made.wait(lambda made=made: 30 in stamps(made, topics.NAV_FIX))
             assert stamps(made, topics.NAV_FIX)[0] == 0
             ends.append(read_position(made.heard["nav/fix"][-1]))
     assert ends[0] == ends[1]
@@ -178,9 +168,7 @@ def test_a_pose_starts_it(scenario, drive) -> None:
 def test_a_pose_moves_it(scenario, drive) -> None:
     with bench(topics.UKF_FUSION, scenario()) as made:
         drive(made, (1, 5))
-        made.wait(lambda: 5 in stamps(made, topics.NAV_FIX))
         made.publish(topics.INITIAL_POSE, pose_at(scenario(), 5, 1000.0))
-        made.wait(lambda: len(made.heard["nav/fix"]) == 7)
         assert drive.error(made, 5) == pytest.approx(1000.0, abs=0.1)
 
 
@@ -208,11 +196,9 @@ def test_a_pose_that_cannot_be_used(scenario, drive, change, words) -> None:
 def test_reset(scenario, drive, tmp_path) -> None:
     with bench(topics.UKF_FUSION, scenario(), checkpoint=str(tmp_path)) as made:
         drive(made, (1, 50))
-        made.wait(lambda: 50 in stamps(made, topics.NAV_FIX))
-        assert made.call(Trigger, "reset", Trigger.Request()).success
+        assert made.call("reset", Trigger.Request()).success
         made.heard["nav/fix"].clear()
         drive(made, (51, 52))
         assert says(made, "waits for a pose") == ERROR
-        made.wait(lambda: made.node.samples == 52)
         assert made.heard["nav/fix"] == []
         assert list(tmp_path.iterdir()) == []

@@ -37,7 +37,7 @@ def test_a_spike_is_dropped_and_does_no_harm(scenario, force, rate, words) -> No
     with bench(topics.UKF_FUSION, scenario()) as made:
         for k in range(1, 20):
             made.imu(k, *((force, rate) if k == 10 else ()))
-        made.wait(lambda: 19 in stamps(made, topics.NAV_FIX))
+        assert 19 in stamps(made, topics.NAV_FIX)
         assert made.node.health.dropped == {"imu/data_raw": 1}
         assert 10 not in stamps(made, topics.NAV_FIX)
         speed = made.heard["nav/odom"][-1].twist.twist.linear
@@ -60,7 +60,6 @@ def test_a_concern_stays_until_it_is_over(scenario) -> None:
     with bench(topics.UKF_FUSION, scenario()) as made:
         for k in range(1, STUCK + 5):
             made.imu(k)
-        made.wait(lambda: made.node.samples == STUCK + 4)
         made.wait(lambda: any("stuck: accelerometer x" in text for _, text, _ in made.says()))
         assert made.says()[-1][0] == WARN
         for k in range(STUCK + 5, STUCK + 8):

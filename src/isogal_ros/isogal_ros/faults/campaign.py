@@ -96,11 +96,12 @@ def run_campaign(
 
 
 def _read(path: Path) -> dict[tuple[str, int], Row]:
-    """Return the outcomes on disk; a line that is cut off is left out."""
+    """Return the outcomes on disk, without a line that is cut off or of an earlier version."""
     found = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
             outcome = json.loads(line)
+            outcome["reported_after"]  # an earlier version called it otherwise
             found[outcome["fault"], outcome["trial"]] = outcome
         except (ValueError, KeyError, TypeError):
             continue

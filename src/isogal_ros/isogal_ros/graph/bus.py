@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 
 from isogal_ros.graph.plan import node_class
+from isogal_ros.topics import LOSSLESS
 
 ERRORS = 1000
 """Errors kept."""
@@ -41,6 +42,8 @@ class Bus:
         """What the nodes have logged as errors, the first `ERRORS`."""
         self.nodes: list[Any] = []
         """Those that are on it."""
+        self.services: dict[tuple[str, str], Callable[[Any], Any]] = {}
+        """What answers requests, by node and name."""
         self._listeners: dict[str, list[Subscription]] = defaultdict(list)
         self._taps: dict[str, list[Callable[[bytes], None]]] = defaultdict(list)
         self._publishers: dict[str, list[Publisher]] = defaultdict(list)
@@ -70,6 +73,8 @@ class Bus:
         for publisher in node.publishers:
             self._publishers[publisher.topic_name].remove(publisher)
             publisher.bus = None
+        node.subscriptions.clear()
+        node.publishers.clear()
 
     def stop(self, node: Any) -> None:
         """Let a node take nothing until `go`; what comes meanwhile waits."""
@@ -123,6 +128,8 @@ class Bus:
 
 class Publisher:
     """What a node has of a topic that it publishes."""
+
+    qos_profile, topic_type_hash = LOSSLESS, ""
 
     def __init__(self, name: str, bus: Bus) -> None:
         self.topic_name, self.bus = name, bus
@@ -257,7 +264,10 @@ class _BusNode(LifecycleNode):
         pass
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
-        pass
+        self._bus_change = callback
+
+    def set_parameters(self, parameters: Any) -> list[Any]:
+        return [self._bus_change([parameter]) for parameter in parameters]
 
     def create_publisher(self, _kind: Any, name: str, _qos: Any) -> Any:
         self.publishers.append(Publisher(name, self.context))
@@ -274,12 +284,18 @@ class _BusNode(LifecycleNode):
         self.timers.append(Timer(callback))
         return self.timers[-1]
 
-    def create_service(self, *_: Any, **__: Any) -> None:
-        pass
+    def create_service(self, kind: Any, name: str, callback: Any, **_: Any) -> Any:
+        key = self._bus_name, name.removeprefix("~/")
+        self.context.services[key] = lambda request: callback(request, kind.Response())
+        return self.context.services[key]
 
     def destroy_subscription(self, subscription: Any) -> None:
         self.subscriptions.remove(subscription)
         self.context._listeners[subscription.topic_name].remove(subscription)
+
+    def destroy_publisher(self, publisher: Any) -> None:
+        self.publishers.remove(publisher)
+        self.context.publishers(publisher.topic_name).remove(publisher)
 
     def destroy_timer(self, timer: Any) -> None:
         timer.cancel()
@@ -298,6 +314,15 @@ class _BusNode(LifecycleNode):
 
     def trigger_activate(self) -> Any:
         return self.on_activate(None)
+
+    def trigger_deactivate(self) -> Any:
+        return self.on_deactivate(None)
+
+    def trigger_cleanup(self) -> Any:
+        return self.on_cleanup(None)
+
+    def trigger_shutdown(self) -> Any:
+        return self.on_shutdown(None)
 
 
 @cache
