@@ -101,8 +101,8 @@ def _read(path: Path) -> dict[tuple[str, int], Row]:
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
             outcome = json.loads(line)
-            outcome["reported_after"]  # an earlier version called it otherwise
-            found[outcome["fault"], outcome["trial"]] = outcome
+            if "reported_after" in outcome:  # an earlier version called it otherwise
+                found[outcome["fault"], outcome["trial"]] = outcome
         except (ValueError, KeyError, TypeError):
             continue
     return found

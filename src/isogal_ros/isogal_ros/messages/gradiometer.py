@@ -14,9 +14,8 @@ from isogal.arrays import Array
 from isogal.maps.quantities import QUANTITIES
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.adapter import Framed, Place
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
-from isogal_ros.messages.frames import framed
 from isogal_ros.messages.point import fill_point, numbers, read_point
 
 GRADIOMETER = "gradiometer_link"
@@ -32,7 +31,7 @@ def gradient(scenario: Scenario) -> "GradiometerAdapter":
     return GradiometerAdapter(scenario.gradiometer.components)
 
 
-class GradiometerAdapter:
+class GradiometerAdapter(Framed):
     """Gradient of gravity and of the disturbing potential, some components of each.
 
     Parameters
@@ -43,13 +42,14 @@ class GradiometerAdapter:
     """
 
     raw, reduced = topics.FULL_GRADIENT, topics.GRADIENT
+    frames = GRADIOMETER, GRADIOMETER
 
     def __init__(self, components: Sequence[str]) -> None:
         self._names = [PREFIX + name for name in components]
 
     def new_raw(self) -> Any:
         """Return a message of one point, without readings."""
-        message = framed(self.raw, GRADIOMETER)
+        message = super().new_raw()
         count = len(self._names)
         self.fill_raw(message, 0, np.full(count, np.nan), np.zeros((count, count)))
         return message
@@ -59,10 +59,6 @@ class GradiometerAdapter:
         components = np.broadcast_to(value, len(self._names))
         content = dict(zip(self._names, components, strict=True))
         fill_point(message, ns, {**content, COVARIANCE: variance})
-
-    def new_reduced(self) -> Any:
-        """Return a message of one point."""
-        return self.new_raw()
 
     def fill_reduced(
         self, message: Any, ns: int, value: Array, variance: Array, place: Place

@@ -11,9 +11,9 @@ from isogal.arrays import Array
 from isogal.scenario import Altimeter
 from isogal.sensors.beams import PARTS, thinned
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.adapter import Framed, Place
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
-from isogal_ros.messages.frames import BASE, FRD_FLU, framed
+from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.point import fill_cloud, fill_point, numbers, read_cloud, read_point
 from isogal_ros.messages.stamps import set_stamp
 
@@ -25,7 +25,7 @@ _MOST = 100_000
 """Ranges of a message at most."""
 
 
-class _Footprints:
+class _Footprints(Framed):
     """What both have: the message of footprints, a point (`point`) with the fields `terrain` (4
     numbers for each beam: terrain height, and the footprint north, east and down of the vehicle,
     m) and `variance` (m²).
@@ -35,14 +35,10 @@ class _Footprints:
     settings : scenario.Altimeter
     """
 
-    reduced = topics.FOOTPRINTS
+    reduced, frames = topics.FOOTPRINTS, (BASE, BASE)
 
     def __init__(self, settings: Altimeter) -> None:
         self._settings = settings
-
-    def new_reduced(self) -> Any:
-        """Return a message to be filled."""
-        return framed(self.reduced, BASE)
 
     def fill_reduced(
         self, message: Any, ns: int, value: Array, variance: float, place: Place
@@ -77,10 +73,6 @@ class PointsAdapter(_Footprints):
 
     raw = topics.SOUNDINGS
 
-    def new_raw(self) -> Any:
-        """Return a message to be filled."""
-        return framed(self.raw, BASE)
-
     def fill_raw(self, message: Any, ns: int, value: Array, variance: float) -> None:
         """Write soundings (B, 3) m, forward, right, down; NaN = none."""
         points = (value * FRD_FLU).astype(np.float32)
@@ -100,11 +92,11 @@ class PointsAdapter(_Footprints):
 class ScanAdapter(_Footprints):
     """Soundings as a scan: ranges of a fan across the track by their angle."""
 
-    raw = topics.FAN
+    raw, frames = topics.FAN, (FAN, BASE)
 
     def new_raw(self) -> Any:
         """Return a message with the fan's angles."""
-        message = framed(self.raw, FAN)
+        message = super().new_raw()
         half = math.radians(self._settings.opening) / 2.0 if self._settings.beams > 1 else 0.0
         message.angle_min, message.angle_max = -half, half
         message.angle_increment = 2.0 * half / max(1, self._settings.beams - 1)
