@@ -62,7 +62,9 @@ def read_cloud(
     """
     if len(message.fields) > _MOST_FIELDS:
         raise BadMessageError(f"has more than {_MOST_FIELDS} fields")
-    order, formats, offsets = ">" if message.is_bigendian else "<", {}, {}
+    order = ">" if message.is_bigendian else "<"
+    formats: dict[str, Any] = {}
+    offsets: dict[str, int] = {}
     for item in message.fields:
         if not wanted(item.name):
             continue
@@ -80,13 +82,17 @@ def read_cloud(
         raise BadMessageError(f"{count} points are too many")
     if step * count > len(message.data):
         raise BadMessageError(f"{count} points: the last lies beyond the end of the data")
-    whole = {
-        "names": list(formats),
-        "formats": list(formats.values()),
-        "offsets": list(offsets.values()),
-        "itemsize": step,
-    }
-    points = np.frombuffer(bytes(message.data), np.dtype(whole), count) if formats else {}
+    if not formats:
+        return {}
+    whole = np.dtype(
+        {
+            "names": list(formats),
+            "formats": list(formats.values()),
+            "offsets": list(offsets.values()),
+            "itemsize": step,
+        }
+    )
+    points = np.frombuffer(bytes(message.data), whole, count)
     return {name: np.asarray(points[name], np.float64) for name in formats}
 
 
