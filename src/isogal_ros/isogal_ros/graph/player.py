@@ -79,6 +79,7 @@ class Player:
         """Make a node and let it begin, without some of its own parameters."""
         own = {key: value for key, value in self._own.items() if key not in without}
         if name == topics.UKF_FUSION:
+            # one that begins later must not take the start for the state of its first sample
             own |= {"start_time": math.nan if self.bus.now == 0.0 else 0.0, **self._of_filter}
         self.nodes[name] = self.bus.add(name, self._plan.values(name) | own)
 
