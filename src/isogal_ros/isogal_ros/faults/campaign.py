@@ -2,14 +2,14 @@
 interrupted and goes on, and a table in the end."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from isogal.files import write_atomic
 from isogal.scenario import Scenario
-from isogal_ros.faults.catalogue import MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS, QUICK
+from isogal_ros.faults.catalogue import MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS, QUICK, Fault
 from isogal_ros.faults.judgement import Row, page_of, table_of
 from isogal_ros.faults.processes import run_process_trial
 from isogal_ros.faults.stage import Feed
@@ -17,6 +17,7 @@ from isogal_ros.faults.trial import run_trials
 from isogal_ros.nodes.signals import Interrupt
 
 OUTCOMES, TABLE, PAGE = "outcomes.jsonl", "faults.json", "faults.md"
+KINDS = (MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS)
 QUICK_DURATION = 600.0
 """s of the route of a quick campaign."""
 
@@ -65,13 +66,13 @@ def run_campaign(
             stream.write(json.dumps(outcome) + "\n")
         say(f"{outcome['fault']}, trial {outcome['trial']}: {_words(outcome)}")
 
-    kinds = (MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS)
-    faults = [fault for kind in kinds for fault in kind if not quick or fault.name in QUICK]
+    faults = [one for kind in KINDS for one in kind if not quick or one.name in QUICK]
     try:
         for trial in range(max(trials)):
+            due = [one for one in faults if (one.name, trial) not in done]
             of_messages, of_nodes, of_processes = (
-                [f for f in faults if f in kind and trial < n and (f.name, trial) not in done]
-                for kind, n in zip(kinds, (trials[0], *trials), strict=True)
+                [one for one in due if one in kind and trial < most]
+                for kind, most in zip(KINDS, (trials[0], *trials), strict=True)
             )
             if interrupt or not (of_messages or of_nodes or of_processes):
                 continue
@@ -80,19 +81,31 @@ def run_campaign(
             for outcome in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
                 keep(outcome)
             interrupt.ends_at_once = False
-            for fault in of_processes:
-                found = run_process_trial(feed, fault, out / "running", interrupt)
-                if found is None:
-                    break
-                keep(found)
+            for outcome in _of_processes(feed, of_processes, out, interrupt):
+                keep(outcome)
     except KeyboardInterrupt:
         pass  # what has been run makes the table
     finally:
         interrupt.ends_at_once = False
-    table = table_of(scenario, faults, done.values())
+    return _write(out, table_of(scenario, faults, done.values()))
+
+
+def _write(out: Path, table: Row) -> Row:
+    """Write a table into a folder, also as a page, and return it."""
     write_atomic(out / TABLE, json.dumps(table, indent=2))
     write_atomic(out / PAGE, page_of(table))
     return table
+
+
+def _of_processes(
+    feed: Feed, faults: Sequence[Fault], out: Path, interrupt: Interrupt
+) -> Iterator[Row]:
+    """Yield what became of faults of processes, until interrupted."""
+    for fault in faults:
+        found = run_process_trial(feed, fault, out / "running", interrupt)
+        if found is None:
+            break
+        yield found
 
 
 def _read(path: Path) -> dict[tuple[str, int], Row]:
