@@ -201,6 +201,11 @@ class Bench:
             if not item.name.endswith("batch")
         ]
 
+    def told(self, words: str) -> tuple[bytes, str, dict[str, str]]:
+        """Wait for words in what the node says about itself; return the first of it."""
+        self.wait(lambda: any(words in text for _, text, _ in self.says()), words)
+        return next(one for one in self.says() if words in one[1])
+
 
 @contextmanager
 def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:

@@ -60,7 +60,7 @@ def test_without_navigator_the_scan_is_known_to_be_empty(scenario) -> None:
         made.nav(90.0, -0.637, 2.5656)
         made.reading(10.0, 9.7952, topic=topics.FELT)
         assert math.isnan(made.heard["gravimeter/gravity"][0].accel.accel.linear.z)
-        assert any("said nothing about 10.000 s" in message for _, message, _ in made.says())
+        assert made.told("said nothing about 10.000 s")
 
 
 def test_it_simulates_readings_at_its_scans_only(scenario) -> None:
@@ -176,8 +176,7 @@ def test_bad_messages_are_dropped_and_said(request, field, topic, bad, words) ->
             made.publish(topic, message)
             made.nav(seconds, *PLACE)
         assert len(made.heard[reduced]) == 2
-        made.wait(lambda: any(words in message for _, message, _ in made.says()), words)
-        level, message, figures = next(item for item in made.says() if words in item[1])
+        level, message, figures = made.told(words)
         assert (level, figures[f"dropped {topic.name}"]) == (WARN, "1")
         assert topic.name in message
 

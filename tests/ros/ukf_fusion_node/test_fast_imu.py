@@ -41,11 +41,6 @@ def regular(first: int, last: int, rate: float = 200.0):
     return [(k, (k + 1) / rate) for k in range(first, last)]
 
 
-def says(made: Bench, words: str) -> bytes:
-    made.wait(lambda: any(words in text for _, text, _ in made.says()), words)
-    return next(level for level, text, _ in made.says() if words in text)
-
-
 def test_jitter_and_lost_samples_move_it_by_millimetres(fast, samples) -> None:
     random = np.random.default_rng(1)
     whole = regular(0, 200 * SECONDS)
@@ -72,7 +67,7 @@ def test_a_long_gap_is_said_and_known(fast, samples) -> None:
         send(made, samples, regular(0, 800))
         before = read_covariance(made.heard["nav/fix"][-1])
         send(made, samples, [(k, (k + 1) / 200.0 + 60.0) for k in range(800, 1300)])
-        assert says(made, "IMU samples missing") == ERROR
+        assert made.told("IMU samples missing")[0] == ERROR
         after = read_covariance(made.heard["nav/fix"][-1])
     # a minute in which 0.1 m/s² may have acted: 5.8 m/s, since the vehicle has 22 m/s, that is
     # 174 m, and 12 m in the two seconds since, along two axes
@@ -87,7 +82,7 @@ def test_another_rate_than_told_is_said_once_and_does_no_harm(fast, samples, rat
         send(made, every, regular(0, int(6 * rate), rate))
         # the start is a told interval before the first sample
         assert [stamp for stamp in stamps(made, topics.NAV_FIX) if stamp > 0] == list(range(1, 7))
-        assert says(made, f"come at {rate:.0f} Hz, imu.rate says 200") == WARN
+        assert made.told(f"come at {rate:.0f} Hz, imu.rate says 200")[0] == WARN
         assert sum("imu.rate says" in text for _, text, _ in made.says()) <= 8
         assert "IMU samples missing" not in made.says()[-1][2]
         end = read_position(made.heard["nav/fix"][-1])
