@@ -3,7 +3,8 @@ others, serialised as the middleware would have it, in the order in which it was
 
 The nodes are the same classes, and all that `GraphNode` does is done; only what rclpy's node does
 is left out or done here. So there are no threads, no sockets and no waiting: a graph takes as long
-as its callbacks, its process may fork, and the same messages give the same answers."""
+as its callbacks, its process may fork, and the same messages give the same answers. Replays, the
+fault campaign, the policy and tests of single nodes are made of it."""
 
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping
