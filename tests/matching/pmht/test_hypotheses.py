@@ -13,7 +13,7 @@ from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
-from isogal.matching.pmht.hypotheses import CREDIBLE, FLOOR, LIGHT, MOST, Hypotheses
+from isogal.matching.pmht.hypotheses import CREDIBLE, FLOOR, LIGHT, MOST, NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.places import pruned, resolved, spread_over
@@ -195,17 +195,20 @@ def test_models_that_are_negligible_beside_their_neighbours_are_left_out():
     assert up.log_weight[new] - up.log_weight[up.which == last] == pytest.approx(prior)
 
 
-def test_a_negligible_neighbour_takes_the_places_of_the_model_beside_it():
-    """Its own are those that made it negligible: with them it would never be probable again."""
+def test_a_negligible_neighbour_of_a_smaller_sigma_takes_the_places_of_the_larger():
+    """Its own are those that made it negligible: with them it would never be probable again. One
+    of a larger sigma keeps its own."""
     which = models()
-    group = np.flatnonzero(which.group == 0)[:2]
+    group = np.flatnonzero(which.group == 0)[:3]
     which = Models._make(column[group] for column in which)
     bank = Hypotheses.before(which, np.diag(SIGMA**2))
-    bank.mean[:, 0] = [30.0, 9000.0]
-    after = with_needed(replace(bank, log_weight=np.array([0.0, -40.0])), 1)
-    np.testing.assert_array_equal(after.mean[:, 0], 30.0)
-    prior = which.log_prior[1] - which.log_prior[0]
-    assert after.log_weight[1] - after.log_weight[0] == pytest.approx(prior - LIGHT)
+    bank.mean[:, 0] = [9000.0, 30.0, -9000.0]
+    after = with_needed(replace(bank, log_weight=np.array([-40.0, 0.0, -50.0])), 1)
+    after = after.part(np.argsort(after.which))
+    np.testing.assert_array_equal(after.mean[:, 0], [30.0, 30.0, -9000.0])
+    prior = which.log_prior[0] - which.log_prior[1]
+    assert after.log_weight[0] - after.log_weight[1] == pytest.approx(prior - NEGLIGIBLE)
+    assert after.log_weight[2] == -50.0
 
 
 def test_a_model_without_an_error_of_the_map_gives_its_neighbour_an_unknown_one():
