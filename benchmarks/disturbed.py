@@ -25,8 +25,8 @@ from isogal.fields.known_gravity import known_gravity
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator, compensated
-from isogal.fusion.buffered import BufferedNavigator
 from isogal.fix import apply_fix
+from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD
 from isogal.fusion.state import FilterState

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from isogal.scenario import Scenario, load_scenario
-from isogal_ros.faults.process_faults import PROCESS_FAULTS
-from isogal_ros.faults.process_trial import record_reference, run_process_trial
+from isogal_ros.faults.catalogue import PROCESS_FAULTS
+from isogal_ros.faults.processes import run_process_trial
+from isogal_ros.faults.stage import Feed
 from isogal_ros.nodes.signals import Interrupt
 
 LIMIT = 1.3
@@ -27,18 +28,18 @@ def outcomes(scenario: Scenario, out: Path, times: int) -> list[dict[str, Any]]:
     """Run what has not been run yet, and return all."""
     path = out / "outcomes.json"
     done = json.loads(path.read_text()) if path.exists() else {}
-    kills = [fault for fault in PROCESS_FAULTS if fault.kind == "kill" and len(fault.nodes) == 1]
+    kills = [fault for fault in PROCESS_FAULTS if fault.effect == "killed"]
+    kills = [fault for fault in kills if len(fault.targets) == 1]
     for run in range(times):
-        bag = out / f"run-{run}"
-        if not bag.exists():
-            record_reference(scenario, bag, run, Interrupt())
-        for fault in kills:
+        missing = [fault for fault in kills if f"{fault.name}, {run}" not in done]
+        if not missing:
+            continue
+        feed = Feed(scenario, run)
+        for fault in missing:
             key = f"{fault.name}, {run}"
-            if key in done:
-                continue
-            found = run_process_trial(scenario, out / "running", bag, fault, run)
+            found = run_process_trial(feed, fault, out / "running", Interrupt())
             assert found is not None  # nobody stops it
-            done[key] = found.document()
+            done[key] = found
             path.write_text(json.dumps(done, indent=1))
             print(f"{fault.name}, run {run}: {done[key]}", flush=True)
     return list(done.values())

@@ -24,7 +24,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
 from isogal_ros import topics
-from isogal_ros.faults.trial import UNFORESEEN, shape
+from isogal_ros.faults.stage import without_numbers
+from isogal_ros.faults.trial import UNEXPECTED
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import node_class
 from isogal_ros.messages.imu import fill_imu
@@ -76,7 +77,7 @@ def one_node(scenario: Scenario, name: str, messages: int) -> dict[str, Any]:
         for topic in LISTENED[name]:
             fed(node, topic, generator(turn, 0, f"random messages: {topic.name}"))
             bus.run()
-        surprises.update(shape(text) for text in bus.errors if UNFORESEEN.search(text))
+        surprises.update(without_numbers(text) for text in bus.errors if UNEXPECTED.search(text))
         bus.errors.clear()
         bus.now += 1.0
         bus.tick()

@@ -20,7 +20,8 @@ import psutil
 
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
-from isogal_ros.faults.process_faults import PROCESS_FAULTS, Meddler
+from isogal_ros.faults.catalogue import PROCESS_FAULTS
+from isogal_ros.faults.processes import Signals
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.processes import Processes, run_processes
 from isogal_ros.nodes.signals import interrupts
@@ -38,26 +39,22 @@ SPEED = 22.0
 class Soak:
     """Looks at the processes, and does faults to them (`run_processes`)."""
 
-    def __init__(self, scenario: Scenario, per_hour: float, interrupt: Any) -> None:
+    def __init__(self, scenario: Scenario, per_hour: float) -> None:
         duration = scenario.route.duration or 0.0
         rng = generator(scenario.seed, 0, "soak")
-        mild = [fault for fault in PROCESS_FAULTS if fault.kind != "kill"]
+        mild = [fault for fault in PROCESS_FAULTS if fault.effect != "killed"]
         times = np.sort(rng.uniform(600.0, 0.98 * duration, int(per_hour * duration / 3600.0)))
-        self._meddlers = [
-            Meddler(mild[int(rng.integers(len(mild)))], float(t), interrupt) for t in times
-        ]
-        for meddler in self._meddlers:
-            meddler.limit = float("inf")
+        self._faults = [Signals(mild[int(rng.integers(len(mild)))], float(t)) for t in times]
         self._looked = 0.0
         self.seen: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
         """Simulated time, MB, open files by node."""
 
     def __call__(self, processes: Processes, simulated: float) -> None:
         """Do what is due when the run is at a simulated time (s)."""
-        while self._meddlers and self._meddlers[0].over:
-            del self._meddlers[0]
-        if self._meddlers:
-            self._meddlers[0](processes, simulated)
+        while self._faults and self._faults[0].over:
+            del self._faults[0]
+        if self._faults:
+            self._faults[0](processes, simulated)
         if time.monotonic() - self._looked < EVERY or simulated < 0.0:
             return
         self._looked = time.monotonic()
@@ -105,7 +102,7 @@ def main() -> None:
     folder = Path(tempfile.mkdtemp())
     try:
         with interrupts() as interrupt:
-            soak = Soak(scenario, options.faults, interrupt)
+            soak = Soak(scenario, options.faults)
             plan = Plan(scenario, folder / "bag")
             run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=soak)
     finally:

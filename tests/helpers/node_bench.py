@@ -1,15 +1,16 @@
-"""A bench for single nodes: feeds them messages and hears what they answer, over DDS, in this
-process."""
+"""A bench for single nodes: feeds them messages and hears what they answer, without
+middleware."""
 
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
 from isogal import plugins
 from isogal.fields.measured import measured_field, of_instrument
@@ -17,7 +18,7 @@ from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.bus import Bus, Publisher
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import Outcome, Plan, node_class
 from isogal_ros.messages.adapter import adapter_of, all_topics
@@ -30,16 +31,11 @@ from isogal_ros.messages.stamped_numbers import fill_numbers
 from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.nodes.signals import Interrupt
-from isogal_ros.nodes.spin import make_executor
 from isogal_ros.parameters.values import node_values
 from isogal_ros.topics import Topic
 
-PATIENCE = 60.0
-"""How long a test waits for what must come (s of wall time)."""
-
-ENDPOINTS = 4
-"""How often an endpoint is created that its peer does not find."""
-
+PATIENCE = 10.0
+"""s of wall time that a test waits for what must come."""
 NOT_IN_USE = (topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY, topics.SCALAR_FIELD)
 """Topics that nobody publishes in a graph without such sensors, whose start is known."""
 
@@ -80,86 +76,43 @@ def vector_reading(scenario: Scenario, seconds: float, values: Sequence[float]) 
 
 
 class Bench:
-    """One node under test and a probe."""
+    """One node under test on a bus: what is published to it is dealt with at once."""
 
-    def __init__(self, context: Any, name: str, scenario: Scenario, **own: Any) -> None:
-        self.executor = make_executor(context)
+    def __init__(self, name: str, scenario: Scenario, **own: Any) -> None:
+        self.bus, self.scenario = Bus(), scenario
         values = node_values(scenario, {"peers": [name]} | own, node_class(name).sections)
-        self.node = node_class(name)(name, values=values, context=context)
-        self.probe = Node("probe", context=context, use_global_arguments=False)
+        self.node = self.bus.add(name, values)
         self.heard: dict[str, list[Any]] = defaultdict(list)
-        self.publishers: dict[str, Any] = {}
-        self.clients: dict[str, Any] = {}
+        self.publishers: dict[str, Publisher] = {}
         for topic in all_topics(scenario):
-            self.probe.create_subscription(
-                topic.type, topic.name, self.heard[topic.name].append, topics.LOSSLESS
-            )
-        for node in (self.node, self.probe):
-            self.executor.add_node(node)
-        self.scenario = scenario
+            self.bus.hear(topic, partial(self._hear, topic))
+        self.bus.tick()
+
+    def _hear(self, topic: Topic, data: bytes) -> None:
+        self.heard[topic.name].append(deserialize_message(data, topic.type))
 
     def wait(self, condition: Callable[[], Any], what: str = "the node's answer") -> None:
-        """Spin until the condition holds."""
+        """Let timers come until the condition holds."""
         end = time.monotonic() + PATIENCE
         while not condition():
             assert time.monotonic() < end, f"waited in vain for {what}"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def settle(self, seconds: float = 0.3) -> None:
-        """Spin until nothing happens any more."""
-        end = time.monotonic() + seconds
-        count = -1
-        while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.05)
-            if (now := sum(map(len, self.heard.values()))) != count:
-                count, end = now, time.monotonic() + seconds
+            self.bus.tick()
+            time.sleep(1e-3)
 
     def publish(self, topic: Topic, message: Any) -> None:
         """Publish one message to the node."""
         self.publisher(topic).publish(message)
+        self.bus.run()
 
-    def publisher(self, topic: Topic) -> Any:
+    def publisher(self, topic: Topic) -> Publisher:
         """Return a publisher that the node listens to."""
         if topic.name not in self.publishers:
-            self.publishers[topic.name] = self._discovered(
-                lambda: self.probe.create_publisher(topic.type, topic.name, topics.LOSSLESS),
-                lambda made: made.get_subscription_count() >= 2,  # the probe hears itself as well
-                self.probe.destroy_publisher,
-                f"listeners of {topic.name}",
-            )
+            self.publishers[topic.name] = Publisher(topic.name, self.bus)
         return self.publishers[topic.name]
 
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Return what a service of the node answers. Its client is kept: one that comes and goes
-        is at times not found any more."""
-        if name not in self.clients:
-            self.clients[name] = self._discovered(
-                lambda: self.probe.create_client(kind, f"{self.node.get_name()}/{name}"),
-                lambda made: made.service_is_ready(),
-                self.probe.destroy_client,
-                f"service {name}",
-            )
-        answer = self.clients[name].call_async(request)
-        self.wait(answer.done, f"the answer of {name}")
-        return answer.result()
-
-    def _discovered(
-        self,
-        create: Callable[[], Any],
-        ready: Callable[[Any], bool],
-        destroy: Callable[[Any], Any],
-        what: str,
-    ) -> Any:
-        """Return an endpoint that its peer has found. On a loaded machine the middleware now and
-        then misses one for good: it is then created anew."""
-        for _ in range(ENDPOINTS):
-            made, end = create(), time.monotonic() + PATIENCE / ENDPOINTS
-            while time.monotonic() < end:
-                if ready(made):
-                    return made
-                self.executor.spin_once(timeout_sec=0.05)
-            destroy(made)
-        raise AssertionError(f"waited in vain for {what}")
+    def call(self, name: str, request: Any) -> Any:
+        """Return what a service of the node answers."""
+        return self.bus.services[self.node.get_name(), name](request)
 
     def imu(
         self,
@@ -248,21 +201,18 @@ class Bench:
             if not item.name.endswith("batch")
         ]
 
+    def told(self, words: str) -> tuple[bytes, str, dict[str, str]]:
+        """Wait for words in what the node says about itself; return the first of it."""
+        self.wait(lambda: any(words in text for _, text, _ in self.says()), words)
+        return next(one for one in self.says() if words in one[1])
+
 
 @contextmanager
 def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:
     """A bench with one node on it."""
-    with claim_domain() as domain, local_context(domain) as context:
-        made = Bench(context, name, scenario, **own)
-        try:
-            yield made
-        finally:
-            made.executor.shutdown()
-            for node in (made.node, made.probe):
-                node.destroy_node()
-            # it keeps what it has had, and others would find that for as long as anybody, as the
-            # traceback of a failed test, keeps the executor
-            made.executor.shutdown()
+    made = Bench(name, scenario, **own)
+    yield made
+    made.node.destroy_node()
 
 
 def run_here(scenario: Scenario, bag: Path | None) -> Outcome:

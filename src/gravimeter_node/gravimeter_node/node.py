@@ -82,11 +82,6 @@ class GravimeterNode(GraphNode):
         self._outputs = Outputs(self)
         self._queue = NavQueue(self, self.scenario, self._reduce)
 
-    @property
-    def unused(self) -> int:
-        """Raw readings received that are not reduced."""
-        return self._left_out + self.health.dropped.get(self._adapter.raw.name, 0)
-
     def _feel(self, data: bytes) -> None:
         ns = peek_ns(data)
         require_later(ns, self._newest - 1)  # a step may come again

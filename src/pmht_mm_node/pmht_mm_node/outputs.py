@@ -21,8 +21,6 @@ class Outputs:
     """Publishers and messages."""
 
     def __init__(self, node: GraphNode) -> None:
-        self.fixes = 0
-        """Messages on pmht_mm/fix published."""
         self._retrodict = node.scenario.matcher.mode == "retrodiction"
         self._candidates, self._fix = node.advertise(topics.CANDIDATES), node.advertise(topics.FIX)
         self._whole = node.advertise(topics.INFORMATION)
@@ -60,4 +58,3 @@ class Outputs:
             place = fix.latitude, fix.longitude, height
             fill_pose(self._m_pose, ns, self._frame, place, fix.covariance)
             self._pose.publish(self._m_pose)
-        self.fixes += 1

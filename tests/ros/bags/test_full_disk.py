@@ -97,13 +97,11 @@ def test_what_was_written_can_be_read(small_disk, tmp_path) -> None:
 
 def test_the_recorder_ends_and_says_so(small_disk, scenario, tmp_path) -> None:
     with bench(RECORDER, scenario(), bag=str(tmp_path / "bag"), compress=False) as made:
-        publisher = made.publisher(topics.IMU)
         message = topics.IMU.type()
         for k in range(3000):
             message.header.stamp.sec = k
-            publisher.publish(message)
+            made.publish(topics.IMU, message)
         made.wait(lambda: made.node.finished, "the recorder's end")
-        made.settle()
         assert made.node.exit_code == 1
         assert "cannot be written: No space left on device" in made.node.failure
         assert made.says()[-1][0] == ERROR
@@ -111,7 +109,7 @@ def test_the_recorder_ends_and_says_so(small_disk, scenario, tmp_path) -> None:
     assert whole(tmp_path / "bag") > 500
 
 
-def test_a_real_disk_that_is_full(disk, scenario, capfd) -> None:
+def test_a_real_disk_that_is_full(disk, scenario) -> None:
     """Where metadata.yaml finds no room either, none of the messages could be read."""
     with bench(RECORDER, scenario(), bag=str(disk / "bag"), compress=False) as made:
         made.wait(lambda: made.says() and made.says()[-1][0] == WARN)
@@ -123,11 +121,11 @@ def test_a_real_disk_that_is_full(disk, scenario, capfd) -> None:
             assert count < 20_000
             message.header.stamp.sec = count
             publisher.publish(message)
-            made.executor.spin_once(timeout_sec=0.0)
+            made.bus.run()
         made.node.close()
         assert made.node.exit_code == 1
     assert 500 < whole(disk / "bag") <= count
-    complaints = [line for line in capfd.readouterr().err.splitlines() if "cannot be" in line]
+    complaints = [line for line in made.bus.errors if "cannot be" in line]
     assert len(complaints) == 1
     assert "No space left on device; the recording ends here, and can be read" in complaints[0]
 

@@ -1,6 +1,6 @@
-"""A map that is not what it is taken for: what is said of it, and what it does."""
+"""A map that is not what it is assumed to be: what is reported, and what it does."""
 
-from dataclasses import replace
+from copy import copy
 
 import pytest
 from rclpy.serialization import deserialize_message
@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message
 from helpers.batches import field_map_of, wavy
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal_ros import topics
-from isogal_ros.faults.outcome import track_of
+from isogal_ros.faults.judgement import track_of, two_batches
 from isogal_ros.faults.stage import Feed, Stage
 from isogal_ros.nodes.health import OK
 
@@ -24,11 +24,11 @@ WRONG = {
 def feed(scenario) -> Feed:
     """Twelve minutes over the map as it is."""
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
-    return Feed.of(scenario("route.duration=720.0", *own), 0)
+    return Feed(scenario("route.duration=720.0", *own), 0)
 
 
 @pytest.mark.parametrize("what", ["as it is", *WRONG])
-def test_a_wrong_map_is_told_and_does_no_harm(feed, tmp_path, what) -> None:
+def test_a_wrong_map_is_reported_and_does_no_harm(feed, tmp_path, what) -> None:
     taken = feed.scenario
     if what in WRONG:
         path = tmp_path / "wrong.nc"
@@ -36,16 +36,18 @@ def test_a_wrong_map_is_told_and_does_no_harm(feed, tmp_path, what) -> None:
         taken = taken.model_copy(
             update={"map": taken.map.model_copy(update={"source": str(path)})}
         )
-    stage = Stage(replace(feed, scenario=taken))
+    assumed = copy(feed)
+    assumed.scenario = taken
+    stage = Stage(assumed)
     levels, warned = {}, {}
     stage.bus.hear(topics.DIAGNOSTICS, lambda data: take_levels(data, levels))
     for ns in stage.stamps():
-        stage.play(ns)
+        stage.step(ns)
         warned[ns / 1e9] = any(levels.values())
     track = track_of(stage.collector)
-    told = [now for now, text in stage.heard if "agree" in text or "lost" in text]
-    assert bool(told) == (what in WRONG)
-    assert all(now <= stage.two_batches for now in told[:1])
+    reports = [now for now, text in stage.reports if "agree" in text or "lost" in text]
+    assert bool(reports) == (what in WRONG)
+    assert all(now <= two_batches(taken) for now in reports[:1])
     right = track.error < 3.0 * track.sigma
     silent = [
         t for t, is_right in zip(track.time, right, strict=True) if not (is_right or warned[t])

@@ -3,17 +3,14 @@
 import importlib.util
 import json
 import os
-import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from helpers.command_line import call
 from helpers.commands import isogal, sets
 from helpers.field_scenarios import GRADIENT
 from isogal.cli import run
-from isogal.cli.main import app, main
 from isogal.errors import InputError
 from isogal.fields import derived_maps
 from isogal.scenario import load_scenario
@@ -22,27 +19,18 @@ from isogal_ros.bags.writer import BagWriter
 from isogal_ros.faults import campaign
 
 
-def replayed(monkeypatch, capfd, *words: object) -> tuple[int, str, str]:
-    monkeypatch.setattr(sys, "argv", ["isogal", "replay", *map(str, words)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return end.value.code, *capfd.readouterr()
-
-
-def test_a_replay_beyond_the_tolerance_fails(recording, monkeypatch, capfd) -> None:
+def test_a_replay_beyond_the_tolerance_fails(recording) -> None:
     """Changed on purpose, any difference will do, unless a tolerance is given."""
     change = ("--set", "gravimeter.sigma=9e-5", "--json")
-    code, out, _ = replayed(monkeypatch, capfd, recording, *change)
+    code, out, _ = call("replay", recording, *change)
     assert code == 0
     assert json.loads(out)["largest_difference_m"] > 0.01
-    code, _, err = replayed(monkeypatch, capfd, recording, *change, "--tolerance", "0.01")
+    code, _, err = call("replay", recording, *change, "--tolerance", "0.01")
     assert code == 1
     assert "tolerance 0.01 m" in err
 
 
-def test_a_bag_without_scenario_is_refused_unless_told(
-    recording, settings, tmp_path, monkeypatch, capfd
-) -> None:
+def test_a_bag_without_scenario_is_refused_unless_told(recording, settings, tmp_path) -> None:
     """Rewritten by another tool; it once was replayed with the default scenario, exit 0."""
     writer = BagWriter(tmp_path / "poor")
     reader = BagReader(recording)
@@ -51,7 +39,7 @@ def test_a_bag_without_scenario_is_refused_unless_told(
             writer.add_topic(message.topic, reader.types[message.topic], [], "")
         writer.write(message.topic, message.data, message.log_ns, message.log_ns)
     writer.close()
-    code, _, err = replayed(monkeypatch, capfd, tmp_path / "poor")
+    code, _, err = call("replay", tmp_path / "poor")
     assert code == 2
     assert "the bag has no scenario" in err
     import yaml
@@ -60,7 +48,7 @@ def test_a_bag_without_scenario_is_refused_unless_told(
     scenario = load_scenario(None, settings())
     file.write_text(yaml.safe_dump(scenario.model_dump(mode="json")))
     words = ("--scenario", file, "--tolerance", "1e-3")
-    code, out, err = replayed(monkeypatch, capfd, tmp_path / "poor", *words)
+    code, out, err = call("replay", tmp_path / "poor", *words)
     assert code == 0, err
     assert "disagreements: 0" in out
 
@@ -118,9 +106,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("words", "expected"), BAD, ids=[expected for _, expected in BAD])
-def test_bad_input_is_one_line_and_exit_2(
-    settings, tmp_path, monkeypatch, capsys, words, expected
-) -> None:
+def test_bad_input_is_one_line_and_exit_2(settings, tmp_path, words, expected) -> None:
 
     (tmp_path / "file").write_text("x")
     (tmp_path / "no.mcap").write_bytes(b"no bag")
@@ -129,12 +115,9 @@ def test_bad_input_is_one_line_and_exit_2(
     line = []
     for word in words:
         line += sets(settings()) if word == "SETTINGS" else [word.replace("TMP", str(tmp_path))]
-    monkeypatch.setattr(sys, "argv", ["isogal", *line])
-    with pytest.raises(SystemExit) as end:
-        main()
-    out, err = capsys.readouterr()
+    status, out, err = call(*line)
     (message,) = [text for text in err.strip().splitlines() if not text.startswith("Preparing")]
-    assert end.value.code == 2
+    assert status == 2
     assert message.startswith("isogal: ")
     assert expected in message
     assert out == ""
@@ -193,12 +176,10 @@ def test_a_gradiometers_bad_input_is_refused_before_any_node_starts(
     # maps are computed in this process: how a refusal comes from another, tests/fields shows
     monkeypatch.setattr(derived_maps.subprocess, "run", none_left)
     options = [item for text in (*settings(*GRADIENT), *overrides) for item in ("--set", text)]
-    result = CliRunner().invoke(
-        app,
-        [verb, *options, "--out", str(tmp_path / "out"), *(["--runs", "1"] * (verb != "run"))],
-    )
-    assert result.exit_code != 0
-    said = str(result.exception) + result.output
+    more = [] if verb == "run" else ["--runs", 1]
+    status, out, err = call(verb, *options, "--out", tmp_path / "out", *more)
+    assert status == 2
+    said = out + err
     assert words in said
     assert "ROS domain" not in said
     assert not (tmp_path / "out" / "bag").exists()

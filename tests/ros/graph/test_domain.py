@@ -17,7 +17,6 @@ from isogal.cli.main import main
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.domain import (
     DOMAIN,
     claim_domain,
@@ -27,8 +26,6 @@ from isogal_ros.graph.domain import (
     participants,
 )
 from isogal_ros.graph.domain import local_context as in_domain
-from isogal_ros.graph.replay import replay
-from isogal_ros.nodes.signals import Interrupt
 
 NAMES = names_of(Scenario())
 PUBLISHER = """
@@ -144,7 +141,7 @@ def test_two_graphs_that_start_at_once_are_kept_apart(other_domain, capsys) -> N
     """When neither has a publisher yet."""
     with graph_domain(NAMES) as first, graph_domain(NAMES) as second:
         assert first == other_domain != second
-        assert "another isogal run or replay is in it" in capsys.readouterr().err
+        assert "another isogal run is in it" in capsys.readouterr().err
         with pytest.raises(InputError, match="another isogal run"), graph_domain(NAMES, first):
             pass
     with graph_domain(NAMES, other_domain) as again:
@@ -159,10 +156,8 @@ def without_garbage_collection() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("without_garbage_collection")
-def test_a_graph_that_has_ended_is_not_there_any_more(other_domain, recording, scenario) -> None:
+def test_a_graph_that_has_ended_is_not_there_any_more(other_domain, scenario) -> None:
     """It once was until Python searched for garbage, so that a second one took another domain."""
-    replay(BagReader(recording), Interrupt(), lambda progress: None)
-    assert participants(other_domain) == 0
     run_here(scenario("route.duration=60.0"), None)
     assert participants(other_domain) == 0
 
@@ -190,15 +185,17 @@ def test_the_commands_stay_out_of_a_domain_with_a_driver(
             main()
         return end.value.code, *capfd.readouterr()
 
-    status, out, err = call("replay", recording)
+    status, out, err = call("replay", recording, "--domain", driver)
     assert status == 0, err
     assert "disagreements: 0" in out
+    assert "--domain: a replay needs no ROS domain any more; ignored" in err
+    words = ["run", "--in-process", "--out", tmp_path]
+    words += [word for item in settings("route.duration=60.0") for word in ("--set", item)]
+    status, _, err = call(*words)
+    assert status == 0, err
     said = rf"isogal: {DOMAIN}={driver}: another node in it publishes \S+; taking domain (\d+)"
     assert int(re.search(said, err)[1]) != driver
     refused = f"isogal: --domain {driver}: another node in it publishes imu/data_raw; end it"
-    run = ["run", "--out", tmp_path]
-    run += [word for item in settings() for word in ("--set", item)]
-    for words in (["replay", recording], run, [*run, "--in-process"]):
-        status, out, err = call(*words, "--domain", driver)
-        assert (status, out) == (2, "")
-        assert err.splitlines()[-1].startswith(refused)
+    status, out, err = call(*words, "--domain", driver)
+    assert (status, out) == (2, "")
+    assert err.splitlines()[-1].startswith(refused)

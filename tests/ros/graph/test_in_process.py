@@ -162,22 +162,6 @@ def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
     np.testing.assert_allclose(graph.error[0, -2], library.error[0, -2], atol=1.0)
 
 
-def test_an_interrupt_keeps_the_bag(scenario, tmp_path) -> None:
-    interrupt = Interrupt()
-
-    def report(progress) -> None:
-        if progress.simulated > 50.0:
-            interrupt(2)
-
-    outcome = run_in_process(
-        Plan(scenario("route.duration=1900.0"), tmp_path / "bag", rate=100.0), interrupt, report
-    )
-    assert outcome.interrupted
-    collector = collect(tmp_path / "bag")
-    assert 50 < len(collector.truth) < 1900
-    assert len(collector.last_nav) >= len(collector.truth) - 2
-
-
 def test_a_node_that_cannot_start(scenario, tmp_path) -> None:
     with pytest.raises(InputError, match="does not cover the route"):
         run_here(

@@ -5,7 +5,7 @@ import numpy as np
 
 from helpers.magnetics import aircraft
 from helpers.node_bench import run_here
-from helpers.recordings import record, same
+from helpers.recordings import collect, nav_positions, record, same
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import changed_scenario
@@ -40,3 +40,9 @@ def test_a_cold_start(magnetic, tmp_path) -> None:
     assert comparison.recorded == comparison.common > 0
     assert comparison.largest_difference < 1e-3
     assert "/magnetometer/terms" in reader.types
+    # the readings of both instruments are reduced anew for a matcher that does otherwise
+    other = changed_scenario(scenario, ["matcher.map_sigma=4"], "test")
+    result = replay(BagReader(tmp_path / "bag"), Interrupt(), lambda progress: None, other)
+    run_here(other, tmp_path / "other")
+    ran = collect(tmp_path / "other")
+    np.testing.assert_allclose(nav_positions(result.outputs), nav_positions(ran), atol=1e-12)

@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,12 +12,11 @@ import numpy as np
 import psutil
 import pytest
 
-from helpers.command_line import call
+from helpers.command_line import answer, call
 from helpers.commands import PATIENCE, command, sets, wait_for
 from helpers.own_memory import left_of, own_memory
 from helpers.recordings import collect, nav_positions
 from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, start
-from isogal.cli.main import main
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
@@ -124,14 +122,9 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert "Traceback" not in result.stderr
 
 
-def test_the_replay_command(finished, tmp_path, monkeypatch, capfd) -> None:
+def test_the_replay_command(finished, tmp_path) -> None:
     out = finished.out
-    words = ("replay", out / "bag", "--json", "--out", tmp_path / "again")
-    monkeypatch.setattr(sys, "argv", ["isogal", *map(str, words)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 0
-    document = json.loads(capfd.readouterr().out)
+    document = json.loads(answer("replay", out / "bag", "--json", "--out", tmp_path / "again"))
     assert (
         document["fixes"]["recorded"]
         == document["fixes"]["replayed"]

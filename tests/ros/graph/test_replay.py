@@ -11,9 +11,7 @@ from helpers.recordings import collect, nav_positions
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.writer import BagWriter
 from isogal_ros.graph import recorded as of_bag
 from isogal_ros.graph.replay import replay
 from isogal_ros.nodes.signals import Interrupt
@@ -53,19 +51,6 @@ def test_it_can_be_interrupted(recording) -> None:
     result = replay(BagReader(recording), interrupt, lambda progress: None)
     assert result.interrupted
     assert result.simulated == 0.0
-
-
-def test_a_bag_without_what_is_needed(recording, tmp_path) -> None:
-    writer = BagWriter(tmp_path / "poor")
-    writer.add_topic("/nav/fix", "sensor_msgs/msg/NavSatFix", qos_entries([topics.LOSSLESS]), "")
-    for message in BagReader(recording).messages():
-        if message.topic == "/nav/fix":
-            writer.write("/nav/fix", message.data, message.log_ns, message.log_ns)
-    writer.close()
-    with pytest.raises(InputError) as error:
-        replay(BagReader(tmp_path / "poor"), Interrupt(), lambda progress: None)
-    text = str(error.value)
-    assert "the bag has no scenario" in text
 
 
 @pytest.mark.parametrize("field", ["magnetic", "terrain", "gradient"])

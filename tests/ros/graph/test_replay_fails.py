@@ -1,14 +1,12 @@
 """A replay that has shown nothing fails, and says why; none claims what it has not done."""
 
 import json
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from helpers.command_line import call
 from helpers.recordings import in_frame, rewritten
-from isogal.cli.main import main
 from isogal_ros import topics
 
 FRAMES = {
@@ -49,22 +47,13 @@ Answer = tuple[int, str, list[str]]
 """Exit status, standard output, and the command's own lines on standard error."""
 
 
-@pytest.fixture
-def replayed(monkeypatch, capfd) -> Callable[..., Answer]:
-    """Call the command; its nodes need a standard error stream that is a file."""
-
-    def call(*words: object) -> Answer:
-        monkeypatch.setattr(sys, "argv", ["isogal", "replay", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        out, err = capfd.readouterr()
-        assert "Traceback" not in err
-        return end.value.code, out, [line for line in err.splitlines() if line[:8] == "isogal: "]
-
-    return call
+def replayed(*words: object) -> Answer:
+    status, out, err = call("replay", *words)
+    assert "Traceback" not in err
+    return status, out, [line for line in err.splitlines() if line[:8] == "isogal: "]
 
 
-def test_other_frames_fail_and_are_named(framed, tmp_path, replayed) -> None:
+def test_other_frames_fail_and_are_named(framed, tmp_path) -> None:
     """It once ended with "disagreements: 0", exit status 0 and the path of a report that was not
     there."""
     status, out, lines = replayed(framed("/"), "--out", tmp_path / "out")
@@ -81,7 +70,7 @@ def test_other_frames_fail_and_are_named(framed, tmp_path, replayed) -> None:
     assert not (tmp_path / "out" / "report.html").exists()
 
 
-def test_readings_of_another_frame_fail(framed, replayed) -> None:
+def test_readings_of_another_frame_fail(framed) -> None:
     """The readings that the scenario matches, reduced when they were recorded."""
     status, _, (gravity, fixes) = replayed(framed("/gravimeter"))
     assert status == 1
@@ -89,14 +78,14 @@ def test_readings_of_another_frame_fail(framed, replayed) -> None:
     assert "no fix: 6 batches gave none: only 0 of 6 scans have a reading" in fixes
 
 
-def test_the_instruments_own_readings_of_another_frame_fail(framed, replayed) -> None:
+def test_the_instruments_own_readings_of_another_frame_fail(framed) -> None:
     """Reduced anew, they were waited for in vain."""
     status, _, lines = replayed(framed("/gravimeter"), "--set", "gravimeter.sigma=9e-5")
     assert status == 1
     assert "gravimeter/data_raw: none of 36 messages was used: 36 dropped: frame_id" in lines[0]
 
 
-def test_the_parameter_that_is_named_mends_it(framed, replayed) -> None:
+def test_the_parameter_that_is_named_mends_it(framed) -> None:
     status, out, lines = replayed(
         framed("/imu"), "--parameter", "imu_frame=imu_link", "--tolerance", 1e-3
     )
@@ -104,14 +93,14 @@ def test_the_parameter_that_is_named_mends_it(framed, replayed) -> None:
     assert "disagreements: 0" in out
 
 
-def test_a_filter_that_never_starts_is_told_of(recording, replayed) -> None:
+def test_a_filter_that_never_starts_is_told_of(recording) -> None:
     status, _, lines = replayed(recording, "--parameter", "start_time=-5000")
     assert status == 1
     assert "imu/data_raw: none of 360 messages was used: waits for a pose" in lines[0]
     assert "start_time" in lines[0]
 
 
-def test_samples_that_are_dropped_on_the_way_do_not_stop_it(recording, tmp_path, replayed) -> None:
+def test_samples_that_are_dropped_on_the_way_do_not_stop_it(recording, tmp_path) -> None:
     """It once waited two minutes for the answer to a reading of a time without them, and gave
     up."""
     number = 0
@@ -128,7 +117,7 @@ def test_samples_that_are_dropped_on_the_way_do_not_stop_it(recording, tmp_path,
     assert not any("waited" in line for line in lines)
 
 
-def test_nothing_is_compared_without_recorded_fixes(sensors_only, tmp_path, replayed) -> None:
+def test_nothing_is_compared_without_recorded_fixes(sensors_only, tmp_path) -> None:
     """It once said "disagreements" of each fix, and claimed a report."""
     words = (sensors_only, "--out", tmp_path / "out")
     status, out, lines = replayed(*words)
@@ -149,7 +138,7 @@ def test_nothing_is_compared_without_recorded_fixes(sensors_only, tmp_path, repl
     assert "there are no fixes in the recording (pmht_mm/fix) to compare with" in lines[0]
 
 
-def test_a_sensor_that_the_recording_lacks_is_named_with_its_key(recording, replayed) -> None:
+def test_a_sensor_that_the_recording_lacks_is_named_with_its_key(recording) -> None:
     change = "height={source: barometer}"
     status, _, (line,) = replayed(recording, "--set", change)
     assert status == 2
@@ -168,7 +157,7 @@ def test_a_sensor_that_the_recording_lacks_is_named_with_its_key(recording, repl
         ("start_position=[1.0]", "--parameter: start_position"),
     ],
 )
-def test_a_parameter_that_is_none_is_refused(recording, text, expected, replayed) -> None:
+def test_a_parameter_that_is_none_is_refused(recording, text, expected) -> None:
     status, out, (line,) = replayed(recording, "--parameter", text)
     assert (status, out) == (2, "")
     assert expected in line

@@ -56,7 +56,7 @@ def test_more_beams_than_wanted_in_other_layouts():
         for name, offset, kind in (("i", 0, 7), ("y", 4, 8), ("z", 12, 8), ("x", 20, 8))
     ]
     message.is_bigendian, message.point_step = True, table.itemsize
-    message.width, message.data = 41, table.tobytes()
+    message.width, message.height, message.data = 41, 1, table.tobytes()
     found, _ = points.read_raw(message)
     assert found.shape == (5, 3)
     np.testing.assert_array_equal(found[:, 2], 50.0)
@@ -80,8 +80,8 @@ def test_footprints_there_and_back():
     ("change", "said"),
     [
         ({"fields": []}, "fields x, y and z"),
-        ({"data": b""}, "points are too many"),
-        ({"point_step": 8}, "beyond the point"),
+        ({"data": b""}, "beyond the end of the data"),
+        ({"point_step": 8}, "field z lies beyond"),
     ],
 )
 def test_bad_points_are_refused(change, said):

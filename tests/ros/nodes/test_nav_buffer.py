@@ -18,7 +18,7 @@ from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
-from isogal_ros.nodes import nav_buffer, nav_queue
+from isogal_ros.nodes import nav_buffer
 from isogal_ros.nodes.nav_buffer import NavBuffer
 
 S = 10**9
@@ -73,18 +73,6 @@ class Buffer:
 PLACE = (math.radians(-37.9), math.radians(144.6))
 
 
-def test_the_state_of_a_stamp() -> None:
-    buffer = Buffer()
-    assert buffer.buffer.at(5 * S) is None
-    buffer.feed(5 * S, *PLACE)
-    sample = buffer.buffer.at(5 * S)
-    assert sample.position[:2] == pytest.approx(PLACE, abs=1e-15)
-    assert sample.velocity == pytest.approx([10.0, 0.0, 0.0], abs=1e-12)
-    assert sample.covariance.shape == (7, 7)
-    assert sample.height_variance == 0.01
-    assert buffer.arrivals == 3
-
-
 def test_it_waits_for_the_covariance_where_it_is_published() -> None:
     for publishers in (0, 1):
         buffer = Buffer(publishers)
@@ -103,24 +91,6 @@ def test_it_does_not_wait_where_a_later_covariance_has_come() -> None:
     assert buffer.buffer.at(5 * S).covariance.shape == (4, 4)
 
 
-def test_a_stamp_between_two_states() -> None:
-    buffer = Buffer()
-    buffer.feed(5 * S, *PLACE)
-    assert buffer.buffer.at(5 * S + S // 2) is None
-    buffer.feed(6 * S, *PLACE)
-    sample = buffer.buffer.at(5 * S + S // 2)
-    assert (sample.position[0] - PLACE[0]) * 6.36e6 == pytest.approx(5.0, abs=0.05)
-    assert sample.position[1] == pytest.approx(PLACE[1], abs=1e-15)
-
-
-def test_a_stamp_in_a_gap_is_said() -> None:
-    buffer = Buffer()
-    buffer.feed(5 * S, *PLACE)
-    buffer.feed(20 * S, *PLACE)
-    with pytest.raises(BadMessageError, match=r"said nothing about 12\.000 s"):
-        buffer.buffer.at(12 * S)
-
-
 def test_a_second_message_of_a_stamp_is_a_jump() -> None:
     buffer = Buffer()
     buffer.feed(5 * S, *PLACE)
@@ -133,34 +103,6 @@ def test_a_second_message_of_a_stamp_is_a_jump() -> None:
     assert second.change == pytest.approx([0.0, -50.3, 0.0, -1.0, 0, 0, 0], abs=0.1)
     assert buffer.buffer.at(5 * S).velocity[0] == pytest.approx(10.0)  # the state before any fix
     assert buffer.buffer.take_jumps(6 * S) == []
-
-
-def test_jumps_wait_for_their_scan() -> None:
-    buffer = Buffer()
-    buffer.feed(5 * S, *PLACE)
-    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1])
-    assert buffer.buffer.take_jumps(5 * S) == []
-    assert len(buffer.buffer.take_jumps(5 * S + 1)) == 1
-
-
-def test_nothing_moved_is_no_jump() -> None:
-    buffer = Buffer()
-    buffer.feed(5 * S, *PLACE)
-    buffer.feed(5 * S, *PLACE)
-    assert buffer.buffer.jumps == []
-
-
-def test_topics_may_run_ahead_of_each_other() -> None:
-    buffer = Buffer()
-    pairs = [nav_messages(5 * S, PLACE[0] + i * 1e-5, PLACE[1]) for i in range(3)]
-    buffer.handlers[topics.NAV_COVARIANCE.name](pairs[0][2])
-    for fix, _, _ in pairs:
-        buffer.handlers[topics.NAV_FIX.name](fix)
-    assert buffer.buffer.at(5 * S) is None
-    for _, odom, _ in pairs:
-        buffer.handlers[topics.NAV_ODOM.name](odom)
-    assert [jump.change[0] for jump in buffer.buffer.jumps] == pytest.approx([63.6, 63.6], abs=0.1)
-    assert buffer.buffer.at(5 * S).position[0] == pytest.approx(PLACE[0], abs=1e-15)
 
 
 def test_old_states_are_dropped() -> None:
@@ -184,21 +126,6 @@ def test_a_flood_is_not_kept(monkeypatch) -> None:
         buffer.feed(k * S, *PLACE)
         buffer.feed(k * S, PLACE[0] + 1e-6, PLACE[1])
     assert [jump.ns for jump in buffer.buffer.jumps] == [k * S for k in range(12, 20)]
-
-
-def test_readings_do_not_wait_for_ever(monkeypatch) -> None:
-    """The navigator says nothing: they are handed on without it, and that is counted."""
-    monkeypatch.setattr(nav_queue, "LONGEST", 8)
-    drops, handed = [], []
-    listener = SimpleNamespace(get_publisher_count=lambda: 0)
-    health = SimpleNamespace(drop=lambda *a: drops.append(a), tick=lambda ns: None)
-    node = SimpleNamespace(listen=lambda *a, **k: listener, health=health)
-    queue = nav_queue.NavQueue(node, SCENARIO, lambda *item: handed.append(item))
-    for k in range(20):
-        queue.put(k * S, k)
-    assert handed == [(k * S, k, None) for k in range(12)]
-    assert len(queue.waiting) == 8
-    assert len(drops) == 12
 
 
 def test_a_gap_has_the_states_at_either_side() -> None:

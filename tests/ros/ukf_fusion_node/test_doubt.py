@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from isogal_ros import topics
-from isogal_ros.faults.outcome import track_of
+from isogal_ros.faults.judgement import track_of
 from isogal_ros.faults.stage import Feed, Stage
 from isogal_ros.nodes.health import OK
 from ukf_fusion_node.doubt import Doubt
@@ -44,14 +44,14 @@ def elbow(degrees: float) -> str:
 def test_a_sharp_turn_in_a_gap_is_never_silent(scenario, degrees) -> None:
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
     turning = scenario(elbow(degrees), "route.turn_rate=0.1", "route.duration=960.0", *own)
-    stage, wrong = Stage(Feed.of(turning, 0)), {}
+    stage, wrong = Stage(Feed(turning, 0)), {}
     stage.bus.hear(topics.DIAGNOSTICS, lambda data: take(data, wrong))
     stage.bus.change = lambda topic, data: (
         [] if topic == topics.IMU.name and abs(stage.bus.now - 600.0) <= GAP / 2.0 else [data]
     )
     told = {}
     for ns in stage.stamps():
-        stage.play(ns)
+        stage.step(ns)
         told[ns / 1e9] = any(wrong.values())
     track = track_of(stage.collector)
     after = track.time > 600.0

@@ -38,21 +38,6 @@ class Time:
         return self.now
 
 
-@pytest.mark.parametrize("gap", [0.0, 40.0, 1000.0])
-def test_a_whole_fix_waits_for_nothing_and_is_used_once(gap) -> None:
-    clock = Time()
-    queue = FixQueue(lambda: 1, clock=clock)
-    queue.add_whole(10, WHOLE)
-    assert queue.due(gap * 1e9) == [(10, WHOLE)]
-    clock.now = gap
-    queue.add_position(10, POSITION)
-    assert not queue
-    assert queue.due(10**18) == []
-    for add, what in ((queue.add_whole, WHOLE), (queue.add_position, POSITION)):
-        with pytest.raises(BadMessageError, match="has come before"):
-            add(10, what)
-
-
 def test_a_stamp_that_nobody_has_set_is_refused() -> None:
     """Within the horizon it would be a fix of the run's beginning."""
     queue = FixQueue(lambda: 1)

@@ -120,8 +120,6 @@ def test_after_a_reset_time_may_begin_anew(scenario) -> None:
     with bench(topics.UKF_FUSION, scenario()) as made:
         for k in (1, 2, 3, 1):
             made.imu(k)
-        made.wait(lambda: made.node.samples == 4)
-        assert made.call(Trigger, "reset", Trigger.Request()).success
+        assert made.call("reset", Trigger.Request()).success
         made.imu(1)
-        made.wait(lambda: len(made.heard["nav/odom"]) == 6)
         assert stamps(made, topics.NAV_ODOM) == [0, 1, 2, 3, 0, 1]

@@ -44,10 +44,3 @@ def test_a_wave_is_not_a_fault() -> None:
     for time in np.arange(0.0, 300.0):
         force = UP + wave * np.sin(2.0 * np.pi * time / 10.0)
         assert upright.take(time, force, np.array([1.0, 0.0, 0.0, 0.0])) is None
-
-
-def test_it_is_over_a_minute_after_it_is_over() -> None:
-    upright, level = Upright(), np.array([1.0, 0.0, 0.0, 0.0])
-    said = [upright.take(t, -UP if t < 100.0 else UP, level) for t in np.arange(0.0, 300.0)]
-    assert said[61:121] == [said[61]] * 60
-    assert said[-1] is None

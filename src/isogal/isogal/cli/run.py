@@ -121,7 +121,10 @@ def replay(
             help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
         ),
     ] = None,
-    domain: Domain = None,
+    domain: Annotated[
+        int | None,
+        typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Feed a recording's sensor messages to a fresh matcher and filter; say how far the fixes
@@ -133,6 +136,8 @@ def replay(
     from isogal.scenario import load_scenario
     from isogal_ros.graph.commands import replay_command
 
+    if domain is not None:
+        typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
     bag = bag / "bag" if (bag / "bag").is_dir() else bag
     status = replay_command(
         bag,
@@ -140,7 +145,6 @@ def replay(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
-        domain=domain,
         tolerance=tolerance,
         json=json,
     )
@@ -152,9 +156,7 @@ def faults(
     chosen: ScenarioChoice,
     out: Annotated[
         Path,
-        written_folder(
-            "Folder of recordings, outcomes and table; what is there is not run again."
-        ),
+        written_folder("Folder of outcomes and table; what is there is not run again."),
     ],
     quick: Annotated[
         bool, typer.Option("--quick", help="A few faults over ten minutes instead of all.")
@@ -173,12 +175,12 @@ def faults(
     ] = 1,
     json: Json = False,
 ) -> None:
-    """Run the nodes with faulty sensors, messages, nodes and processes: what is told, what harm is
-    done.
+    """Run the nodes with faulty sensors, messages, nodes and processes: what is reported, what
+    harm is done.
 
     Exits with 1 where a trial died or hung, something not finite was published, an exception was
-    not foreseen, a fault that matters was not told within two batches, or the error stayed more
-    than 1.3 times as large as without."""
+    not expected, a fault that matters was not reported within two batches, or the error stayed
+    more than 1.3 times as large as without."""
     require_ros()
     from isogal_ros.graph.commands import faults_command
 

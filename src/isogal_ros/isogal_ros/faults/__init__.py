@@ -1,11 +1,9 @@
 """The fault campaign: what the navigator does with sensors, messages, nodes and processes that
 fail.
 
-catalogue       which faults of messages are there, and what do they do to one?
-node_faults     faults of nodes within one process
-stage           the sensors of a run, and fresh nodes that they are played to
-trial           a run with a fault in it
-process_faults, process_trial   the same of faults of processes
-outcome         what became of the navigator
-campaign        many trials, one after the other
-table           and their table"""
+catalogue   which faults are there, and what does each do?
+stage       a run without fault, and fresh nodes that its sensors are played to
+trial       a run with one fault in it, in this process
+processes   the same with a process for each node
+judgement   what became of the navigator, and was that right? the table
+campaign    many trials, one after the other"""

@@ -2,26 +2,24 @@
 interrupted and goes on, and a table in the end."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from isogal.files import write_atomic
 from isogal.scenario import Scenario
-from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
-from isogal_ros.faults.node_faults import NODE_FAULTS, NodeFault
-from isogal_ros.faults.outcome import Outcome
-from isogal_ros.faults.process_faults import PROCESS_FAULTS, ProcessFault
-from isogal_ros.faults.process_trial import record_reference, run_process_trial
+from isogal_ros.faults.catalogue import MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS, QUICK, Fault
+from isogal_ros.faults.judgement import Row, page_of, table_of
+from isogal_ros.faults.processes import run_process_trial
 from isogal_ros.faults.stage import Feed
-from isogal_ros.faults.table import write_table
-from isogal_ros.faults.trial import Reference, run_trials
+from isogal_ros.faults.trial import run_trials
 from isogal_ros.nodes.signals import Interrupt
 
-OUTCOMES = "outcomes.jsonl"
+OUTCOMES, TABLE, PAGE = "outcomes.jsonl", "faults.json", "faults.md"
+KINDS = (MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS)
 QUICK_DURATION = 600.0
 """s of the route of a quick campaign."""
-Say = Callable[[str], None]
-AnyFault = Fault | NodeFault | ProcessFault
 
 
 def quick_scenario(scenario: Scenario) -> Scenario:
@@ -30,104 +28,28 @@ def quick_scenario(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"route": route})
 
 
-def chosen(quick: bool) -> tuple[Fault | NodeFault, ...]:
-    """Return the faults of a campaign within one process."""
-    every: tuple[Fault | NodeFault, ...] = (*FAULTS, *NODE_FAULTS)
-    return tuple(fault for fault in every if not quick or fault.name in QUICK)
-
-
-class Campaign:
-    """Runs what has not been run yet.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    out : Path
-        Folder of the outcomes.
-    interrupt : Interrupt
-    say : callable
-        Is told of each outcome.
-    """
-
-    def __init__(self, scenario: Scenario, out: Path, interrupt: Interrupt, say: Say) -> None:
-        self._scenario, self._out = scenario, out
-        self._interrupt, self._say = interrupt, say
-        self._done = _read(out / OUTCOMES)
-
-    def run(self, trials: int, quick: bool) -> None:
-        """Run the faults within one process, some trials of each.
-
-        Raises
-        ------
-        InputError
-            The scenario cannot be used.
-        GraphError
-            The run without fault failed.
-        """
-        faults = chosen(quick)
-        for trial in range(trials):
-            missing = [fault for fault in faults if (fault.name, trial) not in self._done]
-            if self._interrupt or not missing:
-                continue
-            feed = Feed.of(self._scenario, trial, self._interrupt)
-            if self._interrupt:
-                return
-            reference = Reference.of(feed, self._interrupt)
-            if self._interrupt:
-                return
-            if ("none", trial) not in self._done:
-                self._keep(reference.outcome(trial))
-            # checkpoints take time, and only nodes that are killed need them
-            for kind in (Fault, NodeFault):
-                some = [fault for fault in missing if isinstance(fault, kind)]
-                if self._interrupt or not some:
-                    continue
-                for outcome in run_trials(feed, some, reference, self._interrupt):
-                    self._keep(outcome)
-
-    def run_processes(self, trials: int) -> None:
-        """Run the faults of processes, some trials of each; raises as `run`."""
-        for trial in range(trials):
-            bag = self._out / f"recording-{trial}"
-            if not bag.exists():
-                self._say(f"Recording run {trial} ...")
-                if not record_reference(self._scenario, bag, trial, self._interrupt):
-                    return
-            for fault in PROCESS_FAULTS:
-                if (fault.name, trial) not in self._done and not self._interrupt:
-                    folder = self._out / "running"
-                    outcome = run_process_trial(
-                        self._scenario, folder, bag, fault, trial, self._interrupt
-                    )
-                    if outcome is not None:
-                        self._keep(outcome)
-
-    def table(self, faults: tuple[AnyFault, ...]) -> dict[str, Any]:
-        """Write table and page of what has been run of some faults; return the table."""
-        return write_table(self._out, self._scenario, self._done, faults)
-
-    def _keep(self, outcome: Outcome) -> None:
-        document = outcome.document()
-        self._done[outcome.fault, outcome.trial] = document
-        with (self._out / OUTCOMES).open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(document) + "\n")
-        self._say(f"{outcome.fault}, trial {outcome.trial}: {_words(document)}")
-
-
 def run_campaign(
     scenario: Scenario,
     out: Path,
     trials: tuple[int, int],
     quick: bool,
     interrupt: Interrupt,
-    say: Say,
+    say: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Run what has not been run yet; return the table.
+    """Run what has not been run yet, write table and page, and return the table.
 
     Parameters
     ----------
+    scenario : Scenario
+    out : Path
+        Folder of the outcomes.
     trials : (int, int)
         Of each fault within one process, and of each fault of processes.
+    quick : bool
+        Whether only the faults of `QUICK` are run.
+    interrupt : Interrupt
+    say : callable
+        Takes a line on each outcome.
 
     Raises
     ------
@@ -136,30 +58,72 @@ def run_campaign(
     GraphError
         The run without fault failed.
     """
-    campaign = Campaign(scenario, out, interrupt, say)
-    campaign.run(trials[0], quick)
-    if not quick:
-        campaign.run_processes(trials[1])
-    return campaign.table((*chosen(quick), *(() if quick else PROCESS_FAULTS)))
+    done = _read(out / OUTCOMES)
+
+    def keep(outcome: Row) -> None:
+        done[outcome["fault"], outcome["trial"]] = outcome
+        with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(outcome) + "\n")
+        say(f"{outcome['fault']}, trial {outcome['trial']}: {_words(outcome)}")
+
+    faults = [one for kind in KINDS for one in kind if not quick or one.name in QUICK]
+    try:
+        for trial in range(max(trials)):
+            due = [one for one in faults if (one.name, trial) not in done]
+            of_messages, of_nodes, of_processes = (
+                [one for one in due if one in kind and trial < most]
+                for kind, most in zip(KINDS, (trials[0], *trials), strict=True)
+            )
+            if interrupt or not (of_messages or of_nodes or of_processes):
+                continue
+            feed = Feed(scenario, trial, interrupt)
+            interrupt.ends_at_once = True
+            for outcome in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
+                keep(outcome)
+            interrupt.ends_at_once = False
+            for outcome in _of_processes(feed, of_processes, out, interrupt):
+                keep(outcome)
+    except KeyboardInterrupt:
+        pass  # what has been run makes the table
+    finally:
+        interrupt.ends_at_once = False
+    return _write(out, table_of(scenario, faults, done.values()))
 
 
-def _read(path: Path) -> dict[tuple[str, int], dict[str, Any]]:
-    """Return the outcomes on disk; a line that is cut off is left out."""
+def _write(out: Path, table: Row) -> Row:
+    """Write a table into a folder, also as a page, and return it."""
+    write_atomic(out / TABLE, json.dumps(table, indent=2))
+    write_atomic(out / PAGE, page_of(table))
+    return table
+
+
+def _of_processes(
+    feed: Feed, faults: Sequence[Fault], out: Path, interrupt: Interrupt
+) -> Iterator[Row]:
+    """Yield what became of faults of processes, until interrupted."""
+    for fault in faults:
+        found = run_process_trial(feed, fault, out / "running", interrupt)
+        if found is None:
+            break
+        yield found
+
+
+def _read(path: Path) -> dict[tuple[str, int], Row]:
+    """Return the outcomes on disk, without a line that is cut off or of an earlier version."""
     found = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
             outcome = json.loads(line)
-            found[outcome["fault"], outcome["trial"]] = outcome
+            if "reported_after" in outcome:  # an earlier version called it otherwise
+                found[outcome["fault"], outcome["trial"]] = outcome
         except (ValueError, KeyError, TypeError):
             continue
     return found
 
 
-def _words(outcome: dict[str, Any]) -> str:
+def _words(outcome: Row) -> str:
     if outcome["crash"]:
         return f"CRASH {outcome['crash']}"
-    told = outcome["told_after"]
-    return (
-        f"{'not told' if told is None else f'told after {told:.0f} s'}, error"
-        f" {outcome['error_after'] or float('nan'):.0f} m after it"
-    )
+    after, error = outcome["reported_after"], outcome["error_after"]
+    reported = "not reported" if after is None else f"reported after {after:.0f} s"
+    return f"{reported}, error {'unknown' if error is None else f'{error:.0f} m'} after it"

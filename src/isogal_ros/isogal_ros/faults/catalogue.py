@@ -1,22 +1,21 @@
-"""Faults of sensors and of what nodes tell each other, as what they do to messages within a
-time.
+"""The faults as data: what fails, how, and for how long."""
 
-A fault turns one message into those that come instead: none, one or several. It may keep what it
-needs from one message to the next, and draws from its own random numbers."""
-
-import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import AccelWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
 from isogal_ros import topics
-from isogal_ros.messages.stamps import set_stamp, to_ns
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
 from isogal_ros.topics import Topic
-
-SECOND = 1_000_000_000
 
 
 @dataclass
@@ -27,259 +26,228 @@ class Moment:
     """s since the fault began."""
     rng: np.random.Generator
     kept: dict[str, Any]
-    """What it keeps."""
+    """What it keeps from one message to the next."""
 
 
-Change = Callable[[Any, Moment], list[Any]]
-"""Turns a message, which is its own, into others."""
+Change = Callable[[Any, Moment], Sequence[Any]]
+"""Turns a message, which is its own, into those that come instead."""
+Of = Callable[[Any, Moment], Any]
+"""Turns a field of a message into what it becomes."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of one sensor, or of the messages between two nodes."""
+    """One fault."""
 
     name: str
-    source: str
-    """Whose messages: imu, reading, fix (position and the whole of it), information (the whole
-    alone), or nav."""
-    change: Change
-    matters: bool = True
-    """Whether it must be told within two batches; else it may be too small to be seen."""
+    targets: tuple[str, ...]
+    """What fails: one source of messages (`topics_of`), or nodes."""
+    effect: Change | str
+    """Of messages, what they become; of nodes: killed (started again with its checkpoint), begun
+    anew (without it), stopped, or slow (stopped half of the time)."""
     lasts: float = 60.0
-    """s."""
+    """s of simulated time; of processes of wall time."""
+    matters: bool = True
+    """Whether it must be reported within two batches; else it may be too small to be seen."""
+
+    def is_on(self, elapsed: float, turn: float = math.inf) -> bool:
+        """Whether it acts at a time (s) after its begin; slow nodes go again every other turn."""
+        within = 0.0 <= elapsed < self.lasts
+        return within and not (self.effect == "slow" and elapsed // turn % 2)
 
 
-def _imu(fill: Callable[[Any, Moment], None]) -> Change:
-    """A fault of the six numbers of an IMU sample."""
-    return _one(fill)
+def topics_of(source: str, readings: tuple[Topic, ...]) -> tuple[Topic, ...]:
+    """Return the topics of a source of messages (none of a node); `readings` are those of the
+    instruments."""
+    found = {
+        "imu": (topics.IMU,),
+        "reading": readings,
+        "fix": (topics.FIX, topics.INFORMATION),
+        "information": (topics.INFORMATION,),
+        "nav": (topics.NAV_FIX, topics.NAV_ODOM),
+    }
+    return found.get(source, ())
 
 
-def _one(fill: Callable[[Any, Moment], None]) -> Change:
-    def change(message: Any, moment: Moment) -> list[Any]:
-        fill(message, moment)
+def _field(path: str, of: Of) -> Change:
+    *owners, name = path.split(".")
+
+    def change(message: Any, moment: Moment) -> Sequence[Any]:
+        owner = reduce(getattr, owners, message)
+        setattr(owner, name, of(getattr(owner, name), moment))
         return [message]
 
     return change
 
 
-def _set_force(value: float) -> Change:
-    def fill(message: Any, _: Moment) -> None:
-        message.linear_acceleration.x = value
-
-    return _one(fill)
-
-
-def _set_reading(value: float) -> Change:
-    def fill(message: Any, _: Moment) -> None:
-        message.accel.accel.linear.z = value
-
-    return _one(fill)
+_VALUES = {
+    Imu: "linear_acceleration.x",
+    AccelWithCovarianceStamped: "accel.accel.linear.z",
+    NavSatFix: "latitude",
+    Odometry: "pose.pose.position.x",
+}
 
 
-def _add_force(of: Callable[[Moment], float]) -> Change:
-    def fill(message: Any, moment: Moment) -> None:
-        message.linear_acceleration.x += of(moment)
+def _value(of: Of) -> Change:
+    """One number of a message by its type, or all of a whole fix."""
 
-    return _one(fill)
+    def change(message: Any, moment: Moment) -> Sequence[Any]:
+        if isinstance(message, PointCloud2):
+            return _field("data", lambda old, m: np.full(len(old) // 8, of(0.0, m)).tobytes())(
+                message, moment
+            )
+        return _field(_VALUES[type(message)], of)(message, moment)
 
-
-def _add_reading(of: Callable[[Moment], float]) -> Change:
-    def fill(message: Any, moment: Moment) -> None:
-        message.accel.accel.linear.z += of(moment)
-
-    return _one(fill)
-
-
-def _scale_reading(factor: float) -> Change:
-    def fill(message: Any, _: Moment) -> None:
-        message.accel.accel.linear.z *= factor
-
-    return _one(fill)
+    return change
 
 
-def _frame(message: Any, _: Moment) -> list[Any]:
-    message.header.frame_id = "camera"
-    return [message]
+def _entry(path: str, index: int, number: float) -> Change:
+    """One entry of a covariance."""
+    return _field(path, lambda old, _: np.where(np.arange(len(old)) == index, number, old))
+
+
+def _constant(value: Any) -> Of:
+    return lambda _old, _moment: value
+
+
+def _first(value: Any, moment: Moment) -> Any:
+    return moment.kept.setdefault("first", value)
 
 
 def _shift(seconds: Callable[[Moment], float]) -> Change:
-    def fill(message: Any, moment: Moment) -> None:
-        ns = to_ns(message.header.stamp) + round(seconds(moment) * SECOND)
-        set_stamp(message.header.stamp, max(ns, 0))
-
-    return _one(fill)
+    return _field(
+        "header.stamp", lambda old, m: from_ns(max(to_ns(old) + from_seconds(seconds(m)), 0))
+    )
 
 
-def _nothing(_message: Any, _moment: Moment) -> list[Any]:
-    return []
+def _once(change: Change) -> Change:
+    return lambda message, moment: (
+        change(message, moment) if _first(message, moment) is message else [message]
+    )
 
 
-def _every_second(message: Any, moment: Moment) -> list[Any]:
+def _copies(count: int) -> Change:
+    return lambda message, _moment: [message] * count
+
+
+def _every_second(message: Any, moment: Moment) -> Sequence[Any]:
     moment.kept["count"] = moment.kept.get("count", 0) + 1
     return [message] if moment.kept["count"] % 2 else []
 
 
-def _twice(message: Any, _: Moment) -> list[Any]:
-    return [message, copy.deepcopy(message)]
+def _late(message: Any, moment: Moment) -> Sequence[Any]:
+    """Each message comes with the next of its type."""
+    before = moment.kept.get(type(message).__name__)
+    moment.kept[type(message).__name__] = message
+    return [] if before is None else [before]
 
 
-def _stuck(name: str) -> Change:
-    """All numbers of the message's field stay what they were."""
-
-    def change(message: Any, moment: Moment) -> list[Any]:
-        first = moment.kept.setdefault("first", copy.deepcopy(getattr(message, name)))
-        setattr(message, name, copy.deepcopy(first))
-        return [message]
-
-    return change
-
-
-def _axis(name: str, axis: str, of: Callable[[float, Moment], float]) -> Change:
-    """One axis of a vector of an IMU sample is what becomes of its true value."""
-
-    def fill(message: Any, moment: Moment) -> None:
-        vector = getattr(message, name)
-        setattr(vector, axis, of(getattr(vector, axis), moment))
-
-    return _one(fill)
-
-
-def _kept(value: float, moment: Moment) -> float:
-    return float(moment.kept.setdefault("first", value))
-
-
-def _below(limit: float) -> Callable[[float, Moment], float]:
-    return lambda value, _: min(value, limit)
-
-
-def _once(change: Change) -> Change:
-    def only_first(message: Any, moment: Moment) -> list[Any]:
-        if moment.kept.setdefault("done", False):
-            return [message]
-        moment.kept["done"] = True
-        return change(message, moment)
-
-    return only_first
-
-
-def _covariance(name: str, value: float) -> Change:
-    def fill(message: Any, _: Moment) -> None:
-        owner = message if hasattr(message, name) else message.accel
-        covariance = np.array(getattr(owner, name))
-        covariance[0 if owner is message else 14] = value
-        setattr(owner, name, covariance)
-
-    return _one(fill)
+def _of(source: str, lasts: float, *more: tuple[Any, ...]) -> tuple[Fault, ...]:
+    """Return the faults that messages of every source may have, and more of one source."""
+    every: tuple[tuple[Any, ...], ...] = (
+        ("NaN", _value(_constant(math.nan))),
+        ("infinite", _value(_constant(math.inf))),
+        ("wrong frame", _field("header.frame_id", _constant("camera"))),
+        ("stamps of zero", _field("header.stamp", _constant(Time()))),
+    )
+    return tuple(
+        Fault(f"{source} {name}", (source,), change, *(rest or (lasts,)))
+        for name, change, *rest in every + more
+    )
 
 
 _FORCE, _RATE = "linear_acceleration", "angular_velocity"
-_FORCE_COVARIANCE, _READING = "linear_acceleration_covariance", "covariance"
-IMU_FAULTS = (
-    Fault("imu NaN", "imu", _set_force(math.nan)),
-    Fault("imu infinite", "imu", _set_force(math.inf)),
-    Fault("imu absurd", "imu", _set_force(1e6)),
-    Fault("imu spike of 100 m/s²", "imu", _once(_set_force(100.0))),
-    Fault("imu spike of 0.2 m/s²", "imu", _once(_set_force(0.2))),
-    Fault("imu wrong frame", "imu", _frame),
-    Fault("imu negative variance", "imu", _covariance(_FORCE_COVARIANCE, -2.0)),
-    Fault("imu marked as absent", "imu", _covariance(_FORCE_COVARIANCE, -1.0)),
-    Fault("imu stamps back", "imu", _shift(lambda m: -100.0)),
-    Fault("imu stamps of zero", "imu", _shift(lambda m: -1e9)),
-    Fault("imu one stamp ahead", "imu", _once(_shift(lambda m: 3600.0))),
-    Fault("imu stamps jitter", "imu", _shift(lambda m: m.rng.uniform(-0.2, 0.2)), matters=False),
-    Fault("imu every sample twice", "imu", _twice),
-    Fault("imu half the rate", "imu", _every_second),
-    Fault("imu outage of 5 s", "imu", _nothing, lasts=5.0),
-    Fault("imu outage of 60 s", "imu", _nothing),
-    Fault("imu outage of 180 s", "imu", _nothing, lasts=180.0),
-    Fault("imu accelerometers stuck", "imu", _stuck(_FORCE), lasts=120.0),
-    Fault("imu gyroscopes stuck", "imu", _stuck(_RATE), lasts=120.0),
-    Fault("imu dead gyroscope", "imu", _axis(_RATE, "z", lambda x, m: 0.0), lasts=120.0),
-    Fault("imu dead gyroscope x", "imu", _axis(_RATE, "x", lambda x, m: 0.0), lasts=120.0),
-    Fault("imu stuck gyroscope", "imu", _axis(_RATE, "z", _kept), lasts=120.0),
-    Fault("imu dead accelerometer", "imu", _axis(_FORCE, "x", lambda x, m: 0.0), lasts=120.0),
-    Fault("imu stuck accelerometer", "imu", _axis(_FORCE, "y", _kept), lasts=120.0),
-    Fault("imu saturated accelerometer", "imu", _axis(_FORCE, "z", _below(9.0)), lasts=120.0),
-    Fault("imu saturated gyroscope", "imu", _axis(_RATE, "z", lambda x, m: 4.0), lasts=120.0),
-    Fault("imu accelerometer drift", "imu", _add_force(lambda m: 1e-5 * m.since), matters=False),
+_FORCE_VARIANCE, _VARIANCE = ("linear_acceleration_covariance", 0), ("accel.covariance", 14)
+MESSAGE_FAULTS = (
+    *_of(
+        "imu",
+        60.0,
+        ("absurd", _value(_constant(1e6))),
+        ("spike of 100 m/s²", _once(_value(_constant(100.0)))),
+        ("spike of 0.2 m/s²", _once(_value(_constant(0.2)))),
+        ("negative variance", _entry(*_FORCE_VARIANCE, -2.0)),
+        ("marked as absent", _entry(*_FORCE_VARIANCE, -1.0)),
+        ("stamps back", _shift(lambda m: -100.0)),
+        ("one stamp ahead", _once(_shift(lambda m: 3600.0))),
+        ("stamps jitter", _shift(lambda m: m.rng.uniform(-0.2, 0.2)), 60.0, False),
+        ("every sample twice", _copies(2)),
+        ("half the rate", _every_second),
+        ("outage of 5 s", _copies(0), 5.0),
+        ("outage of 60 s", _copies(0)),
+        ("outage of 180 s", _copies(0), 180.0),
+        ("accelerometers stuck", _field(_FORCE, _first), 120.0),
+        ("gyroscopes stuck", _field(_RATE, _first), 120.0),
+        ("dead gyroscope", _field(f"{_RATE}.z", _constant(0.0)), 120.0),
+        ("dead gyroscope x", _field(f"{_RATE}.x", _constant(0.0)), 120.0),
+        ("stuck gyroscope", _field(f"{_RATE}.z", _first), 120.0),
+        ("dead accelerometer", _field(f"{_FORCE}.x", _constant(0.0)), 120.0),
+        ("stuck accelerometer", _field(f"{_FORCE}.y", _first), 120.0),
+        ("saturated accelerometer", _field(f"{_FORCE}.z", lambda old, m: min(old, 9.0)), 120.0),
+        ("saturated gyroscope", _field(f"{_RATE}.z", _constant(4.0)), 120.0),
+        ("accelerometer drift", _value(lambda old, m: old + 1e-5 * m.since), 60.0, False),
+    ),
+    *_of(
+        "reading",
+        60.0,
+        ("absurd", _value(_constant(1e6))),
+        ("of zero", _value(_constant(0.0))),
+        ("spike of 200 mGal", _once(_value(lambda old, m: old + 2e-3)), 60.0, False),
+        ("negative variance", _entry(*_VARIANCE, -1.0)),
+        ("absurd variance", _entry(*_VARIANCE, 1e12), 60.0, False),
+        ("infinite variance", _entry(*_VARIANCE, math.inf)),
+        ("stamps back", _shift(lambda m: -100.0)),
+        ("stamps jitter", _shift(lambda m: m.rng.uniform(-0.4, 0.4)), 60.0, False),
+        ("every one twice", _copies(2)),
+        ("every second one missing", _every_second, 60.0, False),
+        ("outage of 30 s", _copies(0), 30.0, False),
+        ("outage of 180 s", _copies(0), 180.0),
+        ("stuck", _field("accel", _first), 180.0, False),
+        ("drift", _value(lambda old, m: old + 1e-7 * m.since), 60.0, False),
+        ("in mGal", _value(lambda old, m: old * 1e5)),
+        ("of the other sign", _value(lambda old, m: -old)),
+        ("50 mGal too large", _value(lambda old, m: old + 5e-4), 60.0, False),
+    ),
+    *_of(
+        "fix",
+        300.0,
+        ("stamps ahead", _shift(lambda m: 3600.0), 300.0, False),
+        ("every one twice", _copies(2), 300.0, False),
+        ("one batch late", _late, 300.0, False),
+        ("lost", _copies(0), 300.0, False),
+    ),
+    Fault("fix without its information", ("information",), _copies(0), 300.0, False),
+    *_of(
+        "nav",
+        60.0,
+        ("every message twice", _copies(2), 60.0, False),
+        ("lost for 60 s", _copies(0)),
+    ),
 )
-READING_FAULTS = (
-    Fault("reading NaN", "reading", _set_reading(math.nan)),
-    Fault("reading infinite", "reading", _set_reading(math.inf)),
-    Fault("reading absurd", "reading", _set_reading(1e6)),
-    Fault("reading of zero", "reading", _set_reading(0.0)),
-    Fault("reading spike of 200 mGal", "reading", _once(_add_reading(lambda m: 2e-3)), False),
-    Fault("reading wrong frame", "reading", _frame),
-    Fault("reading negative variance", "reading", _covariance(_READING, -1.0)),
-    Fault("reading absurd variance", "reading", _covariance(_READING, 1e12), matters=False),
-    Fault("reading infinite variance", "reading", _covariance(_READING, math.inf)),
-    Fault("reading stamps back", "reading", _shift(lambda m: -100.0)),
-    Fault("reading stamps of zero", "reading", _shift(lambda m: -1e9)),
-    Fault("reading stamps jitter", "reading", _shift(lambda m: m.rng.uniform(-0.4, 0.4)), False),
-    Fault("reading every one twice", "reading", _twice),
-    Fault("reading every second one missing", "reading", _every_second, matters=False),
-    Fault("reading outage of 30 s", "reading", _nothing, matters=False, lasts=30.0),
-    Fault("reading outage of 180 s", "reading", _nothing, lasts=180.0),
-    Fault("reading stuck", "reading", _stuck("accel"), matters=False, lasts=180.0),
-    Fault("reading drift", "reading", _add_reading(lambda m: 1e-7 * m.since), matters=False),
-    Fault("reading in mGal", "reading", _scale_reading(1e5)),
-    Fault("reading of the other sign", "reading", _scale_reading(-1.0)),
-    Fault("reading 50 mGal too large", "reading", _add_reading(lambda m: 5e-4), matters=False),
+ANSWERING = (topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION)
+"""The nodes that answer the sensors."""
+_SEVERAL = {"filter and matcher": ANSWERING[1:], "all that answer": ANSWERING}
+NODE_FAULTS = (
+    *(
+        # a few seconds cost the filter samples, and the others hardly anything
+        Fault(f"{who} killed for {s:.0f} s", nodes, "killed", s, s > 5.0 or ANSWERING[2] in nodes)
+        for who, nodes in ({name: (name,) for name in ANSWERING} | _SEVERAL).items()
+        for s in (5.0, 60.0)
+    ),
+    *(Fault(f"{n} begun anew after 5 s", (n,), "begun anew", 5.0, False) for n in ANSWERING[:2]),
+    *(Fault(f"{name} stopped for 60 s", (name,), "stopped", 60.0, False) for name in ANSWERING),
+    *(Fault(f"{name} slow", (name,), "slow", 180.0, False) for name in ANSWERING),
 )
-
-
-def _late(message: Any, moment: Moment) -> list[Any]:
-    """Each message comes with the next of its kind."""
-    waiting = moment.kept.setdefault(type(message).__name__, [])
-    waiting.append(copy.deepcopy(message))
-    return [waiting.pop(0)] if len(waiting) > 1 else []
-
-
-def _latitude(value: float) -> Change:
-    """Numbers of a position, or all of a whole fix, are no numbers."""
-
-    def fill(message: Any, _: Moment) -> None:
-        if hasattr(message, "latitude"):
-            message.latitude = value
-        elif hasattr(message, "data"):
-            message.data = np.full(len(message.data) // 8, value).tobytes()
-        else:
-            message.pose.pose.position.x = value
-
-    return _one(fill)
-
-
-LINK_FAULTS = (
-    Fault("fix NaN", "fix", _latitude(math.nan), lasts=300.0),
-    Fault("fix infinite", "fix", _latitude(math.inf), lasts=300.0),
-    Fault("fix wrong frame", "fix", _frame, lasts=300.0),
-    Fault("fix stamps of zero", "fix", _shift(lambda m: -1e9), lasts=300.0),
-    Fault("fix stamps ahead", "fix", _shift(lambda m: 3600.0), matters=False, lasts=300.0),
-    Fault("fix every one twice", "fix", _twice, matters=False, lasts=300.0),
-    Fault("fix one batch late", "fix", _late, matters=False, lasts=300.0),
-    Fault("fix lost", "fix", _nothing, matters=False, lasts=300.0),
-    Fault("fix without its information", "information", _nothing, matters=False, lasts=300.0),
-    Fault("nav NaN", "nav", _latitude(math.nan)),
-    Fault("nav wrong frame", "nav", _frame),
-    Fault("nav stamps of zero", "nav", _shift(lambda m: -1e9)),
-    Fault("nav every message twice", "nav", _twice, matters=False),
-    Fault("nav lost for 60 s", "nav", _nothing),
+FAULTS = MESSAGE_FAULTS + NODE_FAULTS
+"""Those within one process."""
+_EVERY = (RECORDER, *topics.NODES)
+PROCESS_FAULTS = (
+    *(Fault(f"{name} killed", (name,), "killed", 1.0, name in ANSWERING) for name in _EVERY),
+    *(Fault(f"{name} stopped for 3 s", (name,), "stopped", 3.0, False) for name in _EVERY),
+    *(Fault(f"{name} at half speed", (name,), "slow", 5.0, False) for name in _EVERY),
+    *(Fault(f"{who} killed", nodes, "killed", 1.0) for who, nodes in _SEVERAL.items()),
 )
-FAULTS = IMU_FAULTS + READING_FAULTS + LINK_FAULTS
 QUICK = (
     "imu NaN", "imu one stamp ahead", "imu outage of 60 s", "imu dead gyroscope",
     "reading in mGal", "nav NaN", "ukf_fusion_node killed for 5 s",
 )  # fmt: skip
 """Those of a quick campaign."""
-
-
-def topics_of(fault: Fault, raw: Topic) -> tuple[Topic, ...]:
-    """Return the topics that a fault changes; `raw` is that of the instrument."""
-    of = {
-        "imu": (topics.IMU,),
-        "reading": (raw,),
-        "fix": (topics.FIX, topics.INFORMATION),
-        "information": (topics.INFORMATION,),
-        "nav": (topics.NAV_FIX, topics.NAV_ODOM),
-    }
-    return of[fault.source]

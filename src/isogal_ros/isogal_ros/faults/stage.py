@@ -1,84 +1,106 @@
-"""What a trial is played on: what the sensors of a run measured, and the nodes that use it."""
+"""What a trial is played on: a run without fault, and fresh nodes that its sensors are played
+to."""
 
 import math
-from collections import deque
-from dataclasses import dataclass
+import re
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from isogal.earth.frames import horizontal_difference
 from isogal.scenario import Scenario
+from isogal.seeds import generator
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
-from isogal_ros.graph.bus import Bus
-from isogal_ros.graph.plan import GraphError, Plan, node_class
-from isogal_ros.graph.recorded import AIDS
-from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import peek_ns, to_seconds
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.in_process import run_in_process
+from isogal_ros.graph.plan import Plan
+from isogal_ros.graph.player import TICK, Player
+from isogal_ros.graph.recorded import load
+from isogal_ros.messages.position import read_position
+from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
-from isogal_ros.parameters.values import node_values
-
-NODES = (topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION)
-"""Those that are played to."""
-IDLE = 1000
-"""Rounds of timers without a step after which a run does not come to its end."""
-TICK = 5.0
-"""s between looks at the wall clock; of diagnostics without news half as many are needed."""
 
 
-@dataclass(frozen=True)
+class Track(NamedTuple):
+    """The navigator's horizontal error and 1-sigma (N,), m, at times (N,), s."""
+
+    time: np.ndarray
+    error: np.ndarray
+    sigma: np.ndarray
+    not_finite: int
+    """States that were not finite."""
+
+
+def track_of(collector: Collector) -> Track:
+    """Return the navigator's error against the recorded truth."""
+    rows, bad = [], 0
+    for ns in sorted(collector.last_nav.keys() & collector.truth.keys()):
+        fix = deserialize_message(collector.last_nav[ns], topics.NAV_FIX.type)
+        if not np.isfinite([fix.latitude, fix.longitude, *fix.position_covariance]).all():
+            bad += 1
+            continue
+        truth = deserialize_message(collector.truth[ns], topics.TRUTH_FIX.type)
+        off = horizontal_difference(*read_position(fix)[:2], *read_position(truth)[:2])
+        sigma = np.sqrt(fix.position_covariance[0] + fix.position_covariance[4])
+        rows.append((to_seconds(ns), float(np.hypot(*off)), float(sigma)))
+    time, error, sigma = np.array(rows).reshape(-1, 3).T
+    return Track(time, error, sigma, bad)
+
+
 class Feed:
-    """What the sensors of a run measured, serialised, by stamp (ns)."""
+    """A run without fault, which is simulated: what its sensors measured, and what was answered.
 
-    scenario: Scenario
-    run: int
-    sensors: dict[str, dict[int, bytes]]
-    """By topic, in the order in which those of one stamp are played."""
-    truth: dict[int, bytes]
+    Parameters
+    ----------
+    scenario : Scenario
+    run : int
+        Index of the run.
+    interrupt : Interrupt, optional
+        Ends the simulation early.
 
-    @classmethod
-    def of(cls, scenario: Scenario, run: int, interrupt: Interrupt | None = None) -> "Feed":
-        """Simulate a run of a scenario, by the nodes themselves, to its end or an interrupt.
+    Raises
+    ------
+    InputError
+        The scenario cannot be used.
+    GraphError
+        A node failed.
+    KeyboardInterrupt
+        The simulation was interrupted.
+    """
 
-        Raises
-        ------
-        InputError
-            The scenario cannot be used.
-        GraphError
-            The run does not come to its end.
-        """
-        bus, plan = Bus(), Plan(scenario, None, run=run)
-        kept: dict[str, dict[int, bytes]] = {}
-        for topic in (*AIDS, topics.IMU, *raw_topics(scenario), topics.TRUTH_FIX):
-            bus.hear(topic, _keeper(kept.setdefault(topic.name, {})))
-        nodes = {name: bus.add(name, plan.values(name)) for name in plan.names}
-        simulator, step, idle = nodes[topics.INS_SIM], -1, 0
-        while not (interrupt or simulator.finished):
-            bus.tick()
-            idle = idle + 1 if simulator.step == step else 0
-            step = simulator.step
-            if idle > IDLE:
-                raise GraphError(f"run {run} does not go on after step {step}")
-        if simulator.exit_code:
-            raise GraphError(f"{topics.INS_SIM}: {simulator.failure}")
-        truth = kept.pop(topics.TRUTH_FIX.name)
-        return cls(scenario, run, {name: store for name, store in kept.items() if store}, truth)
+    def __init__(self, scenario: Scenario, run: int, interrupt: Interrupt | None = None) -> None:
+        self.scenario, self.run = scenario, run
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder) / "bag"
+            plan = Plan(scenario, bag, run=run)
+            run_in_process(
+                plan, Interrupt() if interrupt is None else interrupt, lambda progress: None
+            )
+            if interrupt:
+                raise KeyboardInterrupt
+            self.recorded = load(BagReader(bag), scenario, changed=True)
+        self.collector = self.recorded.collector
+        self.track = track_of(self.collector)
+        self.duration = to_seconds(max(self.collector.truth))
+        """s."""
+        self.reports = {without_numbers(text) for _, text in self.collector.warnings}
+        """What was reported at WARN or ERROR, without its numbers."""
 
-
-def raw_topics(scenario: Scenario) -> tuple[topics.Topic, ...]:
-    """Return the topics of an instrument's own readings."""
-    raw = adapter_of(scenario).raw
-    return (topics.SCALAR_FIELD, raw) if raw is topics.MAGNETIC_FIELD else (raw,)
-
-
-def _keeper(store: dict[int, bytes]) -> Any:
-    def keep(data: bytes) -> None:
-        store[peek_ns(data)] = data
-
-    return keep
+    def begin_of(self, fault: str) -> tuple[float, np.random.Generator]:
+        """Return when (s) a fault begins, drawn from seed, run and its name, and the random
+        numbers that follow."""
+        rng = generator(self.scenario.seed, self.run, f"fault: {fault}")
+        return float(np.floor(rng.uniform(0.25, 0.45) * self.duration)), rng
 
 
-class Stage:
-    """Fresh nodes on a bus, and what they say.
+class Stage(Player):
+    """Fresh nodes that a run is played to, and when they report something.
 
     Parameters
     ----------
@@ -89,70 +111,38 @@ class Stage:
     """
 
     def __init__(self, feed: Feed, checkpoints: Path | None = None) -> None:
-        self.feed, self.checkpoints = feed, checkpoints
-        self.bus = Bus()
-        self.collector = Collector(feed.scenario)
-        self.collector.truth = feed.truth
-        self.heard: list[tuple[float, str]] = []
-        """When (s) something was said at WARN or ERROR, and what."""
-        for topic in self.collector.topics():
-            if topic not in (topics.TRUTH_FIX, topics.INS_FIX):
-                self.bus.hear(topic, self._taker(topic))
-        self.nodes: dict[str, Any] = {}
-        for name in NODES:
-            self.start(name)
-        self._due = {name: deque(sorted(store.items())) for name, store in feed.sensors.items()}
-        self._ticked = 0.0
-        self.bus.tick()
+        self.feed = feed
+        self.reports: list[tuple[float, str]] = []
+        """When (s) something was reported at WARN or ERROR, and what."""
+        own: dict[str, Any] = {"diagnostics_period": 2.0 * TICK}
+        if checkpoints is not None:
+            own["checkpoint"] = str(checkpoints)
+        super().__init__(replace(feed.recorded, scenario=feed.scenario), own, {})
 
-    def _taker(self, topic: topics.Topic) -> Any:
-        def take(data: bytes) -> None:
-            known = len(self.collector.warnings)
-            self.collector.take(topic, data)
-            new = self.collector.warnings[known:]
-            self.heard.extend((self.bus.now, text) for _, text in new)
-
-        return take
-
-    def start(self, name: str, checkpoint: bool = True) -> None:
-        """Make a node and let it begin, with or without what one before it has left."""
-        own: dict[str, Any] = {"run": self.feed.run, "peers": list(NODES)}
-        own["diagnostics_period"] = 2.0 * TICK
-        if self.checkpoints is not None and checkpoint:
-            own["checkpoint"] = str(self.checkpoints)
-        if name == topics.UKF_FUSION:
-            own["start_time"] = math.nan if self.bus.now == 0.0 else 0.0
-        if name == topics.GRAVIMETER:
-            own["simulate"] = False
-        values = node_values(self.feed.scenario, own, node_class(name).sections)
-        self.nodes[name] = self.bus.add(name, values)
+    def take(self, topic: topics.Topic, data: bytes) -> None:
+        """Keep a message, and when it reports something."""
+        known = len(self.collector.said)
+        super().take(topic, data)
+        self.reports += [(self.bus.now, text) for _, text in self.collector.warnings[known:]]
 
     def kill(self, name: str) -> None:
         """Take a node off, as if its process had been killed."""
         self.bus.remove(self.nodes.pop(name))
 
-    def play(self, ns: int) -> None:
-        """Play what the sensors say up to a stamp (ns), and let the nodes deal with it."""
-        self.bus.now = to_seconds(ns)
-        for name, messages in self._due.items():
-            while messages and messages[0][0] <= ns:
-                self.bus.send(name, messages.popleft()[1])
-                self.bus.run()
-        if self.bus.now >= self._ticked + TICK:
-            self._ticked = self.bus.now
-            self.bus.tick()
+    def play(
+        self, until: float = math.inf, before_step: Callable[[float], None] | None = None
+    ) -> "Stage":
+        """Play what is still to be played up to a time (s), and call something with the time
+        before each step; return itself."""
+        for ns in self.stamps():
+            if to_seconds(ns) > until:
+                break
+            if before_step is not None:
+                before_step(to_seconds(ns))
+            self.step(ns)
+        return self
 
-    @property
-    def duration(self) -> float:
-        """s of the run."""
-        return to_seconds(max(self.feed.truth))
 
-    @property
-    def two_batches(self) -> float:
-        """s that two batches take, at most."""
-        scenario = self.feed.scenario
-        return 2.0 * scenario.matcher.batch_length * scenario.gravimeter.interval
-
-    def stamps(self) -> list[int]:
-        """Return the stamps (ns) of what is still to be played."""
-        return [ns for ns, _ in self._due[topics.IMU.name]]
+def without_numbers(text: str) -> str:
+    """Return a report or an error without its numbers."""
+    return re.sub(r"[0-9.]+", "", text)

@@ -3,7 +3,8 @@ others, serialised as the middleware would have it, in the order in which it was
 
 The nodes are the same classes, and all that `GraphNode` does is done; only what rclpy's node does
 is left out or done here. So there are no threads, no sockets and no waiting: a graph takes as long
-as its callbacks, its process may fork, and the same messages give the same answers."""
+as its callbacks, its process may fork, and the same messages give the same answers. Replays, the
+fault campaign, the policy and tests of single nodes are made of it."""
 
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping
@@ -11,10 +12,12 @@ from functools import cache
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode
+from rclpy.logging import LoggingSeverity, get_logger
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 
 from isogal_ros.graph.plan import node_class
+from isogal_ros.topics import LOSSLESS
 
 ERRORS = 1000
 """Errors kept."""
@@ -28,10 +31,11 @@ def as_it_is(_topic: str, data: bytes) -> list[bytes]:
 
 
 class Bus:
-    """Carries the messages of some nodes."""
+    """Carries the messages of some nodes, whose warnings and errors are printed unless it is
+    quiet."""
 
-    def __init__(self) -> None:
-        self.now = 0.0
+    def __init__(self, quiet: bool = True) -> None:
+        self.quiet, self.now = quiet, 0.0
         """s, what its nodes take for the wall clock."""
         self.change: Change = as_it_is
         """What becomes of messages on their way."""
@@ -39,6 +43,8 @@ class Bus:
         """What the nodes have logged as errors, the first `ERRORS`."""
         self.nodes: list[Any] = []
         """Those that are on it."""
+        self.services: dict[tuple[str, str], Callable[[Any], Any]] = {}
+        """What answers requests, by node and name."""
         self._listeners: dict[str, list[Subscription]] = defaultdict(list)
         self._taps: dict[str, list[Callable[[bytes], None]]] = defaultdict(list)
         self._publishers: dict[str, list[Publisher]] = defaultdict(list)
@@ -68,6 +74,8 @@ class Bus:
         for publisher in node.publishers:
             self._publishers[publisher.topic_name].remove(publisher)
             publisher.bus = None
+        node.subscriptions.clear()
+        node.publishers.clear()
 
     def stop(self, node: Any) -> None:
         """Let a node take nothing until `go`; what comes meanwhile waits."""
@@ -121,6 +129,8 @@ class Bus:
 
 class Publisher:
     """What a node has of a topic that it publishes."""
+
+    qos_profile, topic_type_hash = LOSSLESS, ""
 
     def __init__(self, name: str, bus: Bus) -> None:
         self.topic_name, self.bus = name, bus
@@ -185,7 +195,7 @@ class Timer:
 
 
 class _Log:
-    """A node's log: only errors are kept."""
+    """A node's log on a quiet bus: only errors are kept."""
 
     def __init__(self, name: str, bus: Bus) -> None:
         self._name, self._bus = name, bus
@@ -198,6 +208,15 @@ class _Log:
     def error(self, text: str, **_: Any) -> None:
         if len(self._bus.errors) < ERRORS:
             self._bus.errors.append(f"{self._name}: {text}")
+
+
+def _log(name: str, bus: Bus) -> Any:
+    """Return a node's log."""
+    if bus.quiet:
+        return _Log(name, bus)
+    log = get_logger(name)
+    log.set_level(LoggingSeverity.WARN)
+    return log
 
 
 class _BusNode(LifecycleNode):
@@ -216,7 +235,7 @@ class _BusNode(LifecycleNode):
     ) -> None:
         # not of LifecycleNode, which needs the middleware
         self._bus_name, self.context = name, context
-        self._bus_log = _Log(name, context)
+        self._bus_log = _log(name, context)
         self._bus_values = {item.name: item for item in parameter_overrides}
         self.publishers, self.subscriptions, self.timers = [], [], []
         self.services, self.clients = [], []
@@ -246,7 +265,10 @@ class _BusNode(LifecycleNode):
         pass
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
-        pass
+        self._bus_change = callback
+
+    def set_parameters(self, parameters: Any) -> list[Any]:
+        return [self._bus_change([parameter]) for parameter in parameters]
 
     def create_publisher(self, _kind: Any, name: str, _qos: Any) -> Any:
         self.publishers.append(Publisher(name, self.context))
@@ -263,12 +285,18 @@ class _BusNode(LifecycleNode):
         self.timers.append(Timer(callback))
         return self.timers[-1]
 
-    def create_service(self, *_: Any, **__: Any) -> None:
-        pass
+    def create_service(self, kind: Any, name: str, callback: Any, **_: Any) -> Any:
+        key = self._bus_name, name.removeprefix("~/")
+        self.context.services[key] = lambda request: callback(request, kind.Response())
+        return self.context.services[key]
 
     def destroy_subscription(self, subscription: Any) -> None:
         self.subscriptions.remove(subscription)
         self.context._listeners[subscription.topic_name].remove(subscription)
+
+    def destroy_publisher(self, publisher: Any) -> None:
+        self.publishers.remove(publisher)
+        self.context.publishers(publisher.topic_name).remove(publisher)
 
     def destroy_timer(self, timer: Any) -> None:
         timer.cancel()
@@ -287,6 +315,15 @@ class _BusNode(LifecycleNode):
 
     def trigger_activate(self) -> Any:
         return self.on_activate(None)
+
+    def trigger_deactivate(self) -> Any:
+        return self.on_deactivate(None)
+
+    def trigger_cleanup(self) -> Any:
+        return self.on_cleanup(None)
+
+    def trigger_shutdown(self) -> Any:
+        return self.on_shutdown(None)
 
 
 @cache

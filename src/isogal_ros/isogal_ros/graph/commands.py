@@ -8,7 +8,7 @@ from isogal.files import make_folder
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.console import Console
-from isogal_ros.graph.filter_parameters import filter_parameters
+from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.replay import Replay
 from isogal_ros.graph.session import Manner, Summary, replay_session, run_session
@@ -67,7 +67,6 @@ def replay_command(
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
     parameters: Sequence[str] = (),
-    domain: int | None = None,
     tolerance: float | None = None,
     json: bool,
 ) -> int:
@@ -89,13 +88,8 @@ def replay_command(
         The bag or what it needs cannot be used.
     """
     console = Console()
-    try:
-        result, summary = replay_session(
-            bag, out, console, scenario, overrides, filter_parameters(parameters), domain
-        )
-    except GraphError as error:
-        console.say(f"isogal: {error}")
-        return FAILED
+    of_filter = filter_parameters(parameters)
+    result, summary = replay_session(bag, out, console, scenario, overrides, of_filter)
     if json:
         console.json(_document(bag, out, result, summary))
     else:
@@ -145,15 +139,14 @@ def faults_command(
     scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
 ) -> int:
     """Run the fault campaign, some trials of each fault within one process and of each of
-    processes; return the exit status: 1 where a fault did harm or was not told.
+    processes; return the exit status: 1 where a fault did harm or was not reported.
 
     Raises
     ------
     InputError
         Scenario or folder cannot be used.
     """
-    from isogal_ros.faults.campaign import quick_scenario, run_campaign
-    from isogal_ros.faults.table import PAGE
+    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
 
     console = Console()
     make_folder(out)

@@ -2,9 +2,9 @@
 batches and messages."""
 
 import math
-import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,21 +40,14 @@ def dashboard(watch: Watch) -> Iterator[Report]:
     terminal = Console(stderr=True)
     if not terminal.is_terminal:
         raise InputError("--dashboard: standard error is no terminal")
-    ended = threading.Event()
-    with Live(console=terminal, refresh_per_second=4) as live:
+    # rich calls it from a thread of its own
+    look = partial(_look, watch)
+    with Live(console=terminal, refresh_per_second=1.0 / EVERY, get_renderable=look):
+        yield lambda progress: None
 
-        def look() -> None:
-            while not ended.wait(EVERY):
-                live.update(picture(watch.progress, watch.look()[1]))
 
-        thread = threading.Thread(target=look, daemon=True)
-        thread.start()
-        try:
-            yield lambda progress: None
-        finally:
-            ended.set()
-            thread.join()
-            live.update(picture(watch.progress, watch.look()[1]))
+def _look(watch: Watch) -> Any:
+    return picture(watch.progress, watch.look()[1])
 
 
 def picture(progress: Progress | None, viewed: ViewedRun | None) -> Any:

@@ -152,7 +152,7 @@ def _hold(domain: int, names: Collection[str], stack: ExitStack) -> str | None:
     apart."""
     with ExitStack() as own:
         if not _claim(_GRAPH, domain, own):
-            return "another isogal run or replay is in it"
+            return "another isogal run is in it"
         if found := _published(domain, names):
             return f"another node in it publishes {found}"
         stack.enter_context(own.pop_all())

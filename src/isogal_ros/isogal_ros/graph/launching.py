@@ -16,11 +16,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario
-from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.checks import check_new_folder, checked
@@ -28,11 +27,12 @@ from isogal_ros.graph.domain import defaults
 from isogal_ros.graph.parameter_files import (
     check_node,
     full_name,
+    given_parameters,
     read_parameters,
     scenario_of,
     sections_of_nobody,
 )
-from isogal_ros.graph.plan import CLASSES, Plan, node_class, nodes_of
+from isogal_ros.graph.plan import CLASSES, Plan, node_class
 from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
 
@@ -71,31 +71,17 @@ class NodeFailedError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Launched:
-    """Arguments that can be used."""
+class Launched(Plan):
+    """A run of the graph by a launch file, whose arguments can be used."""
 
-    params: str
-    rate: float
-    run: int
-    bag: str | None
-    """None = nothing is recorded."""
-    respawn: bool
-    checkpoint: str
-    """Empty = none."""
-    scenario: Scenario = field(default_factory=Scenario)
-    """What the parameter file says of all nodes."""
+    params: str = ""
+    respawn: bool = False
     namespace: str = ""
-    real: bool = False
-    """Whether the sensors are those of a vehicle, and nothing is simulated."""
     sim_time: bool = False
     log_level: str = "info"
     keys: Mapping[str, Any] = field(default_factory=dict)
     """Parameters of the scenario that were set one by one."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The nodes, the recorder first, so that it hears everything."""
-        return _names(self.scenario, self.real, self.bag is not None)
+    of_recorder: ClassVar[Mapping[str, Any]] = {}
 
     @property
     def ros_arguments(self) -> list[str]:
@@ -116,22 +102,11 @@ class Launched:
         return topics.kind_of(name)
 
     def own(self, name: str) -> dict[str, Any]:
-        """Return a node's own parameters."""
-        values: dict[str, Any] = {"run": self.run, "checkpoint": self.checkpoint}
-        values |= {key: value for key, value in self.keys.items() if _declares(name, key)}
-        values |= {"use_sim_time": self.sim_time and name != topics.INS_SIM}
-        if name == RECORDER:
-            return values | {"bag": self.bag, "resume": self.respawn}
-        if name == topics.INS_SIM:
-            values |= {"rate": self.rate}
-        # how many recorders each node waits for before it calls itself ready
-        values |= {"recorders": int(self.bag is not None)}
-        values |= Plan(self.scenario, None).of_fields(name)
-        if self.real:
-            values |= {"peers": [other for other in self.names if other != RECORDER]}
-            if topics.kind_of(name) == topics.GRAVIMETER:
-                values |= {"simulate": False}
-        return values
+        """Return a node's own parameters, which count before those of the file."""
+        sections = node_class(name).sections
+        keys = {key: own for key, own in self.keys.items() if key.partition(".")[0] in sections}
+        sim_time = {"use_sim_time": self.sim_time and name != topics.INS_SIM}
+        return keys | super().own(name) | sim_time
 
     def ends_all(self, name: str, code: int, ending: bool = False) -> str | None:
         """Return why the end of a node with an exit code ends all; None = it does not, or all is
@@ -186,17 +161,16 @@ def check(values: Mapping[str, str]) -> Launched:
     if respawn and not checkpoint:
         checkpoint = tempfile.mkdtemp(prefix="isogal-checkpoint-")
         atexit.register(shutil.rmtree, checkpoint, ignore_errors=True)
-    bag = values["bag"] if recorder else None
     return Launched(
-        values["params"],
-        rate,
-        run,
-        bag,
-        respawn,
-        checkpoint,
         scenario,
-        namespace=namespace,
+        Path(values["bag"]) if recorder else None,
+        run,
+        rate,
+        checkpoint=Path(checkpoint) if checkpoint else None,
         real=real,
+        params=values["params"],
+        respawn=respawn,
+        namespace=namespace,
         sim_time=sim_time,
         log_level=log_level,
         keys=keys,
@@ -238,26 +212,12 @@ def _namespace(text: str) -> str:
 
 def _keys(text: str) -> dict[str, Any]:
     """Return parameters from ``KEY=VALUE KEY=VALUE``, values in YAML."""
-    specs, found = {spec.name: spec for spec in parameter_specs(Scenario)}, {}
     try:
         words = shlex.split(text)
     except ValueError as error:
         raise InputError(f"set: {error}: {text!r}") from None
-    for word in words:
-        key, equals, value = word.partition("=")
-        if not equals:
-            raise InputError(f"set: must be KEY=VALUE, not {word!r}")
-        if key not in specs:
-            near = get_close_matches(key, specs, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"set: {key}: no key of the scenario that is a parameter{hint}")
-        found[key] = specs[key].cast(parse_yaml(value, f"set: {key}"))
-    return found
-
-
-def _declares(name: str, key: str) -> bool:
-    """Whether a node has a parameter of the scenario."""
-    return key.partition(".")[0] in node_class(name).sections
+    what = "key of the scenario that is a parameter"
+    return given_parameters("set", "KEY=VALUE", words, parameter_specs(Scenario), what)
 
 
 def _number(name: str, text: str, kind: Any) -> Any:
@@ -285,7 +245,7 @@ def _check_params(
     scenario = scenario_of(of_all, "", where)
     if keys:
         scenario = scenario_of(of_all, "", "set", keys)
-    names = _names(scenario, real, recorder)
+    names = Plan(scenario, Path() if recorder else None, real=real).names
     told: list[Scenario] = []
     for name in names:
         full = full_name(namespace, name)
@@ -299,12 +259,6 @@ def _check_params(
     for one in told:
         checked(one, simulated=not real)
     return scenario
-
-
-def _names(scenario: Scenario, real: bool, recorder: bool) -> tuple[str, ...]:
-    """Return the nodes, the recorder first, so that it hears everything."""
-    nodes = tuple(name for name in nodes_of(scenario) if not (real and name == topics.INS_SIM))
-    return (RECORDER, *nodes) if recorder else nodes
 
 
 def _check_bag(path: str) -> None:

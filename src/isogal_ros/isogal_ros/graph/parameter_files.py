@@ -1,15 +1,20 @@
-"""What a parameter file says to each node of a graph, checked before the first one starts."""
+"""What a parameter file, or an option of a command line, says to each node of a graph, checked
+before the first one starts."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from rcl_interfaces.msg import ParameterType
+
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
+from isogal_ros import topics
 from isogal_ros.graph.plan import node_class
+from isogal_ros.nodes.base import NodeSettings
 from isogal_ros.parameters.declaration import OF_RCLPY, known_overrides
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
@@ -89,6 +94,58 @@ def sections_of_nobody(document: Document, names: Collection[str], namespace: st
             near = get_close_matches(pattern, meant, n=1, cutoff=0.8)
             hint = f"; did you mean {meant[near[0]]}?" if near else ""
             found.append(f"section {pattern} is for no node of the graph{hint}")
+    return found
+
+
+def filter_parameters(texts: Sequence[str]) -> dict[str, Any]:
+    """Return own parameters of the filter's node by name from ``NAME=VALUE``, values in YAML.
+
+    Raises
+    ------
+    InputError
+        The node has no such parameter, or none of that value; the line names it.
+    """
+    model = node_class(topics.UKF_FUSION).settings_model
+    own = [s for s in parameter_specs(model) if s.name not in NodeSettings.model_fields]
+    what = f"parameter of {topics.UKF_FUSION}"
+    found = given_parameters("--parameter", "NAME=VALUE", texts, own, what)
+    settings_from(model, found, "--parameter")
+    return found
+
+
+def given_parameters(
+    option: str, form: str, texts: Sequence[str], specs: Sequence[ParameterSpec], what: str
+) -> dict[str, Any]:
+    """Return parameters by name from texts, values in YAML.
+
+    Parameters
+    ----------
+    option : str
+        What they are given by.
+    form : str
+        ``NAME=VALUE``, as the user is told.
+    specs : sequence of ParameterSpec
+        Those that may be given.
+    what : str
+        What these are, as the user is told.
+
+    Raises
+    ------
+    InputError
+        A text has another form, or names none of them.
+    """
+    names, found = {spec.name: spec for spec in specs}, {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(f"{option}: must be {form}, not {text!r}")
+        if name not in names:
+            near = get_close_matches(name, names, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"{option} {name}: no {what}{hint}")
+        is_text = names[name].descriptor.type == ParameterType.PARAMETER_STRING
+        content = value if is_text else parse_yaml(value, f"{option} {name}")
+        found[name] = names[name].cast(content)
     return found
 
 

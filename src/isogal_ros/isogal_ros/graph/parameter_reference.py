@@ -11,7 +11,7 @@ import yaml
 from isogal.scenario import Scenario
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import node_class
-from isogal_ros.parameters.bringup_file import limits
+from isogal_ros.parameters.bringup_file import comment
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
 from isogal_ros.topics import NODES
@@ -62,19 +62,10 @@ def table(specs: Iterable[ParameterSpec]) -> Iterator[str]:
     yield "|---|---|---|---|"
     for spec in specs:
         descriptor = spec.descriptor
-        about = "; ".join(
-            part
-            for part in (
-                descriptor.description,
-                limits(descriptor),
-                descriptor.additional_constraints,
-            )
-            if part
-        )
         default = yaml.safe_dump(spec.default, default_flow_style=True, width=1000)
         default = default.splitlines()[0].replace("|", "\\|")
         kind = "any" if descriptor.dynamic_typing else TYPES.get(descriptor.type, "any")
-        yield f"| `{spec.name}` | {kind} | `{default}` | {escaped(about)} |"
+        yield f"| `{spec.name}` | {kind} | `{default}` | {escaped(comment(spec))} |"
 
 
 def escaped(about: str) -> str:

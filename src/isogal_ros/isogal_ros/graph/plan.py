@@ -2,10 +2,11 @@
 ends."""
 
 import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
@@ -42,6 +43,11 @@ class Plan:
     run's."""
     domain: int | None = None
     """ROS domain that must be used; None = as `graph_domain` finds one."""
+    real: bool = False
+    """Whether the sensors are those of a vehicle or of a recording, and nothing is simulated."""
+    of_recorder: ClassVar[Mapping[str, Any]] = {"closing_time": 20.0, "replace": True}
+    """Own parameters of the recorder: it ends last, and must have all of what the others have
+    published."""
 
     @cached_property
     def instruments(self) -> dict[str, Scenario]:
@@ -58,6 +64,8 @@ class Plan:
     def names(self) -> tuple[str, ...]:
         """Nodes of the graph; the recorder first, so that it hears everything."""
         nodes = nodes_of(self.scenario)
+        if self.real:
+            nodes = tuple(name for name in nodes if name != topics.INS_SIM)
         return nodes if self.bag is None else (RECORDER, *nodes)
 
     def own(self, name: str) -> dict[str, Any]:
@@ -65,26 +73,27 @@ class Plan:
         values: dict[str, Any] = {"run": self.run, "recorders": int(self.bag is not None)}
         values |= self.of_fields(name)
         if name == topics.INS_SIM:
-            values |= {"rate": float(self.rate), "lock_step": self.lock_step}
+            values |= {"rate": float(self.rate)}
+            values |= {} if self.lock_step else {"lock_step": False}
         if name == RECORDER:
-            if self.checkpoint is not None:
-                values |= {"resume": True}
-            # it ends last, and must have all of what the others have published
-            values |= {"closing_time": 20.0}
-            values |= {"bag": str(self.bag), "replace": True}
+            resume = self.checkpoint is not None
+            values |= {"bag": str(self.bag), "resume": resume, **self.of_recorder}
         if self.checkpoint is not None:
             values |= {"checkpoint": str(self.checkpoint)}
         return values
 
     def of_fields(self, name: str) -> dict[str, Any]:
-        """Return what a node is told beside the scenario where there are several fields: who else
-        there is, and a node with an instrument the scenario of its field."""
-        if len(self.instruments) == 1:
+        """Return what a node is told beside the scenario where there are several fields, or real
+        sensors: who else there is, and a node with an instrument the scenario of its field."""
+        several = len(self.instruments) > 1
+        if not (several or self.real):
             return {}
-        own = {"peers": [one for one in self.names if one != RECORDER]}
+        own: dict[str, Any] = {"peers": [one for one in self.names if one != RECORDER]}
         if name not in self.instruments:
             return own
-        return node_values(self.instruments[name], own, node_class(name).sections)
+        own |= {"simulate": False} if self.real else {}
+        scenario = self.instruments[name]
+        return node_values(scenario, own, node_class(name).sections) if several else own
 
     def values(self, name: str) -> dict[str, Any]:
         """Return all parameters of a node."""

@@ -5,18 +5,26 @@ Felt gravity is reduced with the navigator's velocity, and what is matched is ta
 with that of the navigator that matches (docs/mathematics.md, section 2.6). A navigator that does
 otherwise than the recorded one did needs readings of its own."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rclpy.serialization import deserialize_message
+
 from isogal.errors import InputError
+from isogal.inertial.rotations import to_angles
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.recorded_start import Start, recorded_start
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import peek_ns, to_seconds
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.nodes.nav_sample import moved, read_nav
+from isogal_ros.topics import Topic
 
 AIDS = (topics.BAROMETER, topics.VELOCITY)
 """Sensors beside the IMU that the filter may have."""
@@ -32,6 +40,8 @@ _WITHOUT = {
     topics.VELOCITY.name: "--set velocity.kind=none",
 }
 """What replays without a sensor beside the IMU, by its topic."""
+Start = dict[str, list[float]]
+"""Parameters of ukf_fusion_node by name."""
 LATE = 60.0
 """s after which the first IMU sample of a bag is not that of the scenario's start."""
 
@@ -42,15 +52,14 @@ class Recorded:
 
     scenario: Scenario
     run: int
-    imu: dict[int, bytes]
-    """Serialised messages by stamp."""
     collector: Collector
-    aids: dict[topics.Topic, dict[int, bytes]]
-    """Readings of height and velocity sensors by stamp."""
-    raw: tuple[dict[int, bytes], ...]
-    """Readings of each field's instrument as it gave them by stamp."""
+    sensors: Mapping[Topic, Mapping[int, bytes]]
+    """Serialised messages of what is played, by topic and stamp (ns): sensors beside the IMU, the
+    IMU, and the readings."""
+    readings: tuple[Topic, ...]
+    """Topics of the readings among them."""
     reduces: bool
-    """Whether these are reduced anew."""
+    """Whether these are those of the instruments, which are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
     of_another: bool = False
@@ -59,17 +68,16 @@ class Recorded:
     @property
     def first(self) -> float:
         """Stamp of the first IMU sample, s."""
-        return to_seconds(min(self.imu))
+        return to_seconds(min(self.sensors[topics.IMU]))
 
-    def readings(self) -> list[tuple[int, topics.Topic, bytes]]:
-        """Return stamp, topic and message of the readings that are fed, in order of time."""
-        each = [adapter_of(one) for one in self.scenario.each_field]
-        if self.reduces:
-            fed = [(one.raw, store) for one, store in zip(each, self.raw, strict=True)]
-        else:
-            stores = [self.collector.readings, *self.collector.others]
-            fed = [(one.reduced, store) for one, store in zip(each, stores, strict=True)]
-        found = [(ns, topic, data) for topic, store in fed for ns, data in store.items()]
+    def in_order(self) -> list[tuple[int, Topic, bytes]]:
+        """Return stamps, topics and messages in order of time; of one stamp in that of
+        `sensors`."""
+        found = [
+            (ns, topic, data)
+            for topic, messages in self.sensors.items()
+            for ns, data in messages.items()
+        ]
         return sorted(found, key=lambda one: one[0])
 
 
@@ -79,7 +87,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     Parameters
     ----------
     changed : bool
-        Whether the filter has other parameters than the recorded one, whatever the scenario says.
+        Whether the nodes do otherwise than the recorded ones, whatever the scenario says.
 
     Raises
     ------
@@ -87,41 +95,48 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         A topic that is needed is missing.
     """
     collector = Collector(scenario)
-    imu: dict[int, bytes] = {}
     each = [adapter_of(one) for one in scenario.each_field]
-    raw: tuple[dict[int, bytes], ...] = tuple({} for _ in each)
-    aids: dict[topics.Topic, dict[int, bytes]] = {topic: {} for topic in AIDS}
-    scalar: dict[int, bytes] = {}
-    stores = {topics.IMU: imu, topics.SCALAR_FIELD: scalar, **aids}
-    stores |= {one.raw: store for one, store in zip(each, raw, strict=True)}
+    raw = tuple(one.raw for one in each)
+    if topics.MAGNETIC_FIELD in raw:
+        raw += (topics.SCALAR_FIELD,)
+    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*AIDS, topics.IMU, *raw)}
     odometry: dict[int, bytes] = {}
-    wanted = (*stores, topics.NAV_ODOM, *collector.topics())
+    wanted = (*sensors, topics.NAV_ODOM, *collector.topics())
     for topic, data in wanted_messages(reader, wanted):
-        if topic in stores:
-            stores[topic][peek_ns(data)] = data
+        if topic in sensors:
+            sensors[topic][peek_ns(data)] = data
         elif topic is topics.NAV_ODOM:
             odometry = odometry or {peek_ns(data): data}
         else:
             collector.take(topic, data)
-    whole = all(raw) and not scalar
+    whole = all(sensors[one.raw] for one in each)
     recorded = reader.scenario()
     _check_reduction(reader.path, recorded, scenario, whole)
-    differs = changed or recorded != scenario or to_seconds(min(imu, default=0)) > LATE
+    first = min(sensors[topics.IMU], default=0)
+    differs = changed or recorded != scenario or to_seconds(first) > LATE
     reduces = differs and whole
-    reduced = (collector.readings, *collector.others)
-    needed = [(topics.IMU.name, imu)]
-    for one, store, instead in zip(each, raw, reduced, strict=True):
-        needed.append((one.raw.name, store) if reduces else (one.reduced.name, instead))
-    needed += [(topic.name, aids[topic]) for topic in aids_of(scenario)]
-    _check_there(reader, [name for name, store in needed if not store])
-    run = int(reader.texts.get("run", 0))
-    start = recorded_start(scenario, collector.first_nav, odometry, min(imu))
+    if not reduces:
+        for topic in raw:
+            del sensors[topic]
+        reduced = (collector.readings, *collector.others)
+        sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
+    needed = (topics.IMU, *(one.raw if reduces else one.reduced for one in each))
+    needed += aids_of(scenario)
+    _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
     felt = any(one.raw is topics.FELT for one in each)
-    of_another = differs and felt and not reduces
-    return Recorded(scenario, run, imu, collector, aids, raw, reduces, start, of_another)
+    return Recorded(
+        scenario,
+        int(reader.texts.get("run", 0)),
+        collector,
+        sensors,
+        tuple(topic for topic in sensors if topic not in (*AIDS, topics.IMU)),
+        reduces,
+        _start(scenario, collector.first_nav, odometry, first),
+        of_another=differs and felt and not reduces,
+    )
 
 
-def aids_of(scenario: Scenario) -> tuple[topics.Topic, ...]:
+def aids_of(scenario: Scenario) -> tuple[Topic, ...]:
     """Return which of `AIDS` the filter of a scenario takes."""
     used = {
         topics.BAROMETER: scenario.height.measured,
@@ -185,3 +200,35 @@ def _keys_of(scenario: Scenario) -> dict[str, Any]:
             values = document[section]
             found |= {f"{prefix}{section}.{key}": values[key] for key in keys or values}
     return found
+
+
+def _start(
+    scenario: Scenario, fixes: dict[int, bytes], odometry: dict[int, bytes], first: int
+) -> Start | None:
+    """Return the start; None where the bag does not say it.
+
+    Parameters
+    ----------
+    fixes, odometry : dict
+        Serialised messages on nav/fix and nav/odom by stamp (ns); of the latter the first will do.
+    first : int
+        Stamp (ns) of the first IMU sample, before which the filter starts by one interval.
+    """
+    both = sorted(ns for ns in odometry if ns in fixes)
+    if not both:
+        return None
+    try:
+        sample = read_nav(
+            deserialize_message(fixes[both[0]], topics.NAV_FIX.type),
+            deserialize_message(odometry[both[0]], topics.NAV_ODOM.type),
+            map_frame(scenario),
+        )
+    except BadMessageError:
+        return None
+    sample = moved(sample, first - from_seconds(1.0 / scenario.imu.rate))
+    latitude, longitude, height = sample.position
+    return {
+        "start_position": [math.degrees(latitude), math.degrees(longitude), float(height)],
+        "start_velocity": [float(speed) for speed in sample.velocity],
+        "start_attitude": [math.degrees(angle) for angle in to_angles(sample.attitude)],
+    }

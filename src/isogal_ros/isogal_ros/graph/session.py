@@ -8,15 +8,15 @@ from typing import Any
 
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
-from isogal.maps.several import first_map
+from isogal.maps.several import RunMap, first_map
 from isogal.scenario import Scenario, changed_scenario
-from isogal.sensors.trajectory import build_trajectory
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import record_of
 from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.checks import checked
 from isogal_ros.graph.console import Console
-from isogal_ros.graph.evaluation import evaluate
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.processes import run_processes
@@ -114,20 +114,17 @@ def replay_session(
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
     parameters: Mapping[str, Any] | None = None,
-    domain: int | None = None,
 ) -> tuple[Replay, Summary | None]:
     """Replay a bag and compare; evaluate the replay as well where there is a folder for it, the
     recording has the truth, and nobody interrupts.
 
     The scenario is the bag's own unless another is given, with keys changed by `overrides`
-    (``KEY=VALUE``); for `parameters` and `domain` see `replay`.
+    (``KEY=VALUE``); for `parameters` see `replay`.
 
     Raises
     ------
     InputError
         The bag or what it needs cannot be used.
-    GraphError
-        A node failed.
     """
     reader = BagReader(bag)
     scenario = scenario or reader.scenario()
@@ -136,7 +133,7 @@ def replay_session(
     if out is not None:
         make_folder(out)
     with interrupts() as interrupt, to.progress() as report:
-        result = replay(reader, interrupt, report, scenario, parameters, domain)
+        result = replay(reader, interrupt, report, scenario, parameters)
     if out is None or result.interrupted:
         return result, None
     trajectory = build_trajectory(result.scenario)
@@ -144,6 +141,35 @@ def replay_session(
     return result, evaluate(
         result.outputs, result.scenario, trajectory, field_map, out, result.wall_seconds
     )
+
+
+def evaluate(
+    collector: Collector,
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RunMap,
+    out: Path,
+    wall_seconds: float,
+) -> Summary | None:
+    """Write summary.json, report.html and figures; return the summary, or None where there is
+    nothing to evaluate."""
+    from isogal.evaluation.bound import posterior_cramer_rao
+    from isogal.evaluation.run_report import run_report
+    from isogal.evaluation.summary import summarise, write_json
+
+    runs = record_of(collector, field_map)
+    if runs is None:
+        return None
+    bound = posterior_cramer_rao(scenario, trajectory, field_map)
+    summary = summarise(
+        runs,
+        scenario,
+        bound.rms_at(runs.time - runs.time[0] + bound.time[0]),
+        wall_seconds=wall_seconds,
+    )
+    write_json(out / "summary.json", summary)
+    run_report(runs, scenario, field_map, bound, out, summary)
+    return summary
 
 
 def fresh_checkpoints(folder: Path) -> Path:

@@ -16,6 +16,7 @@ from isogal import plugins
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
+from isogal_ros.messages.frames import framed
 from isogal_ros.topics import Topic
 
 Place = tuple[float, float] | None
@@ -53,6 +54,23 @@ class Adapter(Protocol):
     def read_reduced(self, message: Any) -> tuple[Any, Any]:
         """Return (reduced reading, NaN = the instrument had none in range; variance)."""
         ...
+
+
+class Framed:
+    """Messages of an adapter of Isogal's own, before they are filled."""
+
+    raw: Topic
+    reduced: Topic
+    frames: tuple[str, str]
+    """Of raw and of reduced messages."""
+
+    def new_raw(self) -> Any:
+        """Return a raw message of the simulated instrument, to be filled."""
+        return framed(self.raw, self.frames[0])
+
+    def new_reduced(self) -> Any:
+        """Return a message for reduced readings, to be filled."""
+        return framed(self.reduced, self.frames[1])
 
 
 def adapter_of(scenario: Scenario, field: str | None = None) -> Adapter:

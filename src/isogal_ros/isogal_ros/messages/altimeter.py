@@ -9,7 +9,7 @@ from sensor_msgs.msg import NavSatStatus
 
 from isogal.scenario import Altimeter, Scenario
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Adapter, Place
+from isogal_ros.messages.adapter import Adapter, Framed, Place
 from isogal_ros.messages.checks import BadMessageError, require_reading
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix
 from isogal_ros.messages.stamps import set_stamp
@@ -28,7 +28,7 @@ def terrain(scenario: Scenario) -> Adapter:
     return kind(scenario.altimeter)
 
 
-class AltimeterAdapter:
+class AltimeterAdapter(Framed):
     """Clearance and terrain height, m.
 
     Parameters
@@ -38,14 +38,14 @@ class AltimeterAdapter:
     """
 
     raw, reduced = topics.CLEARANCE, topics.TERRAIN
+    frames = ALTIMETER, GROUND
 
     def __init__(self, settings: Altimeter) -> None:
         self._settings = settings
 
     def new_raw(self) -> Any:
         """Return a message with the limits of range."""
-        message = self.raw.type()
-        message.header.frame_id = ALTIMETER
+        message = super().new_raw()
         message.min_range = self._settings.min_range
         message.max_range = self._settings.max_range
         return message
@@ -75,12 +75,6 @@ class AltimeterAdapter:
             )
         in_range = math.isfinite(value) and low <= value <= high
         return (value if in_range else math.nan), variance or None
-
-    def new_reduced(self) -> Any:
-        """Return a message of a point below the vehicle."""
-        message = self.reduced.type()
-        message.header.frame_id = GROUND
-        return message
 
     def fill_reduced(
         self, message: Any, ns: int, value: float, variance: float, place: Place

@@ -2,53 +2,33 @@
 (deg), weight and scan, in the frame ``wgs84``."""
 
 import numpy as np
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 
 from isogal.matching.interfaces import Candidates
+from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.frames import GEODETIC
-from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.messages.frames import GEODETIC, framed
+from isogal_ros.messages.point import fill_cloud, read_cloud
 
-_POINT = np.dtype([("latitude", "<f8"), ("longitude", "<f8"), ("weight", "<f8"), ("scan", "<u4")])
-_TYPES = {"<f8": PointField.FLOAT64, "<u4": PointField.UINT32}
+FIELDS = ("latitude", "longitude", "weight", "scan")
 
 
 def candidates_cloud(ns: int, candidates: Candidates | None) -> PointCloud2:
     """Return a message of candidates; of no point where there are none."""
-    count = 0 if candidates is None else len(candidates.latitude)
-    points = np.zeros(count, dtype=_POINT)
+    cloud = framed(topics.CANDIDATES, GEODETIC)
+    columns = [np.zeros(0)] * 3 + [np.zeros(0, np.uint32)]
     if candidates is not None:
-        points["latitude"] = np.degrees(candidates.latitude)
-        points["longitude"] = np.degrees(candidates.longitude)
-        points["weight"], points["scan"] = candidates.weight, candidates.scan
-    cloud = PointCloud2(
-        height=1,
-        width=count,
-        is_bigendian=False,
-        point_step=_POINT.itemsize,
-        row_step=count * _POINT.itemsize,
-        is_dense=True,
-    )
-    set_stamp(cloud.header.stamp, ns)
-    cloud.header.frame_id = GEODETIC
-    cloud.fields = [
-        PointField(name=name, offset=offset, datatype=_TYPES[kind.str], count=1)
-        for name, (kind, offset, *_) in (_POINT.fields or {}).items()
-    ]
-    cloud.data = points.tobytes()
+        degrees = np.degrees(candidates.latitude), np.degrees(candidates.longitude)
+        columns = [*degrees, candidates.weight, candidates.scan.astype(np.uint32)]
+    fill_cloud(cloud, ns, dict(zip(FIELDS, columns, strict=True)))
     return cloud
 
 
 def read_candidates(cloud: PointCloud2) -> Candidates:
     """Return the candidates of a cloud that `candidates_cloud` made; raises BadMessageError where
     the fields are others."""
-    names = [field.name for field in cloud.fields]
-    if cloud.point_step != _POINT.itemsize or names != list(_POINT.names or ()):
+    if [field.name for field in cloud.fields] != list(FIELDS):
         raise BadMessageError("fields must be latitude, longitude, weight, scan")
-    points = np.frombuffer(bytes(cloud.data), dtype=_POINT)
-    return Candidates(
-        np.radians(points["latitude"]),
-        np.radians(points["longitude"]),
-        points["weight"].copy(),
-        points["scan"].astype(np.int64),
-    )
+    found = read_cloud(cloud, FIELDS.__contains__)
+    latitude, longitude, weight, scan = (found[name][:, 0] for name in FIELDS)
+    return Candidates(np.radians(latitude), np.radians(longitude), weight, scan.astype(np.int64))

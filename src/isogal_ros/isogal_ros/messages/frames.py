@@ -6,11 +6,13 @@ frame ``map`` is ENU at the first route point, exact through ECEF
 (`isogal.earth.frames.LocalFrame`)."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Scenario
+from isogal_ros.topics import Topic
 
 MAP, ODOM, BASE, GEODETIC = "map", "odom", "base_link", "wgs84"
 """Frames of the navigation, of dead reckoning, of the vehicle, and of geodetic coordinates. Those
@@ -29,3 +31,10 @@ def map_frame(scenario: Scenario) -> LocalFrame:
     first = route.waypoints[0][:2] if route.waypoints is not None else route.start
     assert first is not None  # the scenario model has checked
     return LocalFrame(math.radians(first[0]), math.radians(first[1]), route.height)
+
+
+def framed(topic: Topic, frame: str) -> Any:
+    """Return an empty message of a topic, in a frame."""
+    message = topic.type()
+    message.header.frame_id = frame
+    return message

@@ -6,7 +6,7 @@ import numpy as np
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.adapter import Framed, Place
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
 from isogal_ros.messages.position import NOT_MEASURED
 from isogal_ros.messages.stamps import set_stamp
@@ -31,19 +31,13 @@ def disturbance(scenario: Scenario) -> "GravimeterAdapter":
     return GravimeterAdapter(topics.DISTURBANCE)
 
 
-class GravimeterAdapter:
+class GravimeterAdapter(Framed):
     """Felt gravity, and gravity or its disturbance, m/s²: the same type of message."""
 
-    raw = topics.FELT
+    raw, frames = topics.FELT, (PLATFORM, PLATFORM)
 
     def __init__(self, reduced: Topic) -> None:
         self.reduced = reduced
-
-    def new_raw(self) -> Any:
-        """Return a message in the platform's frame."""
-        message = self.raw.type()
-        message.header.frame_id = PLATFORM
-        return message
 
     def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
         """Write a value and its variance; the horizontal components are not measured."""
@@ -56,10 +50,6 @@ class GravimeterAdapter:
     def read_raw(self, message: Any) -> tuple[float, float | None]:
         """Return a value and its variance."""
         return self._read(message, SMALLEST_GRAVITY, LARGEST_GRAVITY)
-
-    def new_reduced(self) -> Any:
-        """Return a message in the platform's frame."""
-        return self.new_raw()
 
     def fill_reduced(
         self, message: Any, ns: int, value: float, variance: float, place: Place

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.magnetics.terms import COUNT
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Place
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
+from isogal_ros.messages.frames import framed
 from isogal_ros.messages.magnetometer import MAIN_FIELD, MagnetometerAdapter
-from isogal_ros.messages.point import fill_point, read_point
+from isogal_ros.messages.point import fill_point, numbers, read_point
 
-_FIELDS = {"anomaly": 1, "variance": 1, "terms": COUNT}
+FIELDS = ("anomaly", "variance", "terms")
 
 
 class MagneticTermsAdapter(MagnetometerAdapter):
@@ -24,28 +24,23 @@ class MagneticTermsAdapter(MagnetometerAdapter):
 
     def new_reduced(self) -> Any:
         """Return a message to be filled."""
-        message = self.reduced.type()
-        message.header.frame_id = MAIN_FIELD
-        return message
+        return framed(self.reduced, MAIN_FIELD)
 
     def fill_reduced(
         self, message: Any, ns: int, value: Any, variance: float, place: Place
     ) -> None:
         """Write an anomaly, nT, and its terms (1 + C,); NaN = none."""
         found = np.broadcast_to(value, COUNT + 1)
-        content = {"anomaly": found[0], "variance": variance, "terms": found[1:]}
-        fill_point(message, ns, content)
+        content = found[0], variance, found[1:]
+        fill_point(message, ns, dict(zip(FIELDS, content, strict=True)))
 
     def read_reduced(self, message: Any) -> tuple[Any, float]:
         """Return the anomaly with its terms (1 + C,), and its variance (nT²)."""
         require_frame(message, MAIN_FIELD)
         content = read_point(message)
-        for name, count in _FIELDS.items():
-            if len(content.get(name, ())) != count:
-                raise BadMessageError(f"field {name} must be {count} x float64")
-        anomaly, variance = float(content["anomaly"][0]), float(content["variance"][0])
+        anomaly, variance = (float(numbers(content, name, 1)[0]) for name in FIELDS[:2])
         require_reading(anomaly, variance)
-        terms: Array = content["terms"]
+        terms = numbers(content, FIELDS[2], COUNT)
         if not np.isfinite(terms).all():
             raise BadMessageError("a term is not finite")
         return np.concatenate([[anomaly], terms]), variance

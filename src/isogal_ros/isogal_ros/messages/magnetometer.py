@@ -9,7 +9,7 @@ from isogal.arrays import Array
 from isogal.maps.quantities import QUANTITIES
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Adapter, Place
+from isogal_ros.messages.adapter import Adapter, Framed, Place
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_reading
 from isogal_ros.messages.stamps import set_stamp
 
@@ -30,7 +30,7 @@ def magnetic(scenario: Scenario) -> Adapter:
     return MagnetometerAdapter()
 
 
-class MagnetometerAdapter:
+class MagnetometerAdapter(Framed):
     """Total field and its anomaly.
 
     Of a raw vector only the length counts, so that its frame may be any, but for what a magnetic
@@ -41,18 +41,11 @@ class MagnetometerAdapter:
     message has it)."""
 
     raw, reduced = topics.MAGNETIC_FIELD, topics.ANOMALY
-
-    def new_raw(self) -> Any:
-        """Return a message in the magnetometer's frame."""
-        message = self.raw.type()
-        message.header.frame_id = MAGNETOMETER
-        return message
+    frames = MAGNETOMETER, MAIN_FIELD
 
     def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
         """Write a total field, nT."""
-        set_stamp(message.header.stamp, ns)
-        message.magnetic_field.z = value * TESLA
-        message.magnetic_field_covariance = (np.eye(3) * variance * TESLA**2).ravel()
+        self.fill_vector(message, ns, (0.0, 0.0, value), variance)
 
     def fill_vector(self, message: Any, ns: int, vector: Any, variance: float) -> None:
         """Write a vector (3,), nT, with the variance of each component."""
@@ -66,7 +59,7 @@ class MagnetometerAdapter:
         field = message.magnetic_field
         vector = np.array([field.x, field.y, field.z]) / TESLA
         if not np.isfinite(vector).all():
-            raise BadMessageError("a component is not finite: the vector needs all three")
+            raise BadMessageError("a component is not finite: the field needs all three")
         return vector
 
     def read_scalar(self, message: Any) -> tuple[float, float | None]:
@@ -76,10 +69,7 @@ class MagnetometerAdapter:
         total, variance = field.z / TESLA, float(message.magnetic_field_covariance[8]) / TESLA**2
         if math.isfinite(field.x) and math.isfinite(field.y):
             total = math.sqrt(field.x**2 + field.y**2 + field.z**2) / TESLA
-        if not _EARTH.lowest <= total <= _EARTH.highest:
-            raise BadMessageError(
-                f"a total field of {total * TESLA:.3g} T is not the Earth's; the unit is tesla"
-            )
+        _require_earths(total)
         if not variance >= 0.0 or math.isinf(variance):
             raise BadMessageError("negative variance")
         return total, variance or None
@@ -87,16 +77,10 @@ class MagnetometerAdapter:
     def read_raw(self, message: Any) -> tuple[float, float | None]:
         """Return the total field (nT) and its variance (nT²), that of the component along the
         vector; None = unknown (zero)."""
-        field = message.magnetic_field
-        vector = np.array([field.x, field.y, field.z]) / TESLA
+        vector = self.read_vector(message)
         covariance = np.asarray(message.magnetic_field_covariance).reshape(3, 3) / TESLA**2
-        if not np.isfinite(vector).all():
-            raise BadMessageError("a component is not finite: the total field needs all three")
         total = math.sqrt(vector @ vector)
-        if not _EARTH.lowest <= total <= _EARTH.highest:
-            raise BadMessageError(
-                f"a total field of {total * TESLA:.3g} T is not the Earth's; the unit is tesla"
-            )
+        _require_earths(total)
         require_covariance(covariance)
         variance = float(vector @ covariance @ vector) / total**2
         if variance < 0.0:
@@ -105,8 +89,7 @@ class MagnetometerAdapter:
 
     def new_reduced(self) -> Any:
         """Return a message with nothing across the main field."""
-        message = self.reduced.type()
-        message.header.frame_id = MAIN_FIELD
+        message = super().new_reduced()
         message.magnetic_field.x = message.magnetic_field.y = math.nan
         return message
 
@@ -126,3 +109,11 @@ class MagnetometerAdapter:
         variance = float(message.magnetic_field_covariance[8]) / TESLA**2
         require_reading(value, variance)
         return value, variance
+
+
+def _require_earths(total: float) -> None:
+    """Raise BadMessageError unless a total field, nT, may be the Earth's."""
+    if not _EARTH.lowest <= total <= _EARTH.highest:
+        raise BadMessageError(
+            f"a total field of {total * TESLA:.3g} T is not the Earth's; the unit is tesla"
+        )

@@ -1,7 +1,7 @@
-"""Named numbers as a PointCloud2 of one point: a message with a stamp that describes its own
-content."""
+"""Named numbers as a PointCloud2: a message with a stamp that describes its own content. What no
+standard message holds is one point, whose fields are arrays of float64."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,29 +11,95 @@ from isogal.arrays import Array
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import set_stamp
 
-_MOST_FIELDS = 64
+_KINDS = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8", PointField.UINT32: "u4"}
+_NAMES = {"f4": "float32", "f8": "float64", "u4": "uint32"}
+_MOST_FIELDS, _MOST_POINTS = 64, 100_000
 
 
-def fill_point(message: Any, ns: int, values: Mapping[str, Array | float]) -> None:
-    """Write a stamp and named numbers, all float64; arrays row by row."""
-    arrays = {name: np.atleast_1d(np.asarray(value, "<f8")) for name, value in values.items()}
+def fill_cloud(message: Any, ns: int, columns: Mapping[str, Any]) -> None:
+    """Write a stamp and points, whose numbers are given by the name of their field: arrays (N,) or
+    (N, C), of which those of float32, float64 and uint32 stay so."""
+    count = len(next(iter(columns.values()), (None,)))
+    arrays = {name: column.reshape(count, -1 if count else 1) for name, column in columns.items()}
+    kind = np.dtype([(name, f"<{a.dtype.str[1:]}", a.shape[1:]) for name, a in arrays.items()])
+    points = np.empty(count, kind)
     offset, fields = 0, []
+    types = {short: datatype for datatype, short in _KINDS.items()}
     for name, array in arrays.items():
-        fields.append(
-            PointField(name=name, offset=offset, datatype=PointField.FLOAT64, count=array.size)
-        )
-        offset += array.nbytes
+        points[name] = array
+        datatype, size = types[array.dtype.str[1:]], array.shape[1]
+        fields.append(PointField(name=name, offset=offset, datatype=datatype, count=size))
+        offset += size * array.dtype.itemsize
     set_stamp(message.header.stamp, ns)
-    message.height = message.width = 1
-    message.is_bigendian = False
+    message.height, message.width, message.is_bigendian = 1, count, False
     message.is_dense = all(bool(np.isfinite(array).all()) for array in arrays.values())
-    message.point_step = message.row_step = offset
-    message.fields = fields
-    message.data = b"".join(array.tobytes() for array in arrays.values())
+    message.point_step, message.row_step = offset, offset * count
+    message.fields, message.data = fields, points.tobytes()
 
 
-def read_point(message: Any) -> dict[str, Array]:
-    """Return the numbers of a point by the name of their field, each as an array (N,).
+def fill_point(message: Any, ns: int, values: Mapping[str, Any]) -> None:
+    """Write a stamp and named numbers as one point, all float64; arrays row by row."""
+    rows = {name: np.asarray(value, np.float64).reshape(1, -1) for name, value in values.items()}
+    fill_cloud(message, ns, rows)
+
+
+def read_cloud(
+    message: Any, wanted: Callable[[str], bool], kinds: tuple[str, ...] = ("f4", "f8", "u4")
+) -> dict[str, Array]:
+    """Return the numbers of points by the name of their field, arrays (N, C).
+
+    Parameters
+    ----------
+    wanted : callable
+        Whether a field of a name is; the others may hold anything.
+    kinds : tuple of str
+        Types that numbers may have.
+
+    Raises
+    ------
+    BadMessageError
+        A field is of another type or lies beyond the data, or there is too much.
+    """
+    if len(message.fields) > _MOST_FIELDS:
+        raise BadMessageError(f"has more than {_MOST_FIELDS} fields")
+    order = ">" if message.is_bigendian else "<"
+    formats: dict[str, Any] = {}
+    offsets: dict[str, int] = {}
+    for item in message.fields:
+        if not wanted(item.name):
+            continue
+        kind = _KINDS.get(item.datatype, "")
+        if kind not in kinds or item.count < 1:
+            allowed = " or ".join(_NAMES[one] for one in kinds)
+            raise BadMessageError(f"field {item.name} must be {allowed}")
+        end = item.offset + int(kind[-1]) * item.count
+        if end > message.point_step:
+            raise BadMessageError(f"field {item.name} lies beyond the end of the data")
+        formats[item.name] = f"{order}{kind}", (item.count,)
+        offsets[item.name] = item.offset
+    count, step = message.width * message.height, message.point_step
+    if count > _MOST_POINTS:
+        raise BadMessageError(f"{count} points are too many")
+    if step * count > len(message.data):
+        raise BadMessageError(f"{count} points: the last lies beyond the end of the data")
+    if not formats:
+        return {}
+    whole = np.dtype(
+        {
+            "names": list(formats),
+            "formats": list(formats.values()),
+            "offsets": list(offsets.values()),
+            "itemsize": step,
+        }
+    )
+    points = np.frombuffer(bytes(message.data), whole, count)
+    return {name: np.asarray(points[name], np.float64) for name in formats}
+
+
+def read_point(
+    message: Any, wanted: Callable[[str], bool] = lambda name: True
+) -> dict[str, Array]:
+    """Return the numbers of one point by the name of their field, each as an array (N,).
 
     Raises
     ------
@@ -42,15 +108,14 @@ def read_point(message: Any) -> dict[str, Array]:
     """
     if message.width * message.height != 1:
         raise BadMessageError(f"must hold one point, holds {message.width * message.height}")
-    if len(message.fields) > _MOST_FIELDS:
-        raise BadMessageError(f"has more than {_MOST_FIELDS} fields")
-    data, number = bytes(message.data), np.dtype(">f8" if message.is_bigendian else "<f8")
-    values = {}
-    for item in message.fields:
-        if item.datatype != PointField.FLOAT64 or item.count < 1:
-            raise BadMessageError(f"field {item.name} must be float64")
-        if item.offset + 8 * item.count > min(message.point_step, len(data)):
-            raise BadMessageError(f"field {item.name} lies beyond the end of the data")
-        numbers = np.frombuffer(data, number, item.count, item.offset)
-        values[item.name] = numbers.astype(np.float64)
-    return values
+    return {name: rows[0] for name, rows in read_cloud(message, wanted, ("f8",)).items()}
+
+
+def numbers(values: Mapping[str, Array], name: str, size: int) -> Array:
+    """Return the numbers of a field; raises BadMessageError where it is missing or of another
+    size."""
+    if name not in values:
+        raise BadMessageError(f"no field {name}; fields are {', '.join(values) or '(none)'}")
+    if len(values[name]) != size:
+        raise BadMessageError(f"field {name} must be {size} x float64, has {len(values[name])}")
+    return values[name]

@@ -6,28 +6,26 @@ import math
 from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import PointField
 
 from isogal.arrays import Array
 from isogal.scenario import Altimeter
 from isogal.sensors.beams import PARTS, thinned
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Place
+from isogal_ros.messages.adapter import Framed, Place
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
-from isogal_ros.messages.frames import BASE
-from isogal_ros.messages.point import fill_point, read_point
+from isogal_ros.messages.frames import BASE, FRD_FLU
+from isogal_ros.messages.point import fill_cloud, fill_point, numbers, read_cloud, read_point
 from isogal_ros.messages.stamps import set_stamp
 
 FAN = "altimeter_fan_link"
 """Frame of a scan: x down, y to port, z forward, so that angles count from straight down to
 port."""
-_NUMBERS = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 _AXES = ("x", "y", "z")
 _MOST = 100_000
-"""Points of a message at most."""
+"""Ranges of a message at most."""
 
 
-class _Footprints:
+class _Footprints(Framed):
     """What both have: the message of footprints, a point (`point`) with the fields `terrain` (4
     numbers for each beam: terrain height, and the footprint north, east and down of the vehicle,
     m) and `variance` (m²).
@@ -37,16 +35,10 @@ class _Footprints:
     settings : scenario.Altimeter
     """
 
-    reduced = topics.FOOTPRINTS
+    reduced, frames = topics.FOOTPRINTS, (BASE, BASE)
 
     def __init__(self, settings: Altimeter) -> None:
         self._settings = settings
-
-    def new_reduced(self) -> Any:
-        """Return a message to be filled."""
-        message = self.reduced.type()
-        message.header.frame_id = BASE
-        return message
 
     def fill_reduced(
         self, message: Any, ns: int, value: Array, variance: float, place: Place
@@ -60,10 +52,8 @@ class _Footprints:
         """Return terrain heights with footprints (B, 4), NaN = none, and their variance."""
         require_frame(message, BASE)
         content = read_point(message)
-        terrain, variance = content.get("terrain"), content.get("variance")
-        size = self._settings.count * PARTS
-        if terrain is None or variance is None or len(terrain) != size or len(variance) != 1:
-            raise BadMessageError(f"fields must be terrain, {size} x float64, and variance")
+        terrain = numbers(content, "terrain", self._settings.count * PARTS)
+        variance = numbers(content, "variance", 1)
         if np.isinf(terrain).any():
             raise BadMessageError("a terrain height is not finite")
         require_covariance(variance[:, None])
@@ -83,66 +73,30 @@ class PointsAdapter(_Footprints):
 
     raw = topics.SOUNDINGS
 
-    def new_raw(self) -> Any:
-        """Return a message to be filled."""
-        message = self.raw.type()
-        message.header.frame_id = BASE
-        message.fields = [
-            PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-            for i, name in enumerate(_AXES)
-        ]
-        message.height, message.point_step, message.is_bigendian = 1, 12, False
-        return message
-
     def fill_raw(self, message: Any, ns: int, value: Array, variance: float) -> None:
         """Write soundings (B, 3) m, forward, right, down; NaN = none."""
-        points = (value * (1.0, -1.0, -1.0)).astype("<f4")
-        set_stamp(message.header.stamp, ns)
-        message.width, message.row_step = len(points), 12 * len(points)
-        message.is_dense = bool(np.isfinite(points).all())
-        message.data = points.tobytes()
+        points = (value * FRD_FLU).astype(np.float32)
+        fill_cloud(message, ns, dict(zip(_AXES, points.T, strict=True)))
 
     def read_raw(self, message: Any) -> tuple[Array, float | None]:
         """Return soundings (B, 3) m, forward, right, down, NaN = none in range; and no
         variance."""
         require_frame(message, BASE)
-        count, order = message.width * message.height, ">" if message.is_bigendian else "<"
-        fields = {field.name: field for field in message.fields if field.name in _AXES}
-        if set(fields) != set(_AXES):
+        found = read_cloud(message, _AXES.__contains__, ("f4", "f8"))
+        if set(found) != set(_AXES):
             raise BadMessageError("must have the fields x, y and z")
-        if count > _MOST or message.point_step * count > len(message.data):
-            raise BadMessageError(f"{count} points are too many, or more than there are data")
-        for field in fields.values():
-            if field.datatype not in _NUMBERS:
-                raise BadMessageError(f"field {field.name} must be float32 or float64")
-        kinds = [order + _NUMBERS[fields[name].datatype] for name in _AXES]
-        ends = [
-            fields[name].offset + int(kind[-1]) for name, kind in zip(_AXES, kinds, strict=True)
-        ]
-        if max(ends) > message.point_step:
-            raise BadMessageError("a field lies beyond the point")
-        kind = np.dtype(
-            {
-                "names": list(_AXES),
-                "formats": kinds,
-                "offsets": [fields[name].offset for name in _AXES],
-                "itemsize": message.point_step,
-            }
-        )
-        points = np.frombuffer(bytes(message.data), kind, count)
-        columns = [points[name].astype(np.float64) for name in _AXES]
-        return self._in_range(np.stack(columns, axis=-1) * (1.0, -1.0, -1.0)), None
+        points = np.stack([found[name][:, 0] for name in _AXES], axis=-1)
+        return self._in_range(points * FRD_FLU), None
 
 
 class ScanAdapter(_Footprints):
     """Soundings as a scan: ranges of a fan across the track by their angle."""
 
-    raw = topics.FAN
+    raw, frames = topics.FAN, (FAN, BASE)
 
     def new_raw(self) -> Any:
         """Return a message with the fan's angles."""
-        message = self.raw.type()
-        message.header.frame_id = FAN
+        message = super().new_raw()
         half = math.radians(self._settings.opening) / 2.0 if self._settings.beams > 1 else 0.0
         message.angle_min, message.angle_max = -half, half
         message.angle_increment = 2.0 * half / max(1, self._settings.beams - 1)

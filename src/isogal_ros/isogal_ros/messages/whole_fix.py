@@ -22,7 +22,7 @@ from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES, Estimat
 from isogal.matching.interfaces import Fix, Information
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
 from isogal_ros.messages.frames import BASE
-from isogal_ros.messages.point import fill_point, read_point
+from isogal_ros.messages.point import fill_point, numbers, read_point
 from isogal_ros.messages.stamps import to_ns, to_seconds
 
 
@@ -105,10 +105,7 @@ def read_whole_fix(message: Any) -> WholeFix:
 
 def _numbers(values: Mapping[str, Array], name: str, size: int) -> Array:
     """Return a field of a size; raises BadMessageError where it is missing or not finite."""
-    found = values.get(name)
-    if found is None or len(found) != size:
-        there = "missing" if found is None else f"of {len(found)} numbers"
-        raise BadMessageError(f"field {name} must have {size} numbers, is {there}")
+    found = numbers(values, name, size)
     if not np.isfinite(found).all():
         raise BadMessageError(f"field {name} is not finite")
     return found

@@ -16,16 +16,7 @@ from rcl_interfaces.msg import (
 
 from isogal import plugins
 from isogal_ros.parameters.annotations import Content, content_of
-from isogal_ros.parameters.spec import (
-    NullableNumber,
-    NullableText,
-    Numbers,
-    ParameterSpec,
-    Quantity,
-    Texts,
-    Yaml,
-    yaml_line,
-)
+from isogal_ros.parameters.spec import UNSAID, ParameterSpec, Yaml, yaml_line
 
 
 def parameter_specs(
@@ -69,7 +60,7 @@ def _spec(field: FieldInfo, descriptor: ParameterDescriptor) -> ParameterSpec:
     if (quantity := _extra(field, "quantity")) is not None:
         descriptor.dynamic_typing = True
         descriptor.additional_constraints = f"{quantity}, or three of them; empty stands for null"
-        return Quantity(descriptor.name, "", descriptor)
+        return ParameterSpec(descriptor.name, "", descriptor, null="")
     if content.words:
         descriptor.dynamic_typing = True
         descriptor.additional_constraints = f"a number >= 0, or {' or '.join(content.words)}"
@@ -83,7 +74,7 @@ def _spec(field: FieldInfo, descriptor: ParameterDescriptor) -> ParameterSpec:
         return _text(content, default, descriptor, _plugins(field) or typing.get_args(kind))
     if typing.get_origin(kind) is tuple and typing.get_args(kind)[0] is str:
         descriptor.type = ParameterType.PARAMETER_STRING_ARRAY
-        return Texts(descriptor.name, list(default), descriptor)
+        return ParameterSpec(descriptor.name, list(default), descriptor)
     if (
         typing.get_origin(kind) is tuple
         and default is not None
@@ -91,11 +82,11 @@ def _spec(field: FieldInfo, descriptor: ParameterDescriptor) -> ParameterSpec:
     ):
         descriptor.type = ParameterType.PARAMETER_DOUBLE_ARRAY
         descriptor.additional_constraints = f"{len(default)} numbers"
-        return Numbers(descriptor.name, [float(item) for item in default], descriptor)
+        return ParameterSpec(descriptor.name, [float(item) for item in default], descriptor)
     descriptor.type = ParameterType.PARAMETER_STRING
     descriptor.additional_constraints = "YAML in a string; empty stands for null"
     empty = None if content.nullable else default
-    return Yaml(descriptor.name, yaml_line(default), descriptor, empty)
+    return Yaml(descriptor.name, yaml_line(default), descriptor, empty=empty)
 
 
 def _number(content: Content, default: Any, descriptor: ParameterDescriptor) -> ParameterSpec:
@@ -108,8 +99,9 @@ def _number(content: Content, default: Any, descriptor: ParameterDescriptor) -> 
     )
     if low is not None or high is not None:
         _limit(descriptor, low, high)
-    kind = NullableNumber if content.nullable else ParameterSpec
-    return kind(descriptor.name, content.type(default or 0), descriptor)
+    zero = content.type(0)
+    null = zero if content.nullable else UNSAID
+    return ParameterSpec(descriptor.name, content.type(default or zero), descriptor, null)
 
 
 def _limit(descriptor: ParameterDescriptor, low: Any, high: Any) -> None:
@@ -131,8 +123,8 @@ def _text(
     descriptor.type = ParameterType.PARAMETER_STRING
     if allowed:
         descriptor.additional_constraints = "one of: " + ", ".join(allowed)
-    kind = NullableText if content.nullable else ParameterSpec
-    return kind(descriptor.name, default or "", descriptor)
+    null = "" if content.nullable else UNSAID
+    return ParameterSpec(descriptor.name, default or "", descriptor, null)
 
 
 def _plugins(field: FieldInfo) -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """One ROS parameter and the field of a model that it stands for."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,95 +9,43 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from isogal.errors import InputError
 from isogal.yaml_text import parse_yaml
 
+UNSAID: Any = object()
+"""Of a parameter that cannot say null, or whose field cannot be null."""
+
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """A parameter whose value is the field's."""
+    """A parameter, whose value is the field's but for null and for arrays, which a model has as
+    lists."""
 
     name: str
     default: Any
     """The parameter's."""
     descriptor: ParameterDescriptor
+    null: Any = UNSAID
+    """What stands for null."""
 
     def to_field(self, value: Any) -> Any:
         """Return the model's value for a parameter's value; raises InputError where there is
         none."""
-        return value
+        if isinstance(value, str | int | float):
+            return None if value == self.null else value
+        return list(value)
 
     def to_parameter(self, value: Any) -> Any:
         """Return the parameter's value for a model's value; None where a parameter cannot say it,
         so that the default has to stand for it."""
+        if value is None:
+            return None if self.null is UNSAID else self.null
         return self.cast(value)
 
     def cast(self, value: Any) -> Any:
-        """Turn an int into the double that is declared, which rclpy would refuse."""
+        """Turn ints into the doubles that are declared, which rclpy would refuse."""
+        if isinstance(value, list | tuple):
+            return [float(item) if type(item) is int else item for item in value]
         if self.descriptor.type == ParameterType.PARAMETER_DOUBLE and type(value) is int:
             return float(value)
         return value
-
-
-class NullableNumber(ParameterSpec):
-    """A positive number; 0 stands for null."""
-
-    def to_field(self, value: Any) -> Any:
-        """Return None for 0."""
-        return None if value == 0 else value
-
-    def to_parameter(self, value: Any) -> Any:
-        """Return 0 for None."""
-        return self.default.__class__(0) if value is None else self.cast(value)
-
-
-class NullableText(ParameterSpec):
-    """A text; an empty one stands for null."""
-
-    def to_field(self, value: Any) -> Any:
-        """Return None for an empty text."""
-        return value or None
-
-    def to_parameter(self, value: Any) -> Any:
-        """Return an empty text for None."""
-        return value or ""
-
-
-class Texts(ParameterSpec):
-    """An array of texts."""
-
-    def to_field(self, value: Any) -> Any:
-        """Return a list."""
-        return list(value)
-
-
-class Numbers(ParameterSpec):
-    """An array of numbers."""
-
-    def to_field(self, value: Any) -> Any:
-        """Return a list."""
-        return list(value)
-
-    def to_parameter(self, value: Any) -> Any:
-        """Return a list of doubles; None for None."""
-        return None if value is None else [float(item) for item in value]
-
-    def cast(self, value: Any) -> Any:
-        """Turn ints of a list into doubles."""
-        if isinstance(value, Sequence) and not isinstance(value, str):
-            return [float(item) if type(item) is int else item for item in value]
-        return value
-
-
-class Quantity(ParameterSpec):
-    """One value or three, numbers or texts with a unit; an empty text stands for null."""
-
-    def to_field(self, value: Any) -> Any:
-        """Return None for an empty text, a list for an array."""
-        if isinstance(value, str | int | float):
-            return None if value == "" else value
-        return list(value)
-
-    def to_parameter(self, value: Any) -> Any:
-        """Return an empty text for None, an array of doubles for three numbers."""
-        return "" if value is None else [float(item) for item in value]
 
 
 @dataclass(frozen=True)

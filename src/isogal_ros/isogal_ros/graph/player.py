@@ -1,0 +1,99 @@
+"""Fresh nodes that the sensor messages of a recording are played to, without middleware, step by
+step: every sample and reading is dealt with before the next."""
+
+import math
+from collections import deque
+from collections.abc import Collection, Mapping
+from functools import partial
+from typing import Any
+
+from isogal_ros import topics
+from isogal_ros.bags.collect import Collector
+from isogal_ros.graph.bus import Bus, Publisher
+from isogal_ros.graph.plan import Plan
+from isogal_ros.graph.recorded import Recorded
+from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.topics import Topic
+
+TICK = 5.0
+"""s between looks at the nodes' timers."""
+
+
+class Player:
+    """Nodes on a bus, what is still to be played to them, and what they have said.
+
+    Parameters
+    ----------
+    recorded : Recorded
+        What is played.
+    own : mapping
+        Own parameters of every node beside those of a replay.
+    of_filter : mapping
+        Own parameters of the filter's node.
+    quiet : bool
+        Whether the nodes' warnings and errors are not printed.
+
+    Raises
+    ------
+    InputError
+        A parameter, or the scenario, cannot be used.
+    """
+
+    def __init__(
+        self,
+        recorded: Recorded,
+        own: Mapping[str, Any],
+        of_filter: Mapping[str, Any],
+        quiet: bool = True,
+    ) -> None:
+        self.recorded, self.bus = recorded, Bus(quiet)
+        self.collector = Collector(recorded.scenario)
+        self.collector.truth = recorded.collector.truth
+        self.collector.unaided = recorded.collector.unaided
+        for topic in self.collector.topics():
+            if topic not in (topics.TRUTH_FIX, topics.INS_FIX):
+                self.bus.hear(topic, partial(self.take, topic))
+        self._plan = Plan(recorded.scenario, None, run=recorded.run, real=True)
+        names = [
+            name
+            for name in self._plan.names
+            if recorded.reduces or topics.kind_of(name) != topics.GRAVIMETER
+        ]
+        self._own = {"peers": names, **own}
+        self._of_filter = of_filter
+        self.nodes: dict[str, Any] = {}
+        """By name."""
+        self._due = deque(recorded.in_order())
+        fed = [topic for topic, messages in recorded.sensors.items() if messages]
+        self._publishers = {topic: Publisher(topic.name, self.bus) for topic in fed}
+        for name in names:
+            self.start(name)
+        self._ticked = 0.0
+        self.bus.tick()
+
+    def take(self, topic: Topic, data: bytes) -> None:
+        """Keep a serialised message that a node has published."""
+        self.collector.take(topic, data)
+
+    def start(self, name: str, without: Collection[str] = ()) -> None:
+        """Make a node and let it begin, without some of its own parameters."""
+        own = {key: value for key, value in self._own.items() if key not in without}
+        if name == topics.UKF_FUSION:
+            # one that begins later must not take the start for the state of its first sample
+            own |= {"start_time": math.nan if self.bus.now == 0.0 else 0.0, **self._of_filter}
+        self.nodes[name] = self.bus.add(name, self._plan.values(name) | own)
+
+    def stamps(self) -> list[int]:
+        """Return the stamps (ns) of the IMU samples that are still to be played."""
+        return [ns for ns, topic, _ in self._due if topic is topics.IMU]
+
+    def step(self, ns: int) -> None:
+        """Play what the sensors say up to a stamp (ns), and let the nodes deal with it."""
+        self.bus.now = to_seconds(ns)
+        while self._due and self._due[0][0] <= ns:
+            _, topic, data = self._due.popleft()
+            self._publishers[topic].publish(data)
+            self.bus.run()
+        if self.bus.now >= self._ticked + TICK:
+            self._ticked = self.bus.now
+            self.bus.tick()
