@@ -1,6 +1,7 @@
-"""The paper's rows in its own world, and in one where the IMU feels the real gravity vector.
+"""The paper's rows in its own world, and in one where the IMU senses the real gravity vector.
 
-    python benchmarks/felt_gravity.py --map FILE [--runs 24] [--workers 2] [--page PAGE]
+    python benchmarks/felt_gravity.py --map FILE [--runs 24] [--workers 2]
+        [--page docs/evidence/gravity-vector.md]
 
 Standard aiding every 30 scans on an exact map, as in the paper. Prints a table of RMS errors, and
 puts it into a page between its marks."""
@@ -12,18 +13,17 @@ from isogal.threads import VARIABLES
 os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
 
 import argparse
-import re
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from pages import write_between
 
 from isogal.evaluation.judgement import SETTLED_AFTER
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise
-from isogal.files import write_atomic
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 
@@ -35,10 +35,13 @@ ROWS = {
 }
 MATCHERS = ("pmht-paper", "pmht")
 WORLDS = {
-    "normal gravity, the paper's": ("gravity.field=normal",),
-    "felt, compensated": ("gravity.field=map",),
-    "felt, not compensated, told": ("gravity.field=map", "gravity.compensation=none"),
-    "felt, not known": ("gravity.field=normal", "truth.gravity.field=map"),
+    "normal gravity": ("gravity.field=normal",),
+    "sensed, compensated": ("gravity.field=map",),
+    "sensed, not compensated, specified": (
+        "gravity.field=map",
+        "gravity.compensation=none",
+    ),
+    "sensed, not specified": ("gravity.field=normal", "truth.gravity.field=map"),
 }
 COMMON = ("matcher.batch_length=30", "matcher.stride=30", "matcher.map_sigma=0")
 CHUNK = 6
@@ -94,10 +97,7 @@ def main() -> None:
             found.append(text)
             print(text, flush=True)
     if options.page:
-        before = options.page.read_text(encoding="utf-8")
-        pattern = re.escape(MARKS[0]) + ".*?" + re.escape(MARKS[1])
-        table = "\n".join([MARKS[0], *found, MARKS[1]])
-        write_atomic(options.page, re.sub(pattern, lambda _: table, before, flags=re.DOTALL))
+        write_between(options.page, MARKS, "\n".join(found))
 
 
 if __name__ == "__main__":

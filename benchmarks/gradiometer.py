@@ -1,4 +1,5 @@
-"""A gradiometer whose map, platform and components err, told and untold (docs/maps.md).
+"""A gradiometer whose map, platform and components err, which is specified or not
+(docs/evidence/gradiometer.md).
 
     python benchmarks/gradiometer.py [--runs 16] [--first 0] [--case TEXT ...] [--out DIR]
 

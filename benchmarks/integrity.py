@@ -2,7 +2,8 @@
 
     python benchmarks/integrity.py --data DIR [--out DIR] [--run-hours 20000] [--mismatch]
         [--rows TEXT ...] [--runs 24] [--told-runs 100] [--map-errors 3e-5 0] [--present]
-        [--workers 2] [--page docs/integrity.md] [--figure docs/figures/stanford.png]
+        [--workers 2] [--page docs/evidence/protection-level.md]
+        [--figure docs/figures/stanford.png]
 
 Run-hours are of the row "nothing" of `mismatch.py` (a map 3 mGal wrong, told), in runs of 3.6 h;
 `--mismatch` adds its other rows, told and untold. Parts of ten runs are taken from its folder
@@ -28,6 +29,7 @@ import mismatch
 import numpy as np
 from mismatch_maps import coarse_map
 from mismatch_rows import ROWS
+from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
@@ -229,11 +231,11 @@ def main() -> None:
             print(lines[-1], flush=True)
     for kind, count in together.items():
         if count.hours > 0.0 and options.mismatch:
-            lines.append(count.line("all rows together", kind))
+            lines.append(count.line("all rows together", mismatch.LABELS[kind]))
             print(lines[-1])
     write_atomic(options.out / "integrity.md", "\n".join(lines) + "\n")
     if options.page:
-        mismatch.write_between(options.page, MARKS, "\n".join(lines))
+        write_between(options.page, MARKS, "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """What it costs that the world differs from what is assumed, row by row, untold and told.
 
     python benchmarks/mismatch.py --data DIR [--out DIR] [--rows TEXT ...] [--kinds KIND ...]
-        [--runs 24] [--told-runs 100] [--map-errors 3e-5 0] [--workers 2] [--page docs/mismatch.md]
+        [--runs 24] [--told-runs 100] [--map-errors 3e-5 0] [--workers 2]
+        [--page docs/evidence/wrong-assumptions.md]
 
 DIR of `--data` holds `se_australia_gravity.nc` and `kalgoorlie_gravity_magnetic.nc`. A row is a
 closed loop of so many runs of 3.6 h with `matcher.stride=5`: `untold` with filter and matcher as
@@ -19,7 +20,6 @@ os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
 import argparse
 import hashlib
 import json
-import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -31,6 +31,7 @@ import numpy as np
 import yaml
 from mismatch_maps import Maps, coarse_map
 from mismatch_rows import EXACT, MGAL_3, ROWS, Row
+from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.bound import posterior_cramer_rao
@@ -52,6 +53,8 @@ BASE = (
 """Of every row, before its own base."""
 Kind = Literal["nothing told", "untold", "told"]
 """What filter and matcher know of a row's world."""
+LABELS = {"nothing told": "defaults", "untold": "base", "told": "specified"}
+"""Of each kind, in tables."""
 OF_THE_MAP = "matcher.map_", "matcher.bias_"
 OF_AIDS = "height.bias", "height.scale", "height.weather_", "velocity.scale", "velocity.current_"
 """Keys that are left at their defaults where nothing is told; those of aids are what they are."""
@@ -172,7 +175,7 @@ def line(name: str, kind: str, it: dict[str, Any]) -> str:
 
 def label(row: Row, kind: Kind) -> str:
     """Return what the second column says."""
-    return kind if row.untold or kind == "nothing told" else ""
+    return LABELS[kind] if row.untold or kind == "nothing told" else ""
 
 
 def number(value: float | None) -> str:
@@ -189,19 +192,6 @@ def table(results: dict[str, dict[str, Any]], base: str) -> str:
             if it := results.get(f"{row.name}, {kind}, {base}"):
                 lines.append(line(row.name, label(row, kind), it))
     return "\n".join(lines)
-
-
-def write_page(page: Path, text: str) -> None:
-    """Put the table between its marks."""
-    write_between(page, MARKS, text)
-
-
-def write_between(page: Path, marks: tuple[str, str], text: str) -> None:
-    """Put a text between two marks of a page."""
-    before = page.read_text(encoding="utf-8")
-    pattern = re.escape(marks[0]) + ".*?" + re.escape(marks[1])
-    after = re.sub(pattern, lambda _: f"{marks[0]}\n{text}\n{marks[1]}", before, flags=re.DOTALL)
-    write_atomic(page, after)
 
 
 @dataclass(frozen=True)
@@ -278,7 +268,7 @@ def main() -> None:
     write_atomic(options.out / "table.md", text + "\n")
     print(text)
     if options.page:
-        write_page(options.page, text)
+        write_between(options.page, MARKS, text)
 
 
 if __name__ == "__main__":

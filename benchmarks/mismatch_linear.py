@@ -2,7 +2,7 @@
 runs.
 
     python benchmarks/mismatch_linear.py --data DIR --out DIR [--runs 100] [--rows TEXT ...]
-        [--page docs/mismatch.md]
+        [--page docs/evidence/wrong-assumptions.md]
 
 `--out` is the folder of `mismatch.py`, whose runs are taken from there. The estimator is the
 Kalman filter whose covariance is the bound (docs/mathematics.md, section 11.1), given every
@@ -22,9 +22,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mismatch import changed, map_share, parts_of, scenario_of, write_between
+from mismatch import changed, map_share, parts_of, scenario_of
 from mismatch_maps import coarse_map
 from mismatch_rows import MGAL_3, ROWS, Row
+from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.bound import BoundModel, bound_model, condition, posterior_cramer_rao
@@ -40,7 +41,7 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 MARKS = "<!-- table of benchmarks/mismatch_linear.py -->", "<!-- end of the linear table -->"
 HEAD = (
-    "| what differs, told | runs | bound (m) | linear (m) | its NEES | `pmht` (m) |"
+    "| what differs, specified | runs | bound (m) | linear (m) | its NEES | `pmht` (m) |"
     " `pmht` / linear |\n|---|---|---|---|---|---|---|"
 )
 

@@ -1,5 +1,5 @@
 """An underwater vehicle over a made-up sea floor: one beam against several, with a tide that is an
-unknown offset and a speed of sound that is an unknown scale (docs/matchers.md).
+unknown offset and a speed of sound that is an unknown scale (docs/mathematics.md, section 2.7).
 
     python benchmarks/multibeam.py [--runs 24] [--out DIR]
 """

@@ -1,7 +1,8 @@
 """What `isogal map navigability` promises against what runs reach, at random places and headings.
 
     python benchmarks/navigability.py --data DIR --out DIR [--places 30] [--runs 24]
-        [--far 2000] [--bin-places 10] [--bin-runs 40] [--page docs/maps.md]
+        [--far 2000] [--bin-places 10] [--bin-runs 40]
+        [--page docs/evidence/navigability.md]
 
 DIR of `--data` holds `se_australia_gravity.nc`. First the expected error: places and headings
 drawn at random, the default scenario and an exact map. Then the probability of a second place,
@@ -25,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.navigability.area import Area
@@ -272,10 +274,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results = {"error": error, "second": second}
     write_atomic(told.out / "navigability.json", json.dumps(results, indent=1))
     if told.page is not None:
-        page = told.page.read_text(encoding="utf-8")
-        before, _, rest = page.partition(MARKS[0])
-        _, _, after = rest.partition(MARKS[1])
-        write_atomic(told.page, f"{before}{MARKS[0]}\n\n{text}\n\n{MARKS[1]}{after}")
+        write_between(told.page, MARKS, text)
 
 
 if __name__ == "__main__":

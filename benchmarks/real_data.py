@@ -4,9 +4,9 @@
     python benchmarks/real_data.py [DATA] --untold | --gridded | --left-out | --exact
 
 DATA (default ../shared/data) holds the two maps and the readings that were not used for them;
-docs/real-data.md describes them and shows the results. Nothing is tuned on what it is reported
-on: correlation length and sensor noise for a line at Clear Lake come from the other lines, those
-for the tie lines of Scotland from its flight lines."""
+docs/evidence/real-data.md describes them and shows the results. Nothing is tuned on what it is
+reported on: correlation length and sensor noise for a line at Clear Lake come from the other
+lines, those for the tie lines of Scotland from its flight lines."""
 
 import os
 

@@ -1,7 +1,7 @@
 """What two fields bring against each alone, over the same ground, with the same random numbers.
 
     python benchmarks/several_fields.py --data DIR --out DIR [--runs 16] [--cases TEXT ...]
-        [--page docs/several-fields.md]
+        [--page docs/evidence/several-fields.md]
 
 DIR of `--data` holds `kalgoorlie_gravity_magnetic.nc`: measured maps of the Bouguer anomaly, which
 is taken for the disturbance here, and of the magnetic anomaly. A case is a closed loop of so many
@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pages import write_between
 
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.judgement import SETTLED_AFTER
@@ -187,11 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(text)
     write_atomic(told.out / "several_fields.json", json.dumps(results, indent=1))
     if told.page is not None:
-        page = told.page.read_text(encoding="utf-8")
-        before, _, rest = page.partition(MARKS[0])
-        _, _, after = rest.partition(MARKS[1])
-        new = f"{before}{MARKS[0]}\n\n{text}\n\n{MARKS[1]}{after}"
-        write_atomic(told.page, new)
+        write_between(told.page, MARKS, text)
 
 
 if __name__ == "__main__":

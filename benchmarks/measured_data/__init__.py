@@ -6,7 +6,7 @@ clear_lake     the study at Clear Lake: gravity stations
 scotland       the study over Scotland: aeromagnetic lines
 untold         lines with nothing told, and on maps made of the surveys
 exact          lines with all that kriging knows of its errors
-tables         the tables of docs/real-data.md
+tables         the tables of docs/evidence/real-data.md
 figures        its figures of errors
 map_figures    its figures of maps
 """

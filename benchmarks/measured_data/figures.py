@@ -1,4 +1,4 @@
-"""The figures of docs/real-data.md, from the results of real_data.py."""
+"""The figures of docs/evidence/real-data.md, from the results of real_data.py."""
 
 import io
 import math

@@ -1,6 +1,6 @@
 """Readings along lines, and the maps that they are matched against.
 
-docs/real-data.md says where the data come from."""
+docs/evidence/real-data.md says where the data come from."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The maps of docs/real-data.md with the lines that are matched against them."""
+"""The maps of docs/evidence/real-data.md with the lines that are matched against them."""
 
 import math
 from dataclasses import replace

@@ -1,5 +1,5 @@
-"""The tables of docs/real-data.md, from the results of real_data.py. Lengths in km, gravity in
-mGal, magnetic anomalies in nT."""
+"""The tables of docs/evidence/real-data.md, from the results of real_data.py.
+Lengths in km, gravity in mGal, magnetic anomalies in nT."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -19,7 +19,7 @@ def tables(results: dict[str, Any]) -> str:
         ("Clear Lake, after n stations", growth_table(lake)),
         ("Clear Lake, batches of 30", batch_table(lake)),
         ("Scotland", scotland_table(scotland)),
-        ("Nothing told", untold_table(results["untold"])),
+        ("Nothing specified", untold_table(results["untold"])),
     ]
     return "\n".join(f"{title}\n\n{table}\n" for title, table in parts)
 

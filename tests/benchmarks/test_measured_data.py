@@ -1,4 +1,4 @@
-"""The main figures of docs/real-data.md, with fewer directions than the benchmark."""
+"""The main figures of docs/evidence/real-data.md, with fewer directions than the benchmark."""
 
 import sys
 from pathlib import Path
@@ -13,7 +13,7 @@ from measured_data.scotland import LEAST_SENSOR
 from isogal.tracks.map_error import fit_map_error
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "real-data.md"
+PAGE = ROOT / "docs" / "evidence" / "real-data.md"
 DIRECTIONS = ((2598.0, 1500.0), (-1500.0, -2598.0))
 """m north and east, 3 km."""
 

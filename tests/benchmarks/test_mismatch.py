@@ -1,14 +1,18 @@
 """The rows of `benchmarks/mismatch.py`: what is told and what is true; it goes on where it was."""
 
 import argparse
+import importlib
+import re
 
 import mismatch
 import numpy as np
 import pytest
 from mismatch_maps import Maps
 from mismatch_rows import MGAL_3, ROWS
+from pages import write_between
 
 from helpers.batches import ORIGIN
+from helpers.packages import ROOT
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import summarise
 from isogal.scenario import Scenario, load_scenario
@@ -62,13 +66,30 @@ def test_lines_are_in_the_order_of_the_rows_and_of_what_is_told():
     assert {case.kind for case in mismatch.cases(options)} == {"untold"}
 
 
-def test_a_page_gets_the_table_between_its_marks(tmp_path):
+def test_a_page_gets_the_table_and_its_date_between_its_marks(tmp_path):
+    first, last = mismatch.MARKS
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{mismatch.MARKS[0]}\nold\n{mismatch.MARKS[1]}\nafter\n")
-    mismatch.write_page(page, "| new \\1 |")
-    assert page.read_text() == (
-        f"before\n{mismatch.MARKS[0]}\n| new \\1 |\n{mismatch.MARKS[1]}\nafter\n"
+    page.write_text(f"before\n{first}\nold\n{last}\nafter\n")
+    write_between(page, mismatch.MARKS, "| new \\1 |")
+    text = page.read_text()
+    assert re.fullmatch(
+        rf"before\n{first}\nOf \d{{4}}-\d\d-\d\d\.\n\n\| new \\1 \|\n{last}\nafter\n", text
     )
+    page.write_text("no marks")
+    with pytest.raises(SystemExit, match="has no"):
+        write_between(page, mismatch.MARKS, "new")
+
+
+@pytest.mark.parametrize(
+    "script",
+    ["felt_gravity", "integrity", "mismatch", "mismatch_linear", "navigability", "several_fields"],
+)
+def test_the_page_that_a_script_names_has_its_marks(script):
+    module = importlib.import_module(script)
+    (name,) = re.findall(r"--page (docs/evidence/\S+\.md)", module.__doc__)
+    text = (ROOT / name).read_text(encoding="utf-8")
+    assert 0 <= text.find(module.MARKS[0]) < text.find(module.MARKS[1])
+    assert f"benchmarks/{script}.py" in text and f"--page {name}" in text
 
 
 def test_parts_are_computed_once_and_make_a_line(tmp_path, monkeypatch):

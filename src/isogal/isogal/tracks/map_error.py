@@ -23,7 +23,8 @@ from isogal.tracks.track import Track
 
 SMOOTHING = 2000.0
 """m, 1-sigma of the Gaussian weights with which the gradient is averaged: of 1, 2 and 4 km the
-likeliest along the flight lines and along the tie lines over Scotland (docs/real-data.md)."""
+likeliest along the flight lines and along the tie lines over Scotland
+(docs/evidence/real-data.md)."""
 
 
 @dataclass(frozen=True, slots=True)
