@@ -82,13 +82,6 @@ def identical(a: FilterState, b: FilterState) -> bool:
     return all((x == y).all() for x, y in zip(a.arrays(), b.arrays(), strict=True))
 
 
-def test_without_fixes_it_is_the_filter():
-    it = navigator()
-    advance(it, 60)
-    assert identical(it.state, reference(60, {}))
-    assert it.time == 60.0
-
-
 @pytest.mark.parametrize("arrival", [20, 21, 50, 120])
 def test_late_position_fix_equals_on_time(arrival):
     it = navigator()

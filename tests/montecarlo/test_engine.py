@@ -242,14 +242,6 @@ def test_batches_have_the_matchers_stride_and_context():
     assert scripted.memories == [None, *range(1, 10)]
 
 
-def test_each_run_has_its_own_memory_and_batches():
-    it = scenario()
-    scripted = Scripted(lambda batch: declined(batch, "nothing"))
-    simulate(it, [5, 6], MAP, scripted)
-    assert scripted.memories == [None, None, 1, 1, 2, 2, 3, 3]
-    assert (scripted.batches[0].reading != scripted.batches[1].reading).all()
-
-
 def test_a_correction_is_carried_back_to_earlier_scans():
     """After a perfect fix the older scans of the next, overlapping batch lie near the true track,
     and where the filter now says."""

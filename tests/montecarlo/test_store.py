@@ -86,13 +86,6 @@ def test_fewer_and_more_runs_use_what_is_there(tmp_path: Path, case: Case, whole
         store.load(case)
 
 
-def test_other_scenarios_are_kept_apart(tmp_path: Path, case: Case) -> None:
-    store = Store(tmp_path)
-    fill(store, case, range(5))
-    other = replace(case, scenario=small_scenario(seed=7, route={"duration": 300.0}))
-    assert store.missing(other) == [0, 1, 2, 3, 4]
-
-
 @pytest.mark.parametrize("damage", ["cut", "renamed"])
 def test_damaged_file_is_computed_again(
     tmp_path: Path, case: Case, whole: Runs, damage: str

@@ -2,8 +2,6 @@
 IEEE Std 952-1997, annex C, and what constant errors do on a known motion (chi-square intervals,
 fixed seeds)."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -160,11 +158,3 @@ def test_a_run_draws_the_same_alone_and_among_others():
     alone = simulate_imu(scenario, trajectory, [7])
     assert (together.angular_rate[1] == alone.angular_rate[0]).all()
     assert (together.specific_force[1] == alone.specific_force[0]).all()
-
-
-def test_readings_do_not_change_the_truth():
-    scenario = Scenario(route=Route(duration=20.0), imu=Imu(grade="tactical"))
-    trajectory = build_trajectory(scenario)
-    kept = replace(trajectory, specific_force=trajectory.specific_force.copy())
-    simulate_imu(scenario, trajectory, [0])
-    assert (kept.specific_force == trajectory.specific_force).all()
