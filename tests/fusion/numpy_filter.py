@@ -4,7 +4,6 @@ after the books, not after the compiled functions."""
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints
 from scipy.spatial.transform import Rotation
 
 from isogal.arrays import Array
@@ -70,66 +69,3 @@ def strapdown(state: State, force: Array, rate: Array, dt: float) -> State:
         Rotation.from_rotvec(a - z + az / 2 - np.cross(a, az) / 6).as_matrix() @ state.attitude
     )
     return State(position, velocity, attitude)
-
-
-def add(state: State, error: Array) -> State:
-    """Move one state (P = 1) by P error states (P, 9)."""
-    latitude, _, height = state.position[0]
-    meridian, normal = radii(latitude)
-    metres = np.array([meridian + height, (normal + height) * np.cos(latitude), -1.0])
-    attitude = Rotation.from_rotvec(error[:, 6:9]).as_matrix() @ state.attitude[0]
-    return State(state.position + error[:, :3] / metres, state.velocity + error[:, 3:6], attitude)
-
-
-def subtract(states: State, centre: State) -> Array:
-    """(P, 9) error states that lead from one state to P states."""
-    latitude, _, height = centre.position[0]
-    meridian, normal = radii(latitude)
-    metres = np.array([meridian + height, (normal + height) * np.cos(latitude), -1.0])
-    turn = Rotation.from_matrix(states.attitude @ centre.attitude[0].T).as_rotvec()
-    return np.concatenate(
-        [(states.position - centre.position) * metres, states.velocity - centre.velocity, turn],
-        axis=1,
-    )
-
-
-def predict(
-    state: State,
-    bias: Array,
-    covariance: Array,
-    force: Array,
-    rate: Array,
-    dt: float,
-    noise: Array,
-    parameters: tuple[float, float, float],
-) -> tuple[State, Array, Array]:
-    """One interval of the unscented filter for one run (P = 1), sigma points and weights by
-    filterpy.
-
-    `bias` (6,) of accelerometers and gyroscopes, `noise` (6,) their densities, `parameters` alpha,
-    beta, kappa. Returns state, bias and covariance (15, 15)."""
-    points = MerweScaledSigmaPoints(15, *parameters)
-    errors = points.sigma_points(np.zeros(15), covariance)
-    moved = add(state, errors[:, :9])
-    sensed = np.concatenate([force, rate]) - bias - errors[:, 9:]
-    ends = strapdown(moved, sensed[:, :3], sensed[:, 3:], dt)
-    centre = State(ends.position[:1], ends.velocity[:1], ends.attitude[:1])
-    errors = np.concatenate([subtract(ends, centre), errors[:, 9:]], axis=1)
-    mean = points.Wm @ errors
-    spread = errors - mean
-    Q = np.zeros((15, 15))
-    axes = centre.attitude[0]
-    Q[3:6, 3:6] = axes @ np.diag(noise[:3] ** 2 * dt) @ axes.T
-    Q[6:9, 6:9] = axes @ np.diag(noise[3:] ** 2 * dt) @ axes.T
-    return add(centre, mean[None, :9]), bias + mean[9:], (spread.T * points.Wc) @ spread + Q
-
-
-def update_height(
-    state: State, bias: Array, covariance: Array, height: float, sigma: float
-) -> tuple[State, Array, Array]:
-    """Kalman update of one run with a known height, by the textbook formula."""
-    H = np.zeros((1, 15))
-    H[0, 2] = 1.0  # down error
-    gain = covariance @ H.T / (H @ covariance @ H.T + sigma**2)
-    error = (gain * (state.position[0, 2] - height))[:, 0]
-    return add(state, error[None, :9]), bias + error[9:], (np.eye(15) - gain @ H) @ covariance

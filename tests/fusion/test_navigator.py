@@ -294,15 +294,6 @@ def test_updates_that_cannot_be_used_change_nothing(update, message):
         assert (array == old).all()
 
 
-def test_no_information_changes_nothing():
-    state = with_covariance()
-    before = state.copy()
-    correction, nis = update_information(state, 0, np.zeros(4), np.zeros((4, 4)))
-    assert not correction.any()
-    assert nis == 0.0
-    np.testing.assert_allclose(state.covariance, before.covariance, rtol=1e-15)
-
-
 def test_a_lost_run_is_widened_alone():
     state = fly(range(2)).start
     before = state.copy()

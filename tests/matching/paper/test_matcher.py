@@ -131,16 +131,6 @@ def test_candidates_are_listed_with_their_weights(rough_map):
     assert {"feature_variability", "iterations", "spread"} <= set(fix.diagnostics)
 
 
-def test_same_batch_same_fix_whatever_came_before(rough_map):
-    matcher = PmhtPaper()
-    batch, _ = make_batch(rough_map, ERROR)
-    one, memory = matcher.match(batch, rough_map, None)
-    matcher.match(make_batch(rough_map, (0.0, 500.0, 0.0, 0.0))[0], rough_map, memory)
-    other, _ = matcher.match(batch, rough_map, memory)
-    assert (one.latitude, one.longitude) == (other.latitude, other.longitude)
-    np.testing.assert_array_equal(one.covariance, other.covariance)
-
-
 def test_missing_readings_are_left_out(rough_map):
     batch, truth = make_batch(rough_map, ERROR)
     batch.reading[5:15] = np.nan

@@ -11,7 +11,6 @@ from isogal.matching.pmht.rows import Epoch, rows_of
 from isogal.matching.pmht.states import (
     COUPLING_FORWARD,
     COUPLING_RIGHT,
-    DELAY,
     DRIFT,
     UNKNOWN,
     States,
@@ -92,19 +91,6 @@ def test_accelerations_are_those_since_the_reading_before():
     moved = replace(turning, velocity=turning.velocity + jump[2:4], new=20, correction=jump)
     later, _, _ = rows(moved, PLANE, epoch)  # a fix is no acceleration
     np.testing.assert_allclose(later.reading[:, 8 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
-
-
-def test_a_delay_moves_the_place_along_the_track():
-    late = 12.0
-    batch, _ = make_batch(ROUGH, seed=None)
-    north, east = batch.velocity.T * late
-    made, _, states = rows(replace(batch, reading_rate=np.full(30, 1e-7)))
-    assert states.count == 8 + len(UNKNOWN)
-    state = np.zeros(states.count)
-    state[8 + DELAY] = late
-    moved = made.place @ state
-    np.testing.assert_allclose(moved, np.stack([north, east], axis=-1))
-    np.testing.assert_allclose(made.reading @ state, 1e-7 * late)
 
 
 def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
