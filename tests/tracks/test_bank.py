@@ -20,8 +20,7 @@ from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen, correlations
-from isogal.tracks.fields import TrackField
-from isogal.tracks.matching import Uncertainty, match_fields, match_track
+from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.models import LENGTHS, track_models
 
 DISTURBANCE = field_of("disturbance")
@@ -222,17 +221,3 @@ def test_readings_of_earlier_batches_count_as_given(scans):
         found = given.parts(centres, 50.0, which)[k].sum(axis=0)
         np.testing.assert_allclose(found, every[k] - before, rtol=1e-7)
     assert len(given.white) > rows
-
-
-def test_two_fields_of_a_drifting_track_say_more_than_one():
-    track, _, _ = made_track(DISTURBANCE, count=40, error=(300.0, -200.0), sigma=2e-5)
-    height = field_of("height")
-    other, _, _ = made_track(height, count=40, error=(300.0, -200.0), sigma=60.0, seed=9)
-    settings = Matcher(batch_length=40, map_sigma=1e-6, bias_sigma=0.0)
-    first = TrackField("gravity", track, DISTURBANCE, settings)
-    second = TrackField("height", other, height, settings.model_copy(update={"map_sigma": 3.0}))
-    prior = Uncertainty(500.0, velocity=0.1)
-    (alone,), (both,) = (match_fields(fields, prior) for fields in ([first], [first, second]))
-    assert np.linalg.det(both.covariance) < np.linalg.det(alone.covariance)
-    apart = both.error[:2] - np.array([300.0, -200.0])
-    assert apart @ np.linalg.solve(both.covariance[:2, :2], apart) < 13.8

@@ -5,12 +5,9 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, wavy
-from helpers.tracks import field_of, made_track
+from helpers.tracks import made_track
 from isogal.scenario import Matcher
 from isogal.tracks.batches import batch_ends, build_batch, without_map_edge
-
-DISTURBANCE = field_of("disturbance")
-PRIOR = np.diag([800.0**2, 800.0**2, 0.1**2, 0.1**2])
 
 
 @pytest.mark.parametrize(

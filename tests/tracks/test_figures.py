@@ -6,7 +6,6 @@ import pytest
 from helpers.tracks import field_of, made_track
 from isogal.scenario import Matcher
 from isogal.tracks.figures import (
-    matched_positions,
     readings_figure,
     track_map_figure,
 )
@@ -14,13 +13,6 @@ from isogal.tracks.matching import Uncertainty, match_track
 
 HEIGHT = field_of("height")
 PRIOR = Uncertainty(position=800.0)
-
-
-def test_matched_positions_are_those_of_the_truth():
-    track, latitude, longitude = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
-    found = matched_positions(track, match_track(track, HEIGHT, Matcher(), PRIOR))
-    np.testing.assert_allclose(found[0], latitude, atol=50.0 / 6.4e6)
-    np.testing.assert_allclose(found[1], longitude, atol=50.0 / 5.1e6)
 
 
 @pytest.mark.parametrize("step", [(200.0, 0.0), (0.0, 200.0), (140.0, -170.0)])

@@ -3,11 +3,9 @@ filter."""
 
 import numpy as np
 
-from helpers.batches import field_map_of, make_batch
+from helpers.batches import make_batch
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.baselines.readings import (
-    AssumedNoise,
-    UsableReadings,
     publish_measured,
     publish_posterior,
 )
@@ -60,21 +58,4 @@ def test_publishing_a_measurement_counts_each_reading_once(rough_map):
     assert np.isnan(fix.scan_covariance[:20]).all()
     np.testing.assert_allclose(
         np.linalg.inv(fix.scan_covariance[20:]).sum(axis=0), np.linalg.inv(fix.covariance)
-    )
-
-
-def test_readings_in_and_out(rough_map):
-    reading = np.array(make_batch(rough_map)[0].reading)
-    reading[3] = np.nan
-    batch, _ = make_batch(rough_map, reading=reading, new=20)
-    noise = AssumedNoise(map_sigma=2e-5)
-    whole = UsableReadings.of(batch, rough_map, noise, whole=True)
-    new = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=False)
-    assert list(whole.row) == [0, 1, 2, *range(4, 30)]
-    assert list(new.row) == list(range(10, 30))
-    np.testing.assert_allclose(whole.arrays.sigma, np.hypot(1e-5, 2e-5))
-    known = field_map_of(lambda n, e: 1e-8 * n + 0.0 * e, sigma=4e-5, quantisation=1e-6)
-    np.testing.assert_allclose(
-        UsableReadings.of(batch, known, noise, whole=True).arrays.sigma,
-        np.sqrt(1e-10 + 16e-10 + 1e-12 / 12.0),
     )
