@@ -18,9 +18,12 @@ from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher
 from isogal.seeds import generator
+from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen, correlations
-from isogal.tracks.matching import Uncertainty, match_track
+from isogal.tracks.fields import TrackField
+from isogal.tracks.jackknife import excess
+from isogal.tracks.matching import Uncertainty, match_fields, match_track
 from isogal.tracks.models import LENGTHS, track_models
 
 DISTURBANCE = field_of("disturbance")
@@ -121,6 +124,19 @@ def test_rows_are_apart_by_the_lengths_of_the_maps_error_in_their_direction():
     assert plain.placed(shifts, weight).correlation is plain.correlation
 
 
+def test_sigmas_of_rows_are_those_of_the_map_where_they_probably_are():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    uneven = np.linspace(1e-5, 3e-5, DISTURBANCE.values.shape[1]) * np.ones(
+        DISTURBANCE.values.shape
+    )
+    field_map = replace(DISTURBANCE, sigma=uneven)
+    shift = np.array([[0.0, 5000.0]])
+    seen = seen_of(batch, field_map).placed(shift, np.ones(1))
+    east = metres_per_radian(batch.latitude)[1]
+    own = field_map.sigma_at(batch.latitude, batch.longitude - 5000.0 / east)
+    np.testing.assert_allclose(seen.load(0) * uneven.mean(), own, rtol=1e-6)
+
+
 def _match(run, **told):
     random = generator(11, run, "track")
     error = random.normal(0.0, 500.0, 2)
@@ -169,6 +185,40 @@ def test_a_spike_is_left_out():
         match.fix.latitude, match.fix.longitude, latitude[end], longitude[end]
     )
     assert np.hypot(*apart) < 100.0
+
+
+def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells():
+    match, _ = _match(3)
+    shifts = match.shifts
+    assert np.linalg.eigvalsh(excess(shifts)).min() >= -1e-9
+    mean, covariance = shifts.moments
+    np.testing.assert_allclose(shifts.weight @ shifts.centres, mean)
+    apart = shifts.centres - mean
+    inner = np.einsum("c,ci,cj->ij", shifts.weight, apart, apart)
+    assert (np.linalg.eigvalsh(covariance - inner) > 0.0).all()
+    assert np.isclose(shifts.places.sum(), 1.0, atol=0.05)
+
+
+def test_the_covariance_of_means_is_that_of_their_readings_averaged():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), scans=400, velocity=(0.0, 5.0))
+    seen = seen_of(batch)
+    mean = np.zeros((len(seen.white), 400))
+    mean[np.repeat(np.arange(len(mean)), seen.rows.sizes), np.arange(400)] = 1.0
+    mean /= seen.rows.sizes[:, None]
+    distance = np.hypot(*np.moveaxis(seen.apart, -1, 0))
+    for found, each in zip(
+        seen.correlation, correlations(distance, seen.models.lengths), strict=True
+    ):
+        np.testing.assert_allclose(found, mean @ each @ mean.T, rtol=1e-9)
+
+
+def test_few_readings_are_rows_of_their_own_whatever_channels_are_missing():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0), scans=12)
+    rows = seen_of(batch).readings
+    rows = rows._replace(channel=np.array([0, 0, 1, 0, 1, 2, 0, 0, 0, 1, 2, 2]))
+    found = Averages.of(rows, 300.0)
+    np.testing.assert_array_equal(found.first, np.arange(12))
+    np.testing.assert_array_equal(found.points, np.arange(12))
 
 
 @pytest.mark.parametrize("count", [400, 1500])
@@ -221,3 +271,17 @@ def test_readings_of_earlier_batches_count_as_given(scans):
         found = given.parts(centres, 50.0, which)[k].sum(axis=0)
         np.testing.assert_allclose(found, every[k] - before, rtol=1e-7)
     assert len(given.white) > rows
+
+
+def test_two_fields_of_a_drifting_track_say_more_than_one():
+    track, _, _ = made_track(DISTURBANCE, count=40, error=(300.0, -200.0), sigma=2e-5)
+    height = field_of("height")
+    other, _, _ = made_track(height, count=40, error=(300.0, -200.0), sigma=60.0, seed=9)
+    settings = Matcher(batch_length=40, map_sigma=1e-6, bias_sigma=0.0)
+    first = TrackField("gravity", track, DISTURBANCE, settings)
+    second = TrackField("height", other, height, settings.model_copy(update={"map_sigma": 3.0}))
+    prior = Uncertainty(500.0, velocity=0.1)
+    (alone,), (both,) = (match_fields(fields, prior) for fields in ([first], [first, second]))
+    assert np.linalg.det(both.covariance) < np.linalg.det(alone.covariance)
+    apart = both.error[:2] - np.array([300.0, -200.0])
+    assert apart @ np.linalg.solve(both.covariance[:2, :2], apart) < 13.8
