@@ -7,14 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from helpers.navigators import error_between, fly, random_covariance
+from helpers.navigators import SIGMA, error_between, fly, random_covariance
 from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import assume_map_error, propagate, update_linear
 from isogal.fusion.state import FilterState
 
-CORE = (300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8)
 # The filter is compiled for each number of states, ten seconds each: eight auxiliary states, as
 # with a barometer and a log, and two, as where the map says its error, are compiled anyway.
 EVERY_KIND = (
@@ -39,7 +38,7 @@ def with_states(states, filter_name="compiled") -> FilterModel:
 def start(model: FilterModel, seed: int = 3) -> FilterState:
     """A start with a full covariance, and auxiliary states that are not zero."""
     plain = fly().start
-    sigma = np.array([*CORE, *(state.sigma for state in model.auxiliary)])
+    sigma = np.array([*SIGMA, *(state.sigma for state in model.auxiliary)])
     means = sigma[15:] * np.random.default_rng(seed).standard_normal(len(sigma) - 15)
     return dataclasses.replace(
         plain, auxiliary=means[None], covariance=random_covariance(sigma, seed)[None]
@@ -88,7 +87,7 @@ def test_linear_update_equals_the_kalman_filter():
     state = start(model)
     before = state.copy()
     random = np.random.default_rng(0)
-    sigma = np.array([*CORE, *(one.sigma for one in EVERY_KIND)])
+    sigma = np.array([*SIGMA, *(one.sigma for one in EVERY_KIND)])
     H = random.standard_normal((2, len(sigma))) / sigma
     R, z = np.array([[1.0, 0.3], [0.3, 2.0]]), np.array([0.7, -1.2])
     error, nis = update_linear(state, 0, H, z, R)

@@ -3,11 +3,10 @@ each other, consistency, refusals."""
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from helpers.navigators import error_between, fly, random_covariance
+from helpers.navigators import SIGMA, error_between, filterpy_update, fly, random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.ins_error_model import divide
 from isogal.fusion.model import FilterModel
@@ -29,9 +28,6 @@ from isogal.scenario import Imu, Route, Scenario
 from isogal.seeds import generator
 from isogal.sensors.trajectory import build_trajectory
 
-SIGMA = np.array(
-    [300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
-)
 SCALE = SIGMA * SIGMA[:, None]
 HORIZONTAL = BATCH[:HORIZONTAL_STATES]
 MODEL = FilterModel.from_scenario(Scenario())
@@ -175,13 +171,6 @@ def test_a_covariance_that_is_not_positive_definite_is_reported():
     state.covariance[1] = state.covariance[0]
     with pytest.raises(FilterDivergenceError, match=r"run\(s\) \[2\]"):
         propagate(state, flight.model, force, rate, flight.trajectory.height[1:6])
-
-
-def filterpy_update(covariance, H, R, z):
-    kalman = KalmanFilter(dim_x=15, dim_z=len(z))
-    kalman.P = covariance.copy()
-    kalman.update(np.asarray(z, float)[:, None], R=R, H=H)
-    return kalman.x[:, 0], kalman.P
 
 
 @pytest.mark.parametrize("states", [HORIZONTAL, BATCH], ids=["horizontal", "with attitude"])

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints
+from filterpy.kalman import MerweScaledSigmaPoints
 
-from helpers.navigators import error_between, fly, random_covariance
+from helpers.navigators import SIGMA, error_between, filterpy_update, fly, random_covariance
 from isogal.fusion import sigma_points, ukf
 
-SIGMA = np.array(
-    [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
-)
 SIZE = len(SIGMA)
 
 
@@ -25,13 +22,6 @@ def test_sigma_points_equal_filterpy(parameters):
     assert not points[:, sigma_points.CENTRE].any()
     np.testing.assert_allclose(points[:, :15].T / SIGMA, expected[1:16] / SIGMA, atol=1e-9)
     np.testing.assert_allclose(points[:, 16:31].T / SIGMA, expected[16:] / SIGMA, atol=1e-9)
-
-
-def filterpy_update(covariance, H, R, z):
-    kalman = KalmanFilter(dim_x=15, dim_z=len(z))
-    kalman.P = covariance.copy()
-    kalman.update(np.asarray(z, float)[:, None], R=R, H=H)
-    return kalman.x[:, 0], kalman.P
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (250.0, -400.0)])
