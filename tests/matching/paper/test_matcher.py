@@ -87,19 +87,6 @@ def test_iteration_equals_section_3_2_written_out(predicted):
     np.testing.assert_allclose(estimate.weight.sum(axis=1), (candidates.found > 0).astype(float))
 
 
-def test_finds_the_vehicle_on_a_rough_map(rough_map):
-    errors = []
-    for seed in range(10):
-        offset = np.random.default_rng(seed).uniform(-400.0, 400.0, 2)
-        batch, truth = make_batch(
-            rough_map, (*offset, 0.03, -0.02), seed=seed, start=200.0 * (seed - 50) * np.ones(2)
-        )
-        fix, _ = PmhtPaper().match(batch, rough_map, None)
-        assert fix.published
-        errors.append(np.hypot(*truth.error_of(fix)))
-    assert np.median(errors) < 150.0  # the navigator's own: 300 m
-
-
 def test_along_the_real_route(shared_data):
     from isogal.maps.formats.netcdf import read_netcdf
 

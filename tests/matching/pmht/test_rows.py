@@ -7,6 +7,7 @@ import numpy as np
 from helpers.bank import PLANE
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.roughness import roughness_at
+from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.rows import Epoch, rows_of
 from isogal.matching.pmht.states import (
     COUPLING_FORWARD,
@@ -91,6 +92,25 @@ def test_accelerations_are_those_since_the_reading_before():
     moved = replace(turning, velocity=turning.velocity + jump[2:4], new=20, correction=jump)
     later, _, _ = rows(moved, PLANE, epoch)  # a fix is no acceleration
     np.testing.assert_allclose(later.reading[:, 8 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
+
+
+def test_told_parameters_have_states_before_those_nobody_tells_of():
+    batch, _ = make_batch(PLANE)
+    random = np.random.default_rng(0)
+    told = Parameters(
+        ("scale",), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
+        random.standard_normal((30, 2, 2)), np.array([np.inf, 100.0]), np.array([1e-3, 0.0]),
+    )  # fmt: skip
+    made, _, states = rows(replace(batch, parameters=told, bias_walk=1e-7), PLANE)
+    assert states.names == ("scale",)
+    assert states.count == 7 + 1 + 2 + len(UNKNOWN)
+    np.testing.assert_array_equal(made.reading[:, 8:10], told.reading)
+    np.testing.assert_array_equal(made.place[:, :, 8:10], told.position)
+    step = np.exp(-10.0 / 100.0)
+    np.testing.assert_allclose(made.keep[1], [1.0, 1.0, step, *np.ones(len(UNKNOWN))])
+    fresh = [0.0, 1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0, *np.zeros(len(UNKNOWN) - 1)]
+    np.testing.assert_allclose(made.fresh[1], fresh)
+    np.testing.assert_array_equal(made.fresh[0], 0.0)  # nothing before the first one
 
 
 def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
