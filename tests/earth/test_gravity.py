@@ -13,6 +13,7 @@ from isogal.earth.gravity import (
     eotvos,
     eotvos_jacobian,
     normal_gravity,
+    normal_gravity_at,
     normal_gravity_gradient_north,
 )
 
@@ -81,3 +82,10 @@ def test_eotvos_jacobian_against_finite_differences(latitude, north, east):
         eotvos(latitude, 0.0, north, east + step) - eotvos(latitude, 0.0, north, east - step)
     ) / (2 * step)
     assert by_east == pytest.approx(float(difference), abs=1e-11)
+
+
+def test_kernel_equals_array_function():
+    for latitude, height in [(-1.2, 0.0), (0.0, 100.0), (0.64, 9000.0)]:
+        assert normal_gravity_at(np.sin(latitude), height) == pytest.approx(
+            float(normal_gravity(latitude, height)), rel=1e-15
+        )

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fusion.numpy_filter import State, strapdown
+from fusion.numpy_strapdown import State, strapdown
 from helpers.navigators import error_between
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import propagate

@@ -1,4 +1,4 @@
-"""Every navigator takes a fix in the same order, and to the same effect."""
+"""Every navigator takes a fix to the same effect."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,4 @@
-"""The filter of many runs: prediction against the linear error model, updates against filterpy and
-each other, consistency, refusals."""
+"""The filter of many runs: updates against filterpy, consistency, refusals."""
 
 import numpy as np
 import pytest

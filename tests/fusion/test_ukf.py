@@ -1,4 +1,5 @@
-"""Parts of the compiled filter against filterpy (the whole: `test_reference.py`)."""
+"""Parts of the compiled filter against filterpy (the whole: `test_reference.py`,
+`test_against_numpy.py`)."""
 
 import numpy as np
 import pytest

@@ -5,9 +5,13 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, wavy
-from helpers.tracks import made_track
+from helpers.tracks import field_of, made_track
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.scenario import Matcher
 from isogal.tracks.batches import batch_ends, build_batch, without_map_edge
+
+DISTURBANCE = field_of("disturbance")
+PRIOR = np.diag([800.0**2, 800.0**2, 0.1**2, 0.1**2])
 
 
 @pytest.mark.parametrize(
@@ -39,3 +43,23 @@ def test_readings_near_the_edge_of_the_map_are_left_out(sigma, kept):
     found = np.isfinite(without_map_edge(batch, field_map).reading)
     assert found.sum() == kept
     assert found[:kept].all()
+
+
+def test_a_batch_is_moved_by_the_error_known_so_far():
+    track, _, _ = made_track(DISTURBANCE, reduction="latitude")
+    jacobian = track.jacobian("disturbance")
+    error = np.array([300.0, -200.0, 0.5, -0.25])
+    rows = slice(5, 35)
+    batch = build_batch(track, jacobian, rows, 20, error, PRIOR)
+    assert (len(batch), batch.new) == (30, 20)
+    elapsed = track.time[rows] - track.time[34]
+    moved = np.stack([300.0 + 0.5 * elapsed, -200.0 - 0.25 * elapsed], axis=1)
+    north, east = metres_per_radian(track.latitude[rows])
+    found = (track.latitude[rows] - batch.latitude) * north
+    np.testing.assert_allclose(found, moved[:, 0], rtol=1e-6)
+    found = (track.longitude[rows] - batch.longitude) * east
+    np.testing.assert_allclose(found, moved[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(batch.transition @ error, moved)
+    np.testing.assert_allclose(batch.velocity, track.velocity[rows] - error[2:])
+    expected = track.value[rows] - jacobian[rows, 0] * moved[:, 0]
+    np.testing.assert_allclose(batch.reading, expected, rtol=1e-12)

@@ -139,3 +139,13 @@ def test_jacobian_of_the_reduction_with_the_main_field():
         )  # nT/m
     assert np.abs(jacobian[:, 0]).min() > 1e-3
     assert not jacobian[:, 2:].any()
+
+
+def test_velocity_is_that_of_the_positions():
+    np.testing.assert_allclose(changed().velocity, np.tile([14.0, 17.0], (60, 1)), rtol=2e-3)
+
+
+def test_constant_readings_are_not_taken_for_another_unit():
+    track, _, _ = made_track(DISTURBANCE, sigma=1e-9)
+    flat = replace(track, value=np.full(60, float(np.median(track.value))))
+    fit_to_map(flat, DISTURBANCE)

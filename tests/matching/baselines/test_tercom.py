@@ -1,4 +1,4 @@
-"""TERCOM: the differences by hand, far shifts, and maps that repeat themselves."""
+"""TERCOM: far shifts, and maps that repeat themselves."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Compiled loops over hypotheses against plain NumPy."""
+"""Compiled loops over hypotheses, where no result of the matcher shows what they do."""
 
 import math
 

@@ -1,5 +1,5 @@
-"""Strapdown and filter in plain NumPy, with vectors, rotation matrices and `numpy.linalg`: written
-after the books, not after the compiled functions."""
+"""The strapdown in plain NumPy, with vectors and rotation matrices: written after the books, not
+after the compiled functions."""
 
 from dataclasses import dataclass
 
