@@ -156,3 +156,27 @@ def test_a_map_error_is_the_navigators_residual_gravity():
         with pytest.raises(ValueError, match="map error"):
             assume_map_error(state, model, 0, *wrong)
     assert tuple(state.residual_gravity[0]) == (sigma, length)
+
+
+def test_felt_gravity_that_is_known_to_a_state_moves_the_estimate():
+    """A constant residual of 1e-3 m/s² over 100 s: half a t squared, 5 m."""
+    states = (AuxiliaryState("gravity_north", "gravity", 0, 1e-3), SPARE)
+    model, flight = with_states(states), fly()
+    ends = []
+    for value in (0.0, 1e-3):
+        state = dataclasses.replace(
+            flight.start.copy(),
+            auxiliary=np.array([[value, 0.0]]),
+            covariance=np.diag(np.square([*model.initial_sigma, 1e-3, 1.0]))[None],
+        )
+        propagate(
+            state,
+            model,
+            flight.imu.specific_force[:, :100],
+            flight.imu.angular_rate[:, :100],
+            flight.trajectory.height[1:101],
+        )
+        ends.append(state)
+    moved = error_between(ends[1], ends[0])
+    assert moved[0] == pytest.approx(5.0, rel=0.01)
+    assert moved[3] == pytest.approx(0.1, rel=0.01)

@@ -8,6 +8,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.baselines.readings import (
     publish_measured,
     publish_posterior,
+    shift_covariance,
 )
 
 
@@ -59,3 +60,15 @@ def test_publishing_a_measurement_counts_each_reading_once(rough_map):
     np.testing.assert_allclose(
         np.linalg.inv(fix.scan_covariance[20:]).sum(axis=0), np.linalg.inv(fix.covariance)
     )
+
+
+def test_curvature_covariance_by_hand():
+    # ten readings of slope 2 north, ten of slope 4 east, sigma 1: information 40 and 160; a
+    # velocity error that looks like half a unit of the north slope shifts the fix by half a metre
+    # per unit
+    slope = np.zeros((20, 4))
+    slope[:10, 0], slope[10:, 1], slope[:10, 2] = 2.0, 4.0, 1.0
+    covariance = shift_covariance(slope, np.ones(20), np.diag([0.36, 0.0]), 1e3)
+    np.testing.assert_allclose(covariance, np.diag([1 / 40 + 0.25 * 0.36, 1 / 160]), atol=1e-12)
+    blind = shift_covariance(slope * [1, 0, 1, 1], np.ones(20), np.zeros((2, 2)), 1e3)
+    np.testing.assert_allclose(blind, np.diag([1 / 40, 1e6]), rtol=1e-9)

@@ -8,6 +8,7 @@ from scipy.stats import multivariate_normal
 
 from helpers.batches import INTERVAL, field_map_of, make_batch, noise_covariance
 from isogal.earth.frames import horizontal_difference
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
 from isogal.maps.error_along_track import filtered_chain
 from isogal.maps.tensor_error import tensor_covariance
@@ -193,3 +194,15 @@ def test_a_map_error_behind_a_filter_is_as_if_filtered_step_by_step(length):
     np.testing.assert_allclose(joined[0, 0], u, atol=2e-3)
     np.testing.assert_allclose(step[0, 1], np.linalg.matrix_power(one, steps), atol=2e-3)
     np.testing.assert_allclose(step[0, 1] @ u @ step[0, 1].T + joined[0, 1], u, atol=2e-3)
+
+
+def test_beams_share_what_is_not_white():
+    one, _ = make_batch(plane(2e-8, -3e-8), scans=T)
+    noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
+    beams = Soundings(3, 0.0)
+    batch = beams.expand(replace(one, parameters=noise), np.zeros((T, 3)), [np.zeros((3, 3))] * T)
+    states = States.of(batch, plane(2e-8, -3e-8))
+    rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([4000.0]), None)
+    np.testing.assert_allclose(rows.noise, np.repeat(one.sigma**2, 3))
+    np.testing.assert_array_equal(rows.reading[:, BATCH_STATES + 3], 1.0)
+    np.testing.assert_array_equal(rows.travelled[1:3], 0.0)
