@@ -3,9 +3,11 @@ filter."""
 
 import numpy as np
 
-from helpers.batches import make_batch
+from helpers.batches import field_map_of, make_batch
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.baselines.readings import (
+    AssumedNoise,
+    UsableReadings,
     publish_measured,
     publish_posterior,
     shift_covariance,
@@ -72,3 +74,20 @@ def test_curvature_covariance_by_hand():
     np.testing.assert_allclose(covariance, np.diag([1 / 40 + 0.25 * 0.36, 1 / 160]), atol=1e-12)
     blind = shift_covariance(slope * [1, 0, 1, 1], np.ones(20), np.zeros((2, 2)), 1e3)
     np.testing.assert_allclose(blind, np.diag([1 / 40, 1e6]), rtol=1e-9)
+
+
+def test_readings_in_and_out(rough_map):
+    reading = np.array(make_batch(rough_map)[0].reading)
+    reading[3] = np.nan
+    batch, _ = make_batch(rough_map, reading=reading, new=20)
+    noise = AssumedNoise(map_sigma=2e-5)
+    whole = UsableReadings.of(batch, rough_map, noise, whole=True)
+    new = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=False)
+    assert list(whole.row) == [0, 1, 2, *range(4, 30)]
+    assert list(new.row) == list(range(10, 30))
+    np.testing.assert_allclose(whole.arrays.sigma, np.hypot(1e-5, 2e-5))
+    known = field_map_of(lambda n, e: 1e-8 * n + 0.0 * e, sigma=4e-5, quantisation=1e-6)
+    np.testing.assert_allclose(
+        UsableReadings.of(batch, known, noise, whole=True).arrays.sigma,
+        np.sqrt(1e-10 + 16e-10 + 1e-12 / 12.0),
+    )

@@ -263,3 +263,12 @@ def test_faults_that_readings_do_not_speak_for_are_not_published():
     more = np.where(which.family == LATE, np.log(2.0 * CREDIBLE), 0.0)
     later = replace(bank, log_weight=bank.log_weight + more)
     assert set(which.family[later.credible().which]) == {NONE, LATE}
+
+
+def test_negative_information_tells_nothing():
+    bank = random_bank(0, 2)
+    unit = np.diag(SIGMA**-2.0)
+    assert bank.informed(Information(np.zeros(7), 0.0 * unit), np.diag(SIGMA**2)) is bank
+    after = bank.informed(Information(np.ones(7), -unit), np.diag(SIGMA**2))
+    np.testing.assert_allclose(after.covariance, bank.covariance)
+    np.testing.assert_allclose(after.log_weight, bank.log_weight)
