@@ -159,3 +159,12 @@ def test_missing_readings_leave_the_others_in_place():
     np.testing.assert_array_equal(batch.time, whole.time)
     np.testing.assert_array_equal(batch.latitude, whole.latitude)
     assert replace(batch, reading=whole.reading).new == whole.new
+
+
+def test_of_some_rows():
+    batch, _ = batch_of(scenario(filter_time=30.0, correlated_sigma=1e-5))
+    part = batch.part(10)
+    assert part.filter_path.away.shape == (30, *batch.filter_path.away.shape[1:])
+    np.testing.assert_array_equal(part.parameters.reading, batch.parameters.reading[10:])
+    np.testing.assert_array_equal(part.position_by_error, batch.position_by_error[10:])
+    np.testing.assert_array_equal(part.transition, batch.transition[10:])

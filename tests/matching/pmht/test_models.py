@@ -22,7 +22,7 @@ from isogal.matching.pmht.models import (
     few,
     models_of,
 )
-from isogal.matching.pmht.states import DELAY, UNKNOWN
+from isogal.matching.pmht.states import BIAS, DELAY, UNKNOWN
 
 UNTOLD = models()
 TOLD = models(sigma=3e-5, length=2000.0)
@@ -134,3 +134,10 @@ def test_a_search_has_few_models():
     assert (part.family == NONE).all()
     assert np.exp(part.log_prior).sum() == pytest.approx(1.0)
     assert len(few(models(sigma=0.0, trust=1.0), 1e-5).sigma) == 1
+
+
+def test_a_walking_bias_is_a_state_that_begins_at_nothing():
+    states = replace(states_of(), walk=1e-7 * np.eye(len(UNKNOWN))[BIAS])
+    which = models_of(Assumed(noise=1e-5, scale=1e-4, rough=1e-5, walks=True), states)
+    assert (which.initial[:, 1 + BIAS] == 0.0).all()
+    assert all(8 + BIAS in used[:size] for used, size in zip(which.used, which.sizes, strict=True))
