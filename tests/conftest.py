@@ -39,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ["ISOGAL_CACHE"] = str(ROOT / "build" / "test-cache")
 
 FIRST = (
-    *("ros/isogal_bringup", "ros/graph", "montecarlo", "regression", "ros", "benchmarks", "paper"),
+    *("ros/isogal_bringup", "ros/graph", "montecarlo", "ros", "benchmarks", "paper"),
     *("project", "test_compiled.py", "tracks", "evaluation", "cli/match", "maps/gridding"),
 )
 """Folders and files that take longest."""

@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 from pyproj import Geod
 from scipy.integrate import quad
 
-from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, curvature, metres_per_radian, radii
-
-LATITUDES = np.radians([-90.0, -60.0, -36.5, 0.0, 10.0, 45.0, 89.0])
+from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, metres_per_radian, radii
 
 
 def test_constants_are_those_of_moritz():
@@ -35,17 +33,6 @@ def test_radii_at_pole_and_equator():
 def test_meridian_quadrant_is_the_published_one():
     length, _ = quad(lambda latitude: float(radii(latitude)[0]), 0.0, np.pi / 2, epsabs=1e-6)
     assert length == pytest.approx(10001965.7293, abs=1e-4)  # Moritz (2000)
-
-
-def test_prime_vertical_radius_equals_boule():
-    np.testing.assert_allclose(
-        radii(LATITUDES)[1], boule.GRS80.prime_vertical_radius(np.sin(LATITUDES)), rtol=1e-14
-    )
-
-
-def test_kernel_equals_array_function():
-    kernel = np.array([curvature(np.sin(latitude)) for latitude in LATITUDES])
-    np.testing.assert_allclose(kernel.T, radii(LATITUDES), rtol=1e-15)
 
 
 @given(st.floats(-85.0, 85.0), st.floats(0.0, 360.0))

@@ -117,16 +117,6 @@ def test_other_fields_have_normal_gravity(world):
     assert gravity_vector(scenario, build_trajectory(scenario)) is None
 
 
-def test_worlds_that_differ_in_their_sensors_share_the_vector(world):
-    trajectory = build_trajectory(world)
-    other = world.model_copy(
-        update={"gravimeter": world.gravimeter.model_copy(update={"sigma": 7e-5})}
-    )
-    assert gravity_vector(other, trajectory) is gravity_vector(world, trajectory)
-    low = world.model_copy(update={"route": world.route.model_copy(update={"height": 101.0})})
-    assert gravity_vector(low, trajectory) is not gravity_vector(world, trajectory)
-
-
 def test_a_gravity_map_is_a_disturbance_map_with_normal_gravity(world):
     trajectory = build_trajectory(world)
     dg = gravity_vector(world, trajectory).disturbance

@@ -11,7 +11,7 @@ from isogal.errors import InputError
 from isogal.fields.measured import fields, measured_field, of_instrument, unlikely_sigmas
 from isogal.maps.quantities import QUANTITIES
 from isogal.scenario import Scenario, load_scenario
-from isogal.sensors.reduction import State, reduction_variance
+from isogal.sensors.reduction import State
 
 VALUE = {"gravity": 9.8, "disturbance": 3e-4, "magnetic": 250.0, "terrain": 400.0}
 ROUTE = [
@@ -113,19 +113,3 @@ def test_jacobian_against_finite_differences(name, at):
         assert slope * 10 * step == pytest.approx(
             (ends[0] - ends[1]) * 5, rel=2e-2, abs=1e-3 * SIGMA[name]
         )
-
-
-@pytest.mark.parametrize("name", SCALARS)
-def test_arrays_of_any_shape_broadcast(name):
-    at = State(np.full((2, 3), 0.97), np.full((2, 3), -0.07), 1500.0, np.zeros((2, 3)), 10.0)
-    reduction = REDUCTIONS[name]
-    assert reduction.reduce(reduction.raw(np.full((2, 3), VALUE[name]), at), at).shape == (2, 3)
-    assert reduction.jacobian(at).shape == (2, 3, 4)
-    assert reduction_variance(reduction, at, np.eye(4), np.full((2, 3), 4.0)).shape == (2, 3)
-
-
-def test_an_error_of_height_is_one_of_terrain():
-    at = State(0.97, -0.07, 1500.0, 10.0, 10.0)
-    assert reduction_variance(REDUCTIONS["terrain"], at, 1e6 * np.eye(4), 9.0) == pytest.approx(
-        9.0
-    )

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
-from isogal.earth.gravity import FREE_AIR, eotvos, normal_gravity
+from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.fields.simulator import ReadingSimulator, draw_map_error
 from isogal.scenario import Altimeter, Gravimeter, MapError, Route, Scenario
@@ -133,17 +133,6 @@ def test_maps_that_cannot_be_used(change, message):
         field_map = replace(field_map, quantity="magnetic_anomaly")
     with pytest.raises(InputError, match=r"map test\.nc: .*" + message):
         simulate([0], field_map, **change)
-
-
-def test_eotvos_enters_with_the_velocity_of_the_scan():
-    flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
-    it = scenario(gravimeter=Gravimeter(sigma=1e-12))
-    trajectory = build_trajectory(it)
-    simulator = ReadingSimulator(it, trajectory, flat, [0])
-    i = simulator.index
-    expected = normal_gravity(trajectory.latitude[i]) - FREE_AIR * 100.0
-    expected -= eotvos(trajectory.latitude[i], 100.0, *trajectory.velocity[i, :2].T)
-    np.testing.assert_allclose(simulator.felt[0], expected, atol=1e-11)
 
 
 def hills(field_map_top=500.0):

@@ -1,6 +1,7 @@
-"""Compiled strapdown, filter and rotations against plain NumPy (`numpy_filter.py`) and scipy."""
+"""Compiled strapdown, filter and rotations against plain NumPy, filterpy and scipy."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fusion.numpy_filter import State, predict, strapdown, update_height
+from fusion.numpy_strapdown import State, strapdown
+from helpers.navigators import error_between
 from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import FilterDivergenceError, propagate
+from isogal.fusion.navigator import propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial import rotations
 from isogal.inertial.strapdown import NavState
@@ -103,63 +105,29 @@ def test_filter_equals_reference(
     sigma: np.ndarray, parameters: tuple[float, float, float]
 ) -> None:
     random = np.random.default_rng(2)
-    runs, steps, dt = 5, 4, 1.0
-    state = filter_start(random, runs, sigma)
-    noise = np.array([8e-5, 7e-5, 1e-2, 5e-9, 6e-9, 1.5e-7])
-    model = FilterModel(tuple(noise), tuple(sigma), dt, 0.1, *parameters)
+    runs, steps = 5, 4
+    start = filter_start(random, runs, sigma)
+    noise = (8e-5, 7e-5, 1e-2, 5e-9, 6e-9, 1.5e-7)
+    model = FilterModel(noise, tuple(sigma), 1.0, 0.1, *parameters)
     force, rate = (
         random.normal(0.0, 10.0, (runs, steps, 3)),
         random.normal(0.0, 0.02, (runs, steps, 3)),
     )
     height = 100.0 + random.normal(0.0, 0.5, steps)
-    expected = []
-    for r in range(runs):
-        reference = State(
-            state.position[r : r + 1].copy(),
-            state.velocity[r : r + 1].copy(),
-            Rotation.from_quat(state.attitude[r : r + 1], scalar_first=True).as_matrix(),
-        )
-        bias = np.concatenate([state.accelerometer_bias[r], state.gyroscope_bias[r]])
-        covariance = state.covariance[r]
-        for k in range(steps):
-            reference, bias, covariance = predict(
-                reference, bias, covariance, force[r, k], rate[r, k], dt, noise, parameters
-            )
-            reference, bias, covariance = update_height(
-                reference, bias, covariance, height[k], 0.1
-            )
-        expected.append((reference, bias, covariance))
-    propagate(state, model, force, rate, height)
-    for r, (reference, bias, covariance) in enumerate(expected):
-        one = FilterState(*(array[r : r + 1] for array in state.arrays()))
-        agree(reference, one, 1e-6, 1e-8 * sigma[8])
+    if sigma is not SIGMA:
+        # the reference adds the prediction's mean and the height's correction at once, which is
+        # not the same for a large turn
+        height[:] = np.nan
+    compiled, by_filterpy = start.copy(), start.copy()
+    propagate(compiled, model, force, rate, height)
+    propagate(by_filterpy, replace(model, filter="reference"), force, rate, height)
+    for r, covariance in enumerate(by_filterpy.covariance):
         deviation = np.sqrt(np.diag(covariance))
-        got = np.concatenate([state.accelerometer_bias[r], state.gyroscope_bias[r]])
-        np.testing.assert_allclose((got - bias) / deviation[9:], 0.0, atol=1e-8)
+        apart = error_between(compiled, by_filterpy, r) / deviation
+        np.testing.assert_allclose(apart, 0.0, atol=1e-8)
         np.testing.assert_allclose(
-            (state.covariance[r] - covariance) / deviation / deviation[:, None], 0.0, atol=2e-8
+            (compiled.covariance[r] - covariance) / deviation / deviation[:, None], 0.0, atol=2e-8
         )
-
-
-def test_a_run_does_not_depend_on_its_neighbours() -> None:
-    random = np.random.default_rng(3)
-    state = filter_start(random, 4, SIGMA)
-    model = FilterModel((8e-5,) * 3 + (5e-9,) * 3, tuple(SIGMA), 1.0)
-    force, rate = random.normal(0.0, 10.0, (4, 6, 3)), random.normal(0.0, 0.02, (4, 6, 3))
-    height = np.full(6, 100.0)
-    alone = FilterState(*(array[2:3].copy() for array in state.arrays()))
-    propagate(state, model, force, rate, height)
-    propagate(alone, model, force[2:3], rate[2:3], height)
-    for together, single in zip(state.arrays(), alone.arrays(), strict=True):
-        assert (together[2] == single[0]).all()
-
-
-def test_covariance_that_is_not_positive_definite_is_refused() -> None:
-    state = filter_start(np.random.default_rng(4), 3, SIGMA)
-    state.covariance[1, 4, 4] = -1.0
-    model = FilterModel((8e-5,) * 3 + (5e-9,) * 3, tuple(SIGMA), 1.0)
-    with pytest.raises(FilterDivergenceError, match=r"run\(s\) \[1\]"):
-        propagate(state, model, np.zeros((3, 2, 3)), np.zeros((3, 2, 3)), np.full(2, 100.0))
 
 
 axes = st.floats(-1.0, 1.0)

@@ -7,14 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from helpers.navigators import error_between, fly, random_covariance
+from helpers.navigators import SIGMA, error_between, fly, random_covariance
 from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import assume_map_error, propagate, update_linear
 from isogal.fusion.state import FilterState
 
-CORE = (300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8)
 # The filter is compiled for each number of states, ten seconds each: eight auxiliary states, as
 # with a barometer and a log, and two, as where the map says its error, are compiled anyway.
 EVERY_KIND = (
@@ -39,7 +38,7 @@ def with_states(states, filter_name="compiled") -> FilterModel:
 def start(model: FilterModel, seed: int = 3) -> FilterState:
     """A start with a full covariance, and auxiliary states that are not zero."""
     plain = fly().start
-    sigma = np.array([*CORE, *(state.sigma for state in model.auxiliary)])
+    sigma = np.array([*SIGMA, *(state.sigma for state in model.auxiliary)])
     means = sigma[15:] * np.random.default_rng(seed).standard_normal(len(sigma) - 15)
     return dataclasses.replace(
         plain, auxiliary=means[None], covariance=random_covariance(sigma, seed)[None]
@@ -83,36 +82,12 @@ def test_a_steady_process_keeps_its_variance_and_forgets_its_value():
     assert state.auxiliary[0, 0] == pytest.approx(3.0 * math.exp(-2.0))
 
 
-def test_felt_gravity_that_is_known_to_a_state_moves_the_estimate():
-    """A constant residual of 1e-3 m/s² over 100 s: half a t squared, 5 m."""
-    states = (AuxiliaryState("gravity_north", "gravity", 0, 1e-3), SPARE)
-    model, flight = with_states(states), fly()
-    ends = []
-    for value in (0.0, 1e-3):
-        state = dataclasses.replace(
-            flight.start.copy(),
-            auxiliary=np.array([[value, 0.0]]),
-            covariance=np.diag(np.square([*model.initial_sigma, 1e-3, 1.0]))[None],
-        )
-        propagate(
-            state,
-            model,
-            flight.imu.specific_force[:, :100],
-            flight.imu.angular_rate[:, :100],
-            flight.trajectory.height[1:101],
-        )
-        ends.append(state)
-    moved = error_between(ends[1], ends[0])
-    assert moved[0] == pytest.approx(5.0, rel=0.01)
-    assert moved[3] == pytest.approx(0.1, rel=0.01)
-
-
 def test_linear_update_equals_the_kalman_filter():
     model = with_states(EVERY_KIND)
     state = start(model)
     before = state.copy()
     random = np.random.default_rng(0)
-    sigma = np.array([*CORE, *(one.sigma for one in EVERY_KIND)])
+    sigma = np.array([*SIGMA, *(one.sigma for one in EVERY_KIND)])
     H = random.standard_normal((2, len(sigma))) / sigma
     R, z = np.array([[1.0, 0.3], [0.3, 2.0]]), np.array([0.7, -1.2])
     error, nis = update_linear(state, 0, H, z, R)
@@ -181,3 +156,27 @@ def test_a_map_error_is_the_navigators_residual_gravity():
         with pytest.raises(ValueError, match="map error"):
             assume_map_error(state, model, 0, *wrong)
     assert tuple(state.residual_gravity[0]) == (sigma, length)
+
+
+def test_felt_gravity_that_is_known_to_a_state_moves_the_estimate():
+    """A constant residual of 1e-3 m/s² over 100 s: half a t squared, 5 m."""
+    states = (AuxiliaryState("gravity_north", "gravity", 0, 1e-3), SPARE)
+    model, flight = with_states(states), fly()
+    ends = []
+    for value in (0.0, 1e-3):
+        state = dataclasses.replace(
+            flight.start.copy(),
+            auxiliary=np.array([[value, 0.0]]),
+            covariance=np.diag(np.square([*model.initial_sigma, 1e-3, 1.0]))[None],
+        )
+        propagate(
+            state,
+            model,
+            flight.imu.specific_force[:, :100],
+            flight.imu.angular_rate[:, :100],
+            flight.trajectory.height[1:101],
+        )
+        ends.append(state)
+    moved = error_between(ends[1], ends[0])
+    assert moved[0] == pytest.approx(5.0, rel=0.01)
+    assert moved[3] == pytest.approx(0.1, rel=0.01)

@@ -82,13 +82,6 @@ def identical(a: FilterState, b: FilterState) -> bool:
     return all((x == y).all() for x, y in zip(a.arrays(), b.arrays(), strict=True))
 
 
-def test_without_fixes_it_is_the_filter():
-    it = navigator()
-    advance(it, 60)
-    assert identical(it.state, reference(60, {}))
-    assert it.time == 60.0
-
-
 @pytest.mark.parametrize("arrival", [20, 21, 50, 120])
 def test_late_position_fix_equals_on_time(arrival):
     it = navigator()
@@ -254,22 +247,6 @@ def test_samples_that_cannot_be_used_change_nothing(time, force, height, message
         it.propagate(time, np.full(3, force), np.zeros(3), height)
     assert it.time == 10.0
     assert identical(it.state, before)
-
-
-def test_a_longer_interval_is_one_step_of_its_length():
-    it = navigator()
-    advance(it, 10)
-    mean = (
-        FLIGHT.imu.specific_force[0, 10:12].mean(axis=0),
-        FLIGHT.imu.angular_rate[0, 10:12].mean(axis=0),
-    )
-    it.propagate(12.0, *mean, 100.0)
-    whole = reference(12, {})
-    deviation = np.sqrt(np.diag(whole.covariance[0]))
-    assert np.abs(error_between(it.state, whole) / deviation).max() < 1e-2
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(it.state.covariance[0]))[:2], deviation[:2], rtol=1e-3
-    )
 
 
 def test_one_run_only():

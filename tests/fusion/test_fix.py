@@ -1,6 +1,4 @@
-"""Every navigator takes a fix in the same order, and to the same effect."""
-
-from dataclasses import dataclass, field
+"""Every navigator takes a fix to the same effect."""
 
 import numpy as np
 import pytest
@@ -9,60 +7,11 @@ from helpers.navigators import error_between, fly, random_covariance
 from isogal.fix import apply_fix
 from isogal.fusion.buffered import BufferedNavigator
 from isogal.fusion.navigator import NavigatorRun
-from isogal.matching.interfaces import LOST_COVARIANCE, Fix, Information
+from isogal.matching.interfaces import Fix, Information
 
 MATRIX = np.linalg.inv(random_covariance(np.array([100.0, 80.0, 0.5, 0.4])))
 INFORMATION = Information(MATRIX @ np.array([50.0, -30.0, 0.1, 0.2]), MATRIX)
 COVARIANCE = np.diag([900.0, 400.0])
-
-
-def a_fix(**keys) -> Fix:
-    return Fix(0.0, 0.1, 0.2, COVARIANCE, **keys)
-
-
-@dataclass
-class Recording:
-    """Writes down what it is told."""
-
-    calls: list[str] = field(default_factory=list)
-
-    def assume_map_error(self, sigma, length):
-        assert (sigma, length) == (8e-5, 3000.0)
-        self.calls.append("map error")
-
-    def widen(self, covariance):
-        assert covariance is LOST_COVARIANCE
-        self.calls.append("widen")
-
-    def update_information(self, vector, matrix):
-        assert (vector is INFORMATION.vector, matrix is INFORMATION.matrix) == (True, True)
-        self.calls.append("information")
-        return "by information"
-
-    def update_position(self, latitude, longitude, covariance):
-        assert (latitude, longitude) == (0.1, 0.2)
-        assert covariance is COVARIANCE
-        self.calls.append("position")
-        return "by position"
-
-
-@pytest.mark.parametrize(
-    ("fix", "calls", "result"),
-    [
-        (a_fix(), ["position"], "by position"),
-        (a_fix(information=INFORMATION), ["information"], "by information"),
-        (a_fix(reset=True), ["widen", "position"], "by position"),
-        (a_fix(reset=True, information=INFORMATION), ["widen", "information"], "by information"),
-        (a_fix(reset=True, reason="lost"), ["widen"], None),
-        (a_fix(reason="nothing", information=INFORMATION), [], None),
-        (a_fix(map_error=(8e-5, 3000.0), reason="nothing"), ["map error"], None),
-        (a_fix(map_error=(8e-5, 3000.0)), ["map error", "position"], "by position"),
-    ],
-)
-def test_order(fix, calls, result):
-    target = Recording()
-    assert apply_fix(fix, target) == result
-    assert target.calls == calls
 
 
 @pytest.mark.parametrize("information", [None, INFORMATION], ids=["position", "information"])

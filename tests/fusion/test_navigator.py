@@ -1,15 +1,10 @@
-"""The filter of many runs: prediction against the linear error model, updates against filterpy and
-each other, consistency, refusals."""
+"""The filter of many runs: updates against filterpy, consistency, refusals."""
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
-from scipy.linalg import expm
 from scipy.stats import chi2
 
-from helpers.navigators import error_between, fly, random_covariance
-from isogal.earth.ellipsoid import metres_per_radian
-from isogal.evaluation.ins_error_model import divide
+from helpers.navigators import SIGMA, error_between, filterpy_update, fly, random_covariance
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import (
     FilterDivergenceError,
@@ -19,7 +14,6 @@ from isogal.fusion.navigator import (
     widen,
 )
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import (
     BATCH,
     HORIZONTAL_STATES,
@@ -27,11 +21,7 @@ from isogal.inertial.error_state import (
 )
 from isogal.scenario import Imu, Route, Scenario
 from isogal.seeds import generator
-from isogal.sensors.trajectory import build_trajectory
 
-SIGMA = np.array(
-    [300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
-)
 SCALE = SIGMA * SIGMA[:, None]
 HORIZONTAL = BATCH[:HORIZONTAL_STATES]
 MODEL = FilterModel.from_scenario(Scenario())
@@ -41,61 +31,6 @@ def with_covariance(seed=0):
     state = fly().start
     state.covariance[0] = random_covariance(SIGMA, seed)
     return state
-
-
-def test_prediction_equals_the_linear_error_model_for_small_errors():
-    scenario = Scenario(route=Route(duration=300.0, speed=60.0))
-    trajectory = build_trajectory(scenario)
-    noise = (
-        8e-5,
-        8e-5,
-        1e-2,
-        5e-9,
-        5e-9,
-        1.5e-7,
-    )  # unknown gravity: the known height tells nothing about the rest
-    sigma = np.array(
-        [1.0, 1.0, 1e-3, 0.01, 0.01, 1e-5, 1e-6, 1e-6, 1e-5, 1e-6, 1e-6, 1e-6, 1e-10, 1e-10, 5e-9]
-    )
-    model = FilterModel(noise, tuple(sigma), 1.0, height_sigma=1e-3)
-    state = FilterState(
-        np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]]),
-        trajectory.velocity[:1].copy(),
-        trajectory.attitude[:1].copy(),
-        np.zeros((1, 3)),
-        np.zeros((1, 3)),
-        np.zeros((1, 0)),
-        np.diag(sigma**2)[None],
-        np.zeros(1),
-        np.zeros((1, 2)),
-    )
-    keep = np.array([0, 1, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14])
-    P = state.covariance[0][np.ix_(keep, keep)]
-    segments = divide(scenario, trajectory)
-    for geometry, force, rotation in zip(
-        segments.geometry, segments.force, segments.rotation, strict=True
-    ):
-        F = np.zeros((STATES, STATES))
-        fill_dynamics(F, geometry, force, rotation)
-        step = expm(F)
-        Q = np.zeros((STATES, STATES))
-        Q[2:4, 2:4] = (rotation @ np.diag(np.square(noise[:3])) @ rotation.T)[:2, :2]
-        Q[4:7, 4:7] = rotation @ np.diag(np.square(noise[3:])) @ rotation.T
-        P = step @ P @ step.T + Q
-    propagate(
-        state,
-        model,
-        trajectory.specific_force[None],
-        trajectory.angular_rate[None],
-        trajectory.height[1:],
-    )
-    # a bias error is estimate minus truth, so what the model calls a bias (what is left in the
-    # readings) has the opposite sign
-    sign = np.where(keep < 9, 1.0, -1.0)
-    got = state.covariance[0][np.ix_(keep, keep)] * sign * sign[:, None]
-    deviation = np.sqrt(np.diag(P))
-    assert deviation[0] > 1.5 * sigma[0]  # there was something to predict
-    np.testing.assert_allclose((got - P) / deviation / deviation[:, None], 0.0, atol=1e-3)
 
 
 def test_errors_agree_with_their_covariance():
@@ -177,13 +112,6 @@ def test_a_covariance_that_is_not_positive_definite_is_reported():
         propagate(state, flight.model, force, rate, flight.trajectory.height[1:6])
 
 
-def filterpy_update(covariance, H, R, z):
-    kalman = KalmanFilter(dim_x=15, dim_z=len(z))
-    kalman.P = covariance.copy()
-    kalman.update(np.asarray(z, float)[:, None], R=R, H=H)
-    return kalman.x[:, 0], kalman.P
-
-
 @pytest.mark.parametrize("states", [HORIZONTAL, BATCH], ids=["horizontal", "with attitude"])
 @pytest.mark.parametrize("rank", [1, 2, 4])
 def test_information_update_equals_filterpy(rank, states):
@@ -242,27 +170,6 @@ def test_negative_information_is_bounded():
     )
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_information_of_a_position_fix_equals_the_position_update(seed):
-    random = np.random.default_rng(seed)
-    R = random_covariance(np.array([100.0, 60.0]), seed)
-    y = random.normal(0.0, 100.0, 2)  # fix minus estimate: the error is its negative
-    M = np.zeros((4, 4))
-    M[:2, :2] = np.linalg.inv(R)
-    by_information, by_position = with_covariance(seed), with_covariance(seed)
-    _, nis = update_information(by_information, 0, np.append(-M[:2, :2] @ y, [0.0, 0.0]), M)
-    latitude, longitude, height = by_position.position[0]
-    north, east = metres_per_radian(latitude, height)
-    _, expected = update_position(
-        by_position, MODEL, 0, latitude + y[0] / north, longitude + y[1] / east, R
-    )
-    assert nis == pytest.approx(expected, rel=1e-6)
-    np.testing.assert_allclose(
-        by_information.covariance / SCALE, by_position.covariance / SCALE, atol=1e-9
-    )
-    np.testing.assert_allclose(error_between(by_information, by_position) / SIGMA, 0.0, atol=1e-7)
-
-
 BAD = np.diag([1.0, 1.0, 1.0, -1e6])
 
 
@@ -292,15 +199,6 @@ def test_updates_that_cannot_be_used_change_nothing(update, message):
         update(state)
     for array, old in zip(state.arrays(), before.arrays(), strict=True):
         assert (array == old).all()
-
-
-def test_no_information_changes_nothing():
-    state = with_covariance()
-    before = state.copy()
-    correction, nis = update_information(state, 0, np.zeros(4), np.zeros((4, 4)))
-    assert not correction.any()
-    assert nis == 0.0
-    np.testing.assert_allclose(state.covariance, before.covariance, rtol=1e-15)
 
 
 def test_a_lost_run_is_widened_alone():

@@ -2,16 +2,12 @@
 
 import numpy as np
 
-from helpers.navigators import error_between, fly, random_covariance
+from helpers.navigators import SIGMA, error_between, fly, random_covariance
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.model import FilterModel
 from isogal.fusion.navigator import update_information
 from isogal.inertial.error_state import batch_difference
 from isogal.scenario import Imu, InitialError, Scenario
-
-SIGMA = np.array(
-    [300.0, 200.0, 0.1, 0.3, 0.2, 0.01, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
-)
 
 
 def test_model_agrees_with_what_the_scenario_draws_from():

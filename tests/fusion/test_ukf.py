@@ -1,16 +1,13 @@
-"""Parts of the compiled filter against filterpy (the whole: `test_reference.py`)."""
+"""Parts of the compiled filter against filterpy (the whole: `test_reference.py`,
+`test_against_numpy.py`)."""
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints
+from filterpy.kalman import MerweScaledSigmaPoints
 
-from helpers.navigators import error_between, fly, random_covariance
+from helpers.navigators import SIGMA, error_between, filterpy_update, fly, random_covariance
 from isogal.fusion import sigma_points, ukf
-from isogal.fusion.height_states import reading_of
 
-SIGMA = np.array(
-    [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
-)
 SIZE = len(SIGMA)
 
 
@@ -26,51 +23,6 @@ def test_sigma_points_equal_filterpy(parameters):
     assert not points[:, sigma_points.CENTRE].any()
     np.testing.assert_allclose(points[:, :15].T / SIGMA, expected[1:16] / SIGMA, atol=1e-9)
     np.testing.assert_allclose(points[:, 16:31].T / SIGMA, expected[16:] / SIGMA, atol=1e-9)
-
-
-@pytest.mark.parametrize("states", [15, 17, 28])
-@pytest.mark.parametrize("parameters", [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1e-3, 2.0, -12.0)])
-def test_weights_equal_filterpy(parameters, states):
-    scaled = MerweScaledSigmaPoints(states, *parameters)
-    spread = scaled.sigma_points(np.zeros(states), np.eye(states))[1, 0]
-    expected = (spread, scaled.Wc[0], scaled.Wc[1])
-    assert sigma_points.merwe_weights(*parameters, states) == pytest.approx(expected, rel=1e-14)
-    np.testing.assert_array_equal(scaled.Wm[1:], scaled.Wc[1:])
-
-
-@pytest.mark.parametrize("broken", [0, 7, 14])
-def test_factorise_reports_what_is_not_positive_definite(broken):
-    covariance = random_covariance(SIGMA)
-    covariance[broken, broken] *= -1e-3
-    padded = np.pad(covariance, ((0, 0), (0, 1)))
-    assert not sigma_points.factorise(SIZE, padded, np.empty((15, 16)), np.empty(16))
-    covariance[broken, broken] = np.nan
-    padded = np.pad(covariance, ((0, 0), (0, 1)))
-    assert not sigma_points.factorise(SIZE, padded, np.empty((15, 16)), np.empty(16))
-
-
-def filterpy_update(covariance, H, R, z):
-    kalman = KalmanFilter(dim_x=15, dim_z=len(z))
-    kalman.P = covariance.copy()
-    kalman.update(np.asarray(z, float)[:, None], R=R, H=H)
-    return kalman.x[:, 0], kalman.P
-
-
-def test_known_height_equals_filterpy():
-    state = fly().start
-    before = state.copy()
-    padded = np.pad(random_covariance(SIGMA), ((0, 0), (0, 1)))
-    H = np.zeros((1, 15))
-    H[0, 2] = 1.0
-    error, covariance = filterpy_update(
-        padded[:, :15], H, np.array([[0.1**2]]), [100.0 - 103.0]
-    )  # down
-    work = np.zeros(16), np.zeros(16)
-    ukf.update_height(SIZE, state.nominal_of(0), padded, 103.0, 0.1, np.inf, reading_of(()), *work)
-    np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
-    np.testing.assert_allclose(
-        padded[:, :15] / SIGMA / SIGMA[:, None], covariance / SIGMA / SIGMA[:, None], atol=1e-9
-    )
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (250.0, -400.0)])

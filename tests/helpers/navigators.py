@@ -4,6 +4,8 @@ and the engine."""
 from dataclasses import dataclass
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
+from numpy.typing import ArrayLike
 
 from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
@@ -14,6 +16,10 @@ from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
+SIGMA = np.array(
+    [300.0, 200.0, 3.0, 0.3, 0.2, 0.05, 1e-4, 1e-4, 1e-3, 1e-5, 1e-5, 1e-6, 1e-9, 1e-9, 1e-8]
+)
+"""Of a filter's 15 states, SI."""
 ROUTE = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.3, 147.4), duration=600.0)
 
 
@@ -70,3 +76,13 @@ def random_covariance(sigma: np.ndarray, seed: int = 0) -> np.ndarray:
     n = len(sigma)
     root = np.eye(n) + 0.3 * np.random.default_rng(seed).standard_normal((n, n))
     return root @ root.T * sigma * sigma[:, None]
+
+
+def filterpy_update(
+    covariance: np.ndarray, H: np.ndarray, R: np.ndarray, z: ArrayLike
+) -> tuple[np.ndarray, np.ndarray]:
+    """State, from zero, and covariance after a linear measurement, by filterpy."""
+    kalman = KalmanFilter(dim_x=len(covariance), dim_z=len(R))
+    kalman.P = covariance.copy()
+    kalman.update(np.asarray(z, float)[:, None], R=R, H=H)
+    return kalman.x[:, 0], kalman.P

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo.chunks import Chunk
 from isogal.scenario import Scenario, validate_scenario
@@ -33,6 +34,20 @@ def small_scenario(**changes: object) -> Scenario:
         "matcher": {"name": "pmht-paper", "batch_length": 20},
     }
     return validate_scenario(document | changes)
+
+
+def same_runs(a: Runs, b: Runs) -> None:
+    """Assert that two records hold the same numbers, bit for bit, and the same details if both
+    have some."""
+    for name in (
+        *("error", "covariance", "unaided_error", "fix_error", "fix_covariance"),
+        *("posterior_error", "posterior_covariance"),
+    ):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+    assert a.fix_reason == b.fix_reason
+    if a.detail is not None and b.detail is not None:
+        np.testing.assert_array_equal(a.detail.reading, b.detail.reading)
+        np.testing.assert_array_equal(a.detail.candidate_weight, b.detail.candidate_weight)
 
 
 class Watcher:

@@ -76,11 +76,3 @@ def test_dynamics_are_those_of_the_strapdown(latitude, velocity):
     model = expm(F * DT)[:7] * SIZE / SIZE[:7, None]
     # in these units F consists of terms like W and, a seventeenth of it, the Earth's rate
     np.testing.assert_allclose((numeric - model) / (W * DT), 0.0, atol=1e-3)
-
-
-def test_only_zeros_elsewhere():
-    F = np.zeros((STATES, STATES))
-    fill_dynamics(
-        F, np.array([0.5, 10.0, 20.0, 1 / R, 1 / R]), np.array([0.1, 0.2, -9.8]), np.eye(3)
-    )
-    assert not F[7:].any()  # biases are constant

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from isogal.inertial.preintegration import preintegrate
-from isogal.inertial.rotations import from_heading, from_rotation_vector, multiply
+from isogal.inertial.rotations import multiply
 from isogal.inertial.strapdown import NavState, propagate
 from isogal.scenario import Fusion, Imu, Route, Scenario
 from isogal.sensors.imu_truth import true_samples
@@ -185,57 +185,9 @@ def test_runs_do_not_depend_on_each_other():
     assert (together[1][1] == alone[1][0]).all()
 
 
-def vibrating(fast, seconds, angle=0.01, frequency=7.3, shake=0.5):
-    """Perfect samples of a vehicle at rest on a turning Earth whose IMU cones and is shaken, and
-    the attitude at the start."""
-    from isogal.earth.ellipsoid import EARTH_RATE
-    from isogal.earth.gravity import normal_gravity
-
-    latitude, omega = np.radians(-36.0), 2.0 * np.pi * frequency
-    attitude, cone = coning(angle, frequency)
-    earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
-    weight = np.array([0.0, 0.0, -float(normal_gravity(latitude, 0.0))])
-
-    def to_body(t, vector):
-        return Rotation.from_rotvec(attitude(t)).inv().apply(vector)
-
-    def rate(t):
-        return cone(t) + to_body(t, earth)
-
-    def force(t):
-        # the vehicle's acceleration has no mean, nor does its velocity grow
-        shaking = shake * np.stack([np.cos(omega * t), np.sin(omega * t), 0.0 * t], axis=-1)
-        return to_body(t, weight + shaking)
-
-    start = np.array(from_rotation_vector(*attitude(np.zeros(1))[0]))
-    start = np.array(multiply(*from_heading(0.0), *start))
-    # such that shaking moves the vehicle to and fro, and nowhere else
-    nav = NavState(
-        np.array([[latitude, 2.5, 0.0]]), np.array([[0.0, -shake / omega, 0.0]]), start[None]
-    )
-    return nav, means(force, fast, seconds), means(rate, fast, seconds)
-
-
 def horizontal(state, start):
     metres = 6.371e6 * np.array([1.0, np.cos(start.position[0, 0])])
     return np.linalg.norm((state.position[0, :2] - start.position[0, :2]) * metres)
-
-
-def test_the_strapdown_at_1_hz_drifts_as_little_as_at_200_hz():
-    """Ten minutes of coning by 0.6 degrees at 7.3 Hz with shaking in phase: 130 deg/h of drift if
-    the increments were only added."""
-    fast, seconds = 200.0, 600.0
-    start, force, rate = vibrating(fast, seconds)
-    height = np.zeros(round(fast * seconds) + 1)
-    full, _ = propagate(start, force[None], rate[None], 1.0 / fast, height)
-    duration, ends = regular(fast, seconds)
-    f, w = preintegrate(force[None], rate[None], duration, ends)
-    slow, _ = propagate(start, f, w, 1.0, height[: len(ends)])
-    added = [part.reshape(-1, 200, 3).mean(axis=1)[None] for part in (force, rate)]
-    wrong, _ = propagate(start, *added, 1.0, height[: len(ends)])
-    assert horizontal(wrong, start) > 1000.0
-    assert horizontal(slow, start) < 1.0
-    assert horizontal(full, start) < 0.02 * horizontal(wrong, start)
 
 
 def test_turns_are_as_right_at_1_hz_of_50_hz_samples_as_of_means():

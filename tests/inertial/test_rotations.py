@@ -55,12 +55,6 @@ def test_quaternion_of_half_a_turn(axis):
     np.testing.assert_allclose(np.abs(found), expected, atol=1e-15)
 
 
-def test_matrices_of_many_quaternions():
-    rotations = Rotation.random(6, np.random.default_rng(1))
-    stacked = matrix(quaternion(rotations).reshape(2, 3, 4))
-    np.testing.assert_allclose(stacked, rotations.as_matrix().reshape(2, 3, 3, 3), atol=1e-15)
-
-
 @pytest.mark.parametrize("heading_deg", [-90.0, 0.0, 57.0, 180.0, 300.0])
 def test_heading_is_clockwise_from_north(heading_deg):
     heading = np.radians(heading_deg)

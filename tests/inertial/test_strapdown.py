@@ -7,7 +7,7 @@ import pytest
 from isogal.earth.ellipsoid import EARTH_RATE, radii
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
-from isogal.inertial.rotations import from_heading, from_rotation_vector
+from isogal.inertial.rotations import from_heading
 from isogal.inertial.strapdown import NavState, propagate
 from isogal.scenario import Imu, Route, Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -97,28 +97,6 @@ def test_schuler_oscillation_from_a_velocity_error():
     exact = 2.0 * np.pi * np.sqrt(normal / normal_gravity(0.0))  # that of the equator's radius
     assert period == pytest.approx(exact, abs=2.0)
     assert error.max() == pytest.approx(0.1 * exact / (2.0 * np.pi), rel=1e-3)
-
-
-def test_schuler_oscillation_from_a_tilt():
-    tilt = 1e-4
-    nav, *senses = standing(0.0, 6000)
-    nav.attitude[0] = from_rotation_vector(
-        tilt, 0.0, 0.0
-    )  # about north: the east channel, at the equator without Foucault turn
-    error = east_error(nav, *senses)
-    _, normal = radii(0.0)
-    assert np.abs(error).max() == pytest.approx(2.0 * tilt * normal, rel=1e-3)
-    assert 2.0 * np.abs(error).argmax() == pytest.approx(SCHULER, rel=5e-3)
-
-
-def test_oscillation_turns_like_foucaults_pendulum():
-    latitude = np.radians(-36.5)
-    nav, force, rate, height = standing(latitude, 5064)
-    nav.velocity[0] = [0.1, 0.0, 0.0]
-    end, _ = propagate(nav, force, rate, 1.0, height)
-    turned = np.arctan2(end.velocity[0, 1], end.velocity[0, 0])
-    # clockwise by the Earth's rate about the vertical, so to the west in the south
-    assert turned == pytest.approx(EARTH_RATE * np.sin(latitude) * 5064.0, rel=2e-3)
 
 
 def test_free_height_is_unstable_with_the_published_time_constant():

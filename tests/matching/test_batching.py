@@ -160,14 +160,6 @@ def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduc
     )
 
 
-def test_terrain_is_not_reduced_with_position_or_velocity():
-    batch = builder_of(*flown(TRAJECTORY)[:2], quantity="terrain").build(
-        random_covariance(PRIOR_SIGMA)
-    )
-    assert not batch.reading_jacobian.any()
-    assert not batch.nuisance_reading.any()
-
-
 @pytest.mark.parametrize(
     ("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)]
 )

@@ -43,18 +43,6 @@ def tensor_batch(
     return channel_batch(scalar, tensors + noise, covariance), scalar, truth
 
 
-def test_one_channel_is_a_scalar():
-    scalar, _ = make_batch(DISTURBANCE)
-    batch = channel_batch(scalar, scalar.reading[:, None], [[1e-10]])
-    settings = Matcher(map_sigma=2e-5, options={"trust": 1.0})
-    one = Pmht.from_settings(settings).match(batch, ChannelMap([DISTURBANCE]), None)[0]
-    other = Pmht.from_settings(settings).match(scalar, DISTURBANCE, None)[0]
-    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9)
-    assert (one.latitude, one.longitude) == pytest.approx(
-        (other.latitude, other.longitude), abs=1e-12
-    )
-
-
 def test_a_channel_without_a_reading_is_left_out():
     """A channel that reads nothing tells what is told without it."""
     batch, scalar, _ = tensor_batch()
@@ -94,25 +82,6 @@ def test_pmht_knows_how_well_five_components_tell_the_place():
     low, high = chi_square_interval(len(nees), confidence=0.999)
     assert low < np.mean(nees) < high
     assert np.sqrt(np.mean(np.square(errors))) < 60.0
-
-
-def test_more_components_tell_more_and_shared_noise_cancels():
-    batch, scalar, _ = tensor_batch()
-    spread = {}
-    for name, channels, covariance in (
-        ("one", slice(0, 1), COVARIANCE[:1, :1]),
-        ("five", slice(0, C), COVARIANCE),
-        ("five, noise taken as independent", slice(0, C), np.diag(np.diag(COVARIANCE))),
-    ):
-        part = ChannelMap(TENSOR.channels[channels])
-        readings = batch.reading.reshape(-1, C)[:, channels]
-        fix, _ = Pmht.from_settings(Matcher(map_sigma=0.0)).match(
-            channel_batch(scalar, readings, covariance), part, None
-        )
-        assert fix.published, fix.reason
-        spread[name] = np.sqrt(np.trace(fix.covariance))
-    assert spread["five"] < 0.75 * spread["one"]
-    assert spread["five"] != pytest.approx(spread["five, noise taken as independent"], rel=0.005)
 
 
 def test_what_is_shown_of_a_batch_is_its_first_channel():

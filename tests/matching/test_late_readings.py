@@ -130,15 +130,6 @@ def test_without_filter_and_delay_nothing_changes():
     assert batch.parameters is None
 
 
-def test_of_some_rows():
-    batch, _ = batch_of(scenario(filter_time=30.0, correlated_sigma=1e-5))
-    part = batch.part(10)
-    assert part.filter_path.away.shape == (30, *batch.filter_path.away.shape[1:])
-    np.testing.assert_array_equal(part.parameters.reading, batch.parameters.reading[10:])
-    np.testing.assert_array_equal(part.position_by_error, batch.position_by_error[10:])
-    np.testing.assert_array_equal(part.transition, batch.transition[10:])
-
-
 def test_map_error_between_scans_is_a_gauss_markov_process():
     it = scenario(route={"start": START, "end": (-36.4, 147.2), "duration": 200.0})
     it = it.model_copy(update={"map_error": MapError(sigma=1.0, correlation_length=500.0)})
@@ -168,3 +159,12 @@ def test_missing_readings_leave_the_others_in_place():
     np.testing.assert_array_equal(batch.time, whole.time)
     np.testing.assert_array_equal(batch.latitude, whole.latitude)
     assert replace(batch, reading=whole.reading).new == whole.new
+
+
+def test_of_some_rows():
+    batch, _ = batch_of(scenario(filter_time=30.0, correlated_sigma=1e-5))
+    part = batch.part(10)
+    assert part.filter_path.away.shape == (30, *batch.filter_path.away.shape[1:])
+    np.testing.assert_array_equal(part.parameters.reading, batch.parameters.reading[10:])
+    np.testing.assert_array_equal(part.position_by_error, batch.position_by_error[10:])
+    np.testing.assert_array_equal(part.transition, batch.transition[10:])

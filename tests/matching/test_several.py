@@ -48,14 +48,6 @@ def beside(first: Batch, second: Batch, field_map=SECOND, index: int = 1) -> Bat
     return replace(first, beside=(Beside(index, second, field_map),))
 
 
-def test_one_field_alone_is_matched_as_ever():
-    batch, _ = both()
-    fix, _ = joint().match(batch, FIRST, None)
-    expected, _ = alone().match(batch, FIRST, None)
-    assert (fix.latitude, fix.longitude) == (expected.latitude, expected.longitude)
-    np.testing.assert_array_equal(fix.information.matrix, expected.information.matrix)
-
-
 def test_two_fixes_are_one_with_the_information_of_both():
     """With a prior so narrow that all is linear, information adds up."""
     first, second = both(**NARROW)

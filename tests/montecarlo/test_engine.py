@@ -9,13 +9,14 @@ import pytest
 
 from helpers.batches import field_map_of, wavy
 from helpers.navigators import ROUTE
+from helpers.studies import same_runs
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
-from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.matching.joint_batches import JointBatches
 from isogal.montecarlo.engine import simulate, simulate_unaided
+from isogal.montecarlo.store import take
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.trajectory import build_trajectory
@@ -35,20 +36,6 @@ def scenario(duration=600.0, **matcher) -> Scenario:
     )
 
 
-def assert_same_run(a: Runs, i: int, b: Runs, j: int) -> None:
-    for name in (
-        "error",
-        "covariance",
-        "unaided_error",
-        "fix_error",
-        "fix_covariance",
-        "posterior_error",
-        "posterior_covariance",
-    ):
-        np.testing.assert_array_equal(getattr(a, name)[i], getattr(b, name)[j], err_msg=name)
-    assert a.fix_reason[i] == b.fix_reason[j]
-
-
 @pytest.mark.parametrize(
     "settings",
     [
@@ -65,9 +52,8 @@ def test_a_run_alone_equals_itself_in_a_batch_bit_for_bit(settings):
     it = scenario(duration=450.0, **settings)
     together = simulate(it, [0, 7, 3], MAP)
     assert any(reason is None for reasons in together.fix_reason for reason in reasons)
-    for i, run in enumerate([0, 7, 3]):
-        assert_same_run(simulate(it, [run], MAP), 0, together, i)
-    assert_same_run(simulate(it, [3, 0], MAP), 1, together, 0)
+    same_runs(simulate(it, [7], MAP), take(together, [1]))
+    same_runs(simulate(it, [3, 0], MAP), take(together, [2, 0]))
     assert (together.error[0] != together.error[1]).any()
 
 
@@ -90,7 +76,19 @@ def test_what_is_simulated_is_the_truth_and_what_is_assumed_the_rest():
     assert (one.covariance[:, 0] > 3.9 * world.covariance[:, 0])[:, [0, 1], [0, 1]].all()
 
 
-@pytest.mark.parametrize(("name", "share"), [("pmht", 0.3), ("pmht-paper", 0.6)])
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [
+        ("pmht", 0.3),
+        ("pmht-paper", 0.6),
+        ("tercom", 0.5),
+        ("iccp", 0.6),
+        ("sitan", 0.5),
+        ("particle", 0.5),
+        ("point-mass", 0.5),
+        ("viterbi", 0.5),
+    ],
+)
 def test_fixes_help(name, share):
     runs = simulate(scenario(name=name), range(8), MAP)
     aided, unaided = (
@@ -240,14 +238,6 @@ def test_batches_have_the_matchers_stride_and_context():
     assert [batch.new for batch in scripted.batches] == [15] + [5] * 9
     assert [batch.time[-1] for batch in scripted.batches] == list(np.arange(150.0, 601.0, 50.0))
     assert scripted.memories == [None, *range(1, 10)]
-
-
-def test_each_run_has_its_own_memory_and_batches():
-    it = scenario()
-    scripted = Scripted(lambda batch: declined(batch, "nothing"))
-    simulate(it, [5, 6], MAP, scripted)
-    assert scripted.memories == [None, None, 1, 1, 2, 2, 3, 3]
-    assert (scripted.batches[0].reading != scripted.batches[1].reading).all()
 
 
 def test_a_correction_is_carried_back_to_earlier_scans():

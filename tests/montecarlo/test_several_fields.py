@@ -10,6 +10,7 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from helpers.command_line import answer, refusal
 from helpers.navigators import ROUTE
+from helpers.studies import same_runs
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.fields.scenario_map import map_for_scenario
@@ -48,12 +49,6 @@ def ran(*fields: dict[str, Any], runs: int = 2, **keys: Any) -> Runs:
     return simulate(scenario(*fields, **keys), range(runs), maps)
 
 
-def assert_equal(one: Runs, other: Runs) -> None:
-    for name in ("error", "covariance", "unaided_error", "fix_error", "fix_covariance"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
-    assert one.fix_reason == other.fix_reason
-
-
 @pytest.fixture(scope="module")
 def gravity() -> Runs:
     return ran(GRAVITY)
@@ -68,7 +63,7 @@ def test_a_list_of_one_is_bit_equal_to_its_keys(gravity):
     listed = scenario(GRAVITY)
     (alone,) = listed.each_field
     assert alone.fields is None
-    assert_equal(gravity, simulate(alone, range(2), GRAVITY_MAP))
+    same_runs(gravity, simulate(alone, range(2), GRAVITY_MAP))
 
 
 def test_two_fields_know_more_than_one(gravity, two):

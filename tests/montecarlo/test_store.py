@@ -1,10 +1,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from helpers.studies import small_scenario
+from helpers.studies import same_runs, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
@@ -41,23 +40,6 @@ def fill(store: Store, case: Case, *parts: range) -> None:
         store.put(chunk_of(case, part), compute(chunk_of(case, part), case.field_map))
 
 
-def assert_same(a: Runs, b: Runs) -> None:
-    for name in (
-        "error",
-        "covariance",
-        "unaided_error",
-        "fix_error",
-        "fix_covariance",
-        "posterior_error",
-    ):
-        assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True), name
-    assert a.fix_reason == b.fix_reason
-    assert a.detail is not None
-    assert b.detail is not None
-    assert np.array_equal(a.detail.reading, b.detail.reading)
-    assert np.array_equal(a.detail.candidate_weight, b.detail.candidate_weight)
-
-
 @pytest.mark.parametrize(
     "parts",
     [
@@ -74,23 +56,16 @@ def test_any_chunking_gives_the_same_runs(
     assert store.missing(case) == list(range(5))
     fill(store, case, *parts)
     assert store.missing(case) == []
-    assert_same(store.load(case), whole)
+    same_runs(store.load(case), whole)
 
 
 def test_fewer_and_more_runs_use_what_is_there(tmp_path: Path, case: Case, whole: Runs) -> None:
     store = Store(tmp_path)
     fill(store, case, range(3))
-    assert_same(store.load(replace(case, runs=2)), take(whole, range(2)))
+    same_runs(store.load(replace(case, runs=2)), take(whole, range(2)))
     assert store.missing(replace(case, runs=5)) == [3, 4]
     with pytest.raises(InputError, match="run 3 of 5 is not there"):
         store.load(case)
-
-
-def test_other_scenarios_are_kept_apart(tmp_path: Path, case: Case) -> None:
-    store = Store(tmp_path)
-    fill(store, case, range(5))
-    other = replace(case, scenario=small_scenario(seed=7, route={"duration": 300.0}))
-    assert store.missing(other) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("damage", ["cut", "renamed"])
@@ -108,7 +83,7 @@ def test_damaged_file_is_computed_again(
     assert len(store.damaged) == 1
     assert "00000" in store.damaged[0]
     fill(store, case, range(2, 5))
-    assert_same(store.load(case), whole)
+    same_runs(store.load(case), whole)
 
 
 def test_details_are_those_of_run_0(tmp_path: Path, case: Case) -> None:

@@ -21,7 +21,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import chunks, workers
 from isogal.montecarlo.chunks import Case
 from isogal.montecarlo.store import Store
-from isogal.montecarlo.study import Backend, Interrupted, compute_cases
+from isogal.montecarlo.study import Backend, compute_cases
 from isogal.montecarlo.workers import WorkerError
 from isogal.sensors.trajectory import build_trajectory
 
@@ -161,25 +161,6 @@ def test_workers_that_keep_dying_end_in_one_line(tmp_path: Path, small_case: Cas
         compute_cases(
             [replace(small_case, runs=1)], Store(tmp_path), Backend(workers=1), Killer(times=100)
         )
-    assert not workers_alive()
-
-
-class Impatient(Watcher):
-    """Interrupts when the first chunk is finished."""
-
-    def finished(self, chunk: Any) -> None:
-        raise KeyboardInterrupt
-
-
-def test_interruption_keeps_what_is_finished(
-    tmp_path: Path, small_case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(chunks, "MEMORY", 1)
-    store = Store(tmp_path)
-    with pytest.raises(Interrupted) as caught:
-        compute_cases([small_case], store, Backend(workers=1), Impatient())
-    assert (caught.value.kept, caught.value.total) == (1, 4)
-    assert store.missing(small_case) == [1, 2, 3]
     assert not workers_alive()
 
 

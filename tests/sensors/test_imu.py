@@ -107,10 +107,3 @@ def test_a_bias_is_constant_over_a_run():
     assert within_chi_square(
         (halves.mean(axis=1) ** 2 / (2e-6**2 + of_mean**2 / 2)).sum(axis=0), 40
     )
-
-
-def test_a_run_draws_the_same_alone_and_among_others():
-    together = errors("precision", [0, 7, 3])
-    assert (errors("precision", [7])[0] == together[1]).all()
-    assert (errors("precision", [3], seed=1)[0] != together[2]).all()
-    assert (together[0] != together[1]).all()

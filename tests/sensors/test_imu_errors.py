@@ -2,12 +2,11 @@
 IEEE Std 952-1997, annex C, and what constant errors do on a known motion (chi-square intervals,
 fixed seeds)."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from helpers.allan import allan_deviation
 from isogal.scenario import Imu, Route, Scenario
 from isogal.sensors.imu import quantise, simulate_imu
 from isogal.sensors.trajectory import build_trajectory
@@ -27,25 +26,6 @@ def simulate(runs, duration=DURATION, rate=1.0, **given):
     imu = simulate_imu(scenario, trajectory, runs)
     truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
     return trajectory, np.concatenate([imu.specific_force, imu.angular_rate], axis=2) - truth
-
-
-def allan_deviation(errors, rate, taus):
-    """Root of the mean overlapping Allan variance of several series (n, K)
-    (IEEE Std 952-1997, annex C)."""
-    integral = np.cumsum(errors, axis=1) / rate
-    result = []
-    for m in (np.asarray(taus) * rate).astype(int):
-        second = integral[:, 2 * m :] - 2.0 * integral[:, m:-m] + integral[:, : -2 * m]
-        result.append(np.sqrt(np.mean(second**2) / 2.0) / (m / rate))
-    return np.array(result)
-
-
-def test_allan_deviation_is_that_of_allantools():
-    allantools = pytest.importorskip("allantools", reason="allantools is not installed")
-    series = np.cumsum(np.random.default_rng(2).standard_normal(4000)) + 0.1
-    taus = np.array([0.5, 5.0, 50.0])
-    other = allantools.oadev(series, rate=2.0, data_type="freq", taus=taus)[1]
-    np.testing.assert_allclose(allan_deviation(series[None], 2.0, taus), other, rtol=5e-3)
 
 
 def test_white_noise_has_the_density_of_the_data_sheet():
@@ -160,11 +140,3 @@ def test_a_run_draws_the_same_alone_and_among_others():
     alone = simulate_imu(scenario, trajectory, [7])
     assert (together.angular_rate[1] == alone.angular_rate[0]).all()
     assert (together.specific_force[1] == alone.specific_force[0]).all()
-
-
-def test_readings_do_not_change_the_truth():
-    scenario = Scenario(route=Route(duration=20.0), imu=Imu(grade="tactical"))
-    trajectory = build_trajectory(scenario)
-    kept = replace(trajectory, specific_force=trajectory.specific_force.copy())
-    simulate_imu(scenario, trajectory, [0])
-    assert (kept.specific_force == trajectory.specific_force).all()

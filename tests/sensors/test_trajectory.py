@@ -111,19 +111,6 @@ def test_imu_is_newtons_law_in_inertial_space(keys):
     np.testing.assert_allclose(trajectory.angular_rate, turned.as_rotvec() / dt, atol=5e-9)
 
 
-def test_velocity_is_the_derivative_of_the_position():
-    trajectory = route(waypoints=CORNERS)
-    moved = horizontal_difference(
-        trajectory.latitude[2:],
-        trajectory.longitude[2:],
-        trajectory.latitude[:-2],
-        trajectory.longitude[:-2],
-    )
-    jumps = np.abs(np.diff(trajectory.velocity[:, :2], 2, axis=0)).max()
-    np.testing.assert_allclose(moved / 2.0, trajectory.velocity[1:-1, :2], atol=jumps + 2e-3)
-    assert not trajectory.velocity[:, 2].any()
-
-
 def test_waypoints_are_passed_at_their_speed_within_the_limits():
     trajectory = route(waypoints=CORNERS, turn_rate=0.01, acceleration=0.05)
     turn = np.diff(np.unwrap(headings(trajectory)))
@@ -164,15 +151,6 @@ def test_route_across_the_date_line():
 def test_routes_that_cannot_be_driven(keys, message):
     with pytest.raises(InputError, match=message):
         route(**keys)
-
-
-def test_samples_and_length():
-    trajectory = route(4.0, duration=100.0)
-    assert len(trajectory) == 400
-    assert trajectory.time[-1] == 100.0
-    assert trajectory.dt == 0.25
-    assert trajectory.specific_force.shape == trajectory.angular_rate.shape == (400, 3)
-    assert trajectory.latitude.shape == (401,)
 
 
 CLOSE = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 22.0), (-37.9, 144.603, 22.0))

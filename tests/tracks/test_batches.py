@@ -30,6 +30,21 @@ def test_ends_of_batches(count, length, stride, ends):
     assert batch_ends(count, Matcher(batch_length=length, stride=stride)) == ends
 
 
+@pytest.mark.parametrize(
+    ("sigma", "kept"), [(100.0, 60), (1800.0, 41), (2000.0, 52), (50_000.0, 60)]
+)
+def test_readings_near_the_edge_of_the_map_are_left_out(sigma, kept):
+    """The track ends 1 km from the northern edge. Readings within two 1-sigmas of it are left out
+    if two thirds remain, else those within one 1-sigma, else none."""
+    field_map = field_map_of(wavy)
+    track, _, _ = made_track(field_map, start=(30e3, 0.0), step=(150.0, 0.0))
+    prior = np.diag([sigma**2, sigma**2, 1e-12, 1e-12])
+    batch = build_batch(track, np.zeros((60, 4)), slice(0, 60), 60, np.zeros(4), prior)
+    found = np.isfinite(without_map_edge(batch, field_map).reading)
+    assert found.sum() == kept
+    assert found[:kept].all()
+
+
 def test_a_batch_is_moved_by_the_error_known_so_far():
     track, _, _ = made_track(DISTURBANCE, reduction="latitude")
     jacobian = track.jacobian("disturbance")
@@ -48,18 +63,3 @@ def test_a_batch_is_moved_by_the_error_known_so_far():
     np.testing.assert_allclose(batch.velocity, track.velocity[rows] - error[2:])
     expected = track.value[rows] - jacobian[rows, 0] * moved[:, 0]
     np.testing.assert_allclose(batch.reading, expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("sigma", "kept"), [(100.0, 60), (1800.0, 41), (2000.0, 52), (50_000.0, 60)]
-)
-def test_readings_near_the_edge_of_the_map_are_left_out(sigma, kept):
-    """The track ends 1 km from the northern edge. Readings within two 1-sigmas of it are left out
-    if two thirds remain, else those within one 1-sigma, else none."""
-    field_map = field_map_of(wavy)
-    track, _, _ = made_track(field_map, start=(30e3, 0.0), step=(150.0, 0.0))
-    prior = np.diag([sigma**2, sigma**2, 1e-12, 1e-12])
-    batch = build_batch(track, np.zeros((60, 4)), slice(0, 60), 60, np.zeros(4), prior)
-    found = np.isfinite(without_map_edge(batch, field_map).reading)
-    assert found.sum() == kept
-    assert found[:kept].all()

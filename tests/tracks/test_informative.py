@@ -16,7 +16,7 @@ from isogal.tracks.results import as_objects
 DISTURBANCE = field_of("disturbance")
 TRACK, *_ = made_track(DISTURBANCE, count=90)
 PRIOR = Uncertainty(position=1000.0)
-NORTH, EAST = metres_per_radian(ORIGIN[0])
+NORTH = metres_per_radian(ORIGIN[0])[0]
 
 
 class Says:

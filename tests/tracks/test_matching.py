@@ -195,18 +195,6 @@ def test_readings_that_may_lie_off_the_map_do_not_move_the_fix():
     assert nees_per_axis(errors_of([match], latitude, longitude)[0], match.fix.covariance) < 6.9
 
 
-def test_longitudes_less_a_whole_circle_give_the_same_fixes():
-    track, _, _ = made_track(DISTURBANCE, error=(300.0, 200.0))
-    turned = replace(track, longitude=track.longitude - 2.0 * np.pi)
-    for a, b in zip(
-        match_track(track, DISTURBANCE, Matcher(), PRIOR),
-        match_track(turned, DISTURBANCE, Matcher(), PRIOR),
-        strict=True,
-    ):
-        assert b.fix.longitude == pytest.approx(a.fix.longitude - 2.0 * np.pi, abs=1e-9)
-        np.testing.assert_allclose(a.fix.covariance, b.fix.covariance, rtol=1e-4)
-
-
 @pytest.mark.parametrize(
     "keys",
     [

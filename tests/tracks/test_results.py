@@ -71,11 +71,6 @@ def test_chained_objects_hold_the_aided_position():
     assert not any(name.startswith("with_prior") for name in entry)
 
 
-def test_json_is_an_array_without_nan():
-    assert json.loads(as_json(as_objects([FIXED, DECLINED]))) == as_objects([FIXED, DECLINED])
-    assert json.loads(as_json([])) == []
-
-
 def test_csv_has_a_column_for_each_number():
     rows = list(csv.DictReader(io.StringIO(as_csv(as_objects([FIXED, DECLINED], chained=True)))))
     names = [

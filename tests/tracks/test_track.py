@@ -47,10 +47,6 @@ def test_two_readings_are_too_few():
         fit_to_map(replace(track, **few), DISTURBANCE)
 
 
-def test_velocity_is_that_of_the_positions():
-    np.testing.assert_allclose(changed().velocity, np.tile([14.0, 17.0], (60, 1)), rtol=2e-3)
-
-
 def test_a_track_off_the_map_is_refused():
     far = changed(latitude=changed().latitude + 0.1)
     with pytest.raises(InputError, match=r"off the map disturbance.nc .* 0 of 60 readings"):
@@ -92,12 +88,6 @@ def test_gravity_against_a_disturbance_map_is_refused_unless_normal_gravity_is_t
     ):
         fit_to_map(gravity, DISTURBANCE)
     fit_to_map(replace(gravity, offset=gamma), DISTURBANCE)
-
-
-def test_constant_readings_are_not_taken_for_another_unit():
-    track, _, _ = made_track(DISTURBANCE, sigma=1e-9)
-    flat = replace(track, value=np.full(60, float(np.median(track.value))))
-    fit_to_map(flat, DISTURBANCE)
 
 
 def test_jacobian_of_each_reduction():
@@ -149,3 +139,13 @@ def test_jacobian_of_the_reduction_with_the_main_field():
         )  # nT/m
     assert np.abs(jacobian[:, 0]).min() > 1e-3
     assert not jacobian[:, 2:].any()
+
+
+def test_velocity_is_that_of_the_positions():
+    np.testing.assert_allclose(changed().velocity, np.tile([14.0, 17.0], (60, 1)), rtol=2e-3)
+
+
+def test_constant_readings_are_not_taken_for_another_unit():
+    track, _, _ = made_track(DISTURBANCE, sigma=1e-9)
+    flat = replace(track, value=np.full(60, float(np.median(track.value))))
+    fit_to_map(flat, DISTURBANCE)

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
-from isogal import plugins
-from isogal.errors import InputError
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
@@ -21,13 +19,6 @@ Eötvös term with the velocity east (docs/mathematics.md, section 2.6)."""
 
 def build(name, **settings):
     return load_matcher(Matcher(name=name, **settings))
-
-
-def test_all_names_of_a_scenario_are_registered():
-    assert set(NAMES) <= set(plugins.names(plugins.MATCHERS))
-    for name in NAMES:
-        matcher = build(name)
-        assert (matcher.name, matcher.context) == (name, 0)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -164,9 +155,3 @@ def test_takes_new_readings_only(rough_map, name):
         other.longitude,
         other.reason,
     )
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_bad_options_are_one_clear_line(name):
-    with pytest.raises(InputError, match=rf"^matcher.options of {name}: unknown key 'no_such'"):
-        build(name, options={"no_such": 1})

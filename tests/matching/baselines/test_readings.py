@@ -64,6 +64,18 @@ def test_publishing_a_measurement_counts_each_reading_once(rough_map):
     )
 
 
+def test_curvature_covariance_by_hand():
+    # ten readings of slope 2 north, ten of slope 4 east, sigma 1: information 40 and 160; a
+    # velocity error that looks like half a unit of the north slope shifts the fix by half a metre
+    # per unit
+    slope = np.zeros((20, 4))
+    slope[:10, 0], slope[10:, 1], slope[:10, 2] = 2.0, 4.0, 1.0
+    covariance = shift_covariance(slope, np.ones(20), np.diag([0.36, 0.0]), 1e3)
+    np.testing.assert_allclose(covariance, np.diag([1 / 40 + 0.25 * 0.36, 1 / 160]), atol=1e-12)
+    blind = shift_covariance(slope * [1, 0, 1, 1], np.ones(20), np.zeros((2, 2)), 1e3)
+    np.testing.assert_allclose(blind, np.diag([1 / 40, 1e6]), rtol=1e-9)
+
+
 def test_readings_in_and_out(rough_map):
     reading = np.array(make_batch(rough_map)[0].reading)
     reading[3] = np.nan
@@ -79,26 +91,3 @@ def test_readings_in_and_out(rough_map):
         UsableReadings.of(batch, known, noise, whole=True).arrays.sigma,
         np.sqrt(1e-10 + 16e-10 + 1e-12 / 12.0),
     )
-
-
-def test_residuals_vanish_at_the_true_error(rough_map):
-    xi = np.array([300.0, -200.0, 0.05, 0.03])
-    batch, _ = make_batch(rough_map, xi, seed=None, jacobian=(-8e-9, 0.0, 6e-6, 1.2e-4))
-    readings = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=True)
-    residual, slope = readings.linearise(rough_map, xi)
-    np.testing.assert_allclose(residual, 0.0, atol=1e-9)
-    step = np.array([1.0, 2.0, 1e-3, -1e-3])
-    ahead, behind = (readings.linearise(rough_map, xi + sign * step)[0] for sign in (0.5, -0.5))
-    np.testing.assert_allclose(slope @ step, ahead - behind, atol=1e-10)
-
-
-def test_curvature_covariance_by_hand():
-    # ten readings of slope 2 north, ten of slope 4 east, sigma 1: information 40 and 160; a
-    # velocity error that looks like half a unit of the north slope shifts the fix by half a metre
-    # per unit
-    slope = np.zeros((20, 4))
-    slope[:10, 0], slope[10:, 1], slope[:10, 2] = 2.0, 4.0, 1.0
-    covariance = shift_covariance(slope, np.ones(20), np.diag([0.36, 0.0]), 1e3)
-    np.testing.assert_allclose(covariance, np.diag([1 / 40 + 0.25 * 0.36, 1 / 160]), atol=1e-12)
-    blind = shift_covariance(slope * [1, 0, 1, 1], np.ones(20), np.zeros((2, 2)), 1e3)
-    np.testing.assert_allclose(blind, np.diag([1 / 40, 1e6]), rtol=1e-9)

@@ -3,12 +3,11 @@
 import itertools
 
 import numpy as np
-import pytest
 
 from helpers.batches import make_batch
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.readings import ReadingArrays
-from isogal.matching.baselines.viterbi import Viterbi, ViterbiOptions, _trellis
+from isogal.matching.baselines.viterbi import Viterbi, _trellis
 
 
 def test_trellis_equals_trying_all_paths():
@@ -67,10 +66,3 @@ def test_a_path_at_the_edge_is_no_fix(rough_map):
     batch, _ = make_batch(rough_map, (900.0, 900.0, 0.0, 0.0), prior_sigma=(100.0, 0.02))
     fix, _ = Viterbi().match(batch, rough_map, None)
     assert fix.reason == "the most probable path ends at the edge of the search grid"
-
-
-@pytest.mark.parametrize("cells", [15, 61])
-def test_cells_are_a_matter_of_resolution(rough_map, cells):
-    batch, truth = make_batch(rough_map, (100.0, -80.0, 0.02, 0.0), prior_sigma=(150.0, 0.03))
-    fix, _ = Viterbi(options=ViterbiOptions(cells=cells)).match(batch, rough_map, None)
-    assert np.hypot(*truth.error_of(fix)) < 4.0 * fix.diagnostics["cell"]

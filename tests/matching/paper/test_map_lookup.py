@@ -45,13 +45,6 @@ def test_ellipse_by_hand():
     np.testing.assert_allclose(shape, np.diag([1 / 3600.0, 1 / 900.0]), atol=1e-18)
 
 
-def test_a_turned_ellipse_is_the_scaled_inverse():
-    covariance = np.array([[500.0, 300.0], [300.0, 400.0]])
-    shape, half_width = search_window(covariance, 4.0, 1.0, False)
-    np.testing.assert_allclose(shape, np.linalg.inv(4.0 * covariance), rtol=1e-12)
-    np.testing.assert_allclose(half_width, np.sqrt(4.0 * np.diag(covariance)), rtol=1e-12)
-
-
 def test_the_minimum_raises_only_the_short_axis():
     shape, half_width = search_window(np.diag([1e4, 1.0]), 1.0, 50.0, False)
     np.testing.assert_allclose(half_width, [100.0, 50.0])

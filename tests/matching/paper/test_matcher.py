@@ -87,19 +87,6 @@ def test_iteration_equals_section_3_2_written_out(predicted):
     np.testing.assert_allclose(estimate.weight.sum(axis=1), (candidates.found > 0).astype(float))
 
 
-def test_finds_the_vehicle_on_a_rough_map(rough_map):
-    errors = []
-    for seed in range(10):
-        offset = np.random.default_rng(seed).uniform(-400.0, 400.0, 2)
-        batch, truth = make_batch(
-            rough_map, (*offset, 0.03, -0.02), seed=seed, start=200.0 * (seed - 50) * np.ones(2)
-        )
-        fix, _ = PmhtPaper().match(batch, rough_map, None)
-        assert fix.published
-        errors.append(np.hypot(*truth.error_of(fix)))
-    assert np.median(errors) < 150.0  # the navigator's own: 300 m
-
-
 def test_along_the_real_route(shared_data):
     from isogal.maps.formats.netcdf import read_netcdf
 
@@ -129,16 +116,6 @@ def test_candidates_are_listed_with_their_weights(rough_map):
     )
     assert np.median(nearness) < 1e-5
     assert {"feature_variability", "iterations", "spread"} <= set(fix.diagnostics)
-
-
-def test_same_batch_same_fix_whatever_came_before(rough_map):
-    matcher = PmhtPaper()
-    batch, _ = make_batch(rough_map, ERROR)
-    one, memory = matcher.match(batch, rough_map, None)
-    matcher.match(make_batch(rough_map, (0.0, 500.0, 0.0, 0.0))[0], rough_map, memory)
-    other, _ = matcher.match(batch, rough_map, memory)
-    assert (one.latitude, one.longitude) == (other.latitude, other.longitude)
-    np.testing.assert_array_equal(one.covariance, other.covariance)
 
 
 def test_missing_readings_are_left_out(rough_map):

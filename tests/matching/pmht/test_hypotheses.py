@@ -1,6 +1,5 @@
 """The bank: what splits, merges and updates keep."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from isogal.matching.pmht import hypotheses as bank_of
 from isogal.matching.pmht.hypotheses import CREDIBLE, FLOOR, LIGHT, MOST, NEGLIGIBLE, Hypotheses
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.moving_bank import with_needed
-from isogal.matching.pmht.places import pruned, resolved, spread_over
+from isogal.matching.pmht.places import resolved, spread_over
 from isogal.matching.pmht.propagation import steps
 from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import DELAY, UNKNOWN
@@ -39,17 +38,6 @@ def same(a, b, within=1e-9):
 def rows(field_map=ROUGH, scans=15, which=EXACT, **keys):
     batch, _ = make_batch(field_map, scans=scans, **keys)
     return rows_of(batch, field_map, states_of(), which.lengths, None)[0]
-
-
-def test_before_any_reading_they_are_the_prior():
-    prior, which = random_covariance(SIGMA), models()
-    bank = Hypotheses.before(which, prior)
-    assert bank.log_evidence == pytest.approx(0.0)
-    plain = bank.part(which.family == NONE)
-    same(plain.moments(), (np.zeros(7), prior), 1e-12)
-    np.testing.assert_allclose(
-        bank.covariance[:, :7, :7], which.start[:, None, None] * prior, rtol=1e-12
-    )
 
 
 @given(seeds)
@@ -110,15 +98,6 @@ def test_being_informed_is_a_gaussian_update(seed):
         log = 0.5 * b @ np.linalg.solve(inverse + matrix, b) - 0.5 * m @ inverse @ m
         log -= 0.5 * np.linalg.slogdet(np.eye(7) + P @ matrix)[1]
         assert after.log_weight[k] - bank.log_weight[k] == pytest.approx(log, rel=1e-5, abs=1e-5)
-
-
-def test_negative_information_tells_nothing():
-    bank = random_bank(0, 2)
-    unit = np.diag(SIGMA**-2.0)
-    assert bank.informed(Information(np.zeros(7), 0.0 * unit), np.diag(SIGMA**2)) is bank
-    after = bank.informed(Information(np.ones(7), -unit), np.diag(SIGMA**2))
-    np.testing.assert_allclose(after.covariance, bank.covariance)
-    np.testing.assert_allclose(after.log_weight, bank.log_weight)
 
 
 @given(seeds)
@@ -223,30 +202,6 @@ def test_a_model_without_an_error_of_the_map_gives_its_neighbour_an_unknown_one(
     assert (back.covariance[back.which == 0, 7] == 0.0).all()
 
 
-def test_moved_and_carried():
-    bank = random_bank(3)
-    by = np.arange(7.0)
-    np.testing.assert_allclose(bank.moved(by).moments()[0], bank.moments()[0] - by)
-    forward = np.eye(7) + np.diag([60.0] * 5, 2)
-    mean, covariance = bank.moments()
-    growth, bank = np.diag(by), replace(bank, models=EXACT, which=np.zeros_like(bank.which))
-    same(
-        bank.carried(forward, growth).moments(),
-        (forward @ mean, forward @ covariance @ forward.T + growth),
-        1e-8,
-    )
-
-
-def test_pruned_keeps_weights_as_they_are():
-    bank = random_bank(4, 12)
-    bank.mean[:, 0] = 1e5 * np.arange(12.0)
-    bank.log_weight[:] = 100.0 - np.arange(12.0) * 1.5
-    after = pruned(bank, 6, HERE)
-    assert len(after) == 6
-    np.testing.assert_array_equal(np.sort(after.log_weight)[::-1], bank.log_weight[:6])
-    assert len(pruned(bank, 100, HERE)) == 7  # the others are negligible
-
-
 def test_places_of_a_late_model_are_split_along_the_way():
     """A delay of 20 s is 1.3 km along the track, which a position known to 50 m does not show."""
     late = models()
@@ -310,11 +265,10 @@ def test_faults_that_readings_do_not_speak_for_are_not_published():
     assert set(which.family[later.credible().which]) == {NONE, LATE}
 
 
-def test_figures_are_means():
-    which = models()
-    bank = Hypotheses.before(which, np.diag(SIGMA**2))
-    weight = np.exp(which.log_prior)
-    sigma, length = bank.map_error
-    assert sigma == pytest.approx(weight @ which.sigma)
-    assert math.log(length) == pytest.approx(weight @ np.log(which.length))
-    assert bank.figures(states_of()) == dict.fromkeys(UNKNOWN, 0.0)
+def test_negative_information_tells_nothing():
+    bank = random_bank(0, 2)
+    unit = np.diag(SIGMA**-2.0)
+    assert bank.informed(Information(np.zeros(7), 0.0 * unit), np.diag(SIGMA**2)) is bank
+    after = bank.informed(Information(np.ones(7), -unit), np.diag(SIGMA**2))
+    np.testing.assert_allclose(after.covariance, bank.covariance)
+    np.testing.assert_allclose(after.log_weight, bank.log_weight)

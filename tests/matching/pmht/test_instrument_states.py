@@ -13,7 +13,6 @@ from isogal.maps.channels import ChannelMap
 from isogal.maps.error_model import filtered_chain, tensor_covariance
 from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Soundings
-from isogal.matching.parameters import Parameters
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
 from isogal.matching.pmht.rows import rows_of
@@ -138,40 +137,6 @@ def test_channels_of_a_scan_with_correlated_noise():
     assert found[2] == pytest.approx(expected[2], abs=0.1)
 
 
-def test_uncorrelated_channels_have_no_states():
-    maps = ChannelMap([plane(2e-8, -3e-8), plane(-1e-8, 2e-8)])
-    one, _ = make_batch(maps.channels[0], scans=T)
-    batch = channel_batch(one, np.zeros((T, 2)), np.diag([1e-10, 4e-10]))
-    assert batch.parameters is None
-    assert only_model(batch, maps)[0].count == BATCH_STATES + 2
-
-
-def test_noise_stands_beside_parameters():
-    batch, _ = make_batch(plane(2e-8, -3e-8), scans=T)
-    noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
-    told = Parameters(("scale",), np.array([0.01]), np.ones((T, 1)), np.ones((T, 2, 1)))
-    batch = replace(batch, parameters=Parameters.together([noise, told]))
-    states, models = only_model(batch, plane(2e-8, -3e-8))
-    assert states.names == ("correlated", "scale")
-    rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, models.lengths, None)
-    first = BATCH_STATES + 1
-    np.testing.assert_array_equal(rows.reading[:, first : first + 2], 1.0)
-    np.testing.assert_array_equal(rows.place[0, :, first : first + 2], [[0.0, 1.0]] * 2)
-    assert rows.keep[1, 1] < 1.0 and rows.keep[1, 2] == 1.0
-
-
-def test_beams_share_what_is_not_white():
-    one, _ = make_batch(plane(2e-8, -3e-8), scans=T)
-    noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
-    beams = Soundings(3, 0.0)
-    batch = beams.expand(replace(one, parameters=noise), np.zeros((T, 3)), [np.zeros((3, 3))] * T)
-    states = States.of(batch, plane(2e-8, -3e-8))
-    rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([4000.0]), None)
-    np.testing.assert_allclose(rows.noise, np.repeat(one.sigma**2, 3))
-    np.testing.assert_array_equal(rows.reading[:, BATCH_STATES + 3], 1.0)
-    np.testing.assert_array_equal(rows.travelled[1:3], 0.0)
-
-
 @pytest.mark.parametrize("velocity", [(14.0, 17.0), (-20.0, 5.0)])
 def test_map_errors_of_one_potential_are_those_of_the_last_scans(velocity):
     """Of the first scans, one more than the chain has, nothing is left out."""
@@ -228,3 +193,15 @@ def test_a_map_error_behind_a_filter_is_as_if_filtered_step_by_step(length):
     np.testing.assert_allclose(joined[0, 0], u, atol=2e-3)
     np.testing.assert_allclose(step[0, 1], np.linalg.matrix_power(one, steps), atol=2e-3)
     np.testing.assert_allclose(step[0, 1] @ u @ step[0, 1].T + joined[0, 1], u, atol=2e-3)
+
+
+def test_beams_share_what_is_not_white():
+    one, _ = make_batch(plane(2e-8, -3e-8), scans=T)
+    noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
+    beams = Soundings(3, 0.0)
+    batch = beams.expand(replace(one, parameters=noise), np.zeros((T, 3)), [np.zeros((3, 3))] * T)
+    states = States.of(batch, plane(2e-8, -3e-8))
+    rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([4000.0]), None)
+    np.testing.assert_allclose(rows.noise, np.repeat(one.sigma**2, 3))
+    np.testing.assert_array_equal(rows.reading[:, BATCH_STATES + 3], 1.0)
+    np.testing.assert_array_equal(rows.travelled[1:3], 0.0)

@@ -44,16 +44,6 @@ def test_the_same_goes_in_and_the_same_comes_out():
     np.testing.assert_array_equal(first.information.matrix, again.information.matrix)
 
 
-def test_a_run_is_the_same_among_others():
-    """Two navigators whose batches come by turns."""
-    one, two = flight(3), flight(3, error=(-90.0, 40.0, 0.0, 0.02), start=(2e3, -9e3))
-    memories = [None, None]
-    for parts in zip(one, two, strict=True):
-        for k, (batch, expected, *_) in enumerate(parts):
-            fix, memories[k] = UNTOLD.match(batch, ROUGH, memories[k])
-            assert (fix.latitude, fix.longitude) == (expected.latitude, expected.longitude)
-
-
 def test_a_checkpoint_goes_on_as_if_nothing_had_been():
     *_, (_, _, memory, _), (batch, expected, *_) = flight(4)
     text = checkpoints.encode("me", Saved(5, memory))
@@ -68,12 +58,6 @@ def test_the_memory_stays_small():
     sizes = [len(as_bytes(memory)) for *_, memory, _ in flight(12)]
     assert max(sizes) < 2_000_000
     assert sizes[-1] < 3 * sizes[3]
-
-
-def test_fixes_follow_the_navigator_closer_and_closer():
-    left = [np.hypot(*(error - posterior_of(fix, batch.prior)[0])[:2])
-            for batch, fix, _, error in flight(6, error=(140.0, -120.0, 0.04, 0.02))]  # fmt: skip
-    assert left[-1] < 30.0
 
 
 @pytest.mark.parametrize("taken", [True, False])

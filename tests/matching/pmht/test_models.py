@@ -7,7 +7,6 @@ import pytest
 
 from helpers.bank import models, states_of
 from isogal.matching.pmht.models import (
-    BIAS_SHARE,
     BIASED,
     COARSE,
     COARSE_SHARES,
@@ -23,7 +22,7 @@ from isogal.matching.pmht.models import (
     few,
     models_of,
 )
-from isogal.matching.pmht.states import BIAS, COUPLING_RIGHT, DELAY, DRIFT, UNKNOWN
+from isogal.matching.pmht.states import BIAS, DELAY, UNKNOWN
 
 UNTOLD = models()
 TOLD = models(sigma=3e-5, length=2000.0)
@@ -116,25 +115,6 @@ def test_a_reading_of_several_numbers_has_no_bias_or_delay():
     assert which.initial.shape[1] == 2
 
 
-def test_states_of_a_model_are_those_that_it_has():
-    last = UNTOLD.initial[:, -len(UNKNOWN) :]
-    for families, state in (
-        ((BIASED,), BIAS),
-        ((LATE, FILTERED), DELAY),
-        ((SHAKEN,), COUPLING_RIGHT),
-    ):
-        has = np.isin(UNTOLD.family, families)
-        assert (last[has, state] > 0.0).all()
-        assert (last[~has, state] == 0.0).all()
-    biased = UNTOLD.family == BIASED
-    assert last[biased, BIAS] == pytest.approx(BIAS_SHARE * 1e-4)
-    assert {*(last[biased, DRIFT] > 0.0)} == {True, False}
-    for m in range(len(UNTOLD.sigma)):
-        used = UNTOLD.used[m, : UNTOLD.sizes[m]]
-        expected = [*range(7), *(7 + np.flatnonzero(UNTOLD.initial[m]))]
-        assert list(used) == expected
-
-
 def test_told_bias_and_delay_are_states_of_all_models():
     which = models(bias=2e-5, drift=1e-9, delay=3.0)
     last = which.initial[:, -len(UNKNOWN) :]
@@ -142,13 +122,6 @@ def test_told_bias_and_delay_are_states_of_all_models():
     filtered = which.family == FILTERED  # whose time constant is not known to the second either
     assert (last[~filtered, DELAY] == 3.0).all()
     assert (last[filtered, DELAY] > 3.0).all()
-
-
-def test_a_walking_bias_is_a_state_that_begins_at_nothing():
-    states = replace(states_of(), walk=1e-7 * np.eye(len(UNKNOWN))[BIAS])
-    which = models_of(Assumed(noise=1e-5, scale=1e-4, rough=1e-5, walks=True), states)
-    assert (which.initial[:, 1 + BIAS] == 0.0).all()
-    assert all(8 + BIAS in used[:size] for used, size in zip(which.used, which.sizes, strict=True))
 
 
 def test_a_search_has_few_models():
@@ -161,3 +134,10 @@ def test_a_search_has_few_models():
     assert (part.family == NONE).all()
     assert np.exp(part.log_prior).sum() == pytest.approx(1.0)
     assert len(few(models(sigma=0.0, trust=1.0), 1e-5).sigma) == 1
+
+
+def test_a_walking_bias_is_a_state_that_begins_at_nothing():
+    states = replace(states_of(), walk=1e-7 * np.eye(len(UNKNOWN))[BIAS])
+    which = models_of(Assumed(noise=1e-5, scale=1e-4, rough=1e-5, walks=True), states)
+    assert (which.initial[:, 1 + BIAS] == 0.0).all()
+    assert all(8 + BIAS in used[:size] for used, size in zip(which.used, which.sizes, strict=True))

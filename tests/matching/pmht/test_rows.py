@@ -4,18 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from helpers.bank import PLANE, VELOCITY
+from helpers.bank import PLANE
 from helpers.batches import field_map_of, make_batch, wavy
-from isogal.maps.channels import ChannelMap
 from isogal.maps.roughness import roughness_at
-from isogal.matching.channels import channel_batch
 from isogal.matching.parameters import Parameters
-from isogal.matching.path import FilterPath
 from isogal.matching.pmht.rows import Epoch, rows_of
 from isogal.matching.pmht.states import (
     COUPLING_FORWARD,
     COUPLING_RIGHT,
-    DELAY,
     DRIFT,
     UNKNOWN,
     States,
@@ -98,19 +94,6 @@ def test_accelerations_are_those_since_the_reading_before():
     np.testing.assert_allclose(later.reading[:, 8 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
 
 
-def test_a_delay_moves_the_place_along_the_track():
-    late = 12.0
-    batch, _ = make_batch(ROUGH, seed=None)
-    north, east = batch.velocity.T * late
-    made, _, states = rows(replace(batch, reading_rate=np.full(30, 1e-7)))
-    assert states.count == 8 + len(UNKNOWN)
-    state = np.zeros(states.count)
-    state[8 + DELAY] = late
-    moved = made.place @ state
-    np.testing.assert_allclose(moved, np.stack([north, east], axis=-1))
-    np.testing.assert_allclose(made.reading @ state, 1e-7 * late)
-
-
 def test_told_parameters_have_states_before_those_nobody_tells_of():
     batch, _ = make_batch(PLANE)
     random = np.random.default_rng(0)
@@ -128,43 +111,6 @@ def test_told_parameters_have_states_before_those_nobody_tells_of():
     fresh = [0.0, 1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0, *np.zeros(len(UNKNOWN) - 1)]
     np.testing.assert_allclose(made.fresh[1], fresh)
     np.testing.assert_array_equal(made.fresh[0], 0.0)  # nothing before the first one
-
-
-def test_readings_of_several_channels_have_an_error_of_each_map():
-    scalar, _ = make_batch(ROUGH)
-    both = ChannelMap([ROUGH, replace(ROUGH, values=3.0 * ROUGH.values)])
-    values = both.value(scalar.latitude, scalar.longitude)
-    batch = channel_batch(scalar, values, np.diag([1e-10, 4e-10]))
-    made, _, states = rows(batch, both)
-    assert (states.channels, states.unknown, states.count) == (2, 0, 9)
-    np.testing.assert_array_equal(made.channel, np.tile([0, 1], 30))
-    np.testing.assert_allclose(made.noise, np.tile([1e-10, 4e-10], 30))
-    np.testing.assert_array_equal(made.load[0, :2], np.eye(2))  # each map's own
-    assert (made.travelled[1::2] == 0.0).all()
-
-
-def test_map_errors_under_beams_fall_off_with_distance():
-    """Those under the beams of a scan."""
-    scalar, _ = make_batch(PLANE, scans=4)
-    spread = np.repeat(np.arange(4), 3)
-    batch = scalar.part(spread)
-    across = np.tile([-600.0, 0.0, 600.0], 4)[:, None] * [-VELOCITY[1], VELOCITY[0]]
-    across /= np.hypot(*VELOCITY)
-    made, _, _ = rows(scalar, PLANE)
-    shifted = batch.latitude + across[:, 0] * made.radian[0, 0]
-    batch = replace(
-        batch, latitude=shifted, longitude=batch.longitude + across[:, 1] * made.radian[0, 1],
-        beam=np.tile(np.arange(3), 4), new=12,
-    )  # fmt: skip
-    made, _, states = rows(batch, PLANE)
-    count = states.channels
-    assert count == 3 * states.order
-    np.testing.assert_array_equal(made.load[0, :3, :3], np.eye(3))
-    apart = 600.0 * np.abs(np.subtract.outer(np.arange(3), np.arange(3)))
-    for length, joined in zip(LENGTHS, made.joined, strict=True):
-        first = joined[0]  # what a run begins with
-        assert first.shape == (count, count)
-        np.testing.assert_allclose(first[:3, :3], np.exp(-apart / length), rtol=2e-3)
 
 
 def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
@@ -185,16 +131,6 @@ def test_what_a_grid_leaves_out_is_as_large_as_the_map_is_rough_there():
     here = roughness_at(ROUGH, batch.latitude, batch.longitude)
     assert (made.load[0] == 1.0).all()
     np.testing.assert_allclose(made.load[1, :, 0], here / 2e-5)
-
-
-def test_a_filtered_reading_is_a_mean_over_the_path():
-    batch, _ = make_batch(ROUGH)
-    away = np.tile([[[-100.0, 0.0], [50.0, 20.0]]], (30, 1, 1))
-    path = FilterPath(30.0, away, np.array([0.4, 0.6]))
-    made, _, _ = rows(replace(batch, filter_path=path))
-    np.testing.assert_allclose(made.nodes[..., 2], np.tile([0.4, 0.6], (30, 1)))
-    np.testing.assert_allclose(made.nodes[..., :2] / made.radian[:, None], path.away)
-    assert rows(batch)[0].nodes.shape == (30, 1, 3)
 
 
 def test_rounding_of_the_map_is_noise():

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from helpers.bank import models, states_of
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.pmht.cells import SURE, Ranked, Seen, _covering, in_common, residuals_at
+from isogal.matching.pmht.cells import Seen, in_common, residuals_at
 from isogal.matching.pmht.models import Assumed, few, models_of
 from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import States
@@ -60,23 +58,3 @@ def test_a_told_bias_is_counted():
     found = with_bias.log_evidence(residual, 100.0)[:, 0]
     np.testing.assert_allclose(found, expected, rtol=1e-3)
     assert found[0] > without.log_evidence(residual, 100.0)[0, 0] + 10.0
-
-
-def test_cells_hold_the_place_or_there_are_none():
-    seen, (place, _) = seen_of(5e-5)
-    cells = Ranked.of(seen, 3000.0**2 * np.eye(2))
-    assert cells.share(place, 2000.0) > SURE
-    wide = np.diag(np.r_[3000.0**2, 3000.0**2, np.full(5, 1e-8)])
-    fine = cells.finer()
-    them = fine.hypotheses(wide)
-    mean, covariance = them.moments()
-    assert np.hypot(*(mean[:2] - place)) < 3.0 * np.sqrt(np.trace(covariance[:2, :2]))
-    assert list(_covering(np.array([0.0, 1.0, -90.0, 0.5]), 3)) == [1, 3, 0]
-    assert _covering(np.zeros(1000), 600) is None
-
-
-@pytest.mark.parametrize("sigma", [None, 3e-5])
-def test_models_of_a_search_are_as_likely_together(sigma):
-    part = few(models(sigma=sigma), 1e-5)
-    assert np.logaddexp.reduce(part.log_prior) == pytest.approx(0.0)
-    assert states_of().count == BATCH_STATES + part.initial.shape[1]
