@@ -40,8 +40,7 @@ def batch(field_map, readings=30, seed=0):
     place = np.stack([180.0 * np.arange(readings) - 2e3, 120.0 * np.arange(readings)], axis=-1)
     true = LATITUDE + place[:, 0] / north, LONGITUDE + place[:, 1] / east
     noise = SIGMA * np.random.default_rng(seed).standard_normal(readings)
-    transition = np.zeros((readings, 2, 4))
-    transition[:, 0, 0] = transition[:, 1, 1] = 1.0
+    same = np.tile(np.eye(7), (readings, 1, 1))  # the errors do not change along the track
     return Batch(
         time=10.0 * np.arange(readings),
         latitude=true[0] + ERROR[0] / north,
@@ -49,12 +48,10 @@ def batch(field_map, readings=30, seed=0):
         velocity=np.tile([18.0, 12.0], (readings, 1)),
         reading=field_map.value(*true) + noise,
         sigma=np.full(readings, SIGMA),
-        offset=np.zeros(readings),
-        transition=transition,
-        reading_jacobian=np.zeros((readings, 4)),
-        nuisance_position=np.zeros((readings, 2, 0)),
-        nuisance_reading=np.zeros((readings, 0)),
-        prior=np.diag([300.0**2, 300.0**2, 1e-8, 1e-8]),
+        covariance=np.diag([300.0**2, 300.0**2, *[1e-8] * 5]),
+        position_by_error=same[:, :2],
+        reading_by_error=np.zeros((readings, 7)),
+        backward=same,
         new=readings,
     )
 
