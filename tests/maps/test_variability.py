@@ -40,6 +40,15 @@ def test_by_hand_on_a_plane():
     assert feature_variability(plane(0.0, 0.0), LAT, LON) == 0.0
 
 
+def test_the_template_is_fixed_in_metres():
+    """The same hill has the same variability whatever the grid's spacing in longitude means in
+    metres."""
+    one, other = (
+        feature_variability(plane(*slopes), LAT, LON) for slopes in ((1e-2, 0.0), (0.0, 1e-2))
+    )
+    assert one == pytest.approx(other, rel=1e-6)
+
+
 def test_missing_values():
     hole = np.s_[38:, :]  # rows north of 0.02 deg south of the place
     assert np.isnan(feature_variability(plane(1e-2, 0.0, hole), LAT, LON))
