@@ -10,6 +10,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.strapdown import NavState, propagate
 from isogal.matching.batching import BatchBuilder, fix_due
+from isogal.matching.expansion import Soundings
 from isogal.matching.transitions import carried
 from isogal.scenario import Altimeter, Matcher, Scenario
 from isogal.sensors.altimeter import TerrainReduction
@@ -244,6 +245,17 @@ def test_scans_come_out_as_they_went_in():
     np.testing.assert_array_equal(batch.reading, 1e-5 * np.arange(SCANS) - 2e-6)
     assert (batch.sigma == 1e-5).all()
     assert batch.new == SCANS
+
+
+def test_soundings_of_several_beams_come_out_less_their_offset():
+    position, velocity, _ = flown(TRAJECTORY)
+    beams = Soundings(2, 0.0)
+    builder = BatchBuilder(Matcher(), REDUCTIONS["terrain"], expansion=beams)
+    for t, (place, speed) in enumerate(zip(position, velocity, strict=True)):
+        heights = np.array([[100.0, 0.0, 0.0, 50.0], [90.0, 30.0, 0.0, 50.0]])
+        builder.add_scan(10.0 * (t + 1), *place, speed, heights, 1.0, 7.0)
+    batch = builder.build(independent_prior())
+    np.testing.assert_array_equal(batch.reading, np.tile([93.0, 83.0], SCANS))
 
 
 @pytest.mark.parametrize("name", ERRORS)

@@ -250,10 +250,7 @@ class BatchBuilder:
             reading=np.full(len(times), np.nan) if reading.ndim > 1 else reading - offset,
             sigma=sigma,
             covariance=prior,
-            position_by_error=effects.position,
-            reading_by_error=effects.reading,
-            position_apart=effects.position_apart,
-            reading_apart=effects.reading_apart,
+            **effects._asdict(),
             backward=backward,
             new=new,
             parameters=self._noise(scans, velocity, times),
@@ -269,7 +266,8 @@ class BatchBuilder:
             whole = channel_batch(batch, reading, self.covariance)
         if self.expansion is None:
             return whole
-        return self.expansion.expand(whole, reading, self._scans.details(scans))
+        values = reading - offset.reshape(-1, *[1] * (reading.ndim - 1))
+        return self.expansion.expand(whole, values, self._scans.details(scans))
 
     def _noise(self, scans: slice, velocity: Array, times: Array) -> Parameters | None:
         """Return what readings have beside white noise, errors of their height included."""
@@ -303,10 +301,7 @@ class BatchBuilder:
             longitude=longitude,
             velocity=velocity,
             reading=reading,
-            position_by_error=effects.position,
-            reading_by_error=effects.reading,
-            position_apart=effects.position_apart,
-            reading_apart=effects.reading_apart,
+            **effects._asdict(),
             filter_path=filter_path,
             reading_rate=reading_rate(at_scan, velocity, batch.time),
             end_place=batch.end,
@@ -340,10 +335,10 @@ class BatchBuilder:
 
 class _Effects(NamedTuple):
     """What the navigator's error x at the batch end, and what is beside it, do to rows: columns of
-    a `Batch`."""
+    a `Batch`, by its names."""
 
-    position: Array
-    reading: Array
+    position_by_error: Array
+    reading_by_error: Array
     position_apart: Array
     reading_apart: Array
 

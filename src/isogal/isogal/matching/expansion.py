@@ -30,7 +30,8 @@ class Expansion(Protocol):
         ...
 
     def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
-        """Return the whole batch, given the one of a row for each scan."""
+        """Return the whole batch, given the one of a row for each scan, and what `split` has
+        returned of each: readings, less what is known to be wrong with them, and the rest."""
         ...
 
 
