@@ -81,16 +81,16 @@ class World:
         self.scenario, self.run = scenario, run
         self.trajectory = build_trajectory(scenario)
         self.map = map_for_scenario(scenario, self.trajectory)
-        world = scenario.world
+        truth = scenario.true
         known = known_gravity(scenario, self.trajectory)
-        felt = felt_gravity(world, self.trajectory, [run])
-        self.imu = simulate_imu(world, self.trajectory, [run], felt)
+        felt = felt_gravity(truth, self.trajectory, [run])
+        self.imu = simulate_imu(truth, self.trajectory, [run], felt)
         source = true_map(scenario, self.trajectory, self.map)
-        readings = ReadingSimulator(world, self.trajectory, source, [run])
+        readings = ReadingSimulator(truth, self.trajectory, source, [run])
         self.readings = compensated(scenario, self.trajectory, readings)[0]
         self.model = FilterModel.from_scenario(scenario, known)
         self.start = FilterState.start(
-            draw_initial_state(world, self.trajectory, [run]), self.model
+            draw_initial_state(truth, self.trajectory, [run]), self.model
         )
 
 

@@ -114,7 +114,7 @@ def test_readings_are_of_the_true_map(tmp_path):
     )
     trajectory = build_trajectory(it)
     assert true_map(it, trajectory, coarse).provenance != coarse.provenance
-    assert true_map(it.world, trajectory, fine) is fine
+    assert true_map(it.informed, trajectory, fine) is fine
     runs = simulate(it, [0], coarse)
     plain = simulate(scenario(gravity=normal), [0], fine)
     assert runs.detail is not None and plain.detail is not None

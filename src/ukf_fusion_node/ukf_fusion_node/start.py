@@ -34,7 +34,7 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> NavState:
     # two steps of the route are enough to know its start
     route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
     short = scenario.model_copy(update={"route": route})
-    state = draw_initial_state(scenario.world, build_trajectory(short), [settings.run])
+    state = draw_initial_state(scenario.true, build_trajectory(short), [settings.run])
     if "start_position" in given:
         latitude, longitude, height = given["start_position"]
         if not (abs(latitude) <= 89.0 and abs(longitude) <= 360.0 and math.isfinite(height)):

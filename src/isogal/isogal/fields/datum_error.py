@@ -6,13 +6,13 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.scenario import Scenario
+from isogal.scenario import Truth
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
 
 
 def draw_datum_error(
-    scenario: Scenario,
+    scenario: Truth,
     trajectory: Trajectory,
     index: Integers,
     runs: Sequence[int],
@@ -26,7 +26,7 @@ def draw_datum_error(
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Truth
     trajectory : Trajectory
     index : (scans,) array
         Of the scans in the trajectory.

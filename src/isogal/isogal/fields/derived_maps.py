@@ -24,7 +24,7 @@ from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
-from isogal.scenario import Scenario, validate_scenario
+from isogal.scenario import Settings, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 _REFUSED = 2
@@ -36,12 +36,12 @@ _ABOUT = (
 )
 
 
-def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
+def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
     """Return the maps of a scenario's channels, or of its field, cut to its route.
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Settings
     margin : float
         m of map kept around the route, as far as the map reaches.
 
@@ -68,7 +68,7 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
         return _read(Path(folder), json.loads(child.stdout))
 
 
-def compute(scenario: Scenario, margin: float) -> ChannelMap:
+def compute(scenario: Settings, margin: float) -> ChannelMap:
     """Do what `derived_maps` does, in this process."""
     trajectory = build_trajectory(scenario)
     route = trajectory.latitude, trajectory.longitude

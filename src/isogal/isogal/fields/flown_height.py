@@ -18,20 +18,20 @@ from isogal.maps.axes import Window
 from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import Scenario
+from isogal.scenario import Settings
 
 _SYNTHETIC = "synthetic"
 _RIM_ON_GROUND = 20_000.0
 """m of the ground around a place that are taken into account at least."""
 
 
-def told_level(scenario: Scenario, field_map: ScalarMap) -> float | None:
+def told_level(scenario: Settings, field_map: ScalarMap) -> float | None:
     """Return the height (m, counted as `route.height`) of the level that a map's values hold on;
     None where neither scenario nor map says it."""
     return field_map.height if scenario.map.level is None else scenario.map.level
 
 
-def is_elsewhere(scenario: Scenario, field_map: ScalarMap) -> bool:
+def is_elsewhere(scenario: Settings, field_map: ScalarMap) -> bool:
     """Tell whether a map has to be continued to the flown height."""
     if scenario.map.continuation == "none" or field_map.quantity not in CONTINUED:
         return False
@@ -43,7 +43,7 @@ def is_elsewhere(scenario: Scenario, field_map: ScalarMap) -> bool:
     return level is not None or field_map.quantity != "gravity" or _knows(scenario, field_map)
 
 
-def _knows(scenario: Scenario, field_map: ScalarMap) -> bool:
+def _knows(scenario: Settings, field_map: ScalarMap) -> bool:
     """Tell whether the source of a map of gravity holds the disturbance, too."""
     south, north, west, east = field_map.extent[:4]
     middle = 0.5 * (south + north), 0.5 * (west + east)
@@ -51,7 +51,7 @@ def _knows(scenario: Scenario, field_map: ScalarMap) -> bool:
     return disturbance_beside(scenario, window) is not None
 
 
-def read_at_flown_height(scenario: Scenario, *, window: Window) -> FieldMap:
+def read_at_flown_height(scenario: Settings, *, window: Window) -> FieldMap:
     """Return the scenario's map in a window at the flown height, whole and in memory: the function
     that `isogal.maps.tiled_map.TiledMap` takes, once the scenario is given.
 
@@ -72,7 +72,7 @@ def read_at_flown_height(scenario: Scenario, *, window: Window) -> FieldMap:
         ) from None
 
 
-def disturbance_for_gradients(scenario: Scenario, source: FieldMap) -> tuple[FieldMap, float]:
+def disturbance_for_gradients(scenario: Settings, source: FieldMap) -> tuple[FieldMap, float]:
     """Return a map of the disturbance on a level, and how far (m) the vehicle goes above that.
 
     Raises
@@ -91,14 +91,14 @@ def disturbance_for_gradients(scenario: Scenario, source: FieldMap) -> tuple[Fie
     return source, rise
 
 
-def _reach(scenario: Scenario, field_map: FieldMap) -> float:
+def _reach(scenario: Settings, field_map: FieldMap) -> float:
     """Return how far (m) beyond a place the map is needed to continue it there."""
     rise = scenario.route.height - (told_level(scenario, field_map) or 0.0)
     rim = rim_of(rise, scenario.map.downward_cutoff)
     return rim if scenario.map.terrain is None else max(rim, _RIM_ON_GROUND)
 
 
-def _at_flown_height(scenario: Scenario, source: FieldMap, window: Window) -> FieldMap:
+def _at_flown_height(scenario: Settings, source: FieldMap, window: Window) -> FieldMap:
     if scenario.map.terrain is not None:
         return _from_ground(scenario, source)
     level, height = told_level(scenario, source), scenario.route.height
@@ -110,7 +110,7 @@ def _at_flown_height(scenario: Scenario, source: FieldMap, window: Window) -> Fi
 
 
 def _gravity_above_surface(
-    scenario: Scenario, source: FieldMap, window: Window, cutoff: float | None
+    scenario: Settings, source: FieldMap, window: Window, cutoff: float | None
 ) -> FieldMap:
     """Return a map of gravity changed as the disturbance beside it changes."""
     beside = disturbance_beside(scenario, window)
@@ -137,7 +137,7 @@ def _gravity_above_surface(
     )
 
 
-def _from_ground(scenario: Scenario, source: FieldMap) -> FieldMap:
+def _from_ground(scenario: Settings, source: FieldMap) -> FieldMap:
     """Continue a map whose values hold on the ground."""
     from isogal.maps.continuation.terrain import from_terrain  # compiles functions
 
@@ -156,7 +156,7 @@ def _from_ground(scenario: Scenario, source: FieldMap) -> FieldMap:
     return replace(result, values=values, quantity="gravity")
 
 
-def _ground(scenario: Scenario, source: FieldMap) -> FieldMap:
+def _ground(scenario: Settings, source: FieldMap) -> FieldMap:
     """Return the height of the ground, in the window of a map."""
     from isogal.maps.load import load_map
 

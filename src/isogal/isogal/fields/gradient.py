@@ -5,14 +5,14 @@ from isogal.fields.flown_height import disturbance_for_gradients
 from isogal.fields.measured import Channels, MeasuredField
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
-from isogal.scenario import Scenario
+from isogal.scenario import Settings
 from isogal.sensors.gradiometer import GradientReduction, draw_noise, noise_covariance
 from isogal.sensors.gradiometer_errors import slow_errors
 
 _REACH = 20_000.0
 
 
-def _maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
+def _maps(scenario: Settings, disturbance: FieldMap) -> ChannelMap:
     from isogal.maps.gradients import tensor_maps  # imports SciPy
 
     level, height = disturbance_for_gradients(scenario, disturbance)

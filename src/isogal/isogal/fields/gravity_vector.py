@@ -21,7 +21,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.gravity_vector import from_deflections, horizontal_gravity
 from isogal.maps.load import check_coverage
 from isogal.maps.tiled_map import ScalarMap, TiledMap
-from isogal.scenario import Scenario
+from isogal.scenario import Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
 REACH = 60_000.0
@@ -49,7 +49,7 @@ class GravityVector:
         return self.of_horizontal()
 
 
-def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     """Return the map's disturbance vector; None where the scenario has normal gravity only, or its
     map is not one of gravity.
 
@@ -75,7 +75,7 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
 _kept: OrderedDict[str, GravityVector | None] = OrderedDict()
 
 
-def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     corridor = corridor_of(trajectory.latitude, trajectory.longitude, REACH)
     source = _gravity_map(scenario, corridor)
     if source is None:
@@ -91,7 +91,7 @@ def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
     return GravityVector(source, horizontal)
 
 
-def _deflections(scenario: Scenario, corridor: Corridor) -> ChannelMap | None:
+def _deflections(scenario: Settings, corridor: Corridor) -> ChannelMap | None:
     """Return horizontal gravity by maps of the deflection of the vertical, where the scenario's
     map has them (variables xi and eta, as GGMplus names them)."""
     try:
@@ -113,7 +113,7 @@ def _coarse(
     return averaged(replace(shown, values=values), CELL)
 
 
-def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap | None:
+def _gravity_map(scenario: Settings, corridor: Corridor) -> ScalarMap | None:
     """Return the scenario's map of the disturbance; where it has none, that of gravity, or None if
     another field is measured."""
     try:
@@ -168,7 +168,7 @@ def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     )
 
 
-def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
+def felt_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
     """Return (R, K, 3) what gravity is in a world beside normal gravity, mean over each IMU
     interval: north, east, down, m/s². None where it is nothing.
 

@@ -11,7 +11,7 @@ from isogal.fields.gravity_vector import gravity_vector
 from isogal.fields.measured import measured_field
 from isogal.inertial.gravity import Compensation, compensation_by, no_compensation
 from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed, Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
 UNTOLD_MAP_SIGMA = 2e-5
@@ -77,7 +77,7 @@ class KnownGravity:
 
 
 def known_gravity(
-    scenario: Scenario, trajectory: Trajectory, map_sigma: float | None = None
+    scenario: Assumed, trajectory: Trajectory, map_sigma: float | None = None
 ) -> KnownGravity:
     """Return what the navigator of a scenario knows of horizontal gravity.
 
@@ -100,7 +100,7 @@ def known_gravity(
 
 
 def residual_gravity(
-    scenario: Scenario, trajectory: Trajectory, map_sigma: float | None = None
+    scenario: Settings, trajectory: Trajectory, map_sigma: float | None = None
 ) -> KnownGravity:
     """Return what `known_gravity` does without the compensation: only what is believed to be left.
 
@@ -128,13 +128,13 @@ def residual_gravity(
     return KnownGravity(residual=residual, map_sigma=map_sigma, map_length=of_error)
 
 
-def _share(scenario: Scenario) -> float:
+def _share(scenario: Settings) -> float:
     """Return the share of the map's horizontal gravity that the navigator takes off."""
     settings = scenario.gravity
     return settings.compensated_share if settings.compensation == "map" else 0.0
 
 
-def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:
+def true_residual_gravity(scenario: Truth, trajectory: Trajectory) -> KnownGravity:
     """Return what is really left of horizontal gravity after its compensation, without that."""
     as_it_is = scenario.gravity.model_copy(
         update={"residual_sigma": "auto", "residual_correlation_length": "auto"}
@@ -150,7 +150,7 @@ def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGr
     return residual_gravity(world, trajectory, scenario.map_error.sigma)
 
 
-def told_map_sigma(scenario: Scenario, disturbance: ScalarMap) -> float:
+def told_map_sigma(scenario: Settings, disturbance: ScalarMap) -> float:
     """Return the 1-sigma that a navigator takes for the error of a map of the disturbance, m/s²:
     as the matcher is told if it matches gravity, else as the map says, or `UNTOLD_MAP_SIGMA`."""
     told = scenario.matcher.map_sigma

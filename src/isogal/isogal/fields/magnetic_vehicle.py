@@ -10,9 +10,9 @@ from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
 from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.compensation import Compensation, read_compensation
-from isogal.magnetics.online import Assumed
+from isogal.magnetics.online import Assumed as Online
 from isogal.magnetics.terms import COUNT
-from isogal.scenario import Aircraft, Scenario
+from isogal.scenario import Aircraft, Assumed, Truth
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
 from isogal.sensors.trajectory import Trajectory
@@ -34,7 +34,7 @@ class Vehicle:
 
 
 def simulate_vehicle(
-    scenario: Scenario, trajectory: Trajectory, total: Array, runs: Sequence[int]
+    scenario: Truth, trajectory: Trajectory, total: Array, runs: Sequence[int]
 ) -> Vehicle:
     """Return what the vehicle of a scenario adds to true total fields (K + 1,), nT, which are
     taken to lie along the main field."""
@@ -54,7 +54,7 @@ def simulate_vehicle(
     return Vehicle(np.sqrt((felt**2).sum(axis=-1)) - total, vector)
 
 
-def told_compensation(scenario: Scenario) -> Compensation | None:
+def told_compensation(scenario: Assumed) -> Compensation | None:
     """Return what a scenario says that the vehicle adds to the readings of its field; None where
     it says nothing. Raises InputError where the file cannot be read."""
     settings = scenario.magnetometer
@@ -67,17 +67,17 @@ def told_compensation(scenario: Scenario) -> Compensation | None:
     return None
 
 
-def prior_sigma(scenario: Scenario) -> Array:
+def prior_sigma(scenario: Assumed) -> Array:
     """Return (18,) the 1-sigma of what is not told of the coefficients, nT: three times what a
     calibration says of its own, where there is one."""
-    told, assumed = told_compensation(scenario), Assumed()
+    told, assumed = told_compensation(scenario), Online()
     sigma = np.full(COUNT, scenario.magnetometer.coefficient_sigma)
     if told is None or not told.sigma.size:
         return sigma
     return np.minimum(sigma, assumed.calibrated_share * told.sigma[:COUNT])
 
 
-def assumed_compensation(scenario: Scenario) -> Compensation | None:
+def assumed_compensation(scenario: Assumed) -> Compensation | None:
     """Return what is taken off the readings as they come: what is told, or nothing where the
     matcher is to find it; None where nothing is done with them. Raises InputError as
     `told_compensation`."""
@@ -95,7 +95,7 @@ def aircraft_of(settings: Aircraft) -> MagneticAircraft:
     return MagneticAircraft(np.array(settings.permanent), induced, eddy)
 
 
-def _direction(scenario: Scenario, trajectory: Trajectory) -> Array:
+def _direction(scenario: Truth, trajectory: Trajectory) -> Array:
     """Return (K + 1, 3) the main field's direction, north, east, down."""
     index = np.unique(np.linspace(0, len(trajectory), _POINTS).round().astype(int))
     latitude, longitude = np.degrees(trajectory.latitude), np.degrees(trajectory.longitude)

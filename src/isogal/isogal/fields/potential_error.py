@@ -8,7 +8,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.error_model import wave_factors
-from isogal.scenario import Scenario
+from isogal.scenario import Truth
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
 
@@ -18,7 +18,7 @@ with so many its distribution is Gaussian but for a part in a thousand of the ku
 
 
 def draw_potential_error(
-    scenario: Scenario, trajectory: Trajectory, index: Integers, runs: Sequence[int]
+    scenario: Truth, trajectory: Trajectory, index: Integers, runs: Sequence[int]
 ) -> Array:
     """Return (R, scans, C) how far the true components differ from their maps at the scans, 1/s².
 
@@ -35,7 +35,7 @@ def draw_potential_error(
     return np.stack([sigma * _field(scenario, run, places / length, components) for run in runs])
 
 
-def _field(scenario: Scenario, run: int, places: Array, components: Sequence[str]) -> Array:
+def _field(scenario: Truth, run: int, places: Array, components: Sequence[str]) -> Array:
     """Return (scans, C) one field of 1-sigma one at places (scans, 2) in units of its length."""
     random = generator(scenario.seed, run, "map_error_potential")
     share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES

@@ -14,7 +14,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.maps.several import FieldMaps, RunMap
 from isogal.maps.tiled_map import ScalarMap, TiledMap
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, Settings
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 _SMALL: Final = 700_000
@@ -22,13 +22,13 @@ _SMALL: Final = 700_000
 
 
 def map_for_scenario(
-    scenario: Scenario, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
+    scenario: Settings, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
 ) -> RouteMap:
     """Return the map of what a scenario measures at the flown height, cut to its route.
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Settings
         Its ``map``, field and route.
     trajectory : Trajectory, optional
         The route's points, if they are there already.
@@ -79,11 +79,11 @@ def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) ->
     InputError
         See `map_for_scenario`.
     """
-    world = scenario.world
-    return field_map if world.map == scenario.map else map_for_scenario(world, trajectory)
+    truth = scenario.true
+    return field_map if truth.map == scenario.map else map_for_scenario(truth, trajectory)
 
 
-def _at_flown_height(scenario: Scenario, source: ScalarMap, corridor: Corridor) -> ScalarMap:
+def _at_flown_height(scenario: Settings, source: ScalarMap, corridor: Corridor) -> ScalarMap:
     """Return the map along a route at the flown height; `source` is what the scenario names."""
     load = partial(flown_height.read_at_flown_height, scenario)
     small = isinstance(source, FieldMap) and source.values.size <= _SMALL

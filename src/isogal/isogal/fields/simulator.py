@@ -22,7 +22,7 @@ from isogal.fields.measured import MeasuredField, measured_field, of_instrument
 from isogal.fields.potential_error import draw_potential_error
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed, Settings, Truth
 from isogal.seeds import generator
 from isogal.sensors.gravimeter_errors import missing, slow_errors
 from isogal.sensors.lag import Lag
@@ -39,7 +39,7 @@ class ReadingSimulator:
     1) * steps_per_scan."""
 
     def __init__(
-        self, scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
+        self, scenario: Truth, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
     ) -> None:
         """Draw all readings; raises InputError as `true_readings` does."""
         self.index = i = scan_index(scenario, trajectory)
@@ -104,7 +104,7 @@ class ReadingSimulator:
         return simulate_vehicle(scenario, trajectory, total, runs)
 
 
-def compensated(scenario: Scenario, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
+def compensated(scenario: Assumed, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
     """Return (R, scans) simulated raw readings less what a scenario says that the vehicle adds to
     them, by the vector magnetometer; the raw readings where it says nothing. Where the matcher
     estimates what is left, (R, scans, 1 + C) with the terms of each reading.
@@ -126,7 +126,7 @@ def compensated(scenario: Scenario, trajectory: Trajectory, readings: ReadingSim
 
 
 def true_readings(
-    scenario: Scenario,
+    scenario: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
     index: Integers | None = None,
@@ -161,12 +161,12 @@ def true_readings(
     return _measured(scenario, field_map).reduction(scenario).raw(value, at)
 
 
-def scan_index(scenario: Scenario, trajectory: Trajectory) -> Integers:
+def scan_index(scenario: Settings, trajectory: Trajectory) -> Integers:
     """Return (scans,) index into the trajectory of each scan."""
     return np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
 
 
-def _measured(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
+def _measured(scenario: Truth, field_map: RouteMap) -> MeasuredField:
     """Return the field that a map is of, among those that the scenario's instrument measures."""
     instrument = measured_field(scenario).instrument
     fields = of_instrument(instrument)
@@ -181,7 +181,7 @@ def _measured(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
 
 
 def _late(
-    scenario: Scenario,
+    scenario: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
     felt: Array,
@@ -202,7 +202,7 @@ def _late(
 
 
 def between_scans(
-    scenario: Scenario, trajectory: Trajectory, error: Array, runs: Sequence[int]
+    scenario: Truth, trajectory: Trajectory, error: Array, runs: Sequence[int]
 ) -> Array:
     """Return (R, K + 1) the map's error along the whole trajectory, given that at the scans
     (R, scans): a Gauss-Markov process along the track, as `draw_map_error` is one along a straight
@@ -232,7 +232,7 @@ def between_scans(
     return whole
 
 
-def _white(scenario: Scenario, run: int, scans: int) -> Array:
+def _white(scenario: Truth, run: int, scans: int) -> Array:
     settings = scenario.gravimeter
     noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(
         scans
@@ -247,7 +247,7 @@ def _white(scenario: Scenario, run: int, scans: int) -> Array:
 
 
 def _noise(
-    scenario: Scenario,
+    scenario: Truth,
     run: int,
     trajectory: Trajectory,
     index: Integers,
@@ -263,7 +263,7 @@ def _noise(
 
 
 def draw_map_error(
-    scenario: Scenario,
+    scenario: Truth,
     trajectory: Trajectory,
     index: Integers,
     runs: Sequence[int],

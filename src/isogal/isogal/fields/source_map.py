@@ -10,12 +10,12 @@ from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.maps.tiled_map import ScalarMap, map_along
-from isogal.scenario import Scenario
+from isogal.scenario import Settings
 
 _SYNTHETIC = "synthetic"
 
 
-def source_map_along(scenario: Scenario, corridor: Corridor) -> ScalarMap:
+def source_map_along(scenario: Settings, corridor: Corridor) -> ScalarMap:
     """Return the map that a scenario names along its route, tiled if it is large.
 
     Raises
@@ -33,7 +33,7 @@ def source_map_along(scenario: Scenario, corridor: Corridor) -> ScalarMap:
     return field_map
 
 
-def variable_along(scenario: Scenario, variable: str, corridor: Corridor) -> ScalarMap:
+def variable_along(scenario: Settings, variable: str, corridor: Corridor) -> ScalarMap:
     """Return another variable of the map that a scenario names, along its route.
 
     Raises
@@ -47,7 +47,7 @@ def variable_along(scenario: Scenario, variable: str, corridor: Corridor) -> Sca
     return map_along(_reader(scenario.model_copy(update={"map": other})), corridor)
 
 
-def source_map(scenario: Scenario, window: Window) -> FieldMap:
+def source_map(scenario: Settings, window: Window) -> FieldMap:
     """Return the map that a scenario names in a window, whole and in memory.
 
     Raises
@@ -65,7 +65,7 @@ def source_map(scenario: Scenario, window: Window) -> FieldMap:
     return field_map
 
 
-def disturbance_beside(scenario: Scenario, window: Window) -> FieldMap | None:
+def disturbance_beside(scenario: Settings, window: Window) -> FieldMap | None:
     """Return the map of the disturbance that the source of a scenario's map of gravity holds as
     well; None if it does not."""
     if scenario.map.source == _SYNTHETIC:
@@ -80,7 +80,7 @@ def disturbance_beside(scenario: Scenario, window: Window) -> FieldMap | None:
     return found if found.quantity == "disturbance" else None
 
 
-def _reader(scenario: Scenario) -> partial[FieldMap]:
+def _reader(scenario: Settings) -> partial[FieldMap]:
     """Return the function that reads the file or folder that a scenario names."""
     source, path = scenario.map.source, scenario.map.path
     named = source in plugins.names(plugins.MAP_FORMATS)
@@ -103,7 +103,7 @@ def _reader(scenario: Scenario) -> partial[FieldMap]:
     )
 
 
-def _check_quantity(scenario: Scenario, field_map: ScalarMap) -> None:
+def _check_quantity(scenario: Settings, field_map: ScalarMap) -> None:
     """Raise InputError unless a map is of the quantity that the scenario's field needs."""
     field = measured_field(scenario)
     if field_map.quantity != field.source:
@@ -115,7 +115,7 @@ def _check_quantity(scenario: Scenario, field_map: ScalarMap) -> None:
         )
 
 
-def _synthetic_quantity(scenario: Scenario) -> str:
+def _synthetic_quantity(scenario: Settings) -> str:
     names = {
         "ga": "gravity",
         "dg": "disturbance",

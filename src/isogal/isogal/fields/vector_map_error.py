@@ -22,7 +22,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.error_root import KEPT_PLACES
-from isogal.scenario import Scenario
+from isogal.scenario import Truth
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
 
@@ -75,7 +75,7 @@ def cross_covariance(apart: Array, length: float) -> Array:
 
 
 def draw_horizontal_error(
-    scenario: Scenario,
+    scenario: Truth,
     trajectory: Trajectory,
     index: Integers,
     runs: Sequence[int],
@@ -89,7 +89,7 @@ def draw_horizontal_error(
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Truth
     trajectory : Trajectory
     index : (scans,) array
         Of the scans in the trajectory.

@@ -23,7 +23,7 @@ class Aids:
     Parameters
     ----------
     scenario : Scenario
-        What is simulated is that of its world; what is assumed of it that of itself.
+        What is simulated is what is true of it; the filter assumes what it says.
     trajectory : Trajectory
     runs : sequence of int
     model : FilterModel
@@ -38,14 +38,14 @@ class Aids:
         model: FilterModel,
         imu: ImuData,
     ) -> None:
-        world = scenario.world
+        truth = scenario.true
         self._imu, self._model, self._told = imu, model, scenario.velocity
         self._height: Array = trajectory.height[1:]
-        if world.height.measured:
-            self._height = simulate_heights(world, trajectory, runs)
+        if truth.height.measured:
+            self._height = simulate_heights(truth, trajectory, runs)
         self._velocity: Array | None = None
-        if world.velocity.kind != "none":
-            self._velocity = simulate_velocities(world, trajectory, runs)
+        if truth.velocity.kind != "none":
+            self._velocity = simulate_velocities(truth, trajectory, runs)
 
     def advance(self, state: FilterState, which: Any, first: int, last: int) -> None:
         """Advance some of the runs, whose states are given, from one IMU interval to another."""

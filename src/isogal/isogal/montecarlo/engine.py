@@ -35,7 +35,7 @@ from isogal.matching.several import Rhythm
 from isogal.montecarlo.aids import Aids
 from isogal.montecarlo.field_runs import FieldRuns
 from isogal.montecarlo.recorder import Recorder
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, Truth
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -48,15 +48,15 @@ their states."""
 
 
 def simulate_unaided(
-    scenario: Scenario,
+    truth: Truth,
     runs: Sequence[int],
     trajectory: Trajectory,
     imu: ImuData,
     compensation: Compensation | None = None,
 ) -> Array:
     """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
-    scan, of the world (`Scenario.world`) that the inertial data are of."""
-    start = draw_initial_state(scenario, trajectory, runs)
+    scan."""
+    start = draw_initial_state(truth, trajectory, runs)
     _, track = propagate_ins(
         start,
         imu.specific_force,
@@ -65,9 +65,9 @@ def simulate_unaided(
         trajectory.height,
         compensation,
         history=True,
-        preintegrated=scenario.samples_per_step > 1,
+        preintegrated=truth.samples_per_step > 1,
     )
-    stride = scenario.steps_per_scan
+    stride = truth.steps_per_scan
     index = np.arange(0, len(trajectory) + 1, stride)
     latitude = np.concatenate([start.position[:, :1], track[:, stride - 1 :: stride, 0]], axis=1)
     longitude = np.concatenate([start.position[:, 1:2], track[:, stride - 1 :: stride, 1]], axis=1)
@@ -132,11 +132,11 @@ class _ClosedLoop:
         self.field_map, self.matcher, self.revised = field_map, matcher, revised
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         self.scans = len(self.index) - 1
-        world, of_gravity = scenario.world, scenario.felt_field
+        truth, of_gravity = scenario.true, scenario.felt_field
         known = known_gravity(of_gravity, trajectory)
-        felt = felt_gravity(of_gravity.world, trajectory, runs)
-        self.imu = simulate_imu(world, trajectory, runs, felt)
-        self.unaided = simulate_unaided(world, runs, trajectory, self.imu, known.compensation)
+        felt = felt_gravity(of_gravity.true, trajectory, runs)
+        self.imu = simulate_imu(truth, trajectory, runs, felt)
+        self.unaided = simulate_unaided(truth, runs, trajectory, self.imu, known.compensation)
         each = scenario.each_field
         own = scenario.steps_per_scan
         self.fields = [
@@ -145,7 +145,7 @@ class _ClosedLoop:
         ]
         self.model = FilterModel.from_scenario(scenario, known)
         self.aids = Aids(scenario, trajectory, runs, self.model, self.imu)
-        self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
+        self.state = FilterState.start(draw_initial_state(truth, trajectory, runs), self.model)
         self.anchor = (self.state.copy(), 0)
         """The navigators at the last batch end, and its scan, for retrodiction."""
         self.lead = Rhythm.of(each).lead

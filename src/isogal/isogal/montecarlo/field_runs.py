@@ -45,7 +45,7 @@ class FieldRuns:
     ) -> None:
         self.scenario, self.field_map, self._every = scenario, field_map, every
         source = true_map(scenario, trajectory, field_map)
-        readings = ReadingSimulator(scenario.world, trajectory, source, runs)
+        readings = ReadingSimulator(scenario.true, trajectory, source, runs)
         self._felt = compensated(scenario, trajectory, readings)
         self._reduction = measured_field(scenario).reduction(scenario)
 

@@ -4,11 +4,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from isogal.errors import InputError
-from isogal.scenario.messages import describe
 from isogal.scenario.model import Scenario
+from isogal.scenario.section import Document, validated
 from isogal.yaml_text import parse_yaml
 
 
@@ -52,13 +50,10 @@ def validate_scenario(document: Mapping[str, Any], where: str = "scenario") -> S
 
     YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant,
     where a number belongs."""
-    try:
-        return Scenario.model_validate(document)
-    except ValidationError as error:
-        raise InputError(f"{where}: {describe(error)}") from None
+    return validated(Scenario, document, where=f"{where}: ")
 
 
-def _override(document: dict[str, Any], item: str) -> None:
+def _override(document: Document, item: str) -> None:
     key, equals, text = item.partition("=")
     if not equals or not key:
         raise InputError(

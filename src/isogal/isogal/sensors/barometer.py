@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
-from isogal.scenario import Height, Scenario
+from isogal.scenario import Height, Truth
 from isogal.seeds import generator
 from isogal.sensors.gravimeter_errors import gauss_markov
 from isogal.sensors.trajectory import Trajectory
@@ -109,24 +109,18 @@ def height_slope(pressure: float, settings: Height) -> float:
     return float(high - low) / (2.0 * step)
 
 
-def simulate_heights(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> Array:
+def simulate_heights(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array:
     """Return (R, K) the heights (m) that the sensor of each run reads at the end of each IMU
-    interval, NaN where it reads none.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        As it really is: `Scenario.world`.
-    """
-    settings = scenario.height
-    step = scenario.steps_per_height
+    interval, NaN where it reads none."""
+    settings = truth.height
+    step = truth.steps_per_height
     index = np.arange(step, len(trajectory) + 1, step)
     time, true = trajectory.time[index], trajectory.height[index]
     result = np.full((len(runs), len(trajectory)), np.nan)
     for row, run in zip(result, runs, strict=True):
-        bias, scale = generator(scenario.seed, run, "height_bias").standard_normal(2)
-        white = generator(scenario.seed, run, "height_noise").standard_normal(len(index))
-        normal = generator(scenario.seed, run, "height_weather").standard_normal(len(index))
+        bias, scale = generator(truth.seed, run, "height_bias").standard_normal(2)
+        white = generator(truth.seed, run, "height_noise").standard_normal(len(index))
+        normal = generator(truth.seed, run, "height_weather").standard_normal(len(index))
         weather = gauss_markov(settings.weather_sigma, settings.weather_time, time, normal)
         row[index - 1] = (
             true * (1.0 + settings.scale * scale)

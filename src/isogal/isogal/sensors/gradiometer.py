@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.earth.gravity import normal_gradient
-from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Scenario
+from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Truth
 from isogal.seeds import generator
 from isogal.sensors.gradiometer_errors import EOTVOS, places_in_tensor
 from isogal.sensors.reduction import State
@@ -31,14 +31,14 @@ def noise_covariance(settings: Gradiometer) -> Array:
     return np.eye(len(settings.components)) * (settings.sigma_eotvos * EOTVOS) ** 2
 
 
-def draw_noise(scenario: Scenario, run: int, scans: int) -> Array:
+def draw_noise(truth: Truth, run: int, scans: int) -> Array:
     """Return the noise (scans, C) of one run, 1/s²; all components of an outlier are outliers, see
     `scenario.Gravimeter`."""
-    root = np.linalg.cholesky(noise_covariance(scenario.gradiometer))
-    white = generator(scenario.seed, run, "gradiometer_noise").standard_normal((scans, len(root)))
-    settings = scenario.gravimeter
+    root = np.linalg.cholesky(noise_covariance(truth.gradiometer))
+    white = generator(truth.seed, run, "gradiometer_noise").standard_normal((scans, len(root)))
+    settings = truth.gravimeter
     if settings.outlier_fraction > 0.0:
-        random = generator(scenario.seed, run, "gradiometer_outliers")
+        random = generator(truth.seed, run, "gradiometer_outliers")
         hit = random.random((scans, 1)) < settings.outlier_fraction
         white = white + hit * settings.outlier_sigma * random.standard_normal(white.shape)
     return white @ root.T

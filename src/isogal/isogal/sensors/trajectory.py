@@ -18,7 +18,7 @@ from isogal.earth.ellipsoid import E2, EARTH_RATE, A
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.inertial.rotations import from_heading
-from isogal.scenario import Route, Scenario
+from isogal.scenario import Route, Settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,15 +53,15 @@ class Trajectory:
         return self.specific_force.shape[0]
 
 
-def build_trajectory(scenario: Scenario) -> Trajectory:
-    """Return the truth of a scenario's route.
+def build_trajectory(settings: Settings) -> Trajectory:
+    """Return the truth of a route.
 
     Raises
     ------
     InputError
         The route is shorter than the duration asked for.
     """
-    return _build(scenario.route, scenario.navigation_rate)
+    return _build(settings.route, settings.navigation_rate)
 
 
 @lru_cache(maxsize=8)

@@ -1,4 +1,4 @@
-"""Sections about the map and about how the simulated truth differs from it."""
+"""Sections about the map, how the truth differs from it, and the gravity that follows from it."""
 
 from typing import Literal
 
