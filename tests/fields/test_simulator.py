@@ -12,7 +12,8 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.fields.simulator import ReadingSimulator, draw_map_error
 from isogal.scenario import Altimeter, Gravimeter, MapError, Route, Scenario
-from isogal.sensors.gravimeter import reduce_gravity
+from isogal.sensors.gravimeter import GravityReduction
+from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
 
@@ -24,12 +25,10 @@ def scenario(**keys):
 def simulate(runs, field_map, **keys):
     it = scenario(**keys)
     trajectory = build_trajectory(it)
-    simulator = ReadingSimulator(it, trajectory, field_map, runs)
+    simulator = ReadingSimulator(it.true, trajectory, field_map, runs)
     i = simulator.index
-    velocity = trajectory.velocity[i]
-    surface = reduce_gravity(
-        simulator.felt, trajectory.latitude[i], 100.0, velocity[:, 0], velocity[:, 1]
-    )
+    at = State(trajectory.latitude[i], 0.0, 100.0, *trajectory.velocity[i, :2].T)
+    surface = GravityReduction().reduce(simulator.felt, at)
     return surface, trajectory.latitude[i], trajectory.longitude[i], simulator
 
 

@@ -14,6 +14,7 @@ from isogal.maps.channels import RouteMap
 from isogal.scenario import Altimeter, Truth
 from isogal.seeds import generator
 from isogal.sensors.beams import beam_directions
+from isogal.sensors.noise import Noise
 from isogal.sensors.trajectory import Trajectory
 
 MOST = 5000
@@ -126,16 +127,11 @@ def simulate_soundings(
     foot = Footprints(truth.altimeter, trajectory, field_map, index)
     settings, steep = truth.gravimeter, foot.body[:, 2]
     higher = _map_error(truth, foot, runs)
+    white = Noise("beam", settings.sigma, settings.outlier_fraction, settings.outlier_sigma)
     felt = np.empty((len(runs), *foot.range.shape, 3))
     for row, run in enumerate(runs):
         length = foot.range if truth.map_error.sigma == 0.0 else foot.met(higher[row])
-        random = generator(truth.seed, run, "beam_noise")
-        noise = settings.sigma * random.standard_normal(length.shape)
-        if settings.outlier_fraction > 0.0:
-            random = generator(truth.seed, run, "beam_outliers")
-            hit = random.random(length.shape) < settings.outlier_fraction
-            wild = settings.outlier_sigma * random.standard_normal(length.shape)
-            noise = noise + hit * settings.sigma * wild
+        noise = white.draw(truth.seed, run, trajectory.time[index], (len(foot.body),))
         scale = generator(truth.seed, run, "sound_speed").standard_normal()
         scale = 1.0 + truth.altimeter.scale_sigma * scale
         measured = scale * length + (noise + common[row][:, None]) / steep

@@ -38,17 +38,15 @@ class Channels:
 
     covariance: Callable[[Settings], Array]
     """Returns the covariance (C, C) of a reading's noise, unit of the maps squared."""
-    noise: Callable[[Truth, int, int], Array]
-    """Returns the noise (scans, C) of a run, given scenario, run and number of scans."""
+    errors: Callable[[Truth, int, Trajectory, Integers, Array], Array]
+    """Returns what the instrument adds (scans, C) to a run's readings, given truth, run,
+    trajectory, the scans' index in it, and what a perfect one feels (scans, C)."""
     source: str
     """Quantity of the map that the channels' maps are computed from."""
     reach: float
     """m of that map around a place that go into its values."""
     maps: Callable[[Settings, FieldMap], ChannelMap]
     """Computes the channels' maps; raises InputError."""
-    slow: Callable[[Truth, int, Trajectory, Integers, Array], Array] | None = None
-    """Returns what changes slowly (scans, C) of a run's errors, given scenario, run, trajectory,
-    the scans' index in it, and what a perfect instrument feels (scans, C); None = nothing does."""
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,8 @@ from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Assumed, Settings, Truth
 from isogal.seeds import generator
-from isogal.sensors.gravimeter_errors import missing, slow_errors
+from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
-from isogal.sensors.platform import levelling_error
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
@@ -64,19 +63,14 @@ class ReadingSimulator:
         if Lag.of(scenario.gravimeter).mean > 0.0:
             felt = _late(scenario, trajectory, field_map, felt, runs)
         felt = felt + field.sign * draw_datum_error(*where)
-        noise = [
-            _noise(scenario, run, trajectory, i)
-            if channels is None
-            else channels.noise(scenario, run, len(i))
-            for run in runs
-        ]
-        if channels is not None and channels.slow is not None:
-            slow = [
-                channels.slow(scenario, run, trajectory, i, felt[row])
+        felt = felt + np.stack(
+            [
+                reading_errors(scenario.gravimeter, scenario.seed, run, trajectory, i)
+                if channels is None
+                else channels.errors(scenario, run, trajectory, i, felt[row])
                 for row, run in enumerate(runs)
             ]
-            felt = felt + np.stack(slow)
-        felt = felt + np.stack(noise)
+        )
         if field.instrument == MAGNETOMETER and scenario.magnetometer.aircraft.magnetic:
             felt = felt + self.vehicle.added[i]
         return felt
@@ -89,8 +83,9 @@ class ReadingSimulator:
 
     def _soundings(self) -> Array:
         scenario, trajectory, field_map, runs = self._world
-        i, white = self.index, np.zeros(len(self.index))
-        noise = [_noise(scenario, run, trajectory, i, white) for run in runs]
+        i = self.index
+        slow = scenario.gravimeter.model_copy(update={"sigma": 0.0})
+        noise = [reading_errors(slow, scenario.seed, run, trajectory, i) for run in runs]
         common = np.stack(noise) - draw_datum_error(scenario, trajectory, i, runs)
         return simulate_soundings(scenario, trajectory, field_map, i, runs, common)
 
@@ -230,36 +225,6 @@ def between_scans(
         spread = np.sqrt((1.0 - a**2) * (1.0 - b**2) / rest)
         inside[:, :, k] = mean + spread * normal[:, :, k]
     return whole
-
-
-def _white(scenario: Truth, run: int, scans: int) -> Array:
-    settings = scenario.gravimeter
-    noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(
-        scans
-    )
-    if settings.outlier_fraction > 0.0:
-        random = generator(scenario.seed, run, "gravimeter_outliers")
-        hit = random.random(scans) < settings.outlier_fraction
-        noise = noise + hit * settings.sigma * settings.outlier_sigma * random.standard_normal(
-            scans
-        )
-    return noise
-
-
-def _noise(
-    scenario: Truth,
-    run: int,
-    trajectory: Trajectory,
-    index: Integers,
-    white: Array | None = None,
-) -> Array:
-    """Return (scans,) the noise of a run, with another white part if one is given."""
-    settings, time = scenario.gravimeter, trajectory.time[index]
-    noise = _white(scenario, run, len(index)) if white is None else white
-    offset, rate = generator(scenario.seed, run, "gravimeter_bias").standard_normal(2)
-    noise = noise + settings.bias * offset + settings.drift * rate * time
-    instrument = settings, scenario.seed, run, trajectory, index
-    return noise + slow_errors(*instrument) + levelling_error(*instrument)
 
 
 def draw_map_error(

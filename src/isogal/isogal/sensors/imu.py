@@ -17,6 +17,7 @@ from isogal.inertial.rotations import matrix
 from isogal.scenario import ImuErrors, Truth
 from isogal.seeds import generator
 from isogal.sensors.imu_truth import true_samples
+from isogal.sensors.noise import gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -86,9 +87,10 @@ def _readings(errors: ImuErrors, truth: Array, dt: float, seed: int, run: int) -
     noise = noise_sigma * generator(seed, run, "imu_noise").standard_normal(truth.shape)
     readings: Array = _through_axes(errors, truth, seed, run) + bias + noise
     if (sigma := _six(errors, "bias_instability")).any():
-        time = _six(errors, "bias_time")
+        keep = np.exp(-dt / _six(errors, "bias_time"))
         draw = generator(seed, run, "imu_instability").standard_normal(truth.shape)
-        readings += gauss_markov(draw, sigma, time, dt)
+        axes = [gauss_markov(keep[i], draw[:, i]) for i in range(6)]
+        readings += sigma * np.stack(axes, axis=1)
     if (count := _six(errors, "quantisation")).any():
         readings = quantise(readings, count, dt)
     return readings
@@ -114,27 +116,6 @@ def _through_axes(errors: ImuErrors, truth: Array, seed: int, run: int) -> Array
 def _six(errors: ImuErrors, key: str) -> Array:
     """Return one error of accelerometers and gyroscopes, (6,)."""
     return np.array([*getattr(errors.accelerometer, key), *getattr(errors.gyroscope, key)])
-
-
-def gauss_markov(draw: Array, sigma: Array, time: Array, dt: float) -> Array:
-    """Return samples (K, n) of first-order Gauss-Markov processes, stationary from the start.
-
-    Parameters
-    ----------
-    draw : (K, n) array
-        Standard normal numbers.
-    sigma, time : (n,) arrays
-        1-sigma and correlation time (s) of each process.
-    dt : float
-        From one sample to the next, s.
-    """
-    from scipy.signal import lfilter
-
-    kept = np.exp(-dt / time)
-    drive = draw * (sigma * np.sqrt(1.0 - kept**2))
-    drive[0] = draw[0] * sigma
-    columns = [lfilter([1.0], [1.0, -kept[i]], drive[:, i]) for i in range(drive.shape[1])]
-    return np.stack(columns, axis=1)
 
 
 def quantise(readings: Array, count: Array, dt: float) -> Array:

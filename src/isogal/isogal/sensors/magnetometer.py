@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
-from isogal.sensors.reduction import State
+from isogal.sensors.reduction import Reduction, State
 
 SPACING = 1.0
 """deg between the points at which the model is evaluated; cubic interpolation between them is
@@ -159,7 +159,7 @@ def field_vector(
     return np.stack([north[0], east[0], -up[0]], axis=-1)
 
 
-class MagneticReduction:
+class MagneticReduction(Reduction):
     """Total field (nT) to anomaly (nT).
 
     Parameters
@@ -181,10 +181,6 @@ class MagneticReduction:
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return the total field over a point of a given anomaly."""
         return np.asarray(value) + self._main(at)
-
-    def report(self, raw: ArrayLike) -> Array:
-        """Return it as it is."""
-        return np.asarray(raw, dtype=float)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return the anomaly: the total field less the main field at the navigator's position.

@@ -9,6 +9,7 @@ from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Truth, Velocity
 from isogal.seeds import generator
+from isogal.sensors.noise import gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -43,8 +44,5 @@ def _flow(settings: Velocity, seed: int, run: int, time: Array, ways: Array) -> 
     normal = generator(seed, run, "velocity_current").standard_normal((len(time), 2))
     elapsed = np.diff(time, prepend=0.0)
     keep = np.exp(-elapsed / settings.current_time - ways / settings.current_length)
-    now = normal[0]
-    for k in range(len(time)):
-        now = now if k == 0 else keep[k] * now + np.sqrt(1.0 - keep[k] ** 2) * normal[k]
-        flow[k, :2] = sigma * now
+    flow[:, :2] = sigma * gauss_markov(keep[1:], normal.T).T
     return flow
