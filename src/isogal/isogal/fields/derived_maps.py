@@ -17,9 +17,9 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.fields import flown_height
+from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
-from isogal.fields.source_map import source_map
+from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
@@ -75,8 +75,8 @@ def compute(scenario: Settings, margin: float) -> ChannelMap:
     window = corridor_of(*route, margin).window
     channels = measured_field(scenario).channels
     if channels is None:
-        return ChannelMap([flown_height.read_at_flown_height(scenario, window=window)])
-    source = source_map(scenario, window.grown(channels.reach))
+        return ChannelMap([FlownMap.of(scenario)(window=window)])
+    source = MapSource.of(scenario)(window=window.grown(channels.reach))
     check_coverage(source, *route)
     maps = channels.maps(scenario, source)
     check_coverage(maps, *route)

@@ -14,11 +14,11 @@ from isogal.sensors.trajectory import Trajectory
 _REACH = 20_000.0
 
 
-def _maps(scenario: Settings, disturbance: FieldMap) -> ChannelMap:
+def _maps(settings: Settings, disturbance: FieldMap) -> ChannelMap:
     from isogal.maps.gradients import tensor_maps  # imports SciPy
 
-    level, height = disturbance_for_gradients(scenario, disturbance)
-    return tensor_maps(level, scenario.gradiometer.components, height=height, edge=_REACH)
+    level, height = disturbance_for_gradients(settings.map, settings.route.height, disturbance)
+    return tensor_maps(level, settings.gradiometer.components, height=height, edge=_REACH)
 
 
 def _errors(truth: Truth, run: int, trajectory: Trajectory, index: Integers, felt: Array) -> Array:

@@ -13,7 +13,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.fields.simulator import draw_map_error, scan_index
-from isogal.fields.source_map import source_map_along, variable_along
+from isogal.fields.source_map import MapSource
 from isogal.fields.vector_map_error import draw_horizontal_error
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import Corridor, corridor_of
@@ -95,7 +95,8 @@ def _deflections(scenario: Settings, corridor: Corridor) -> ChannelMap | None:
     """Return horizontal gravity by maps of the deflection of the vertical, where the scenario's
     map has them (variables xi and eta, as GGMplus names them)."""
     try:
-        xi, eta = (_coarse(variable_along(scenario, name, corridor)) for name in ("xi", "eta"))
+        source = MapSource.of(scenario)
+        xi, eta = (_coarse(source.other(None, name).along(corridor)) for name in ("xi", "eta"))
         return from_deflections(xi, eta)
     except InputError:
         return None
@@ -116,20 +117,13 @@ def _coarse(
 def _gravity_map(scenario: Settings, corridor: Corridor) -> ScalarMap | None:
     """Return the scenario's map of the disturbance; where it has none, that of gravity, or None if
     another field is measured."""
+    source = MapSource.of(scenario)
     try:
-        return source_map_along(
-            scenario.model_copy(
-                update={
-                    "field": "disturbance",
-                    "map": scenario.map.model_copy(update={"variable": None}),
-                }
-            ),
-            corridor,
-        )
+        return source.other("disturbance").along(corridor)
     except InputError:
-        if measured_field(scenario).source not in ("gravity", "disturbance"):
+        if source.quantity not in ("gravity", "disturbance"):
             return None
-        return source_map_along(scenario, corridor)
+        return source.along(corridor)
 
 
 def disturbance_of(field_map: FieldMap) -> FieldMap:

@@ -1,13 +1,11 @@
 """The map of what a scenario measures: the one that it names, or what is computed from it."""
 
-from functools import partial
 from typing import Final
 
 from isogal.errors import InputError
-from isogal.fields import flown_height
 from isogal.fields.derived_maps import derived_maps
+from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
-from isogal.fields.source_map import source_map_along
 from isogal.maps.channels import RouteMap
 from isogal.maps.corridor import CORRIDOR_MARGIN, Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
@@ -49,9 +47,10 @@ def map_for_scenario(
         return derived_maps(scenario, margin)
     route = trajectory or build_trajectory(scenario)
     corridor = corridor_of(route.latitude, route.longitude, margin)
-    field_map = source_map_along(scenario, corridor)
-    if flown_height.is_elsewhere(scenario, field_map):
-        field_map = _at_flown_height(scenario, field_map, corridor)
+    flown = FlownMap.of(scenario)
+    field_map = flown.source.along(corridor)
+    if flown.continues(field_map):
+        field_map = _at_flown_height(scenario, flown, field_map, corridor)
     try:
         check_coverage(field_map, route.latitude, route.longitude)
     except InputError as error:
@@ -83,12 +82,13 @@ def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) ->
     return field_map if truth.map == scenario.map else map_for_scenario(truth, trajectory)
 
 
-def _at_flown_height(scenario: Settings, source: ScalarMap, corridor: Corridor) -> ScalarMap:
+def _at_flown_height(
+    scenario: Settings, flown: FlownMap, source: ScalarMap, corridor: Corridor
+) -> ScalarMap:
     """Return the map along a route at the flown height; `source` is what the scenario names."""
-    load = partial(flown_height.read_at_flown_height, scenario)
     small = isinstance(source, FieldMap) and source.values.size <= _SMALL
     if small and scenario.map.terrain is None:
-        return load(window=corridor.window)
+        return flown(window=corridor.window)
     if isinstance(source, FieldMap):
         return derived_maps(scenario, corridor.margin).channels[0]
     if scenario.map.terrain is not None:
@@ -96,4 +96,4 @@ def _at_flown_height(scenario: Settings, source: ScalarMap, corridor: Corridor) 
             "map.terrain: the map is too large to be continued from the ground on the way; make"
             " one at the height of the flight with isogal map continue"
         )
-    return TiledMap(load, corridor)
+    return TiledMap(flown, corridor)
