@@ -32,34 +32,26 @@ _DEFAULTS = {"gravimeter": Gravimeter(), "map_error": MapError(), "field": None}
 class FieldEntry(Section):
     """One of several fields."""
 
-    field: FieldName = Field(description="field that is measured and matched")
-    name: str | None = Field(
-        None, pattern=r"^[a-z][a-z0-9_]*$", description="what it is called; null = as its field"
-    )
-    seed: int | None = Field(
-        None,
-        ge=0,
-        description="of the random streams of its readings; null = the first: seed, others: drawn",
-    )
-    sigma: Positive | None = Field(
-        None, description="gravimeter.sigma: white noise of a reading, in the field's unit"
-    )
-    interval: Positive | None = Field(None, description="gravimeter.interval: s between scans")
-    gravimeter: Document = Field(
-        default_factory=dict, description="other keys of its instrument, as the section gravimeter"
-    )
-    map: Document = Field(
-        default_factory=dict, description="keys of the section map that are others for it"
-    )
-    map_error: Document = Field(
-        default_factory=dict, description="keys of the section map_error, in the field's unit"
-    )
-    matcher: Document = Field(
-        default_factory=dict, description="keys of the section matcher that are others for it"
-    )
-    truth: Document = Field(
-        default_factory=dict, description="keys of the section truth that are others for it"
-    )
+    field: FieldName
+    """field that is measured and matched"""
+    name: str | None = Field(None, pattern=r"^[a-z][a-z0-9_]*$")
+    """what it is called; null = as its field"""
+    seed: int | None = Field(None, ge=0)
+    """of the random streams of its readings; null = the first: seed, others: drawn"""
+    sigma: Positive | None = None
+    """gravimeter.sigma: white noise of a reading, in the field's unit"""
+    interval: Positive | None = None
+    """gravimeter.interval: s between scans"""
+    gravimeter: Document = Field(default_factory=dict)
+    """other keys of its instrument, as the section gravimeter"""
+    map: Document = Field(default_factory=dict)
+    """keys of the section map that are others for it"""
+    map_error: Document = Field(default_factory=dict)
+    """keys of the section map_error, in the field's unit"""
+    matcher: Document = Field(default_factory=dict)
+    """keys of the section matcher that are others for it"""
+    truth: Document = Field(default_factory=dict)
+    """keys of the section truth that are others for it"""
 
     @property
     def called(self) -> str:

@@ -31,12 +31,10 @@ _OF_GRAVITY = ("gravity", "disturbance", "gradient")
 class Settings(Section):
     """The sections of a run, and what follows from them."""
 
-    seed: int = Field(0, ge=0, description="every random stream derives from it")
-    field: FieldName | None = Field(
-        None,
-        description="field that is measured and matched; null = gravimeter.quantity",
-        json_schema_extra={"plugins": plugins.FIELDS},
-    )
+    seed: int = Field(0, ge=0)
+    """every random stream derives from it"""
+    field: FieldName | None = Field(None, json_schema_extra={"plugins": plugins.FIELDS})
+    """field that is measured and matched; null = gravimeter.quantity"""
     route: Route = Route()
     imu: Imu = Imu()
     initial_error: InitialError = InitialError()
@@ -52,13 +50,9 @@ class Settings(Section):
     matcher: Matcher = Field(default_factory=Matcher)
     fusion: Fusion = Fusion()
     integrity: Integrity = Integrity()
-    fields: tuple[Document, ...] | None = Field(
-        None,
-        description=(
-            "several fields in one run: a list of entries with keys field, name, sigma, interval,"
-            " gravimeter, map, map_error, matcher, truth, seed; null = field alone"
-        ),
-    )
+    fields: tuple[Document, ...] | None = None
+    """several fields in one run: a list of entries with keys field, name, sigma, interval,
+    gravimeter, map, map_error, matcher, truth, seed; null = field alone"""
 
     @model_validator(mode="after")
     def _whole_scans(self) -> Self:

@@ -21,11 +21,20 @@ _Model = TypeVar("_Model", bound=BaseModel)
 class Section(BaseModel):
     """A section: unknown keys are errors, values do not change, defaults are checked as well."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, validate_default=True, use_attribute_docstrings=True
+    )
 
     errors: ClassVar[tuple[str, ...]] = ()
     """Keys, dotted where a section is inside, that are sizes of errors: `truth` may multiply them
     all at once."""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Make one line of each key's docstring, which is its description."""
+        for field in cls.model_fields.values():
+            if field.description is not None:
+                field.description = " ".join(field.description.split())
 
     def resolved(self) -> Document:
         """Return the section's values by key. A section that takes defaults from elsewhere puts
