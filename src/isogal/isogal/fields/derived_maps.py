@@ -2,20 +2,19 @@
 scenario's map in a process of its own.
 
 A Fourier transform of a large map takes several times its memory, most of which a process never
-gives back. So that nodes stay small, another process computes the maps and leaves them in files:
-the values as float32, no larger than the route needs, and what is known about them as JSON."""
+gives back. So that nodes stay small, another process computes the maps and leaves them in files,
+the values as float32 and no larger than the route needs."""
 
 import json
+import pickle
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
@@ -28,12 +27,6 @@ from isogal.scenario import Settings, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 _REFUSED = 2
-_ARRAYS = ("latitude", "longitude", "values", "sigma")
-_BY_NODE = ("correlation_lengths", "error_ellipses")
-_ABOUT = (
-    *("unit", "quantity", "correlation_length", "quantisation"),
-    *("provenance", "file_unit", "file_factor", "height", "error_stated"),
-)
 
 
 def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
@@ -65,7 +58,7 @@ def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
             raise InputError(child.stdout.decode())
         if child.returncode:
             return compute(scenario, margin)  # which raises here what went wrong there
-        return _read(Path(folder), json.loads(child.stdout))
+        return _read(Path(folder))
 
 
 def compute(scenario: Settings, margin: float) -> ChannelMap:
@@ -87,63 +80,40 @@ def compute(scenario: Settings, margin: float) -> ChannelMap:
     )
 
 
-def _read(folder: Path, about: list[dict[str, Any]]) -> ChannelMap:
+def _read(folder: Path) -> ChannelMap:
     """Return maps that `_write` has left."""
-    # mapped: only values that are looked up take memory; the deleted file stays on disk as long as
+    # mapped: only values that are looked up take memory; a deleted file stays on disk as long as
     # it is mapped
-    latitude, longitude, values, sigma = (
-        np.asarray(np.load(folder / f"{name}.npy", mmap_mode="c")) for name in _ARRAYS
-    )
+    names = sorted(folder.glob("*.array"))
+    arrays = [np.memmap(name, mode="c") for name in names]
+    values, rest = pickle.loads((folder / "maps").read_bytes(), buffers=arrays)
     return ChannelMap(
-        [
-            FieldMap(
-                latitude,
-                longitude,
-                part,
-                sigma=_uniform(error),
-                **{name: np.load(path) for name, path in files.items() if path.exists()},
-                **rest,
-            )
-            for part, error, files, rest in zip(
-                values, sigma, _files(folder, len(about)), about, strict=True
-            )
-        ],
-        values,
+        [FieldMap(values=part, **one) for part, one in zip(values, rest, strict=True)], values
     )
 
 
-def _files(folder: Path, count: int) -> list[dict[str, Path]]:
-    """Return the files of what each channel may say of its error's correlation by node."""
-    return [{name: folder / f"{name}-{index}.npy" for name in _BY_NODE} for index in range(count)]
-
-
-def _uniform(sigma: Array) -> float | Array:
-    """Return a sigma without axes as a number."""
-    return float(sigma) if np.ndim(sigma) == 0 else sigma
-
-
-def _write(folder: Path, maps: ChannelMap) -> list[dict[str, Any]]:
-    """Leave the arrays of maps in a folder, and return the rest."""
-    first = maps.channels[0]
-    sigma = np.stack([channel.sigma for channel in maps.channels])
-    arrays = first.latitude, first.longitude, maps.values, sigma
-    for name, array in zip(_ARRAYS, arrays, strict=True):
-        np.save(folder / f"{name}.npy", array)
-    for files, channel in zip(_files(folder, len(maps.channels)), maps.channels, strict=True):
-        for name, path in files.items():
-            if getattr(channel, name) is not None:
-                np.save(path, getattr(channel, name))
-    return [{name: getattr(channel, name) for name in _ABOUT} for channel in maps.channels]
+def _write(folder: Path, maps: ChannelMap) -> None:
+    """Leave maps in a folder, each array in a file of its own."""
+    rest = [
+        {field.name: getattr(channel, field.name) for field in fields(channel) if field.init}
+        for channel in maps.channels
+    ]
+    for one in rest:
+        del one["values"]  # which are parts of those of all
+    arrays: list[pickle.PickleBuffer] = []
+    text = pickle.dumps((maps.values, rest), protocol=5, buffer_callback=arrays.append)
+    (folder / "maps").write_bytes(text)
+    for number, array in enumerate(arrays):
+        (folder / f"{number:03d}.array").write_bytes(array.raw())
 
 
 def _main(folder: Path) -> int:
     task = json.load(sys.stdin)
     try:
-        maps = compute(validate_scenario(task["scenario"]), task["margin"])
+        _write(folder, compute(validate_scenario(task["scenario"]), task["margin"]))
     except InputError as error:
         sys.stdout.buffer.write(str(error).encode())
         return _REFUSED
-    sys.stdout.write(json.dumps(_write(folder, maps)))
     return 0
 
 
