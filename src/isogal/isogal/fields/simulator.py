@@ -3,7 +3,6 @@ outliers, bias and drift."""
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -35,68 +34,77 @@ ALTIMETER = "altimeter"
 
 class ReadingSimulator:
     """Readings of R runs at every scan of a route; scan j is taken at the end of IMU interval (j +
-    1) * steps_per_scan."""
+    1) * steps_per_scan.
+
+    Parameters
+    ----------
+    truth : Truth
+        Of one field.
+    trajectory : Trajectory
+    field_map : RouteMap
+        Of what the instrument measures; the truth differs from it by the map's error.
+    runs : sequence of int
+        They seed the random streams.
+
+    Raises
+    ------
+    InputError
+        See `true_readings`.
+    """
 
     def __init__(
-        self, scenario: Truth, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
+        self, truth: Truth, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
     ) -> None:
-        """Draw all readings; raises InputError as `true_readings` does."""
-        self.index = i = scan_index(scenario, trajectory)
+        self._truth, self._trajectory, self._map, self._runs = truth, trajectory, field_map, runs
+        self.index = i = scan_index(truth, trajectory)
         """(scans,) index into the trajectory of each scan."""
-        field = _measured(scenario, field_map)
-        self._world = scenario, trajectory, field_map, runs
-        several = field.instrument == ALTIMETER and scenario.altimeter.sounds
+        field = _measured(truth, field_map)
+        several = field.instrument == ALTIMETER and truth.altimeter.sounds
         felt = self._soundings() if several else self._readings(field)
-        felt = field.reduction(scenario).report(felt)
+        felt = field.reduction(truth).report(felt)
         for row, run in enumerate(runs):
-            felt[row, missing(scenario.gravimeter, scenario.seed, run, trajectory, i)] = np.nan
+            felt[row, missing(truth.gravimeter, truth.seed, run, trajectory, i)] = np.nan
         self.felt = felt
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels, (R,
         scans, B, 3) of an altimeter with B beams."""
 
     def _readings(self, field: MeasuredField) -> Array:
-        scenario, trajectory, field_map, runs = self._world
-        i, channels = self.index, field.channels
-        truth = true_readings(scenario, trajectory, field_map)
-        where = scenario, trajectory, i, runs, truth.shape[1:]
-        felt = truth + field.sign * self._map_error(where)
-        if Lag.of(scenario.gravimeter).mean > 0.0:
-            felt = _late(scenario, trajectory, field_map, felt, runs)
-        felt = felt + field.sign * draw_datum_error(*where)
-        felt = felt + np.stack(
-            [
-                reading_errors(scenario.gravimeter, scenario.seed, run, trajectory, i)
-                if channels is None
-                else channels.errors(scenario, run, trajectory, i, felt[row])
-                for row, run in enumerate(runs)
-            ]
-        )
-        if field.instrument == MAGNETOMETER and scenario.magnetometer.aircraft.magnetic:
+        truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
+        perfect = true_readings(truth, trajectory, self._map)
+        size = perfect.shape[1:]
+        if field.name == "gradient" and truth.gradiometer.of_one_potential:
+            map_error = draw_potential_error(truth, trajectory, i, runs)
+        else:
+            map_error = draw_map_error(truth, trajectory, i, runs, size)
+        felt = perfect + field.sign * map_error
+        if Lag.of(truth.gravimeter).mean > 0.0:
+            felt = _late(truth, trajectory, self._map, felt, runs)
+        felt = felt + field.sign * draw_datum_error(truth, trajectory, i, runs, size)
+        errors = [
+            reading_errors(truth.gravimeter, truth.seed, run, trajectory, i)
+            if field.channels is None
+            else field.channels.errors(truth, run, trajectory, i, felt[row])
+            for row, run in enumerate(runs)
+        ]
+        felt = felt + np.stack(errors)
+        if field.instrument == MAGNETOMETER and truth.magnetometer.aircraft.magnetic:
             felt = felt + self.vehicle.added[i]
         return felt
 
-    def _map_error(self, where: tuple[Any, ...]) -> Array:
-        scenario = self._world[0]
-        if scenario.measured_field == "gradient" and scenario.gradiometer.of_one_potential:
-            return draw_potential_error(*where[:4])
-        return draw_map_error(*where)
-
     def _soundings(self) -> Array:
-        scenario, trajectory, field_map, runs = self._world
-        i = self.index
-        slow = scenario.gravimeter.model_copy(update={"sigma": 0.0})
-        noise = [reading_errors(slow, scenario.seed, run, trajectory, i) for run in runs]
-        common = np.stack(noise) - draw_datum_error(scenario, trajectory, i, runs)
-        return simulate_soundings(scenario, trajectory, field_map, i, runs, common)
+        truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
+        slow = truth.gravimeter.model_copy(update={"sigma": 0.0})
+        errors = [reading_errors(slow, truth.seed, run, trajectory, i) for run in runs]
+        common = np.stack(errors) - draw_datum_error(truth, trajectory, i, runs)
+        return simulate_soundings(truth, trajectory, self._map, i, runs, common)
 
     @cached_property
     def vehicle(self) -> Vehicle:
         """What a magnetic vehicle adds to the readings, and what its vector magnetometer feels,
         at every step of the trajectory; raises InputError as `true_readings` does."""
-        scenario, trajectory, field_map, runs = self._world
-        every = np.arange(len(trajectory) + 1)
-        total = true_readings(scenario, trajectory, field_map, every)
-        return simulate_vehicle(scenario, trajectory, total, runs)
+        every = np.arange(len(self._trajectory) + 1)
+        total = true_readings(self._truth, self._trajectory, self._map, every)
+        return simulate_vehicle(self._truth, self._trajectory, total, self._runs)
 
 
 def compensated(scenario: Assumed, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
