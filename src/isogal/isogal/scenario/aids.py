@@ -1,10 +1,10 @@
 """Sections about height and velocity from sensors."""
 
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from isogal.scenario.section import NonNegative, Positive, Section
+from isogal.scenario.section import Document, NonNegative, Positive, Section
 
 
 class Height(Section):
@@ -93,7 +93,7 @@ class Velocity(Section):
         """Measured axes of the body: 0 forward, 1 right, 2 down."""
         return () if self.kind == "none" else KINDS[self.kind].axes
 
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self) -> Document:
         """See `Section`."""
         values = self.model_dump()
         if self.kind != "none":

@@ -6,9 +6,9 @@ its matcher assumes. What an entry does not say of `map` and `matcher` is as the
 says; the sections whose numbers are in the unit of a field, `gravimeter` and `map_error`, have
 their defaults and count in entries only."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import AfterValidator, Field
 
@@ -65,7 +65,7 @@ class FieldEntry(Section):
         return self.gravimeter | {key: x for key, x in short.items() if x is not None}
 
 
-def read_entries(documents: Sequence[Mapping[str, Any]]) -> tuple[FieldEntry, ...]:
+def read_entries(documents: Sequence[Document]) -> tuple[FieldEntry, ...]:
     """Return the entries of a list `fields`; raises ValueError with a line that names the key."""
     entries = tuple(
         validated(FieldEntry, document, f"fields.{index}.")
@@ -111,7 +111,7 @@ def _scenario_of(scenario: "Scenario", index: int, entry: FieldEntry) -> "Scenar
     return validated(type(scenario), dict(scenario) | changes, f"fields.{index}.")
 
 
-def intervals_of(documents: Sequence[Mapping[str, Any]]) -> list[float]:
+def intervals_of(documents: Sequence[Document]) -> list[float]:
     """Return the time (s) between the scans of each entry."""
     default = Gravimeter().interval
     entries = read_entries(documents)

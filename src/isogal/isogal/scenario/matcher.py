@@ -1,12 +1,12 @@
 """Section about the map matcher."""
 
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
 from isogal import plugins
-from isogal.scenario.section import NonNegative, Positive, Section
+from isogal.scenario.section import Document, NonNegative, Positive, Section
 
 MatcherName = Annotated[str, AfterValidator(partial(plugins.check, plugins.MATCHERS))]
 
@@ -28,7 +28,7 @@ class Matcher(Section):
     """its correlation length, m"""
     bias_sigma: NonNegative = 0.0
     """1-sigma of an unknown constant offset of the readings, in the unit of gravimeter.sigma"""
-    options: dict[str, Any] = Field(default_factory=dict)
+    options: Document = Field(default_factory=dict)
     """settings of the named matcher; see docs/matchers.md"""
 
     @model_validator(mode="after")

@@ -2,8 +2,8 @@
 errors are one line that names each bad key and what it may be."""
 
 import difflib
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -13,8 +13,10 @@ LatitudeDeg = Annotated[float, Field(ge=-89.0, le=89.0)]
 LongitudeDeg = Annotated[float, Field(ge=-180.0, le=360.0)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Value: TypeAlias = "str | float | Sequence[Value] | Mapping[str, Value] | None"
+"""What YAML has for a key."""
 Document = dict[str, Any]
-"""Keys and values as YAML and pydantic have them."""
+"""Keys and values; typed so that pydantic takes it for a field, and what it gives fits it."""
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -42,19 +44,19 @@ class Section(BaseModel):
         return self.model_dump()
 
 
-def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> Document:
+def merged(document: Mapping[str, Value], changes: Mapping[str, Value]) -> Document:
     """Return a document with other values of some keys, section by section."""
-    result = dict(document)
+    result: Document = dict(document)
     for key, value in changes.items():
         inside = result.get(key)
-        both = isinstance(inside, Mapping) and isinstance(value, Mapping)
-        result[key] = merged(inside, value) if both else value  # type: ignore[arg-type]
+        if isinstance(inside, Mapping) and isinstance(value, Mapping):
+            result[key] = merged(inside, value)
+        else:
+            result[key] = value
     return result
 
 
-def validated(
-    model: type[_Model], document: Mapping[str, Any], prefix: str = "", where: str = ""
-) -> _Model:
+def validated(model: type[_Model], document: Value, prefix: str = "", where: str = "") -> _Model:
     """Return a document as a model; raises InputError with one line that begins with `where`, and
     in which the prefix, with its dot, goes before each key."""
     try:

@@ -7,9 +7,8 @@ errors."""
 import math
 import re
 from collections.abc import Collection, Mapping
-from typing import Any
 
-from isogal.scenario.section import Document, Section, merged, suggestion, validated
+from isogal.scenario.section import Document, Section, Value, merged, suggestion, validated
 
 SECTIONS = (
     "imu",
@@ -41,7 +40,7 @@ SHARED = (
 _MULTIPLE = re.compile(r"\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\s*x\s*")
 
 
-def true_section(name: str, assumed: Section, changes: Any) -> Section:
+def true_section(name: str, assumed: Section, changes: Value) -> Section:
     """Return a section as it really is.
 
     Parameters
@@ -66,7 +65,7 @@ def true_section(name: str, assumed: Section, changes: Any) -> Section:
         raise ValueError(
             f"{where}: must be keys of {name} with their true values, not {changes!r}"
         )
-    changes = _numbers(changes, assumed.resolved(), where)
+    changes = _without_multiples(changes, assumed.resolved(), where)
     section = validated(type(assumed), merged(assumed.model_dump(), changes), f"{where}.")
     for key in SHARED:
         parent, _, leaf = key.partition(".")
@@ -78,7 +77,7 @@ def true_section(name: str, assumed: Section, changes: Any) -> Section:
     return section
 
 
-def truth_of(truth: Mapping[str, Any], sections: Collection[str]) -> Document:
+def truth_of(truth: Mapping[str, Value], sections: Collection[str]) -> Document:
     """Return what a section `truth` says of some sections alone, for a node that is not told the
     others; names that it cannot have stay, so that they are errors."""
     return {
@@ -86,7 +85,7 @@ def truth_of(truth: Mapping[str, Any], sections: Collection[str]) -> Document:
     }
 
 
-def check_names(truth: Mapping[str, Any]) -> None:
+def check_names(truth: Mapping[str, Value]) -> None:
     """Raise ValueError where `truth` names a section that it cannot have."""
     known = [f"truth.{name}" for name in SECTIONS]
     for name in truth:
@@ -103,39 +102,42 @@ def _multiples_of_errors(where: str, assumed: Section, multiple: str) -> Documen
         target, value = changes, assumed.resolved()
         for parent in parents:
             target, value = target.setdefault(parent, {}), value[parent]
-        if _has_numbers(value[leaf]):
+        if _numbers_in(value[leaf]):
             target[leaf] = multiple
     if not changes:
         raise ValueError(f"{where}: {multiple} of the whole section says nothing; name its keys")
     return changes
 
 
-def _numbers(changes: Mapping[str, Any], assumed: Document, where: str) -> Document:
+def _without_multiples(changes: Mapping[str, Value], assumed: Document, where: str) -> Document:
     """Return changes with numbers in place of multiples of what is assumed."""
     result = dict(changes)
     for key, value in changes.items():
         known, place = assumed.get(key), f"{where}.{key}"
         if isinstance(value, Mapping) and isinstance(known, Mapping):
-            result[key] = _numbers(value, dict(known), place)
+            result[key] = _without_multiples(value, dict(known), place)
         elif isinstance(value, str) and (match := _MULTIPLE.fullmatch(value)):
             result[key] = _multiple(float(match[1]), known, f"{place}: {value.strip()}")
     return result
 
 
-def _multiple(factor: float, assumed: Any, where: str) -> float | list[float]:
+def _multiple(factor: float, assumed: Value, where: str) -> Value:
     """Return a number, or each of several, times a factor."""
-    if not _has_numbers(assumed):
-        several = isinstance(assumed, tuple | list)
-        zero = all(one == 0 for one in assumed) if several else assumed == 0
-        said = "says nothing; give a number" if zero else "is no number"
-        raise ValueError(f"{where} of {assumed!r} {said}")
-    return [factor * x for x in assumed] if isinstance(assumed, tuple | list) else factor * assumed
+    several = isinstance(assumed, tuple | list)
+    if numbers := [factor * number for number in _numbers_in(assumed)]:
+        return numbers if several else numbers[0]
+    zero = all(x == 0 for x in (assumed if isinstance(assumed, tuple | list) else [assumed]))
+    said = "says nothing; give a number" if zero else "is no number"
+    raise ValueError(f"{where} of {assumed!r} {said}")
 
 
-def _has_numbers(value: Any) -> bool:
-    """Whether a value is a number other than zero, or several of which one is."""
-    several = value if isinstance(value, tuple | list) else (value,)
-    return any(several) and all(
-        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-        for x in several
-    )
+def _numbers_in(value: Value) -> list[float]:
+    """Return a number, or several, as a list; none where all are zero, or something else is among
+    them."""
+    every = value if isinstance(value, tuple | list) else [value]
+    numbers = [
+        x
+        for x in every
+        if isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+    ]
+    return numbers if len(numbers) == len(every) and any(numbers) else []
