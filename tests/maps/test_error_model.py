@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from isogal.fields.potential_error import draw_potential_error
+from isogal.fields.map_error import draw_potential_error
 from isogal.maps.error_model import displacements, shares, tensor_covariance
 from isogal.maps.gradients import COMPONENTS, _operator
 from isogal.maps.spectral import waves_of

@@ -12,8 +12,9 @@ from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.errors import InputError
 from isogal.fields.gradient import GRADIENT
+from isogal.fields.map_error import draw_map_error
 from isogal.fields.measured import measured_field, reading_sigma
-from isogal.fields.simulator import ReadingSimulator, draw_map_error
+from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.gradients import tensor_maps
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
 from isogal.sensors.gradiometer import EOTVOS, GradientReduction, draw_noise, noise_covariance

@@ -11,10 +11,10 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.fields.map_error import draw_horizontal_error, draw_map_error
 from isogal.fields.measured import measured_field
-from isogal.fields.simulator import draw_map_error, scan_index
+from isogal.fields.simulator import scan_index
 from isogal.fields.source_map import source_map_along, variable_along
-from isogal.fields.vector_map_error import draw_horizontal_error
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
