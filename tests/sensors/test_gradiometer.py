@@ -15,7 +15,7 @@ from isogal.fields.gradient import GRADIENT
 from isogal.fields.map_error import draw_map_error
 from isogal.fields.measured import measured_field, reading_sigma
 from isogal.fields.simulator import ReadingSimulator
-from isogal.maps.gradients import tensor_maps
+from isogal.maps.potential import tensor_maps
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
 from isogal.sensors.gradiometer import EOTVOS, GradientReduction, draw_noise, noise_covariance
 from isogal.sensors.reduction import State, reduction_variance

@@ -13,7 +13,7 @@ _REACH = 20_000.0
 
 
 def _maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
-    from isogal.maps.gradients import tensor_maps  # imports SciPy
+    from isogal.maps.potential import tensor_maps  # imports SciPy
 
     level, height = disturbance_for_gradients(scenario, disturbance)
     return tensor_maps(level, scenario.gradiometer.components, height=height, edge=_REACH)

@@ -9,7 +9,7 @@ holds together further in one direction, `isogal.maps.error_ellipses`.
 Errors of the components of the gravity gradient tensor all come from one wrong potential (section
 12.4 there). The error of T_dd is a field with the covariance sigma² exp(-d / L), thus with the
 spectrum S(k) = L² / (1 + k² L²)^(3/2), and the errors of the other components follow from it wave
-by wave, as the components themselves do (`isogal.maps.gradients`). With the wave vector
+by wave, as the components themselves do (`isogal.maps.potential`). With the wave vector
 k (cos theta, sin theta) their factors are
 
     dd: 1,  nd: i cos theta,  ed: i sin theta,
@@ -101,7 +101,7 @@ def tensor_covariance(
     Parameters
     ----------
     components : sequence of str
-        Of `gradients.COMPONENTS`, one for each channel.
+        Of `potential.COMPONENTS`, one for each channel.
     channel : (N,) array
         Of each reading.
     apart : (N, M, 2) array
