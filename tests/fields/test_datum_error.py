@@ -6,7 +6,7 @@ import pytest
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.fields.datum_error import draw_datum_error
+from isogal.fields.map_error import draw_datum_error
 from isogal.fields.scenario_map import true_map
 from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.formats.netcdf_writing import write_netcdf

@@ -14,8 +14,8 @@ from isogal.fields.source_map import MapSource
 from isogal.maps.corridor import corridor_of
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.gradients import tensor_maps
 from isogal.maps.load import load_map
+from isogal.maps.potential import tensor_maps
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 

@@ -10,7 +10,8 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
-from isogal.fields.simulator import ReadingSimulator, draw_map_error
+from isogal.fields.map_error import draw_map_error
+from isogal.fields.simulator import ReadingSimulator
 from isogal.scenario import Altimeter, Gravimeter, MapError, Route, Scenario
 from isogal.sensors.gravimeter import GravityReduction
 from isogal.sensors.reduction import State

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch, wavy
-from isogal.maps.gradients import tensor_maps
+from isogal.maps.potential import tensor_maps
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.channels import channel_batch, first_channel
 from isogal.matching.expansion import expansion_of

@@ -12,9 +12,10 @@ from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.errors import InputError
 from isogal.fields.gradient import GRADIENT
+from isogal.fields.map_error import draw_map_error
 from isogal.fields.measured import measured_field, reading_sigma
-from isogal.fields.simulator import ReadingSimulator, draw_map_error
-from isogal.maps.gradients import tensor_maps
+from isogal.fields.simulator import ReadingSimulator
+from isogal.maps.potential import tensor_maps
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
 from isogal.sensors.gradiometer import GradientReduction
 from isogal.sensors.gradiometer_errors import EOTVOS, noise_covariance, noise_of

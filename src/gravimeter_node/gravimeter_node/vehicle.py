@@ -28,7 +28,9 @@ class Vehicle:
         self._node, self._use = node, use
         self._heard = False
         told, online = assumed_compensation(node.scenario), node.scenario.magnetometer.online
-        self._stream = None if told is None else CompensatedStream(told, online)
+        self._stream: CompensatedStream[tuple[int, Any, Any]] | None = (
+            None if told is None else CompensatedStream(told, online)
+        )
         self._vectors: dict[int, Any] = {}
         self._adapter = MagnetometerAdapter()
         if told is not None and told.currents:

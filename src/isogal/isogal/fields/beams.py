@@ -8,7 +8,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.fields.error_root import error_root
+from isogal.fields.map_error import draw_at
 from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Altimeter, Truth
@@ -150,10 +150,4 @@ def _map_error(truth: Truth, foot: Footprints, runs: Sequence[int]) -> Array:
             f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
             " route"
         )
-    root = error_root(*foot.places(foot.range), sigma, truth.map_error.correlation_length)
-    return np.stack(
-        [
-            root @ generator(truth.seed, run, "map_error").standard_normal(foot.range.size)
-            for run in runs
-        ]
-    ).reshape(len(runs), *foot.range.shape)
+    return draw_at(truth, *foot.places(foot.range), runs)

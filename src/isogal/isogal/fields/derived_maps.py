@@ -2,15 +2,15 @@
 scenario's map in a process of its own.
 
 A Fourier transform of a large map takes several times its memory, most of which a process never
-gives back. So that nodes stay small, another process computes the maps and leaves them in files,
-the values as float32 and no larger than the route needs."""
+gives back. So that nodes stay small, another process computes the maps and leaves them in files:
+the values as float32, no larger than the route needs."""
 
 import json
 import pickle
 import subprocess
 import sys
 import tempfile
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from isogal.fields.measured import measured_field
 from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import corridor_of
-from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.scenario import Settings, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -84,27 +83,18 @@ def _read(folder: Path) -> ChannelMap:
     """Return maps that `_write` has left."""
     # mapped: only values that are looked up take memory; a deleted file stays on disk as long as
     # it is mapped
-    names = sorted(folder.glob("*.array"))
-    arrays = [np.memmap(name, mode="c") for name in names]
-    values, rest = pickle.loads((folder / "maps").read_bytes(), buffers=arrays)
-    return ChannelMap(
-        [FieldMap(values=part, **one) for part, one in zip(values, rest, strict=True)], values
-    )
+    arrays = [np.memmap(path, mode="c") for path in sorted(folder.glob("*.array"))]
+    maps: ChannelMap = pickle.loads((folder / "maps.pickle").read_bytes(), buffers=arrays)
+    return maps
 
 
 def _write(folder: Path, maps: ChannelMap) -> None:
-    """Leave maps in a folder, each array in a file of its own."""
-    rest = [
-        {field.name: getattr(channel, field.name) for field in fields(channel) if field.init}
-        for channel in maps.channels
-    ]
-    for one in rest:
-        del one["values"]  # which are parts of those of all
+    """Leave maps in a folder, each of their arrays in a file of its own."""
     arrays: list[pickle.PickleBuffer] = []
-    text = pickle.dumps((maps.values, rest), protocol=5, buffer_callback=arrays.append)
-    (folder / "maps").write_bytes(text)
-    for number, array in enumerate(arrays):
-        (folder / f"{number:03d}.array").write_bytes(array.raw())
+    content = pickle.dumps(maps, protocol=5, buffer_callback=arrays.append)
+    (folder / "maps.pickle").write_bytes(content)
+    for index, array in enumerate(arrays):
+        (folder / f"{index:04d}.array").write_bytes(array.raw())
 
 
 def _main(folder: Path) -> int:

@@ -15,7 +15,7 @@ _REACH = 20_000.0
 
 
 def _maps(settings: Settings, disturbance: FieldMap) -> ChannelMap:
-    from isogal.maps.gradients import tensor_maps  # imports SciPy
+    from isogal.maps.potential import tensor_maps  # imports SciPy
 
     level, height = disturbance_for_gradients(settings.map, settings.route.height, disturbance)
     return tensor_maps(level, settings.gradiometer.components, height=height, edge=_REACH)

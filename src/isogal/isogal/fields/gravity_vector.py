@@ -11,14 +11,14 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.fields.map_error import draw_horizontal_error, draw_map_error
 from isogal.fields.measured import measured_field
-from isogal.fields.simulator import draw_map_error, scan_index
+from isogal.fields.simulator import scan_index
 from isogal.fields.source_map import MapSource
-from isogal.fields.vector_map_error import draw_horizontal_error
+from isogal.maps import potential
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gravity_vector import from_deflections, horizontal_gravity
 from isogal.maps.load import check_coverage
 from isogal.maps.tiled_map import ScalarMap, TiledMap
 from isogal.scenario import Settings, Truth
@@ -86,7 +86,7 @@ def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
         if (measured := _deflections(scenario, corridor)) is not None:
             return measured
         coarse = _coarse(source, disturbance_of)
-        return horizontal_gravity(coarse, edge=0.0, rim_error=False)
+        return potential.gravity_vector(coarse, potential.VECTOR[1:], edge=0.0, rim_error=False)
 
     return GravityVector(source, horizontal)
 
@@ -97,7 +97,7 @@ def _deflections(scenario: Settings, corridor: Corridor) -> ChannelMap | None:
     try:
         source = MapSource.of(scenario)
         xi, eta = (_coarse(source.other(None, name).along(corridor)) for name in ("xi", "eta"))
-        return from_deflections(xi, eta)
+        return potential.from_deflections(xi, eta)
     except InputError:
         return None
 

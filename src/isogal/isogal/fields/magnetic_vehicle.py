@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
 from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.compensation import Compensation, read_compensation
-from isogal.magnetics.online import Assumed as Online
+from isogal.magnetics.online import CALIBRATED_SHARE
 from isogal.magnetics.terms import COUNT
 from isogal.scenario import Aircraft, Assumed, Truth
 from isogal.seeds import generator
@@ -70,11 +70,11 @@ def told_compensation(scenario: Assumed) -> Compensation | None:
 def prior_sigma(scenario: Assumed) -> Array:
     """Return (18,) the 1-sigma of what is not told of the coefficients, nT: three times what a
     calibration says of its own, where there is one."""
-    told, assumed = told_compensation(scenario), Online()
+    told = told_compensation(scenario)
     sigma = np.full(COUNT, scenario.magnetometer.coefficient_sigma)
     if told is None or not told.sigma.size:
         return sigma
-    return np.minimum(sigma, assumed.calibrated_share * told.sigma[:COUNT])
+    return np.minimum(sigma, CALIBRATED_SHARE * told.sigma[:COUNT])
 
 
 def assumed_compensation(scenario: Assumed) -> Compensation | None:

@@ -9,20 +9,22 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.fields.beams import simulate_soundings
-from isogal.fields.datum_error import draw_datum_error
-from isogal.fields.error_root import error_root
 from isogal.fields.magnetic_vehicle import (
     MAGNETOMETER,
     Vehicle,
     assumed_compensation,
     simulate_vehicle,
 )
+from isogal.fields.map_error import (
+    between_scans,
+    draw_datum_error,
+    draw_map_error,
+    draw_potential_error,
+)
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
-from isogal.fields.potential_error import draw_potential_error
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Assumed, Settings, Truth
-from isogal.seeds import generator
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import State
@@ -202,57 +204,3 @@ def _late(
         error = np.zeros((len(runs), len(every)))
     lag = Lag.of(scenario.gravimeter)
     return lag.report(trajectory.time, truth + error, trajectory.time[scans])
-
-
-def between_scans(
-    scenario: Truth, trajectory: Trajectory, error: Array, runs: Sequence[int]
-) -> Array:
-    """Return (R, K + 1) the map's error along the whole trajectory, given that at the scans
-    (R, scans): a Gauss-Markov process along the track, as `draw_map_error` is one along a straight
-    line; after the last scan it stays as it is."""
-    steps, length = scenario.steps_per_scan, scenario.map_error.correlation_length
-    scans = error.shape[1]
-    speed = np.hypot(*trajectory.velocity[: scans * steps, :2].T)
-    keep = np.exp(-speed * trajectory.dt / length).reshape(scans, steps)
-    normal = scenario.map_error.sigma * np.stack(
-        [
-            generator(scenario.seed, run, "map_error_between").standard_normal((scans, steps))
-            for run in runs
-        ]
-    )
-    before = error[:, 0] * keep[0].prod() + normal[:, 0, 0] * np.sqrt(1.0 - keep[0].prod() ** 2)
-    whole = np.empty((len(runs), len(trajectory) + 1))
-    whole[:, scans * steps :] = error[:, -1:]
-    inside = whole[:, : scans * steps].reshape(len(runs), scans, steps)
-    inside[:, :, 0] = np.concatenate([before[:, None], error[:, :-1]], axis=1)
-    for k in range(1, steps):
-        # a bridge: given the point before (correlation a) and the next scan (correlation b)
-        a, b = keep[:, k - 1], keep[:, k:].prod(axis=1)
-        rest = 1.0 - a**2 * b**2
-        mean = a * (1.0 - b**2) / rest * inside[:, :, k - 1] + b * (1.0 - a**2) / rest * error
-        spread = np.sqrt((1.0 - a**2) * (1.0 - b**2) / rest)
-        inside[:, :, k] = mean + spread * normal[:, :, k]
-    return whole
-
-
-def draw_map_error(
-    scenario: Truth,
-    trajectory: Trajectory,
-    index: Integers,
-    runs: Sequence[int],
-    channels: tuple[int, ...] = (),
-) -> Array:
-    """Return (R, scans, *channels) how far the true field differs from the map at the scans, in
-    its unit.
-
-    Exact samples of the Gaussian field with covariance sigma² exp(-d / L) at the true positions,
-    one field per run and channel. The square root of the covariance is kept for the next runs."""
-    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
-    size = (len(index), *channels)
-    if sigma == 0.0:
-        return np.zeros((len(runs), *size))
-    root = error_root(trajectory.latitude[index], trajectory.longitude[index], sigma, length)
-    # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
-    return np.stack(
-        [root @ generator(scenario.seed, run, "map_error").standard_normal(size) for run in runs]
-    )
