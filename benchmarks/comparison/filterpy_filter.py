@@ -64,11 +64,11 @@ def measure_filters(scenario: Scenario) -> dict[str, float]:
     """CPU seconds per simulated second of both filters, and how far they end apart (m)."""
     trajectory = build_trajectory(scenario)
     steps = min(STEPS, len(trajectory))
-    imu = simulate_imu(scenario, trajectory, [0])
+    imu = simulate_imu(scenario.true, trajectory, [0])
     force, rate = imu.specific_force[:, :steps], imu.angular_rate[:, :steps]
     height = trajectory.height[1 : steps + 1]
     model = FilterModel.from_scenario(scenario)
-    start = FilterState.start(draw_initial_state(scenario, trajectory, [0]), model)
+    start = FilterState.start(draw_initial_state(scenario.true, trajectory, [0]), model)
     ours, theirs = start.copy(), FilterpyNavigator(start, model)
     propagate(ours, model, force, rate, height)
     for _ in range(5):  # first calls compile

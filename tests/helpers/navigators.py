@@ -44,8 +44,8 @@ def fly(runs=(0,), **keys) -> Flight:
     scenario = Scenario(**({"route": ROUTE, "gravity": Gravity(field="normal")} | keys))
     trajectory = build_trajectory(scenario)
     model = FilterModel.from_scenario(scenario)
-    start = FilterState.start(draw_initial_state(scenario, trajectory, list(runs)), model)
-    return Flight(trajectory, simulate_imu(scenario, trajectory, list(runs)), model, start)
+    start = FilterState.start(draw_initial_state(scenario.true, trajectory, list(runs)), model)
+    return Flight(trajectory, simulate_imu(scenario.true, trajectory, list(runs)), model, start)
 
 
 def error_between(after: FilterState, before: FilterState, run: int = 0) -> np.ndarray:
