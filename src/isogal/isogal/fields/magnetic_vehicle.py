@@ -34,20 +34,30 @@ class Vehicle:
 
 
 def simulate_vehicle(
-    scenario: Truth, trajectory: Trajectory, total: Array, runs: Sequence[int]
+    truth: Truth, trajectory: Trajectory, total: Array, runs: Sequence[int]
 ) -> Vehicle:
-    """Return what the vehicle of a scenario adds to true total fields (K + 1,), nT, which are
-    taken to lie along the main field."""
-    settings = scenario.magnetometer
+    """Return what a vehicle adds to the total field, which is taken to lie along the main field.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+        Of K steps.
+    total : (K + 1,) array
+        nT, at their ends.
+    runs : sequence of int
+        They seed the random streams.
+    """
+    settings = truth.magnetometer
     attitude = matrix(trajectory.attitude)
-    direction = np.einsum("kji,kj->ki", attitude, _direction(scenario, trajectory))
+    direction = np.einsum("kji,kj->ki", attitude, _direction(truth, trajectory))
     body = total[:, None] * direction
     felt = aircraft_of(settings.aircraft).feel(body, np.gradient(body, trajectory.time, axis=0))
     vector = np.broadcast_to(felt, (len(runs), *felt.shape))
     if settings.vector_sigma > 0.0:
         vector = vector + settings.vector_sigma * np.stack(
             [
-                generator(scenario.seed, run, "vector_magnetometer").standard_normal(felt.shape)
+                generator(truth.seed, run, "vector_magnetometer").standard_normal(felt.shape)
                 for run in runs
             ]
         )
@@ -95,12 +105,12 @@ def aircraft_of(settings: Aircraft) -> MagneticAircraft:
     return MagneticAircraft(np.array(settings.permanent), induced, eddy)
 
 
-def _direction(scenario: Truth, trajectory: Trajectory) -> Array:
+def _direction(truth: Truth, trajectory: Trajectory) -> Array:
     """Return (K + 1, 3) the main field's direction, north, east, down."""
     index = np.unique(np.linspace(0, len(trajectory), _POINTS).round().astype(int))
     latitude, longitude = np.degrees(trajectory.latitude), np.degrees(trajectory.longitude)
     field = field_vector(
-        latitude[index], longitude[index], scenario.route.height, scenario.magnetometer.epoch
+        latitude[index], longitude[index], truth.route.height, truth.magnetometer.epoch
     )
     every = np.arange(len(trajectory) + 1)
     whole = np.stack([np.interp(every, index, part) for part in field.T], axis=-1)

@@ -98,7 +98,7 @@ def draw_map_error(
     channels: tuple[int, ...] = (),
 ) -> Array:
     """Return (R, scans, *channels) what `draw_at` does at the scans, given by their index in the
-    trajectory."""
+    trajectory; other parameters are those of `draw_at`."""
     return draw_at(truth, trajectory.latitude[index], trajectory.longitude[index], runs, channels)
 
 

@@ -131,13 +131,22 @@ def compensated(scenario: Assumed, trajectory: Trajectory, readings: ReadingSimu
 
 
 def true_readings(
-    scenario: Truth,
+    truth: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
     index: Integers | None = None,
 ) -> Array:
     """Return what a perfect instrument measures at each scan, (scans,) or (scans, C), with the map
-    as the truth; or at other places of the trajectory, by their index.
+    as the truth.
+
+    Parameters
+    ----------
+    truth : Truth
+        Of one field.
+    trajectory : Trajectory
+    field_map : RouteMap
+    index : (scans,) array, optional
+        Other places of the trajectory than those of the scans.
 
     Raises
     ------
@@ -145,11 +154,11 @@ def true_readings(
         The route ends before the first scan, the map does not cover it, the instrument does not
         measure its quantity, or no such instrument can be there.
     """
-    i = scan_index(scenario, trajectory) if index is None else index
+    i = scan_index(truth, trajectory) if index is None else index
     if not len(i):
         raise InputError(
             f"scenario: route: takes {trajectory.time[-1]:g} s, and the first reading comes after"
-            f" {scenario.steps_per_scan * trajectory.dt:g} s"
+            f" {truth.steps_per_scan * trajectory.dt:g} s"
         )
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
     value = field_map.value(latitude, longitude)
@@ -163,17 +172,17 @@ def true_readings(
         )
     velocity = trajectory.velocity[i]
     at = State(latitude, longitude, trajectory.height[i], velocity[:, 0], velocity[:, 1])
-    return _measured(scenario, field_map).reduction(scenario).raw(value, at)
+    return _measured(truth, field_map).reduction(truth).raw(value, at)
 
 
-def scan_index(scenario: Settings, trajectory: Trajectory) -> Integers:
+def scan_index(settings: Settings, trajectory: Trajectory) -> Integers:
     """Return (scans,) index into the trajectory of each scan."""
-    return np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
+    return np.arange(settings.steps_per_scan, len(trajectory) + 1, settings.steps_per_scan)
 
 
-def _measured(scenario: Truth, field_map: RouteMap) -> MeasuredField:
-    """Return the field that a map is of, among those that the scenario's instrument measures."""
-    instrument = measured_field(scenario).instrument
+def _measured(truth: Truth, field_map: RouteMap) -> MeasuredField:
+    """Return the field that a map is of, among those that the instrument measures."""
+    instrument = measured_field(truth).instrument
     fields = of_instrument(instrument)
     for field in fields:
         if field.quantity == field_map.quantity:
@@ -186,7 +195,7 @@ def _measured(scenario: Truth, field_map: RouteMap) -> MeasuredField:
 
 
 def _late(
-    scenario: Truth,
+    truth: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
     felt: Array,
@@ -194,13 +203,13 @@ def _late(
 ) -> Array:
     """Return (R, scans) what an instrument with a filter or a delay reports, from what a perfect
     one measures at the scans."""
-    scans = scan_index(scenario, trajectory)
+    scans = scan_index(truth, trajectory)
     every = np.arange(len(trajectory) + 1)
-    truth = true_readings(scenario, trajectory, field_map, every)
-    error = felt - truth[scans]  # of the map
-    if scenario.map_error.sigma > 0.0:
-        error = between_scans(scenario, trajectory, error, runs)
+    perfect = true_readings(truth, trajectory, field_map, every)
+    error = felt - perfect[scans]  # of the map
+    if truth.map_error.sigma > 0.0:
+        error = between_scans(truth, trajectory, error, runs)
     else:
         error = np.zeros((len(runs), len(every)))
-    lag = Lag.of(scenario.gravimeter)
-    return lag.report(trajectory.time, truth + error, trajectory.time[scans])
+    lag = Lag.of(truth.gravimeter)
+    return lag.report(trajectory.time, perfect + error, trajectory.time[scans])

@@ -57,8 +57,23 @@ def merged(document: Mapping[str, Value], changes: Mapping[str, Value]) -> Docum
 
 
 def validated(model: type[_Model], document: Value, prefix: str = "", where: str = "") -> _Model:
-    """Return a document as a model; raises InputError with one line that begins with `where`, and
-    in which the prefix, with its dot, goes before each key."""
+    """Return a document as a model.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+    document : mapping
+        Keys and values, as from YAML or `dict` of a model.
+    prefix : str
+        Goes before each key in an error's line, with its dot.
+    where : str
+        What the line begins with, with its colon and blank.
+
+    Raises
+    ------
+    InputError
+        One line: every bad key, what it was, what it may be.
+    """
     try:
         return model.model_validate(document)
     except ValidationError as error:
@@ -92,13 +107,13 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     return keys
 
 
-def suggestion(key: str, known: list[str], prefix: str = "", cutoff: float = 0.6) -> str | None:
+def suggestion(key: str, known: Sequence[str], cutoff: float = 0.6) -> str | None:
     """Return ", did you mean '...'?" with the known key that is most like a wrong one, or that
     only goes on after it; None where none is like it."""
     leaves = {k.rpartition(".")[2]: k for k in known}
     close = [name for name in leaves if key and name.startswith(f"{key}_")]
     close = close or difflib.get_close_matches(key, leaves, n=1, cutoff=cutoff)
-    return f", did you mean '{prefix}{leaves[close[0]]}'?" if close else None
+    return f", did you mean '{leaves[close[0]]}'?" if close else None
 
 
 def _is_type(part: str) -> bool:
@@ -110,8 +125,9 @@ def _nearest(key: str, model: type[BaseModel], prefix: str) -> str:
     """Suggest a key of the same section with a similar name, or of any section with that name, or
     list the section's keys."""
     section, _, leaf = key.rpartition(".")
-    keys = known_keys(model)
-    siblings = [k for k in keys if k.rpartition(".")[0] == section]
-    allowed = f"; allowed: {', '.join(prefix + name for name in siblings)}" if siblings else ""
-    found = suggestion(leaf, siblings, prefix) or suggestion(leaf, keys, prefix, 0.8)
-    return found or allowed
+    keys = [prefix + known for known in known_keys(model)]
+    siblings = [
+        known for known in keys if known.rpartition(".")[0] == (prefix + section).strip(".")
+    ]
+    allowed = f"; allowed: {', '.join(siblings)}" if siblings else ""
+    return suggestion(leaf, siblings) or suggestion(leaf, keys, 0.8) or allowed

@@ -27,9 +27,21 @@ def reading_jacobian(
     """Return d(reading)/d(navigator's error) (..., 4) for errors (north m, east m, v_north m/s,
     v_east m/s) at the scan.
 
+    Parameters
+    ----------
+    quantity : str
+        What a reading is reduced to.
+    latitude : (...) array_like
+        rad.
+    v_north, v_east : (...) array_like
+        m/s.
+
+    Notes
+    -----
     A reduction with a wrong velocity or latitude adds a wrong Eötvös term; for the disturbance it
     also subtracts normal gravity at the wrong latitude. Zero for any quantity that is not reduced
-    with the navigator's estimate."""
+    with the navigator's estimate.
+    """
     lat = np.asarray(latitude, dtype=float)
     jacobian = np.zeros((*lat.shape, 4))
     if quantity in ("gravity", "disturbance"):

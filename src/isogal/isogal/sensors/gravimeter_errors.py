@@ -72,7 +72,8 @@ def accelerations(time: Array, velocity: Array) -> Array:
 def missing(
     settings: Gravimeter, seed: int, run: int, trajectory: Trajectory, index: Integers
 ) -> Booleans:
-    """Return (scans,) which readings of a run are missing: by chance, in a gap, or in a turn."""
+    """Return (scans,) which readings of a run are missing: by chance, in a gap, or in a turn.
+    Parameters are those of `reading_errors`."""
     absent = without_readings(settings, trajectory, index)
     if settings.missing_fraction > 0.0:
         random = generator(seed, run, "gravimeter_missing")

@@ -66,7 +66,17 @@ def simulate_samples(
     truth: Truth, trajectory: Trajectory, run: int, gravity: Array | None = None
 ) -> Array:
     """Return one run's readings (K n, 6) of specific force (m/s²) and angular rate (rad/s), body
-    axes, n of them in each of the trajectory's K steps; gravity (K, 3) as in `simulate_imu`."""
+    axes, n of them in each of the trajectory's K steps.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+    run : int
+        It seeds the random streams.
+    gravity : (K, 3) array, optional
+        As in `simulate_imu`.
+    """
     n = truth.samples_per_step
     if n > 1:
         means = true_samples(truth)

@@ -105,8 +105,17 @@ class MainField:
         height: ArrayLike,
         year: ArrayLike | None = None,
     ) -> Array:
-        """Return the intensity, nT, in decimal years, by default at the epoch; NaN far from the
-        points."""
+        """Return the intensity, nT; NaN far from the points.
+
+        Parameters
+        ----------
+        latitude, longitude : (...) array_like
+            rad.
+        height : (...) array_like
+            m above the ellipsoid.
+        year : (...) array_like, optional
+            Decimal; default: the epoch.
+        """
         rise = self._rise.value(latitude, longitude) * (np.asarray(height) - self.height)
         if year is None:
             return self.grid.value(latitude, longitude) + rise
@@ -138,14 +147,24 @@ class MainField:
 def intensity(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float
 ) -> Array:
-    """Return the main field's intensity (nT) at points in deg and a height in m, by the IGRF."""
+    """Return the main field's intensity (...), nT; parameters are those of `field_vector`."""
     return np.sqrt((field_vector(latitude_deg, longitude_deg, height, epoch) ** 2).sum(axis=-1))
 
 
 def field_vector(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float
 ) -> Array:
-    """Return the main field (..., 3), north, east, down, nT; see `intensity`."""
+    """Return the main field (..., 3), north, east, down, nT, by the IGRF.
+
+    Parameters
+    ----------
+    latitude_deg, longitude_deg : (...) array_like
+        deg.
+    height : float
+        m above the ellipsoid.
+    epoch : float
+        Decimal year, 1900 to 2030.
+    """
     import ppigrf
 
     year = int(epoch)
