@@ -33,7 +33,7 @@ Far away C_m falls as m / x². They are tabulated once, for all lengths."""
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 
+Complex = NDArray[np.complex128]
 _ORDERS: Final = 5
 _FACTORS: Final = {
     # Fourier coefficients of exp(i m theta), m = -2 ... 2
@@ -127,7 +128,7 @@ def tensor_covariance(
 
 
 @lru_cache(maxsize=8)
-def products(components: tuple[str, ...]) -> NDArray[Any]:
+def products(components: tuple[str, ...]) -> Complex:
     """Return (5, C, C) by order m >= 0 the complex factor of exp(i m phi) C_m in the covariance of
     two components, of whose product the real part counts."""
     count = len(components)
@@ -144,7 +145,7 @@ def products(components: tuple[str, ...]) -> NDArray[Any]:
     return result
 
 
-def wave_factors(components: Sequence[str], direction: Array) -> NDArray[Any]:
+def wave_factors(components: Sequence[str], direction: Array) -> Complex:
     """Return (C, K) what waves of T_dd's error with directions (K,), rad from north to east, are
     multiplied by to be those of the components'."""
     harmonics = np.exp(1j * np.outer(np.arange(-2, 3), direction))

@@ -28,7 +28,6 @@ to zero by a cosine. What that changes is largest at the rim, where results are 
   of what is unknown, at a distance d. It becomes part of sigma, and it is large: several mGal even
   in the middle of a map of 400 km. Where there are maps of the deflection, they are better."""
 
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -39,7 +38,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_spectrum import USUAL_LENGTH, ErrorSpectrum, mixed_length
+from isogal.maps.error_spectrum import USUAL_LENGTH, ErrorSpectrum, mixed_length, upward
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Spectrum, Waves
 from isogal.scenario import TENSOR_COMPONENTS
@@ -158,7 +157,8 @@ def gravity_vector(
     """
     spectral.check_disturbance(disturbance, "horizontal components", height=height, edge=edge)
     result = _transformed(disturbance, components, height, edge)
-    own, length = _own_error(disturbance, height)
+    spectrum, decay = ErrorSpectrum.of_map(disturbance), upward(height)
+    own, length = spectrum.sigma_after(decay), spectrum.length(decay)
     beyond, reach = _sigma_beyond(disturbance) if rim_error else (np.zeros(result.shape[1:]), 1.0)
     # half of the variance of the map's own error goes into each horizontal component, with the
     # same correlation on the mean of all directions
@@ -253,19 +253,6 @@ def _transformed(
     result = spectral.transformed(disturbance, filled, operators, taper)
     result[:, ~kept] = np.nan
     return result
-
-
-def _own_error(disturbance: FieldMap, height: float) -> tuple[float, float | None]:
-    """Return sigma and correlation length (m) of what the map says of its errors, at a height."""
-    spectrum = ErrorSpectrum.of_map(disturbance)
-
-    def decay(wavenumber: Array) -> Array:
-        return np.exp(-wavenumber * height)
-
-    own = math.hypot(
-        spectrum.sigma * spectrum.gain(decay), spectrum.rounding * spectrum.white_gain(decay)
-    )
-    return own, spectrum.length(decay)
 
 
 def _sigma_beyond(disturbance: FieldMap) -> tuple[Array, float]:

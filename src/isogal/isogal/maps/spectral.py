@@ -7,7 +7,7 @@ of several latitudes and interpolating."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from isogal.errors import InputError
 from isogal.maps.error_model import decay
 from isogal.maps.field_map import FieldMap
 
+Real = TypeVar("Real", np.float32, np.float64)
 STRETCH = 0.01
 """Share by which the length of a degree of longitude may differ between the latitudes computed
 with."""
@@ -182,20 +183,21 @@ def _applied(
 
 
 def continued(
-    values: NDArray[Any], pads: list[int], *, antisymmetric: bool = False
-) -> NDArray[Any]:
+    values: NDArray[Real], pads: list[int], *, antisymmetric: bool = False
+) -> NDArray[Real]:
     """Continue a map by its mirror image on all sides, faded out by a cosine.
 
     Antisymmetric: mirrored in the value at the rim, too, so that the slope goes on; of fields with
     long waves that is the better guess."""
     around = [(pad, pad) for pad in pads]
-    kind: Any = "odd" if antisymmetric else "even"
-    extended = np.pad(values, around, mode="reflect", reflect_type=kind)
+    kind: Literal["odd", "even"] = "odd" if antisymmetric else "even"
+    mirrored = np.pad(values, around, mode="reflect", reflect_type=kind)
+    extended = np.asarray(mirrored, dtype=values.dtype)
     for axis, pad in enumerate(pads):
         fade = 0.5 - 0.5 * np.cos(np.pi * (np.arange(pad) + 0.5) / pad)
         weight = np.ones(extended.shape[axis], dtype=values.dtype)
         weight[:pad], weight[-pad:] = fade, fade[::-1]
-        extended *= weight[:, None] if axis == 0 else weight
+        extended = extended * (weight[:, None] if axis == 0 else weight)
     return extended
 
 

@@ -18,8 +18,7 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.continuation.harmonic import EDGE, FADING, OFFSET, at_level
-from isogal.maps.continuation.level import to_level
+from isogal.maps.continuation.level import EDGE, FADING, OFFSET, at_level, to_level
 from isogal.maps.error_spectrum import mixed_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values

@@ -18,7 +18,7 @@ four levels of a source and the four of the field above it must not overlap."""
 
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,7 +170,7 @@ class SourceLayer:
         """Return |k| (n, m // 2 + 1), rad/m."""
         return waves_of(self.shape, (self.rows_m, scale.columns_m)).size.astype(np.float32)
 
-    def _transform(self, density: Single, level: int) -> NDArray[Any]:
+    def _transform(self, density: Single, level: int) -> NDArray[np.complex64]:
         """Return the transform of the sources on a level."""
         from scipy.fft import rfft2
 
