@@ -65,8 +65,8 @@ def test_what_sources_cannot_explain_is_in_sigma(mountain_map):
 
 def test_sigma_falls_with_the_height_above_the_ground(mountain_map):
     low, terrain = mountain_map
-    told = replace(low, sigma=MGAL, correlation_length=2000.0)
-    sigma = np.asarray(from_terrain(told, terrain, float(terrain.values.max()) + 100.0).sigma)
+    stated = replace(low, sigma=MGAL, correlation_length=2000.0)
+    sigma = np.asarray(from_terrain(stated, terrain, float(terrain.values.max()) + 100.0).sigma)
     summit = np.unravel_index(np.argmax(terrain.values), sigma.shape)
     valley = np.unravel_index(np.argmin(terrain.values), sigma.shape)
     assert sigma[valley] < 0.8 * sigma[summit] < 0.8 * MGAL
@@ -75,20 +75,8 @@ def test_sigma_falls_with_the_height_above_the_ground(mountain_map):
 def test_terrain_on_another_grid(mountain_map):
     low, terrain = mountain_map
     height = float(terrain.values.max()) + 500.0
-    wide = replace(
-        terrain,
-        latitude=terrain.latitude[::2],
-        longitude=terrain.longitude[::2],
-        values=terrain.values[::2, ::2],
-    )
     inner = slice(4, -4)
-    cut = replace(
-        low,
-        latitude=low.latitude[inner],
-        longitude=low.longitude[inner],
-        values=low.values[inner, inner],
-    )
-    high = from_terrain(cut, wide, height)
+    high = from_terrain(low.part(inner, inner), terrain.thinned(2, 2), height)
     right = from_terrain(low, terrain, height).values[inner, inner]
     assert rms(high.values - right) < 0.1 * MGAL
 
