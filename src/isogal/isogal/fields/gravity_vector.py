@@ -40,13 +40,24 @@ class GravityVector:
     """The disturbance vector around a route by its map."""
 
     disturbance: ScalarMap
-    of_horizontal: Callable[[], ChannelMap]
-    """What computes the horizontal components."""
+    scenario: Scenario
+    corridor: Corridor
 
     @cached_property
     def horizontal(self) -> ChannelMap:
-        """Channels `gravity_north` and `gravity_east`, m/s²; computed when first asked for."""
-        return self.of_horizontal()
+        """Channels `gravity_north` and `gravity_east`, m/s², computed when first asked for: from
+        maps of the deflection of the vertical, where the scenario's map has them (variables xi and
+        eta, as GGMplus names them), else from the disturbance."""
+        try:
+            xi, eta = (
+                _coarse(variable_along(self.scenario, name, self.corridor))
+                for name in ("xi", "eta")
+            )
+            return potential.from_deflections(xi, eta)
+        except InputError:
+            coarse = _coarse(self.disturbance, potential.disturbance_of)
+        sideways = potential.VECTOR[1:]
+        return potential.gravity_vector(coarse, sideways, edge=0.0, rim_error=False)
 
 
 def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
@@ -81,24 +92,7 @@ def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
     if source is None:
         return None
     check_coverage(source, trajectory.latitude, trajectory.longitude)
-
-    def horizontal() -> ChannelMap:
-        if (measured := _deflections(scenario, corridor)) is not None:
-            return measured
-        coarse = _coarse(source, disturbance_of)
-        return potential.gravity_vector(coarse, potential.VECTOR[1:], edge=0.0, rim_error=False)
-
-    return GravityVector(source, horizontal)
-
-
-def _deflections(scenario: Scenario, corridor: Corridor) -> ChannelMap | None:
-    """Return horizontal gravity by maps of the deflection of the vertical, where the scenario's
-    map has them (variables xi and eta, as GGMplus names them)."""
-    try:
-        xi, eta = (_coarse(variable_along(scenario, name, corridor)) for name in ("xi", "eta"))
-        return potential.from_deflections(xi, eta)
-    except InputError:
-        return None
+    return GravityVector(source, scenario, corridor)
 
 
 def _coarse(
@@ -130,14 +124,6 @@ def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap | None:
         if measured_field(scenario).source not in ("gravity", "disturbance"):
             return None
         return source_map_along(scenario, corridor)
-
-
-def disturbance_of(field_map: FieldMap) -> FieldMap:
-    """Return a map of the gravity disturbance from one of it, or of gravity on the ellipsoid."""
-    if field_map.quantity == "disturbance":
-        return field_map
-    normal = normal_gravity(field_map.latitude)[:, None]
-    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
 
 
 def averaged(field_map: FieldMap, cell: float) -> FieldMap:

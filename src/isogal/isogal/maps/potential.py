@@ -58,6 +58,14 @@ _NODES = 300
 _DISTANCES = 12
 
 
+def disturbance_of(field_map: FieldMap) -> FieldMap:
+    """Return a map of the gravity disturbance from one of it, or of gravity on the ellipsoid."""
+    if field_map.quantity == "disturbance":
+        return field_map
+    normal = normal_gravity(field_map.latitude)[:, None]
+    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
+
+
 def tensor_maps(
     disturbance: FieldMap,
     components: tuple[str, ...] = INDEPENDENT,
