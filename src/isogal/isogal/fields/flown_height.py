@@ -139,7 +139,7 @@ def _gravity_above_surface(
 
 def _from_ground(scenario: Scenario, source: FieldMap) -> FieldMap:
     """Continue a map whose values hold on the ground."""
-    from isogal.maps.continuation.terrain import from_terrain  # compiles functions
+    from isogal.maps.continuation.terrain import from_terrain
 
     ground = _ground(scenario, source)
     gravity = source.quantity == "gravity"

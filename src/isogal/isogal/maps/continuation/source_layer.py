@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from isogal.compiled import kernel
+from isogal.arrays import Integers
 from isogal.maps.spectral import waves_of
 
 SPACING = 0.5
@@ -53,32 +53,13 @@ class Scale(NamedTuple):
     """(n,)"""
 
 
-@kernel(forceinline=True)
-def lagrange(offset: float) -> float:
-    """Return the weight of a level in cubic Lagrange interpolation, `offset` levels away."""
-    u = abs(offset)
-    if u >= 2.0:
-        return 0.0
-    if u <= 1.0:
-        return (1.0 - u * u) * (2.0 - u) / 2.0
-    return (1.0 - u) * (2.0 - u) * (3.0 - u) / 6.0
-
-
-@kernel
-def spread(density: Single, place: Single, level: int, plane: Single) -> None:
-    """Fill `plane` (n, m) with what a level gets of sources at places, counted in levels."""
-    for i in range(density.shape[0]):
-        for k in range(density.shape[1]):
-            plane[i, k] = density[i, k] * lagrange(place[i, k] - level)
-
-
-@kernel
-def gather(plane: Single, place: Single, level: int, weight: Single, field: Single) -> None:
-    """Add to `field` (n, m) what the values on a level contribute at places, counted in levels;
-    times a weight for each row."""
-    for i in range(field.shape[0]):
-        for k in range(field.shape[1]):
-            field[i, k] += weight[i] * plane[i, k] * lagrange(place[i, k] - level)
+def on_level(place: Single, level: int) -> tuple[Integers, Single]:
+    """Return which nodes of places (n, m), counted in levels, have a share in a level, by their
+    flat index (P,), and their weights (P,) in cubic Lagrange interpolation between levels."""
+    near = np.flatnonzero(np.abs(place - level) < 2.0)
+    u = np.abs(place.ravel()[near].astype(np.float64) - level)
+    inner, outer = (1.0 - u * u) * (2.0 - u) / 2.0, (1.0 - u) * (2.0 - u) * (3.0 - u) / 6.0
+    return near, np.where(u <= 1.0, inner, outer).astype(np.float32)
 
 
 class SourceLayer:
@@ -118,10 +99,11 @@ class SourceLayer:
         ):
             passed = [np.zeros(decay.shape, dtype=np.complex64) for decay in decays]
             for level in levels:
+                near, weight = on_level(self.ground, level)
                 for scale, spectrum in zip(self.scales, passed, strict=True):
-                    plane = irfft2(spectrum, self.shape)
-                    weight = np.float32(sign) * scale.weight
-                    gather(plane, self.ground, level, weight, field)
+                    plane = irfft2(spectrum, self.shape).ravel()
+                    of_row = np.float32(sign) * scale.weight[near // self.shape[1]]
+                    field.ravel()[near] += of_row * plane[near] * weight
                 own = self._transform(density, level)
                 for i, decay in enumerate(decays):
                     passed[i] += own
@@ -174,8 +156,9 @@ class SourceLayer:
         """Return the transform of the sources on a level."""
         from scipy.fft import rfft2
 
-        plane = np.empty(self.shape, dtype=np.float32)
-        spread(density, self.sources, level, plane)
+        near, weight = on_level(self.sources, level)
+        plane = np.zeros(self.shape, dtype=np.float32)
+        plane.ravel()[near] = density.ravel()[near] * weight
         return rfft2(plane, overwrite_x=True)
 
 
