@@ -123,14 +123,18 @@ def test_a_source_in_a_mountain_pulls_upwards_in_the_valley():
 
 
 def test_cubics_are_kept_between_levels():
-    place = np.random.default_rng(0).uniform(2.0, 7.0, (6, 7)).astype(np.float32)
-    weights = np.zeros((10, 42))
-    for level in range(10):
-        near, weight = source_layer.on_level(place, level)
-        weights[level, near] = weight
+    terrain = np.random.default_rng(0).uniform(0.0, 900.0, (6, 7)).astype(np.float32)
+    layer = source_layer.SourceLayer(
+        terrain, 200.0, [source_layer.Scale(200.0, np.ones(6, np.float32))]
+    )
+    place = layer.ground.ravel()
+    weights = np.zeros((layer.levels + source_layer.DEPTH, place.size))
+    for level, row in enumerate(weights):
+        near, weight = layer.on_level(level)
+        row[near] = weight
     for power in range(4):
-        found = np.arange(10.0) ** power @ weights
-        np.testing.assert_allclose(found, place.ravel() ** power, rtol=1e-5)
+        found = np.arange(len(weights), dtype=float) ** power @ weights
+        np.testing.assert_allclose(found, place**power, rtol=1e-4)
     assert ((weights != 0.0).sum(axis=0) <= 4).all()
 
 

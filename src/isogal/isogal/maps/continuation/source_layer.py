@@ -53,15 +53,6 @@ class Scale(NamedTuple):
     """(n,)"""
 
 
-def on_level(place: Single, level: int) -> tuple[Integers, Single]:
-    """Return which nodes of places (n, m), counted in levels, have a share in a level, by their
-    flat index (P,), and their weights (P,) in cubic Lagrange interpolation between levels."""
-    near = np.flatnonzero(np.abs(place - level) < 2.0)
-    u = np.abs(place.ravel()[near].astype(np.float64) - level)
-    inner, outer = (1.0 - u * u) * (2.0 - u) / 2.0, (1.0 - u) * (2.0 - u) * (3.0 - u) / 6.0
-    return near, np.where(u <= 1.0, inner, outer).astype(np.float32)
-
-
 class SourceLayer:
     """Sources below a ground.
 
@@ -84,8 +75,20 @@ class SourceLayer:
         self.spacing = max(SPACING * cell, (highest - lowest) / (_MOST_LEVELS - DEPTH - 6))
         self.bottom = lowest - (DEPTH + 2) * self.spacing
         self.ground = ((terrain - self.bottom) / self.spacing).astype(np.float32)
-        self.sources = self.ground - np.float32(DEPTH)
         self.levels = math.floor((highest - self.bottom) / self.spacing) + 3
+        below = np.floor(self.ground).astype(np.int64).ravel()
+        self._order = np.argsort(below, kind="stable")
+        self._place = self.ground.ravel()[self._order]
+        self._first = np.searchsorted(below[self._order], np.arange(-2, self.levels + DEPTH + 3))
+
+    def on_level(self, level: int) -> tuple[Integers, Single]:
+        """Return which nodes of the ground have a share in a level, by their flat index (P,), and
+        their weights (P,) in cubic Lagrange interpolation between levels. Those of the sources are
+        the same, `DEPTH` levels below."""
+        near = slice(self._first[level], self._first[level + 4])
+        u = np.abs(self._place[near] - np.float32(level))
+        weight = (2.0 - u) * np.where(u <= 1.0, (1.0 - u * u) / 2.0, (1.0 - u) * (3.0 - u) / 6.0)
+        return self._order[near], weight
 
     def field(self, density: Single) -> Single:
         """Return the field (n, m) on the ground of sources of a density (n, m)."""
@@ -99,7 +102,7 @@ class SourceLayer:
         ):
             passed = [np.zeros(decay.shape, dtype=np.complex64) for decay in decays]
             for level in levels:
-                near, weight = on_level(self.ground, level)
+                near, weight = self.on_level(level)
                 for scale, spectrum in zip(self.scales, passed, strict=True):
                     plane = irfft2(spectrum, self.shape).ravel()
                     of_row = np.float32(sign) * scale.weight[near // self.shape[1]]
@@ -156,7 +159,7 @@ class SourceLayer:
         """Return the transform of the sources on a level."""
         from scipy.fft import rfft2
 
-        near, weight = on_level(self.sources, level)
+        near, weight = self.on_level(level + DEPTH)
         plane = np.zeros(self.shape, dtype=np.float32)
         plane.ravel()[near] = density.ravel()[near] * weight
         return rfft2(plane, overwrite_x=True)
