@@ -126,7 +126,7 @@ def simulate_soundings(
     foot = Footprints(scenario, trajectory, field_map, index)
     settings, steep = scenario.gravimeter, foot.body[:, 2]
     higher = _map_error(scenario, foot, runs)
-    felt = np.empty((len(runs), *foot.range.shape, 3))
+    sensed = np.empty((len(runs), *foot.range.shape, 3))
     for row, run in enumerate(runs):
         length = foot.range if scenario.map_error.sigma == 0.0 else foot.met(higher[row])
         random = generator(scenario.seed, run, "beam_noise")
@@ -139,8 +139,8 @@ def simulate_soundings(
         scale = generator(scenario.seed, run, "sound_speed").standard_normal()
         scale = 1.0 + scenario.altimeter.scale_sigma * scale
         measured = scale * length + (noise + common[row][:, None]) / steep
-        felt[row] = measured[..., None] * foot.body
-    return felt
+        sensed[row] = measured[..., None] * foot.body
+    return sensed
 
 
 def _map_error(scenario: Scenario, foot: Footprints, runs: Sequence[int]) -> Array:

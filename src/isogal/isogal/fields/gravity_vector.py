@@ -1,4 +1,4 @@
-"""The gravity vector around a route by a scenario's map, and what the vehicle feels of it
+"""The gravity vector around a route by a scenario's map, and what the vehicle senses of it
 (docs/mathematics.md, section 3.9)."""
 
 from collections import OrderedDict
@@ -69,7 +69,7 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
     InputError
         The map cannot be read, or does not cover the route.
     """
-    if scenario.gravity.field == "normal":  # there is nothing to feel, and nothing to take off
+    if scenario.gravity.field == "normal":  # there is nothing to sense, and nothing to take off
         return None
     if measured_field(scenario).instrument not in ("gravimeter", "gradiometer"):
         return None
@@ -165,8 +165,8 @@ def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]
         return None
     place = trajectory.latitude, trajectory.longitude
     north, east = vector.horizontal.value(*place).T
-    felt = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
-    if not np.isfinite(felt).all():
+    sensed = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
+    if not np.isfinite(sensed).all():
         raise InputError(
             f"map {vector.disturbance.provenance}: its gravity vector does not cover the route"
         )
@@ -180,7 +180,7 @@ def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]
             *(np.interp(time, time[stations], part) for part in horizontal[row].T),
             np.interp(time, time[index], vertical[row]),
         ]
-        ends = felt + np.stack(error, axis=-1)
+        ends = sensed + np.stack(error, axis=-1)
         result[row] = 0.5 * (ends[1:] + ends[:-1])
     return result
 

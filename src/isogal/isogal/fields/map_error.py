@@ -98,8 +98,19 @@ def draw_map_error(
     runs: Sequence[int],
     channels: tuple[int, ...] = (),
 ) -> Array:
-    """Return (R, scans, *channels) what `draw_at` does at the scans, given by their index in the
-    trajectory."""
+    """Return (R, scans, *channels) what `draw_at` does at the scans.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trajectory : Trajectory
+    index : (scans,) array
+        Of the scans in the trajectory.
+    runs : sequence of int
+        They seed the random streams.
+    channels : tuple of int
+        Shape of a reading.
+    """
     return draw_at(
         scenario, trajectory.latitude[index], trajectory.longitude[index], runs, channels
     )

@@ -65,7 +65,17 @@ def ordinary_flight(
     seed: int, minutes: float = 20.0, rate: float = 10.0, speed: float = 70.0
 ) -> Flight:
     """Return a flight with turns to headings drawn by a seed, a minute or two apart, and the
-    unrest of moderate turbulence (1 degree of roll, 0.5 of pitch and yaw, over some seconds)."""
+    unrest of moderate turbulence (1 degree of roll, 0.5 of pitch and yaw, over some seconds).
+
+    Parameters
+    ----------
+    seed : int
+    minutes : float
+    rate : float
+        Readings in a second, Hz.
+    speed : float
+        m/s.
+    """
     random = generator(seed, 0, "ordinary_flight")
     pieces: list[Array] = []
     heading, count = 0.0, round(minutes * 60.0 * rate)

@@ -67,8 +67,17 @@ def decay(distance: Array | float, length: Array | float) -> Array:
 
 
 def covariance(latitude: Array, longitude: Array, sigma: Array, length: float) -> Array:
-    """Return (N, N) the covariance of a scalar map's errors at places (N,), rad, where their
-    1-sigma is (N,), with a correlation length, m."""
+    """Return (N, N) the covariance of a scalar map's errors.
+
+    Parameters
+    ----------
+    latitude, longitude : (N,) arrays
+        rad.
+    sigma : (N,) array
+        1-sigma of the errors there, unit of the map.
+    length : float
+        Their correlation length, m.
+    """
     apart = displacements(latitude, longitude)
     distance = np.hypot(apart[..., 0], apart[..., 1])
     return np.asarray(np.outer(sigma, sigma) * decay(distance, length))
@@ -283,8 +292,20 @@ def filtered_chain(
     memory: float, travelled: Array, lengths: Array, begins: bool
 ) -> tuple[Array, Array]:
     """Return `step` and `joined` (L, n, 2, 2) as `chained` does of a map's error after a low-pass
-    filter with a memory (m), f, and as it is, m, over distances (n,): f' = (m - f) / memory and m
-    a Gauss-Markov process, both stationary."""
+    filter, f, and as it is, m: f' = (m - f) / memory and m a Gauss-Markov process, both
+    stationary.
+
+    Parameters
+    ----------
+    memory : float
+        Of the filter, m along the track.
+    travelled : (n,) array
+        m from the row before.
+    lengths : (L,) array
+        Correlation lengths of m, m.
+    begins : bool
+        Whether the first row is the first of all.
+    """
     step, joined = (np.zeros((len(lengths), len(travelled), 2, 2)) for _ in range(2))
     moved = travelled > LEAST_STEP_M
     for k, length in enumerate(lengths):

@@ -202,8 +202,21 @@ def at_level(
     height: float,
     from_ground: bool = False,
 ) -> FieldMap:
-    """Return a map continued to a height (m): its values there, and 1-sigma and correlation length
-    (m) of their errors."""
+    """Return a map that has been continued.
+
+    Parameters
+    ----------
+    field_map : FieldMap
+        As it was.
+    values : (n, m) array
+        Of the result.
+    errors : (float or (n, m) array, float or None)
+        1-sigma and correlation length (m) of the result's errors.
+    height : float
+        m above the ellipsoid, of the result.
+    from_ground : bool
+        Whether the values were on the ground, for the provenance.
+    """
     sigma, length = errors
     origin = " from the ground" if from_ground else ""
     return replace(

@@ -169,7 +169,22 @@ def _netcdf(path: Path) -> Iterator[_Table]:
 
 
 def geographic(x: Array | None, y: Array | None, crs: str | None, where: str) -> dict[str, Array]:
-    """Return latitude and longitude (deg) of columns x and y; NaN where they are no places."""
+    """Return latitude and longitude (deg) of columns x and y; NaN where they are no places.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        In the system's unit; None = the file has no such column.
+    crs : str, optional
+        The system, as ``EPSG:N``.
+    where : str
+        File, for messages.
+
+    Raises
+    ------
+    InputError
+        No system, or one that is not known.
+    """
     import pyproj
 
     if crs is None:
