@@ -125,10 +125,17 @@ def simulate_soundings(
     """
     foot = Footprints(scenario, trajectory, field_map, index)
     settings, steep = scenario.gravimeter, foot.body[:, 2]
-    higher = _map_error(scenario, foot, runs)
+    uncertain = scenario.map_error.sigma > 0.0
+    if uncertain and foot.range.size > MOST:
+        raise InputError(
+            f"map_error.sigma: {foot.range.size} soundings are too many to draw the map's error"
+            f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
+            " route"
+        )
+    higher = draw_at(scenario, *foot.places(foot.range), runs)
     sensed = np.empty((len(runs), *foot.range.shape, 3))
     for row, run in enumerate(runs):
-        length = foot.range if scenario.map_error.sigma == 0.0 else foot.met(higher[row])
+        length = foot.met(higher[row]) if uncertain else foot.range
         random = generator(scenario.seed, run, "beam_noise")
         noise = settings.sigma * random.standard_normal(length.shape)
         if settings.outlier_fraction > 0.0:
@@ -141,17 +148,3 @@ def simulate_soundings(
         measured = scale * length + (noise + common[row][:, None]) / steep
         sensed[row] = measured[..., None] * foot.body
     return sensed
-
-
-def _map_error(scenario: Scenario, foot: Footprints, runs: Sequence[int]) -> Array:
-    """Return (R, S, B) m by how much the ground is higher than the map where the beams meet it."""
-    sigma = scenario.map_error.sigma
-    if sigma == 0.0:
-        return np.zeros((len(runs), *foot.range.shape))
-    if foot.range.size > MOST:
-        raise InputError(
-            f"map_error.sigma: {foot.range.size} soundings are too many to draw the map's error"
-            f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
-            " route"
-        )
-    return draw_at(scenario, *foot.places(foot.range), runs)

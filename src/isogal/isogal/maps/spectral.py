@@ -139,13 +139,24 @@ def transformed(
     -------
     (P, n, m)
     """
+    from scipy.fft import irfft2, next_fast_len, rfft2
+
     chosen = tuple(operators)
-    rows_m, _ = field_map.cell
-    result = np.zeros((len(chosen), *values.shape))
+    n, m = values.shape
+    result = np.zeros((len(chosen), n, m))
     for latitude, weight in reference_latitudes(field_map.latitude):
-        cell = rows_m, field_map.cell_size_m(latitude)[1]
-        for i, one in enumerate(_applied(values, cell, chosen, taper, antisymmetric)):
-            result[i] += weight[:, None] * one
+        cell = field_map.cell[0], field_map.cell_size_m(latitude)[1]
+        pads = padding((n, m), cell, taper)
+        rooms = [math.ceil(taper / size) for size in cell]  # more than a small map's mirror images
+        shape = (
+            next_fast_len(n + 2 * max(pads[0], rooms[0]), real=True),
+            next_fast_len(m + 2 * max(pads[1], rooms[1]), real=True),
+        )
+        spectrum = rfft2(continued(values, pads, antisymmetric=antisymmetric), shape)
+        waves = waves_of(shape, cell)
+        for index, operator in enumerate(chosen):
+            whole = irfft2(spectrum * operator(waves), shape)
+            result[index] += weight[:, None] * whole[pads[0] : pads[0] + n, pads[1] : pads[1] + m]
     return result
 
 
@@ -156,30 +167,6 @@ def padding(shape: tuple[int, int], cell: tuple[float, float], taper: float) -> 
         min(max(math.ceil(taper / size), 1), count - 1)
         for size, count in zip(cell, shape, strict=True)
     ]
-
-
-def _applied(
-    values: Array,
-    cell: tuple[float, float],
-    operators: Iterable[Operator],
-    taper: float,
-    antisymmetric: bool,
-) -> Iterator[Array]:
-    """Yield the results (n, m) of operators over a plane."""
-    from scipy.fft import irfft2, next_fast_len, rfft2
-
-    n, m = values.shape
-    pads = padding((n, m), cell, taper)
-    rooms = [math.ceil(taper / size) for size in cell]  # more than a small map's mirror images
-    shape = (
-        next_fast_len(n + 2 * max(pads[0], rooms[0]), real=True),
-        next_fast_len(m + 2 * max(pads[1], rooms[1]), real=True),
-    )
-    spectrum = rfft2(continued(values, pads, antisymmetric=antisymmetric), shape)
-    waves = waves_of(shape, cell)
-    for operator in operators:
-        whole = irfft2(spectrum * operator(waves), shape)
-        yield whole[pads[0] : pads[0] + n, pads[1] : pads[1] + m]
 
 
 def continued(
