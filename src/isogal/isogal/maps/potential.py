@@ -107,30 +107,30 @@ def tensor_maps(
             f" {', '.join(COMPONENTS)}"
         )
     result = _transformed(disturbance, components, height, edge)
+    named = zip(components, result, strict=True)
+    return ChannelMap([_gradient(disturbance, name, one, height) for name, one in named])
+
+
+def _gradient(disturbance: FieldMap, component: str, values: Array, height: float) -> FieldMap:
+    """Return the map of a component of the tensor, with what becomes of the map's errors."""
     sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
     step, cell = disturbance.quantisation, disturbance.cell
     length = disturbance.correlation_length or USUAL_LENGTH
-    channels = []
-    for name, values in zip(components, result, strict=True):
-        transform = partial(operator, name, height)
-        gain = partial(spectral.error_gain, transform, cell)
-        reach = spectral.error_length(transform, cell, length) if sigma else None
-        channels.append(
-            FieldMap(
-                disturbance.latitude,
-                disturbance.longitude,
-                values,
-                unit="1/s²",
-                quantity="gradient",
-                sigma=sigma and sigma * gain(length),
-                correlation_length=reach,
-                quantisation=step and step * gain(),
-                provenance=f"T_{name} of {disturbance.provenance or 'map'}",
-                file_unit="1/s²",
-                error_stated=disturbance.states_error,
-            )
-        )
-    return ChannelMap(channels)
+    transform = partial(operator, component, height)
+    gain = partial(spectral.error_gain, transform, cell)
+    return FieldMap(
+        disturbance.latitude,
+        disturbance.longitude,
+        values,
+        unit="1/s²",
+        quantity="gradient",
+        sigma=sigma and sigma * gain(length),
+        correlation_length=spectral.error_length(transform, cell, length) if sigma else None,
+        quantisation=step and step * gain(),
+        provenance=f"T_{component} of {disturbance.provenance or 'map'}",
+        file_unit="1/s²",
+        error_stated=disturbance.states_error,
+    )
 
 
 def gravity_vector(
