@@ -54,6 +54,6 @@ def test_truth_can_differ():
         None, ["field=gradient", "truth.gradiometer.map_errors=one_potential"]
     )
     assert settings.gradiometer.of_one_potential is None
-    assert settings.world.gradiometer.of_one_potential == ("nn", "ne", "nd", "ee", "ed")
+    assert settings.true.gradiometer.of_one_potential == ("nn", "ne", "nd", "ee", "ed")
     with pytest.raises(Exception, match=r"map_errors.*one_potential"):
         load_scenario(None, ["field=gradient", "gradiometer.map_errors=often"])

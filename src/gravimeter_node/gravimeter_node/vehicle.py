@@ -56,7 +56,7 @@ class Vehicle:
         vector = self._vectors.get(ns)
         if vector is None:
             return
-        sigma = self._node.scenario.world.magnetometer.vector_sigma
+        sigma = self._node.scenario.true.magnetometer.vector_sigma
         self._adapter.fill_vector(self._message, ns, vector, sigma**2)
         self._publisher.publish(self._message)
         self.vector(ns, vector)

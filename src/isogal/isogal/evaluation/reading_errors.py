@@ -72,7 +72,7 @@ def beam_channels(
     The map's errors under the beams are taken to be correlated as they are where the clearance is
     its mean, and from scan to scan as under one beam; the scale of the ranges is taken to be
     known. Both make the bound smaller."""
-    foot = Footprints(scenario, trajectory, field_map, scans)
+    foot = Footprints(scenario.altimeter, trajectory, field_map, scans)
     _, north, east = field_map.value_and_gradient(*foot.places(foot.range))
     across = foot.body * foot.range.mean(axis=0)[:, None]
     apart = np.hypot(*(across[:, None, :2] - across[None, :, :2]).transpose(2, 0, 1))

@@ -16,24 +16,24 @@ from pathlib import Path
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.fields import flown_height
+from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
-from isogal.fields.source_map import source_map
+from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import corridor_of
 from isogal.maps.load import check_coverage
-from isogal.scenario import Scenario, validate_scenario
+from isogal.scenario import Settings, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 _REFUSED = 2
 
 
-def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
+def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
     """Return the maps of a scenario's channels, or of its field, cut to its route.
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Settings
     margin : float
         m of map kept around the route, as far as the map reaches.
 
@@ -60,15 +60,15 @@ def derived_maps(scenario: Scenario, margin: float) -> ChannelMap:
         return _read(Path(folder))
 
 
-def compute(scenario: Scenario, margin: float) -> ChannelMap:
+def compute(scenario: Settings, margin: float) -> ChannelMap:
     """Do what `derived_maps` does, in this process."""
     trajectory = build_trajectory(scenario)
     route = trajectory.latitude, trajectory.longitude
     window = corridor_of(*route, margin).window
     channels = measured_field(scenario).channels
     if channels is None:
-        return ChannelMap([flown_height.read_at_flown_height(scenario, window=window)])
-    source = source_map(scenario, window.grown(channels.reach))
+        return ChannelMap([FlownMap.of(scenario)(window=window)])
+    source = MapSource.of(scenario)(window=window.grown(channels.reach))
     check_coverage(source, *route)
     maps = channels.maps(scenario, source)
     check_coverage(maps, *route)
@@ -100,11 +100,10 @@ def _write(folder: Path, maps: ChannelMap) -> None:
 def _main(folder: Path) -> int:
     task = json.load(sys.stdin)
     try:
-        maps = compute(validate_scenario(task["scenario"]), task["margin"])
+        _write(folder, compute(validate_scenario(task["scenario"]), task["margin"]))
     except InputError as error:
         sys.stdout.buffer.write(str(error).encode())
         return _REFUSED
-    _write(folder, maps)
     return 0
 
 

@@ -14,14 +14,14 @@ from isogal.errors import InputError
 from isogal.fields.map_error import draw_horizontal_error, draw_map_error
 from isogal.fields.measured import measured_field
 from isogal.fields.simulator import scan_index
-from isogal.fields.source_map import source_map_along, variable_along
+from isogal.fields.source_map import MapSource
 from isogal.maps import potential
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.maps.tiled_map import ScalarMap, TiledMap
-from isogal.scenario import Scenario
+from isogal.scenario import Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
 REACH = 60_000.0
@@ -40,7 +40,8 @@ class GravityVector:
     """The disturbance vector around a route by its map."""
 
     disturbance: ScalarMap
-    scenario: Scenario
+    source: MapSource
+    """Of the scenario's map."""
     corridor: Corridor
 
     @cached_property
@@ -50,7 +51,7 @@ class GravityVector:
         eta, as GGMplus names them), else from the disturbance."""
         try:
             xi, eta = (
-                _coarse(variable_along(self.scenario, name, self.corridor))
+                _coarse(self.source.other(None, name).along(self.corridor))
                 for name in ("xi", "eta")
             )
             return potential.from_deflections(xi, eta)
@@ -60,7 +61,7 @@ class GravityVector:
         return potential.gravity_vector(coarse, sideways, edge=0.0, rim_error=False)
 
 
-def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     """Return the map's disturbance vector; None where the scenario has normal gravity only, or its
     map is not one of gravity.
 
@@ -86,13 +87,13 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
 _kept: OrderedDict[str, GravityVector | None] = OrderedDict()
 
 
-def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     corridor = corridor_of(trajectory.latitude, trajectory.longitude, REACH)
     source = _gravity_map(scenario, corridor)
     if source is None:
         return None
     check_coverage(source, trajectory.latitude, trajectory.longitude)
-    return GravityVector(source, scenario, corridor)
+    return GravityVector(source, MapSource.of(scenario), corridor)
 
 
 def _coarse(
@@ -107,23 +108,16 @@ def _coarse(
     return averaged(replace(shown, values=values), CELL)
 
 
-def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap | None:
+def _gravity_map(scenario: Settings, corridor: Corridor) -> ScalarMap | None:
     """Return the scenario's map of the disturbance; where it has none, that of gravity, or None if
     another field is measured."""
+    source = MapSource.of(scenario)
     try:
-        return source_map_along(
-            scenario.model_copy(
-                update={
-                    "field": "disturbance",
-                    "map": scenario.map.model_copy(update={"variable": None}),
-                }
-            ),
-            corridor,
-        )
+        return source.other("disturbance").along(corridor)
     except InputError:
-        if measured_field(scenario).source not in ("gravity", "disturbance"):
+        if source.quantity not in ("gravity", "disturbance"):
             return None
-        return source_map_along(scenario, corridor)
+        return source.along(corridor)
 
 
 def averaged(field_map: FieldMap, cell: float) -> FieldMap:
@@ -154,7 +148,7 @@ def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     )
 
 
-def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
+def felt_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
     """Return (R, K, 3) what gravity is in a world beside normal gravity, mean over each IMU
     interval: north, east, down, m/s². None where it is nothing.
 

@@ -11,7 +11,7 @@ from isogal.fields.gravity_vector import gravity_vector
 from isogal.fields.measured import measured_field
 from isogal.inertial.gravity import Compensation, compensation_by, no_compensation
 from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import Gravity, Scenario
+from isogal.scenario import Assumed, Gravity, Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
 UNSPECIFIED_MAP_SIGMA = 2e-5
@@ -76,7 +76,7 @@ class KnownGravity:
         return self.residual.given(self.map_sigma, self.map_length)
 
 
-def known_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:
+def known_gravity(scenario: Assumed, trajectory: Trajectory) -> KnownGravity:
     """Return what the navigator of a scenario knows of horizontal gravity: of its own assumptions,
     which are `scenario` itself, not its truth.
 
@@ -93,7 +93,7 @@ def known_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:
 
 
 def residual_gravity(
-    scenario: Scenario, trajectory: Trajectory, map_sigma: float | None = None
+    scenario: Settings, trajectory: Trajectory, map_sigma: float | None = None
 ) -> KnownGravity:
     """Return what `known_gravity` does without the compensation: only what is believed to be left.
 
@@ -116,7 +116,7 @@ def residual_gravity(
     return KnownGravity(residual=residual, map_sigma=map_sigma, map_length=of_error)
 
 
-def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:
+def true_residual_gravity(scenario: Truth, trajectory: Trajectory) -> KnownGravity:
     """Return what is really left of horizontal gravity after its compensation, without that."""
     error = scenario.map_error
     left = residual_gravity(scenario, trajectory, error.sigma)
@@ -131,7 +131,7 @@ def _share(settings: Gravity) -> float:
     return settings.compensated_share if settings.compensation == "map" else 0.0
 
 
-def _assumed_map_sigma(scenario: Scenario, disturbance: ScalarMap) -> float:
+def _assumed_map_sigma(scenario: Settings, disturbance: ScalarMap) -> float:
     """Return the 1-sigma that a navigator assumes of a map of the disturbance, m/s²: that of the
     matcher if it matches gravity, else as the map says, or `UNSPECIFIED_MAP_SIGMA`."""
     assumed = scenario.matcher.map_sigma

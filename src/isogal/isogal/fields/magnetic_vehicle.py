@@ -12,7 +12,7 @@ from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.compensation import Compensation, read_compensation
 from isogal.magnetics.online import CALIBRATED_SHARE
 from isogal.magnetics.terms import COUNT
-from isogal.scenario import Aircraft, Scenario
+from isogal.scenario import Aircraft, Assumed, Truth
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
 from isogal.sensors.trajectory import Trajectory
@@ -34,24 +34,23 @@ class Vehicle:
 
 
 def simulate_vehicle(
-    scenario: Scenario, trajectory: Trajectory, total: Array, runs: Sequence[int]
+    truth: Truth, trajectory: Trajectory, total: Array, runs: Sequence[int]
 ) -> Vehicle:
-    """Return what the vehicle of a scenario adds to the true field, which is assumed to lie along
-    the main field.
+    """Return what a vehicle adds to the total field, which is taken to lie along the main field.
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
     trajectory : Trajectory
         Of K steps.
     total : (K + 1,) array
-        nT, true total field.
+        nT, at their ends.
     runs : sequence of int
-        They seed the noise of the vector magnetometer.
+        They seed the random streams.
     """
-    settings = scenario.magnetometer
+    settings = truth.magnetometer
     attitude = matrix(trajectory.attitude)
-    direction = np.einsum("kji,kj->ki", attitude, _direction(scenario, trajectory))
+    direction = np.einsum("kji,kj->ki", attitude, _direction(truth, trajectory))
     body = total[:, None] * direction
     sensed = aircraft_of(settings.aircraft).field_on_board(
         body, np.gradient(body, trajectory.time, axis=0)
@@ -60,14 +59,14 @@ def simulate_vehicle(
     if settings.vector_sigma > 0.0:
         vector = vector + settings.vector_sigma * np.stack(
             [
-                generator(scenario.seed, run, "vector_magnetometer").standard_normal(sensed.shape)
+                generator(truth.seed, run, "vector_magnetometer").standard_normal(sensed.shape)
                 for run in runs
             ]
         )
     return Vehicle(np.sqrt((sensed**2).sum(axis=-1)) - total, vector)
 
 
-def specified_compensation(scenario: Scenario) -> Compensation | None:
+def specified_compensation(scenario: Assumed) -> Compensation | None:
     """Return what a scenario says that the vehicle adds to the readings of its field; None where
     it says nothing. Raises InputError where the file cannot be read."""
     settings = scenario.magnetometer
@@ -80,7 +79,7 @@ def specified_compensation(scenario: Scenario) -> Compensation | None:
     return None
 
 
-def prior_sigma(scenario: Scenario) -> Array:
+def prior_sigma(scenario: Assumed) -> Array:
     """Return (18,) the 1-sigma of what is not specified of the coefficients, nT: three times what
     a calibration says of its own, where there is one."""
     specified = specified_compensation(scenario)
@@ -90,7 +89,7 @@ def prior_sigma(scenario: Scenario) -> Array:
     return np.minimum(sigma, CALIBRATED_SHARE * specified.sigma[:COUNT])
 
 
-def assumed_compensation(scenario: Scenario) -> Compensation | None:
+def assumed_compensation(scenario: Assumed) -> Compensation | None:
     """Return what is taken off the readings as they come: what is specified, or nothing where the
     matcher is to find it; None where nothing is done with them. Raises InputError as
     `specified_compensation`."""
@@ -112,12 +111,12 @@ def aircraft_of(settings: Aircraft) -> MagneticAircraft:
     return MagneticAircraft(np.array(settings.permanent), induced, eddy)
 
 
-def _direction(scenario: Scenario, trajectory: Trajectory) -> Array:
+def _direction(truth: Truth, trajectory: Trajectory) -> Array:
     """Return (K + 1, 3) the main field's direction, north, east, down."""
     index = np.unique(np.linspace(0, len(trajectory), _POINTS).round().astype(int))
     latitude, longitude = np.degrees(trajectory.latitude), np.degrees(trajectory.longitude)
     field = field_vector(
-        latitude[index], longitude[index], scenario.route.height, scenario.magnetometer.epoch
+        latitude[index], longitude[index], truth.route.height, truth.magnetometer.epoch
     )
     every = np.arange(len(trajectory) + 1)
     whole = np.stack([np.interp(every, index, part) for part in field.T], axis=-1)

@@ -12,7 +12,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import geodetic_to_ecef
 from isogal.maps.error_model import decay, tensor_covariance, wave_factors
-from isogal.scenario import Scenario
+from isogal.scenario import Truth
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
 
@@ -58,7 +58,7 @@ def _correlation_root(latitude: Array, longitude: Array, length: float) -> Array
 
 
 def draw_at(
-    scenario: Scenario,
+    truth: Truth,
     latitude: Array,
     longitude: Array,
     runs: Sequence[int],
@@ -70,7 +70,7 @@ def draw_at(
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
     latitude, longitude : (*places) arrays
         rad, the true places.
     runs : sequence of int
@@ -78,46 +78,32 @@ def draw_at(
     channels : tuple of int
         Shape of a reading.
     """
-    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
+    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
     if sigma == 0.0:
         return np.zeros((len(runs), *latitude.shape, *channels))
     root = sigma * _correlation_root(latitude.ravel(), longitude.ravel(), length)
     # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
     drawn = [
-        root
-        @ generator(scenario.seed, run, "map_error").standard_normal((latitude.size, *channels))
+        root @ generator(truth.seed, run, "map_error").standard_normal((latitude.size, *channels))
         for run in runs
     ]
     return np.stack(drawn).reshape(len(runs), *latitude.shape, *channels)
 
 
 def draw_map_error(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     index: Integers,
     runs: Sequence[int],
     channels: tuple[int, ...] = (),
 ) -> Array:
-    """Return (R, scans, *channels) what `draw_at` does at the scans.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    trajectory : Trajectory
-    index : (scans,) array
-        Of the scans in the trajectory.
-    runs : sequence of int
-        They seed the random streams.
-    channels : tuple of int
-        Shape of a reading.
-    """
-    return draw_at(
-        scenario, trajectory.latitude[index], trajectory.longitude[index], runs, channels
-    )
+    """Return (R, scans, *channels) what `draw_at` does at the scans, given by their index in the
+    trajectory; other parameters are those of `draw_at`."""
+    return draw_at(truth, trajectory.latitude[index], trajectory.longitude[index], runs, channels)
 
 
 def between_scans(
-    scenario: Scenario, trajectory: Trajectory, error: Array, runs: Sequence[int]
+    truth: Truth, trajectory: Trajectory, error: Array, runs: Sequence[int]
 ) -> Array:
     """Return (R, K + 1) the map's error along the whole trajectory, given that at the scans: a
     Gauss-Markov process along the track, as `draw_map_error` is one along a straight line; after
@@ -125,20 +111,20 @@ def between_scans(
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
     trajectory : Trajectory
         Of K steps.
     error : (R, scans) array
     runs : sequence of int
         They seed the random streams.
     """
-    steps, length = scenario.steps_per_scan, scenario.map_error.correlation_length
+    steps, length = truth.steps_per_scan, truth.map_error.correlation_length
     scans = error.shape[1]
     speed = np.hypot(*trajectory.velocity[: scans * steps, :2].T)
     keep = decay(speed * trajectory.dt, length).reshape(scans, steps)
-    normal = scenario.map_error.sigma * np.stack(
+    normal = truth.map_error.sigma * np.stack(
         [
-            generator(scenario.seed, run, "map_error_between").standard_normal((scans, steps))
+            generator(truth.seed, run, "map_error_between").standard_normal((scans, steps))
             for run in runs
         ]
     )
@@ -158,7 +144,7 @@ def between_scans(
 
 
 def draw_horizontal_error(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     index: Integers,
     runs: Sequence[int],
@@ -172,7 +158,7 @@ def draw_horizontal_error(
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
     trajectory : Trajectory
     index : (scans,) array
         Of the scans in the trajectory.
@@ -186,7 +172,7 @@ def draw_horizontal_error(
     (stations,), (R, stations, 2) arrays
         Index in the trajectory; error to north and east, m/s².
     """
-    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
+    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
     stations = np.unique(np.concatenate([[0], index[::_EVERY], index[-1:]]))
     count = 2 * len(stations)
     if sigma == 0.0:
@@ -196,9 +182,7 @@ def draw_horizontal_error(
     drawn = [
         # a product for each run: its numbers must not depend on how many runs are computed
         error @ gain
-        + sigma
-        * root
-        @ generator(scenario.seed, run, "map_error_horizontal").standard_normal(count)
+        + sigma * root @ generator(truth.seed, run, "map_error_horizontal").standard_normal(count)
         for run, error in zip(runs, disturbance_error, strict=True)
     ]
     return stations, np.stack(drawn).reshape(len(runs), len(stations), 2)
@@ -225,7 +209,7 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
 
 
 def draw_potential_error(
-    scenario: Scenario, trajectory: Trajectory, index: Integers, runs: Sequence[int]
+    truth: Truth, trajectory: Trajectory, index: Integers, runs: Sequence[int]
 ) -> Array:
     """Return (R, scans, C) how far the true components of the gradient differ from their maps at
     the scans, 1/s².
@@ -238,24 +222,24 @@ def draw_potential_error(
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
     trajectory : Trajectory
     index : (scans,) array
         Of the scans in the trajectory.
     runs : sequence of int
         They seed the random streams.
     """
-    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
-    components = scenario.gradiometer.components
+    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
+    components = truth.gradiometer.components
     if sigma == 0.0:
         return np.zeros((len(runs), len(index), len(components)))
     places = _plane(trajectory, index, int(index[0])) / length
-    return np.stack([sigma * _field(scenario, run, places, components) for run in runs])
+    return np.stack([sigma * _field(truth, run, places, components) for run in runs])
 
 
-def _field(scenario: Scenario, run: int, places: Array, components: Sequence[str]) -> Array:
+def _field(truth: Truth, run: int, places: Array, components: Sequence[str]) -> Array:
     """Return (scans, C) one field of 1-sigma one at places (scans, 2) in units of its length."""
-    random = generator(scenario.seed, run, "map_error_potential")
+    random = generator(truth.seed, run, "map_error_potential")
     share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
     # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
     size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
@@ -271,7 +255,7 @@ def _field(scenario: Scenario, run: int, places: Array, components: Sequence[str
 
 
 def draw_datum_error(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     index: Integers,
     runs: Sequence[int],
@@ -285,7 +269,7 @@ def draw_datum_error(
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
     trajectory : Trajectory
     index : (scans,) array
         Of the scans in the trajectory.
@@ -294,14 +278,14 @@ def draw_datum_error(
     channels : tuple of int
         Shape of a reading.
     """
-    settings = scenario.map_error
+    settings = truth.map_error
     if settings.offset == 0.0 and settings.tilt == 0.0:
         return np.zeros((len(runs), len(index), *channels))
     tilted = settings.tilt * _plane(trajectory, index)
     plane = np.column_stack([np.full(len(index), settings.offset), tilted])
     # summed for each run by itself: its numbers must not depend on how many runs are computed
     drawn = [
-        generator(scenario.seed, run, "map_datum").standard_normal((3, *channels)) for run in runs
+        generator(truth.seed, run, "map_datum").standard_normal((3, *channels)) for run in runs
     ]
     return np.stack([np.einsum("sk,k...->s...", plane, one) for one in drawn])
 

@@ -13,7 +13,7 @@ from isogal.errors import InputError
 from isogal.files import reading, write_atomic
 from isogal.magnetics.readings import Readings
 from isogal.magnetics.terms import COUNT, EDDY, INDUCED, PERMANENT, SCALE, terms
-from isogal.scenario.messages import describe
+from isogal.scenario import describe
 from isogal.yaml_text import parse_yaml
 
 _KEY = "isogal_magnetic_compensation"

@@ -333,8 +333,7 @@ def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiomete
     """Return what the options say of the gradiometer; raises InputError where it cannot be."""
     from pydantic import ValidationError
 
-    from isogal.scenario import Gradiometer
-    from isogal.scenario.messages import describe
+    from isogal.scenario import Gradiometer, describe
 
     try:
         return Gradiometer(
