@@ -13,7 +13,6 @@ from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.ggmplus.reading import read_ggmplus
 from isogal.maps.ggmplus.tiles import CELLS
 from isogal.maps.load import load_map
 
@@ -169,7 +168,7 @@ def test_damaged_tiles(small_map, tmp_path):
             spoilt.tobytes()[: longer or None] if longer < 0 else spoilt.tobytes() + b"x" * longer
         )
         try:
-            assert read_ggmplus(tmp_path, "dg", window).quantity == "disturbance"
+            assert load_map(tmp_path, "dg", window=window).quantity == "disturbance"
         except InputError as error:
             assert "\n" not in str(error)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from helpers.command_line import answer, refusal
-from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.ggmplus.reading import is_ggmplus
+from isogal.maps.load import load_map
 
 
 def test_to_tiles_and_back(tmp_path):
@@ -20,7 +20,7 @@ def test_to_tiles_and_back(tmp_path):
     inner = ("--window", -37.08, -37.02, 145.02, 145.08)
     error = ("--sigma", 3e-5, "--correlation-length", 4000)
     answer("map", "convert", tiles, back, *inner, *error)
-    before, after = read_netcdf(first), read_netcdf(back)
+    before, after = load_map(first), load_map(back)
     assert (after.sigma, after.correlation_length) == (3e-5, 4000.0)
     at = np.radians([-37.05, -37.03]), np.radians([145.05, 145.04])
     np.testing.assert_allclose(after.value(*at), before.value(*at), rtol=0, atol=1e-12)

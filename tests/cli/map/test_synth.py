@@ -5,7 +5,7 @@ import json
 import pytest
 
 from helpers.command_line import answer, refusal
-from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.load import load_map
 
 WINDOW = ("--window", -37.1, -37.0, 145.0, 145.1)
 
@@ -14,7 +14,7 @@ def test_a_window_becomes_a_file(tmp_path):
     out = tmp_path / "synthetic.nc"
     words = ("map", "synth", *WINDOW, "--quantity", "disturbance", "--out", out)
     assert answer(*words).endswith(f"{out}\n")
-    field_map = read_netcdf(out)
+    field_map = load_map(out)
     assert (field_map.quantity, field_map.quantisation) == ("disturbance", 1e-6)
     assert json.loads(answer(*words, "--json"))["file"] == str(out)
 

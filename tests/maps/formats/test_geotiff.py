@@ -10,7 +10,7 @@ from rasterio.transform import from_origin
 from helpers.example_field import disturbance
 from isogal.errors import InputError
 from isogal.maps.axes import Window
-from isogal.maps.formats.geotiff import read_geotiff
+from isogal.maps.load import load_map
 
 pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # inside rasterio
 
@@ -72,8 +72,8 @@ def check(field_map, tolerance):
 
 def test_geographic(tmp_path):
     path = write(tmp_path / "a.tif", MGAL, NORTH_UP)
-    check(read_geotiff(path), 1e-7)
-    part = read_geotiff(path, window=Window(*np.radians([-36.6, -36.5, 144.5, 144.7])))
+    check(load_map(path), 1e-7)
+    part = load_map(path, window=Window(*np.radians([-36.6, -36.5, 144.5, 144.7])))
     assert part.values.shape[0] < 20
     assert part.value(np.radians(-36.55), np.radians(144.6)) == pytest.approx(
         float(disturbance(-36.55, 144.6)), abs=1e-7
@@ -86,7 +86,7 @@ def test_packed_with_no_data(tmp_path):
     path = write(
         tmp_path / "a.tif", packed, NORTH_UP, nodata=-32768, scale=(0.01, 5.0), dtype="int16"
     )
-    field_map = read_geotiff(path)
+    field_map = load_map(path)
     assert field_map.quantisation == pytest.approx(1e-7)
     assert np.isnan(field_map.values).sum() == 1 and np.isnan(field_map.values[119 - 50, 60])
     known = np.isfinite(field_map.value(np.radians(LAT), np.radians(LON)))
@@ -120,8 +120,8 @@ def test_projected_systems_are_resampled(tmp_path, crs):
         from_origin(x[0] - 250.0, y[0] + 250.0, 500.0, 500.0),
         crs,
     )
-    check(read_geotiff(path), 1e-6)
-    part = read_geotiff(path, window=Window(*np.radians([-36.6, -36.5, 144.5, 144.7])))
+    check(load_map(path), 1e-6)
+    part = load_map(path, window=Window(*np.radians([-36.6, -36.5, 144.5, 144.7])))
     assert part.value(np.radians(-36.55), np.radians(144.6)) == pytest.approx(
         float(disturbance(-36.55, 144.6)), abs=1e-6
     )
@@ -138,7 +138,7 @@ def test_another_datum_is_transformed(tmp_path):
     if shift < 5e-4:
         pytest.skip("this PROJ has no transformation from AGD66")
     path = write(tmp_path / "a.tif", disturbance(lat, lon) * 1e5, NORTH_UP, "EPSG:4202")
-    check(read_geotiff(path), 3e-6)
+    check(load_map(path), 3e-6)
 
 
 def test_what_the_file_does_not_say_is_asked_for(tmp_path):
@@ -150,19 +150,19 @@ def test_what_the_file_does_not_say_is_asked_for(tmp_path):
         ({"crs": "Mars"}, "crs 'Mars' is not known"),
     ):
         with pytest.raises(InputError) as error:
-            read_geotiff(path, **given)
+            load_map(path, **given)
         assert words in str(error.value)
-    check(read_geotiff(path, crs="EPSG:4326", quantity="disturbance", unit="mGal"), 1e-7)
+    check(load_map(path, crs="EPSG:4326", quantity="disturbance", unit="mGal"), 1e-7)
 
 
 def test_bands(tmp_path):
     path = write(tmp_path / "a.tif", MGAL, NORTH_UP, bands=2)
     with pytest.raises(InputError, match="has 2 bands"):
-        read_geotiff(path)
+        load_map(path)
     with pytest.raises(InputError, match="no band '3'"):
-        read_geotiff(path, "3")
-    check(read_geotiff(path, "gravity disturbance"), 1e-7)
-    check(read_geotiff(path, "2", quantity="disturbance"), 1e-7)
+        load_map(path, "3")
+    check(load_map(path, "gravity disturbance"), 1e-7)
+    check(load_map(path, "2", quantity="disturbance"), 1e-7)
 
 
 def test_refusals(tmp_path):
@@ -175,13 +175,13 @@ def test_refusals(tmp_path):
     for index, (content, options, words) in enumerate(cases):
         path = write(tmp_path / f"{index}.tif", *content)
         with pytest.raises(InputError) as error:
-            read_geotiff(path, **options)
+            load_map(path, **options)
         assert words in str(error.value) and "\n" not in str(error.value)
     with pytest.raises(InputError, match=r"none\.tif: no such file"):
-        read_geotiff(tmp_path / "none.tif")
+        load_map(tmp_path / "none.tif")
     path = write(tmp_path / "complex.tif", MGAL, NORTH_UP, dtype="complex64")
     with pytest.raises(InputError, match="band 1 holds complex64, not numbers"):
-        read_geotiff(path)
+        load_map(path)
     for name, content in (
         ("empty", b""),
         ("foreign", b"PK\x03\x04" * 100),
@@ -189,5 +189,5 @@ def test_refusals(tmp_path):
     ):
         (tmp_path / f"{name}.tif").write_bytes(content)
         with pytest.raises(InputError, match="cannot be read as GeoTIFF") as error:
-            read_geotiff(tmp_path / f"{name}.tif")
+            load_map(tmp_path / f"{name}.tif")
         assert "\n" not in str(error.value)

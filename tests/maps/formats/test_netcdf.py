@@ -8,7 +8,7 @@ import pytest
 
 from isogal.errors import InputError
 from isogal.maps.axes import Window
-from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.load import load_map
 
 ARRANGEMENT = {
     "order": ("lat", "lon"),
@@ -95,8 +95,8 @@ GMT = {"lat": "y", "lon": "x", "z": "z"}
 )
 def test_every_arrangement_is_the_same_map(tmp_path, small_map, arrangement):
     path = write(tmp_path / "map.nc", small_map, **arrangement)
-    same(read_netcdf(path), small_map, 2e-8 if "pack" in arrangement else 1e-15)
-    part = read_netcdf(path, window=Window(*np.radians([-36.6, -36.4, 145.0, 145.2])))
+    same(load_map(path), small_map, 2e-8 if "pack" in arrangement else 1e-15)
+    part = load_map(path, window=Window(*np.radians([-36.6, -36.4, 145.0, 145.2])))
     assert part.values.shape < small_map.values.shape
     lat, lon = np.radians([-36.6, -36.45, -36.4]), np.radians([145.0, 145.11, 145.2])
     np.testing.assert_allclose(part.value(lat, lon), small_map.value(lat, lon), atol=2e-8)
@@ -117,7 +117,7 @@ def test_units_are_converted(tmp_path, small_map):
             "any",
             "disturbance",
         )
-        read = read_netcdf(write(tmp_path / "map.nc", scaled, units=units))
+        read = load_map(write(tmp_path / "map.nc", scaled, units=units))
         same(read, small_map, 1e-12)
         assert read.file_unit == units and read.file_factor == pytest.approx(1.0 / factor)
 
@@ -125,25 +125,23 @@ def test_units_are_converted(tmp_path, small_map):
 def test_what_the_file_does_not_say_is_asked_for(tmp_path, small_map):
     silent = write(tmp_path / "silent.nc", small_map, units=None)
     with pytest.raises(InputError, match=r"does not say its unit; give unit= \(--unit;"):
-        read_netcdf(silent)
-    same(read_netcdf(silent, unit="m/s²"), small_map)
+        load_map(silent)
+    same(load_map(silent, unit="m/s²"), small_map)
     nameless = write(tmp_path / "nameless.nc", small_map, names=GMT)
     with pytest.raises(
         InputError, match=r"does not say what it is a map of; give quantity= \(--quantity\) one of"
     ):
-        read_netcdf(nameless)
-    same(read_netcdf(nameless, quantity="disturbance"), small_map)
+        load_map(nameless)
+    same(load_map(nameless, quantity="disturbance"), small_map)
 
 
 def test_missing_values(tmp_path, small_map):
     path = write(tmp_path / "map.nc", small_map, missing_value=float(small_map.values[5, 7]))
-    assert (
-        np.isnan(read_netcdf(path).values[5, 7]) and np.isnan(read_netcdf(path).values).sum() == 1
-    )
+    assert np.isnan(load_map(path).values[5, 7]) and np.isnan(load_map(path).values).sum() == 1
     path = write(
         tmp_path / "range.nc", small_map, valid_min=float(np.sort(small_map.values.ravel())[3])
     )
-    assert np.isnan(read_netcdf(path).values).sum() == 3
+    assert np.isnan(load_map(path).values).sum() == 3
 
 
 def test_a_global_map_from_0_to_360_cut_at_greenwich(tmp_path):
@@ -155,11 +153,11 @@ def test_a_global_map_from_0_to_360_cut_at_greenwich(tmp_path):
             dataset[name][:] = axis
         dataset.createVariable("dg", "f8", ("lat", "lon")).units = "m s-2"
         dataset["dg"][:] = 1e-4 * np.cos(np.radians(lon))[None, :] * np.ones((lat.size, 1))
-    whole = read_netcdf(tmp_path / "global.nc")
+    whole = load_map(tmp_path / "global.nc")
     assert whole.longitude.size == 180
     for read in (
         whole,
-        read_netcdf(tmp_path / "global.nc", window=Window(*np.radians([-5.0, 5.0, -7.0, 9.0]))),
+        load_map(tmp_path / "global.nc", window=Window(*np.radians([-5.0, 5.0, -7.0, 9.0]))),
     ):
         for degrees in (-6.9, 0.0, 8.9, 352.0):
             assert read.value(0.01, np.radians(degrees)) == pytest.approx(
@@ -174,20 +172,20 @@ def test_longitudes_that_jump_at_180(tmp_path, small_map):
     path = write(tmp_path / "map.nc", shifted)
     with netCDF4.Dataset(path, "a") as dataset:
         dataset["lon"][:] = (dataset["lon"][:] + 180.0) % 360.0 - 180.0
-    same(read_netcdf(path), shifted)
+    same(load_map(path), shifted)
 
 
 def test_the_shared_maps(shared_data):
-    lake = read_netcdf(shared_data / "clear_lake_gravity_map.nc")
+    lake = load_map(shared_data / "clear_lake_gravity_map.nc")
     assert (lake.quantity, lake.unit) == ("bouguer_disturbance", "m/s²")
     assert np.nanmedian(lake.sigma) == pytest.approx(1.67e-5, rel=0.3)
-    scotland = read_netcdf(shared_data / "scotland_magnetic_map.nc")
+    scotland = load_map(shared_data / "scotland_magnetic_map.nc")
     assert (scotland.quantity, scotland.unit) == ("magnetic_anomaly", "nT")
     australia = shared_data / "se_australia_gravity.nc"
-    assert read_netcdf(australia, "ga").quantisation == pytest.approx(1e-9)
-    assert read_netcdf(australia, quantity="height").unit == "m"
+    assert load_map(australia, "ga").quantisation == pytest.approx(1e-9)
+    assert load_map(australia, quantity="height").unit == "m"
     with pytest.raises(InputError, match=r"give variable= \(--variable\) one of dg, ga"):
-        read_netcdf(australia)
+        load_map(australia)
 
 
 def test_refusals(tmp_path, small_map):
@@ -227,7 +225,7 @@ def test_refusals(tmp_path, small_map):
     ]
     for path, options, words in cases:
         with pytest.raises(InputError) as error:
-            read_netcdf(path, **options)
+            load_map(path, **options)
         assert words in str(error.value) and "\n" not in str(error.value)
 
 
@@ -236,12 +234,12 @@ def test_hints_for_impossible_numbers(tmp_path, small_map):
         small_map.latitude, small_map.longitude, small_map.values * 1e5, "any", "disturbance"
     )
     with pytest.raises(InputError, match="these look like mGal: give unit=mGal"):
-        read_netcdf(write(tmp_path / "a.nc", mgal))
+        load_map(write(tmp_path / "a.nc", mgal))
     gravity = type(small_map)(
         small_map.latitude, small_map.longitude, small_map.values + 9.8, "any", "disturbance"
     )
     with pytest.raises(InputError, match="these look like gravity: give quantity=gravity"):
-        read_netcdf(write(tmp_path / "b.nc", gravity))
+        load_map(write(tmp_path / "b.nc", gravity))
     with pytest.raises(InputError, match=r"cannot be a gravity map.*give unit=mGal"):
         gal = type(small_map)(
             small_map.latitude,
@@ -250,7 +248,7 @@ def test_hints_for_impossible_numbers(tmp_path, small_map):
             "any",
             "gravity",
         )
-        read_netcdf(write(tmp_path / "c.nc", gal), "dg", quantity="gravity")
+        load_map(write(tmp_path / "c.nc", gal), "dg", quantity="gravity")
 
 
 def test_bad_axes(tmp_path, small_map):
@@ -266,20 +264,20 @@ def test_bad_axes(tmp_path, small_map):
 
     swapped = broken("swapped", lat=("units", "degrees_east"), lon=("units", "degrees_north"))
     with pytest.raises(InputError, match="axes swapped"):
-        read_netcdf(swapped)
+        load_map(swapped)
     with pytest.raises(InputError, match="lat has the unit 'parsec'"):
-        read_netcdf(broken("parsec", lat=("units", "parsec")))
+        load_map(broken("parsec", lat=("units", "parsec")))
     with pytest.raises(InputError, match="regularly spaced"):
-        read_netcdf(broken("uneven", lat=("data", np.linspace(0.0, 1.0, 20) ** 2)))
+        load_map(broken("uneven", lat=("data", np.linspace(0.0, 1.0, 20) ** 2)))
     with pytest.raises(InputError, match="missing coordinates"):
-        read_netcdf(broken("holes", lon=("data", np.r_[np.nan, 144.0 + np.arange(23)])))
+        load_map(broken("holes", lon=("data", np.r_[np.nan, 144.0 + np.arange(23)])))
     with pytest.raises(InputError, match="all missing"):
-        read_netcdf(broken("empty", dg=("data", np.nan)))
+        load_map(broken("empty", dg=("data", np.nan)))
     with pytest.raises(InputError, match="'y' is not said to be latitude or longitude"):
         path = write(tmp_path / "metres.nc", small_map, names={"lat": "y", "lon": "x", "z": "dg"})
         with netCDF4.Dataset(path, "a") as dataset:
             dataset["x"].units = dataset["y"].units = "m"
-        read_netcdf(path)
+        load_map(path)
 
 
 def test_a_huge_grid_is_refused_before_it_is_read(tmp_path):
@@ -294,10 +292,8 @@ def test_a_huge_grid_is_refused_before_it_is_read(tmp_path):
         dataset.createVariable("dg", "f4", ("lat", "lon"), chunksizes=(100, 100)).units = "mGal"
         dataset["dg"][20_000:20_050, 40_000:40_050] = 3.0
     with pytest.raises(InputError, match="3,200,000,000 cells are too many"):
-        read_netcdf(tmp_path / "huge.nc")
-    part = read_netcdf(
-        tmp_path / "huge.nc", window=Window(*np.radians([0.003, 0.08, 0.003, 0.04]))
-    )
+        load_map(tmp_path / "huge.nc")
+    part = load_map(tmp_path / "huge.nc", window=Window(*np.radians([0.003, 0.08, 0.003, 0.04])))
     assert np.isfinite(part.values).any()
 
 
@@ -316,17 +312,17 @@ def test_classic_files(tmp_path, small_map, layout):
         for name in ("lat", "lon", "dg"):
             old.createVariable(name, "f8", new[name].dimensions).units = new[name].units
             old[name][:] = new[name][:]
-    same(read_netcdf(good), small_map)
+    same(load_map(good), small_map)
     whole = good.read_bytes()
     bad = tmp_path / "bad.nc"
     for missing in (800, 8):  # less than the header, too
         bad.write_bytes(whole[:-missing])
         with pytest.raises(InputError, match="cut short"):
-            read_netcdf(bad)
+            load_map(bad)
     count = whole.index(b"\x00\x00\x00\x0b") + 4  # of the list of variables
     bad.write_bytes(whole[:count] + b"\x7f\xff\xff\xff" + whole[count + 4 :])
     with pytest.raises(InputError, match="cannot be read as NetCDF"):
-        read_netcdf(bad)
+        load_map(bad)
     bad.write_bytes(whole[:60])
     with pytest.raises(InputError, match=r"damaged header|cut short"):
-        read_netcdf(bad)
+        load_map(bad)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from isogal.errors import InputError
-from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.load import load_map
 
 
 @pytest.mark.parametrize("sigma", [0.0, 3e-5, "grid"])
@@ -26,7 +26,7 @@ def test_round_trip(tmp_path, small_map, sigma):
         "here",
     )
     write_netcdf(field_map, tmp_path / "out.nc")
-    read = read_netcdf(tmp_path / "out.nc")
+    read = load_map(tmp_path / "out.nc")
     for name in ("latitude", "longitude"):
         np.testing.assert_allclose(
             getattr(read, name), getattr(field_map, name), rtol=0, atol=1e-14

@@ -6,8 +6,6 @@ import pytest
 from helpers.example_field import disturbance
 from isogal.errors import InputError
 from isogal.maps.axes import Window
-from isogal.maps.formats.gdf import read_gdf
-from isogal.maps.formats.xyz import read_xyz
 from isogal.maps.load import load_map
 
 LAT, LON = -37.0 + 0.05 * np.arange(20), 144.5 + 0.05 * np.arange(24)
@@ -60,22 +58,22 @@ def same(field_map, small_map):
 
 def test_gdf(tmp_path, small_map):
     path = save(tmp_path / "map.gdf", gdf())
-    same(read_gdf(path), small_map)
+    same(load_map(path), small_map)
     same(load_map(path, "gravity_disturbance", "disturbance"), small_map)
-    part = read_gdf(path, window=Window(*np.radians([-36.6, -36.4, 145.0, 145.2])))
+    part = load_map(path, window=Window(*np.radians([-36.6, -36.4, 145.0, 145.2])))
     assert part.values.shape < small_map.values.shape
 
 
 def test_gdf_gaps_and_a_height_column(tmp_path, small_map):
     body = table().replace(f"{1e5 * disturbance(LAT[3], LON[4]):16.10f}", "9999.0")
     assert np.argwhere(
-        np.isnan(read_gdf(save(tmp_path / "gap.gdf", gdf(body))).values)
+        np.isnan(load_map(save(tmp_path / "gap.gdf", gdf(body))).values)
     ).tolist() == [[3, 4]]
     text = gdf("".join(f"{a} {b} 500.0 {c}\n" for a, b, c in map(str.split, table().splitlines())))
     text = text.replace(
         "latitude  gravity_disturbance\n", "latitude  h_over_geoid  gravity_disturbance\n"
     )
-    same(read_gdf(save(tmp_path / "height.gdf", text)), small_map)
+    same(load_map(save(tmp_path / "height.gdf", text)), small_map)
 
 
 CUT = "".join(table().splitlines(keepends=True)[:-30])
@@ -116,7 +114,7 @@ CUT = "".join(table().splitlines(keepends=True)[:-30])
 )
 def test_gdf_refusals(tmp_path, text, words):
     with pytest.raises(InputError) as error:
-        read_gdf(save(tmp_path / "map.gdf", text))
+        load_map(save(tmp_path / "map.gdf", text))
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
@@ -135,26 +133,28 @@ def test_gdf_refusals(tmp_path, text, words):
 )
 def test_xyz(tmp_path, small_map, text):
     path = save(tmp_path / "map.xyz", text)
-    same(read_xyz(path, "dg" if ";" in text else None), small_map)
-    assert read_xyz(
-        path, "dg" if ";" in text else None, Window(*np.radians([-36.6, -36.4, 145.0, 145.2]))
+    same(load_map(path, "dg" if ";" in text else None), small_map)
+    assert load_map(
+        path,
+        "dg" if ";" in text else None,
+        window=Window(*np.radians([-36.6, -36.4, 145.0, 145.2])),
     ).values.shape < (20, 24)
 
 
 def test_xyz_without_names(tmp_path, small_map):
     path = save(tmp_path / "map.xyz", table())
     with pytest.raises(InputError, match="does not name its columns; give variable="):
-        read_xyz(path)
+        load_map(path)
     with pytest.raises(InputError, match="does not say its unit"):
-        read_xyz(path, "lon,lat,dg")
-    same(read_xyz(path, "lon,lat,dg", unit="mGal"), small_map)
+        load_map(path, "lon,lat,dg")
+    same(load_map(path, "lon,lat,dg", unit="mGal"), small_map)
     with pytest.raises(InputError, match="latitudes reach"):
-        read_xyz(path, "lat,lon,dg", unit="mGal")
+        load_map(path, "lat,lon,dg", unit="mGal")
 
 
 def test_xyz_with_holes(tmp_path, small_map):
     lines = table().splitlines()
-    field_map = read_xyz(
+    field_map = load_map(
         save(tmp_path / "map.xyz", "lon lat dg[mGal]\n" + "\n".join(lines[:100] + lines[103:]))
     )
     assert (
@@ -193,5 +193,5 @@ def test_xyz_with_holes(tmp_path, small_map):
 )
 def test_xyz_refusals(tmp_path, text, words):
     with pytest.raises(InputError) as error:
-        read_xyz(save(tmp_path / "map.xyz", text))
+        load_map(save(tmp_path / "map.xyz", text))
     assert words in str(error.value) and "\n" not in str(error.value)

@@ -13,7 +13,7 @@ from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Window
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.load import load_map
 from isogal.maps.synthetic import synthetic_map as module
 from isogal.maps.synthetic import tiles as synthetic
 from isogal.maps.synthetic.lattice_noise import RMS, sum_of_octaves
@@ -160,7 +160,7 @@ def test_the_default_route_is_like_the_real_terrain(shared_data, monkeypatch):
     monkeypatch.setenv("ISOGAL_CACHE", OF_ALL_TESTS)  # other tests need its tiles, too
     trajectory = build_trajectory(load_scenario())
     at = trajectory.latitude[::5], trajectory.longitude[::5]
-    real = read_netcdf(shared_data / "se_australia_gravity.nc", "dg", corridor_of(*at).window)
+    real = load_map(shared_data / "se_australia_gravity.nc", "dg", window=corridor_of(*at).window)
     made = synthetic_map("disturbance", corridor_of(*at, 3000.0).window)
 
     def gradient_rms(field_map):

@@ -1,13 +1,16 @@
 """Regular latitude and longitude axes: checks, and the part of an axis that a window needs."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Values
 from isogal.errors import InputError
 
+Read = Callable[[slice, slice], Values]
+"""Gives the values (n, m, ...) of some rows and columns of a grid; NaN = missing."""
 TWO_PI = 2.0 * math.pi
 REGULAR = 1e-2
 """How far, in steps, a node may lie from a regular axis (files round their coordinates)."""
@@ -57,20 +60,7 @@ class Window(NamedTuple):
         )
 
 
-class RegularAxis(NamedTuple):
-    """Latitudes or longitudes of a grid, rad."""
-
-    first: float
-    step: float
-    nodes: int
-
-    @property
-    def last(self) -> float:
-        """Of the last node."""
-        return self.first + self.step * (self.nodes - 1)
-
-
-def regular_axis(axis: Array, name: str, where: str) -> Array:
+def regular_axis(axis: Values, name: str, where: str) -> Array:
     """Return an increasing regular axis made exact (float64), or raise.
 
     Raises
@@ -97,15 +87,6 @@ def regular_axis(axis: Array, name: str, where: str) -> Array:
             f" {math.degrees(axis[worst]):.6f} deg, not at {math.degrees(exact[worst]):.6f} deg"
         )
     return exact
-
-
-def latitude_slice(
-    first: float, step: float, count: int, south: float, north: float, margin: int = MARGIN
-) -> slice:
-    """Return the rows of an increasing axis needed for latitudes south..north (may be empty)."""
-    low = max(math.floor((south - first) / step) - margin, 0)
-    high = min(math.ceil((north - first) / step) + margin + 1, count)
-    return slice(low, max(low, high))
 
 
 def longitude_slices(
@@ -143,43 +124,64 @@ class Part(NamedTuple):
     rows: slice
     columns: list[slice]
     """To be joined in this order, see `longitude_slices`."""
-    west: float
-    """Longitude of the first column, rad, in the grid's own range."""
+    latitude: Array
+    """Of the rows, rad."""
+    longitude: Array
+    """Of the columns, rad, in the grid's own range at the first."""
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.rows.stop - self.rows.start, sum(
-            part.stop - part.start for part in self.columns
-        )
-
-    def longitude(self, step: float) -> Array:
-        """Return the longitudes of the columns, rad, which are a step apart."""
-        columns: Array = np.arange(self.shape[1], dtype=np.float64)
-        return self.west + step * columns
+    def of(self, read: Read) -> Values:
+        """Return this part of values that are read by rows and columns."""
+        blocks = [read(self.rows, columns) for columns in self.columns]
+        return blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
 
 
-def part_within(
-    latitude: RegularAxis, longitude: RegularAxis, window: Window | None, where: str
-) -> Part:
+def part_within(latitude: Array, longitude: Array, window: Window | None, where: str) -> Part:
     """Return the part of a grid that a window needs; None = all of it.
+
+    Parameters
+    ----------
+    latitude, longitude : (n,), (m,) rad
+        Of the grid, as of `regular_axis`.
+    window : Window, optional
+        With `MARGIN` nodes around it, as far as the grid has them.
+    where : str
+        What the grid is of, for messages.
 
     Raises
     ------
     EmptyWindowError
         Less of the grid lies there than interpolation needs.
+    TooManyCellsError
+        More than are taken into memory at once.
     """
-    extent = Window(latitude.first, latitude.last, longitude.first, longitude.last)
-    if window is None:
-        window = extent
-        part = Part(slice(0, latitude.nodes), [slice(0, longitude.nodes)], longitude.first)
-    else:
-        part = Part(
-            latitude_slice(*latitude, window.south, window.north),
-            *longitude_slices(*longitude, window.west, window.east),
-        )
-    if min(part.shape) < FEWEST_NODES:
+    extent = Window(latitude[0], latitude[-1], longitude[0], longitude[-1])
+    rows, columns, west = slice(0, latitude.size), [slice(0, longitude.size)], longitude[0]
+    up, right = ((axis[-1] - axis[0]) / (axis.size - 1) for axis in (latitude, longitude))
+    if window is not None:
+        low = max(math.floor((window.south - latitude[0]) / up) - MARGIN, 0)
+        high = min(math.ceil((window.north - latitude[0]) / up) + MARGIN + 1, latitude.size)
+        rows = slice(low, max(low, high))
+        columns, west = longitude_slices(west, right, longitude.size, *window[2:4])
+    shape = rows.stop - rows.start, sum(part.stop - part.start for part in columns)
+    if min(shape) < FEWEST_NODES:
         raise EmptyWindowError(
-            f"{where}: the map ({extent.text()}) has nothing at {window.text()}"
+            f"{where}: the map ({extent.text()}) has nothing at {(window or extent).text()}"
         )
-    return part
+    check_size(math.prod(shape), where, window)
+    return Part(rows, columns, latitude[rows], west + right * np.arange(shape[1]))
+
+
+def check_size(cells: int, where: str, window: Window | None = None) -> None:
+    """Refuse a grid that would take too much memory, before anything is read.
+
+    Raises
+    ------
+    TooManyCellsError
+        Names the number of cells.
+    """
+    most = MOST_CELLS if window is None else window.most_cells
+    if cells > most:
+        raise TooManyCellsError(
+            f"{where}: {cells:,} cells are too many to read at once (at most {most:,}); give"
+            " a window or a route"
+        )

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Values
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import (
     EmptyWindowError,
-    RegularAxis,
     Window,
     part_within,
     regular_axis,
@@ -23,7 +22,6 @@ from isogal.maps.axes import (
 from isogal.maps.error_ellipses import impossible
 from isogal.maps.interpolation import (
     Grid,
-    Values,
     bilinear_at,
     is_periodic,
     values_and_gradients,
@@ -273,23 +271,10 @@ class FieldMap:
         InputError
             Nothing of the map lies there.
         """
-        _, rows, lat0, dlat, lon0, dlon = self.grid
-        part = part_within(
-            RegularAxis(lat0, dlat, rows),
-            RegularAxis(lon0, dlon, self.longitude.size),
-            Window(lat_min, lat_max, lon_min, lon_max),
-            self.provenance or self.quantity,
-        )
-
-        def cut(array: Any) -> Any:
-            return np.concatenate([array[part.rows, columns] for columns in part.columns], axis=1)
-
-        return replace(
-            self,
-            latitude=self.latitude[part.rows],
-            longitude=part.longitude(dlon),
-            **self.at_nodes(cut),
-        )
+        window = Window(lat_min, lat_max, lon_min, lon_max)
+        part = part_within(self.latitude, self.longitude, window, self.provenance or self.quantity)
+        arrays = self.at_nodes(lambda array: part.of(lambda rows, columns: array[rows, columns]))
+        return replace(self, latitude=part.latitude, longitude=part.longitude, **arrays)
 
     def overview(self, most: int, window: Window | None = None) -> "FieldMap":
         """Return the map, or a window of it, thinned to at most ``most`` rows and columns."""

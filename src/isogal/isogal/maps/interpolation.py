@@ -10,13 +10,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Values
 from isogal.compiled import kernel
 
 TWO_PI = 2.0 * math.pi
-Values = Array | NDArray[np.float32]
 
 
 class Grid(NamedTuple):

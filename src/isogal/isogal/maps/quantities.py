@@ -5,11 +5,10 @@ refused with a hint."""
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Values
 from isogal.errors import InputError
 from isogal.maps.axes import EmptyWindowError
 
@@ -163,7 +162,33 @@ def check_quantity(name: str, where: str) -> Quantity:
     return QUANTITIES[name]
 
 
-def value_range(values: NDArray[Any]) -> tuple[float, float]:
+def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
+    """Return quantity, unit and the factor to the unit inside, provided that both are given and
+    fit each other.
+
+    Raises
+    ------
+    InputError
+        Not said, unknown, or not fitting.
+    """
+    if quantity is None:
+        raise InputError(
+            f"{where}: does not say what it is a map of; give quantity= (--quantity) one of"
+            f" {', '.join(QUANTITIES)}{_ONCE}"
+        )
+    known = check_quantity(quantity, where)
+    if unit is None:
+        raise InputError(
+            f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or"
+            f" one that converts to it){_ONCE}"
+        )
+    inside, factor = unit_factor(unit, where)
+    if inside != known.unit:
+        raise InputError(f"{where}: unit '{unit}' does not fit a {quantity} map ({known.unit})")
+    return quantity, unit, factor
+
+
+def value_range(values: Values) -> tuple[float, float]:
     """Return the lowest and highest value; NaN where there is none. Row by row, to need no
     memory."""
     low, high = math.inf, -math.inf
@@ -209,6 +234,7 @@ def check_plausible(
     )
 
 
+_ONCE = ", or make a file that says so with 'isogal map convert'"
 _DAMAGE = "check the unit, scale, no-data value and byte order"
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Values
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
@@ -22,7 +22,6 @@ from isogal.maps.continuation.harmonic import EDGE, FADING, OFFSET, at_level
 from isogal.maps.continuation.level import to_level
 from isogal.maps.error_spectrum import mixed_length
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values
 
 CONTINUED = (*FADING, *OFFSET, "gravity")
 """Quantities that `continued` takes: gravity by way of its disturbance."""

@@ -10,11 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Values
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values
 
 FADING = (
     "disturbance",

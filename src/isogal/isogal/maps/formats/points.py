@@ -2,13 +2,13 @@
 
 import math
 import warnings
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
-from isogal.maps.assemble import check_size
+from isogal.maps.axes import check_size
 
 
 def grid_of_points(
@@ -78,7 +78,7 @@ def _axis(coordinate: Array, name: str, where: str) -> tuple[Integers, Array]:
     return index, axis
 
 
-def numbers(lines: Any, columns: int, where: str, delimiter: str | None = None) -> Array:
+def numbers(lines: Iterable[str], columns: int, where: str, delimiter: str | None = None) -> Array:
     """Parse lines of numbers to (N, columns).
 
     Raises

@@ -9,10 +9,9 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import reading
-from isogal.maps.assemble import check_size
-from isogal.maps.axes import EmptyWindowError, Window
+from isogal.maps.axes import EmptyWindowError, Window, check_size
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format
+from isogal.maps.formats.format import Asked, Format
 from isogal.maps.ggmplus.tiles import (
     CELLS,
     KINDS,
@@ -37,29 +36,12 @@ def is_ggmplus(path: Path) -> bool:
     return NAME.fullmatch(path.name) is not None
 
 
-def read_ggmplus(
-    path: str | Path,
-    variable: str | None = None,
-    window: Window | None = None,
-    *,
-    quantity: str | None = None,
-    unit: str | None = None,
-) -> FieldMap:
-    """Read a window from a folder of tiles, joined across their borders.
+def read_ggmplus(path: Path, asked: Asked, window: Window | None = None) -> FieldMap:
+    """Read a window from a folder of tiles, or from one tile, joined across their borders.
 
-    Parameters
-    ----------
-    path : path
-        Folder, or one tile.
-    variable : str, optional
-        ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; None = by ``quantity``, or the only kind in the
-        folder.
-    window : Window, optional
-        None = all tiles there.
-    quantity : str, optional
-        Must be that of the variable.
-    unit : str, optional
-        Not allowed: the format fixes the unit.
+    Of what can be asked for, the variable is ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; without it
+    the one of the quantity, or the only kind in the folder. Without a window all tiles there are
+    read.
 
     Returns
     -------
@@ -69,10 +51,11 @@ def read_ggmplus(
     Raises
     ------
     InputError
-        No such tiles, a tile of the wrong size, numbers that cannot be GGMplus.
+        No such tiles, a tile of the wrong size, numbers that cannot be GGMplus, or a unit, which
+        the format fixes.
     """
-    path = Path(path)
-    if unit is not None:
+    variable = asked.variable
+    if asked.unit is not None:
         raise InputError(f"{path}: GGMplus fixes the unit; unit cannot be given")
     single = NAME.fullmatch(path.name)
     if single and path.is_file():
@@ -82,7 +65,7 @@ def read_ggmplus(
     if not path.is_dir():
         raise InputError(f"{path}: no such folder")
     there = [match for item in path.iterdir() if (match := NAME.fullmatch(item.name))]
-    extension = _extension(path, {match.group(5) for match in there}, variable, quantity)
+    extension = _extension(path, {match.group(5) for match in there}, variable, asked.quantity)
     if window is None:
         window = extent_of(match.group() for match in there if match.group(5) == extension)
     return _read_window(path, extension, window)
