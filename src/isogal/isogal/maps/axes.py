@@ -44,6 +44,11 @@ class Window(NamedTuple):
     most_cells: int = MOST_CELLS
     """A reader refuses to read more than so many (`check_size`)."""
 
+    @property
+    def window(self) -> "Window":
+        """Itself, as a corridor has one around it."""
+        return self
+
     def grown(self, metres: float) -> "Window":
         """Return the window with a margin (m) on all sides."""
         reach = metres / 6.371e6
