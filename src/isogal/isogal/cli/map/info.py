@@ -102,9 +102,15 @@ def info(
         from isogal.cli.map.figures import map_figure
 
         draw(figure, map_figure(field_map, track, stretches))
+    _show(field_map, along, json, [str(figure)] if figure is not None else [])
+
+
+def _show(
+    field_map: "ScalarMap", along: AlongRoute | None, as_json: bool, files: list[str]
+) -> None:
+    """Print what a map is, and what it has along a route; `files` that were written below it."""
     found = statistics(field_map)
-    files = [str(figure)] if figure is not None else []
-    if json:
+    if as_json:
         described = describe_map(field_map, found)
         print_json(described | ({"route": along._asdict()} if along else {}))
         return
