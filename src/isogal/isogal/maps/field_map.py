@@ -222,29 +222,28 @@ class FieldMap:
     def sigma_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return the 1-sigma of the map's error at points (rad), linear between nodes; NaN where
         the map has none."""
-        lat, lon, shape = flat_points(latitude, longitude)
-        if isinstance(self.sigma, float):
-            return np.full(shape, self.sigma)[()]
-        return bilinear_at(self.grid._replace(values=self.sigma), lat, lon).reshape(shape)[()]
+        return self._linear(self.sigma, latitude, longitude)
 
     def correlation_length_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return the correlation length (m) of the map's error at points (rad), linear between
         nodes; NaN where the map does not say it."""
-        lat, lon, shape = flat_points(latitude, longitude)
-        if self.correlation_lengths is None:
-            return np.full(shape, self.correlation_length or math.nan)[()]
-        grid = self.grid._replace(values=self.correlation_lengths)
-        return bilinear_at(grid, lat, lon).reshape(shape)[()]
+        one, each = self.correlation_length or math.nan, self.correlation_lengths
+        return self._linear(one if each is None else each, latitude, longitude)
 
     def error_ellipse_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return (..., 3) the ellipse of the error's correlation at points (rad), linear between
         nodes; NaN where the map does not say it."""
+        ellipses = np.full(3, math.nan) if self.error_ellipses is None else self.error_ellipses
+        parts = (self._linear(ellipses[..., k], latitude, longitude) for k in range(3))
+        return np.stack(list(parts), axis=-1)
+
+    def _linear(self, nodes: float | Array, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """Interpolate linearly what is said at the nodes (n, m), or everywhere (one number)."""
         lat, lon, shape = flat_points(latitude, longitude)
-        if self.error_ellipses is None:
-            return np.full((*shape, 3), math.nan)
-        parts = [np.ascontiguousarray(self.error_ellipses[..., k]) for k in range(3)]
-        each = [bilinear_at(self.grid._replace(values=part), lat, lon) for part in parts]
-        return np.stack(each, axis=-1).reshape(*shape, 3)
+        if np.ndim(nodes) == 0:
+            return np.full(shape, nodes)[()]
+        grid = self.grid._replace(values=np.ascontiguousarray(nodes))
+        return bilinear_at(grid, lat, lon).reshape(shape)[()]
 
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where the map has a value (all sixteen nodes around the point)."""

@@ -1,7 +1,6 @@
 """Maps from a folder of GGMplus tiles."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +23,7 @@ from isogal.maps.ggmplus.tiles import (
     tile_name,
     tiles_of,
 )
-from isogal.maps.quantities import QUANTITIES, check_plausible
-
-_BLOCK = 50  # columns of a tile mapped at once: 0.5 MB
+from isogal.maps.quantities import QUANTITIES, check_plausible, value_range
 
 
 def is_ggmplus(path: Path) -> bool:
@@ -123,40 +120,27 @@ def _read_window(folder: Path, extension: str, window: Window) -> FieldMap:
 
 
 def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) -> None:
-    """Copy the part of a tile that lies in ``values``; its cell (0, 0) belongs at row, column
-    ``place``."""
+    """Copy the part of a tile that lies in ``values``, column by column to need no memory; its
+    cell (0, 0) belongs at row, column ``place``."""
     dtype = np.dtype(kind.dtype)
     expected = CELLS * CELLS * dtype.itemsize
-    with reading(path):
+    top, left = place
+    inside = slice(max(-top, 0), min(values.shape[0] - top, CELLS))
+    there = values[max(top, 0) : top + CELLS, max(left, 0) : left + CELLS]
+    with reading(path), path.open("rb") as file:
         size = path.stat().st_size
         if size != expected:
             raise InputError(
                 f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
                 " short?"
             )
-        low, high = math.inf, -math.inf
-        rows = slice(max(-place[0], 0), min(values.shape[0] - place[0], CELLS))
-        for first, last in _blocks(place[1], values.shape[1]):
-            raw = np.memmap(
-                path, dtype, "r", first * CELLS * dtype.itemsize, (last - first, CELLS)
-            )[:, rows].T
-            block = raw * kind.step
-            block[raw == kind.no_data] = np.nan
-            if not np.isnan(block).all():
-                low, high = min(low, float(np.nanmin(block))), max(high, float(np.nanmax(block)))
-            values[
-                place[0] + rows.start : place[0] + rows.stop, place[1] + first : place[1] + last
-            ] = block
-    if low <= high:
-        check_plausible((low, high), kind.quantity, 1.0, str(path), fixed=True)
-
-
-def _blocks(left: int, columns: int) -> Iterator[tuple[int, int]]:
-    """Give runs of columns of a tile that lie in the grid when the tile's first column is the
-    grid's ``left``."""
-    start, stop = max(-left, 0), min(columns - left, CELLS)
-    for first in range(start, stop, _BLOCK):
-        yield first, min(first + _BLOCK, stop)
+        file.seek(max(-left, 0) * CELLS * dtype.itemsize)
+        for column in range(there.shape[1]):
+            raw = np.fromfile(file, dtype, CELLS)[inside]
+            there[:, column] = np.where(raw == kind.no_data, np.nan, raw * kind.step)
+    found = value_range(there)
+    if not math.isnan(found[0]):
+        check_plausible(found, kind.quantity, 1.0, str(path), fixed=True)
 
 
 FORMAT = Format("ggmplus", is_ggmplus, read_ggmplus)
