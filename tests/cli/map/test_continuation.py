@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of
-from helpers.command_line import answer, refusal
+from helpers.command_line import answer
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 
@@ -54,21 +54,3 @@ def test_from_the_ground(folder, tmp_path):
     high = load_map(out)
     assert high.height == 1000.0
     assert high.sigma.shape == high.values.shape
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("out.tif", "--height", 500), "out.tif: must end in .nc"),
-        (("out.nc",), "Missing option '--height'"),
-        (("out.nc", "--height", "inf"), "--height: must be finite, is inf"),
-        (
-            ("out.nc", "--height", 500, "--terrain", "x.nc", "--from-height", 0),
-            "--from-height 0: cannot be given together with --terrain",
-        ),
-        (("out.nc", "--height", 500, "--terrain", "none.nc"), "none.nc: no such file"),
-        (("out.nc", "--height", 5, "--from-height", 0, "--edge", -1), "--edge: must be >= 0"),
-    ],
-)
-def test_bad_input_ends_in_one_line(folder, words, message):
-    assert message in refusal("map", "continue", folder / "unsaid.nc", *words)

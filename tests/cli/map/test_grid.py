@@ -51,11 +51,8 @@ def test_it_writes_a_map_that_says_its_error(survey, tmp_path):
         (("--unit", "Gal"), "cannot be a disturbance map"),
         (("--variable", "mag"), "has no column 'mag'"),
         (("--spacing", "-1"), "must be > 0"),
+        (("--trend", "4"), "'--trend'"),
     ],
 )
 def test_bad_input_is_one_line(survey, tmp_path, words, message):
     assert message in refusal("map", "grid", survey, tmp_path / "map.nc", *words)
-
-
-def test_the_output_must_be_netcdf(survey, tmp_path):
-    assert "must end in .nc" in refusal("map", "grid", survey, tmp_path / "map.tif")

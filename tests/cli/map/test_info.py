@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from helpers.command_line import answer, refusal
+from helpers.command_line import answer
 from isogal.maps import tiled_map
 
 ROUTE = ("--route", "-36.9,144.7 -36.2,145.4")
@@ -59,45 +59,6 @@ def test_the_synthetic_map_is_shown_along_a_route():
     found = described("synthetic", "--route", "-37.1,145.1 -37.05,145.2", "--margin", 5)
     assert found["quantity"] == "gravity"
     assert found["route"]["length_km"] == pytest.approx(10.5, abs=0.5)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--route", "1,2 x,4"), "--route: 'x,4' must be LATITUDE,LONGITUDE"),
-        (("--route", "1,2"), "at least two points"),
-        (("--route", "-36.9,144.7 -35.0,144.7"), "does not cover the route: no value at -36."),
-        (("--window", "3", "2", "1", "4"), "--window 3 2 1 4: must be SOUTH NORTH WEST EAST"),
-        (("--window", "1", "nan", "1", "4"), "must be SOUTH NORTH WEST EAST"),
-        (("--set", "rute.speed=3"), "unknown key 'rute'"),
-        (("--scenario", "none.yaml"), "none.yaml"),
-        (("--figure", "a.gif"), "--figure a.gif: must end in .png"),
-        (("--margin", "inf"), "--margin: must be finite, is inf"),
-        (("--margin", "-1"), "'--margin'"),
-        (("--margin", "nan"), "'--margin'"),
-        (("--stretch", "inf"), "--stretch: must be finite, is inf"),
-        (("--sensor-sigma", "0"), "--sensor-sigma: must be > 0, is 0.0"),
-        (("--map-sigma", "-1e-5"), "--map-sigma: must be >= 0, is -1e-05"),
-        (("--map-correlation-length", "0"), "--map-correlation-length: must be > 0, is 0.0"),
-        (("--map-sigma", "inf"), "--map-sigma: must be finite, is inf"),
-        (("--bias-sigma", "inf"), "--bias-sigma: must be finite, is inf"),
-        (("--figrue", "a.png"), "No such option: --figrue (Possible options: --figure"),
-    ],
-)
-def test_bad_options_end_in_one_line(file, words, message):
-    assert message in refusal("map", "info", file, *words)
-
-
-def test_the_sensor_of_another_field_must_be_said(tmp_path, small_map):
-    from dataclasses import replace
-
-    from isogal.maps.formats.netcdf_writing import write_netcdf
-
-    values = 1e5 * small_map.values
-    magnetic = replace(small_map, values=values, unit="nT", quantity="magnetic_anomaly")
-    write_netcdf(magnetic, tmp_path / "m.nc")
-    message = refusal("map", "info", tmp_path / "m.nc", *ROUTE)
-    assert "--sensor-sigma: must be given for a map in nT" in message
 
 
 def test_a_large_map_is_described_in_tiles(file, tmp_path, monkeypatch):
