@@ -272,8 +272,11 @@ class FieldMap:
         """
         window = Window(lat_min, lat_max, lon_min, lon_max)
         part = part_within(self.latitude, self.longitude, window, self.provenance or self.quantity)
-        arrays = self.at_nodes(lambda array: part.of(lambda rows, columns: array[rows, columns]))
-        return replace(self, latitude=part.latitude, longitude=part.longitude, **arrays)
+        return self._cut(
+            part.latitude,
+            part.longitude,
+            lambda array: part.of(lambda rows, columns: array[rows, columns]),
+        )
 
     def overview(self, most: int, window: Window | None = None) -> "FieldMap":
         """Return the map, or a window of it, thinned to at most ``most`` rows and columns."""
@@ -291,18 +294,27 @@ class FieldMap:
 
     def part(self, rows: slice, columns: slice) -> "FieldMap":
         """Return some rows and columns."""
-        return replace(
-            self,
-            latitude=self.latitude[rows],
-            longitude=self.longitude[columns],
-            **self.at_nodes(lambda array: array[rows, columns]),
+        return self._cut(
+            self.latitude[rows], self.longitude[columns], lambda array: array[rows, columns]
         )
 
-    def at_nodes(self, change: Callable[[Any], Any]) -> dict[str, Any]:
-        """Return what the map says at its nodes, each array (n, m, ...) changed in the same way,
-        by the attributes' names."""
-        arrays = {name: getattr(self, name) for name in ("values", *_ERRORS_AT_NODES)}
-        return {name: change(one) for name, one in arrays.items() if np.ndim(one)}
+    def _cut(
+        self, latitude: Array, longitude: Array, cut: Callable[[Values], Values]
+    ) -> "FieldMap":
+        """Return a part with these axes: each array of the nodes (n, m, ...) cut in one way."""
+        arrays = (getattr(self, name) for name in _ERRORS_AT_NODES)
+        sigma, lengths, ellipses = (
+            np.asarray(cut(one), dtype=np.float64) if np.ndim(one) else one for one in arrays
+        )
+        return replace(
+            self,
+            latitude=latitude,
+            longitude=longitude,
+            values=cut(self.values),
+            sigma=sigma,
+            correlation_lengths=lengths,
+            error_ellipses=ellipses,
+        )
 
     def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "FieldMap":
         """Return the map around points (see `isogal.maps.tiled_map`): of a map in memory all of
@@ -311,7 +323,7 @@ class FieldMap:
 
     def split(
         self, latitude: Array, longitude: Array, reach: float = 0.0
-    ) -> Iterator[tuple[Any, "FieldMap"]]:
+    ) -> Iterator[tuple[slice, "FieldMap"]]:
         """Yield groups of some points (N,), and a map for each group (see
         `isogal.maps.tiled_map`): of a map in memory all points, and the map."""
         yield slice(None), self

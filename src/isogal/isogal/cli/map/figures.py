@@ -1,7 +1,7 @@
 """Figures of maps: values, gradient, the expected accuracy of fixes along a track, variability and
 navigability."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -101,22 +101,26 @@ def _shown(field_map: "ScalarMap") -> "tuple[FieldMap, Array]":
 def _field(
     axes: "Axes", at: tuple[Array, Array], values: Array, label: str, levels: Array | None
 ) -> None:
-    from matplotlib.colors import LogNorm
+    from matplotlib.colors import LogNorm, Normalize
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
     latitude, longitude = (np.degrees(axis) for axis in at)
     known = values[np.isfinite(values)]
-    options: dict[str, Any] = {
-        "cmap": style.FIELD_COLOURS,
-        "shading": "nearest",
-        "rasterized": True,
-    }
+    norm = Normalize()
     logarithmic = levels is not None and levels[1] > 0.0
     if logarithmic and levels is not None:
-        options["norm"] = LogNorm(max(levels[0], 1e-3 * levels[1]), levels[1])
+        norm = LogNorm(max(levels[0], 1e-3 * levels[1]), levels[1])
     elif known.size:
-        options |= {"vmin": np.percentile(known, 0.2), "vmax": np.percentile(known, 99.8)}
-    picture = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **options)
+        norm = Normalize(np.percentile(known, 0.2), np.percentile(known, 99.8))
+    picture = axes.pcolormesh(
+        longitude,
+        latitude,
+        np.ma.masked_invalid(values),
+        cmap=style.FIELD_COLOURS,
+        shading="nearest",
+        rasterized=True,
+        norm=norm,
+    )
     axes.set_facecolor("0.92")
     axes.grid(False)
     # as tall as the map, whose shape is its own
