@@ -57,48 +57,34 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
 
 
 @kernel(error_model="numpy")
-def variability_at(
-    grid: Grid,
-    lat: float,
-    lon: float,
-    rad_north: Array,
-    rad_east: Array,
-) -> float:
-    """Return C (paper eq. CV) at one place, unit of the map squared.
+def _variabilities(grid: Grid, places: Array, template: Array, metres: Array) -> Array:
+    """Return C (paper eq. CV) at many places.
 
-    ``rad_north`` and ``rad_east`` (n,) are the template in rad of latitude and longitude. Template
-    points without a value are left out; NaN where the place itself or more than half of the
-    template has none."""
-    centre = value_and_gradient(grid, lat, lon)[0]
-    total = 0.0
-    count = 0
-    for k in range(rad_north.shape[0]):
-        difference = value_and_gradient(grid, lat + rad_north[k], lon + rad_east[k])[0] - centre
-        if not math.isnan(difference):
-            total += difference * difference
-            count += 1
-    return total / count if 2 * count >= rad_north.shape[0] and count > 0 else math.nan
-
-
-@kernel(error_model="numpy")
-def _variabilities(
-    grid: Grid,
-    lat: Array,
-    lon: Array,
-    north: Array,
-    east: Array,
-    metres_north: Array,
-    metres_east: Array,
-) -> Array:
-    out = np.empty(lat.shape[0])
-    for k in range(lat.shape[0]):
-        out[k] = variability_at(
-            grid,
-            lat[k],
-            lon[k],
-            north / metres_north[k],
-            east / metres_east[k],
-        )
+    Parameters
+    ----------
+    grid : Grid
+    places : (K, 2) rad
+        Latitude and longitude.
+    template : (n, 2) m
+        North and east. Points without a value are left out; C is NaN where the place itself or
+        more than half of the template has none.
+    metres : (K, 2)
+        For one rad of latitude and of longitude at the places.
+    """
+    out = np.empty(len(places))
+    for k in range(len(places)):
+        lat, lon = places[k]
+        north, east = metres[k]
+        centre = value_and_gradient(grid, lat, lon)[0]
+        total, count = 0.0, 0
+        for up, right in template:
+            value = value_and_gradient(grid, lat + up / north, lon + right / east)[0]
+            difference = value - centre
+            if not math.isnan(difference):
+                total += difference * difference
+                count += 1
+        enough = 2 * count >= len(template) and count > 0
+        out[k] = total / count if enough else math.nan
     return out
 
 
@@ -125,20 +111,13 @@ def feature_variability(
         Unit of the map squared; NaN where the map has no value at the place or at more than half
         of its template.
     """
-    north, east = template(half_width, points)
+    offsets = np.stack(template(half_width, points), axis=1)
     flat_lat, flat_lon, shape = flat_points(latitude, longitude)
-    metres_north, metres_east = metres_per_radian(flat_lat)
+    places = np.stack([flat_lat, flat_lon], axis=1)
+    metres = np.stack(metres_per_radian(flat_lat), axis=1)
     out = np.full(flat_lat.size, np.nan)
     for rows, part in field_map.split(flat_lat, flat_lon, 2.0 * half_width):
-        out[rows] = _variabilities(
-            part.grid,
-            flat_lat[rows],
-            flat_lon[rows],
-            north,
-            east,
-            metres_north[rows],
-            metres_east[rows],
-        )
+        out[rows] = _variabilities(part.grid, places[rows], offsets, metres[rows])
     return out.reshape(shape)
 
 

@@ -17,23 +17,6 @@ from isogal.maps.quantities import quantity_of
 
 _MOST_HEADER_LINES = 200
 _LONGEST_LINE = 4096
-_FUNCTIONALS = {
-    "gravity_earth": "gravity",
-    "gravity_disturbance": "disturbance",
-    "gravity_disturbance_sa": "disturbance",
-    "gravity_anomaly": "gravity_anomaly",
-    "gravity_anomaly_cl": "gravity_anomaly",
-    "gravity_anomaly_sa": "gravity_anomaly",
-    "gravity_anomaly_bg": "bouguer_anomaly",
-    "geoid": "geoid",
-    "height_anomaly": "geoid",
-    "height_anomaly_ell": "geoid",
-    "topography_grd": "height",
-    "topography_shm": "height",
-    "etopo1_shm": "height",
-}
-"""Quantities of ICGEM's functionals; a disturbance in spherical approximation (_sa) differs by
-under 0.1 %."""
 
 
 @contextmanager
@@ -59,7 +42,7 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
         (latitude, longitude),
         drop_gaps(values, _number(header, "gapvalue", where)),
         header.get("unit") or None,
-        _FUNCTIONALS.get(functional) or quantity_of(functional),
+        quantity_of(functional),
     )
 
 
