@@ -94,20 +94,21 @@ def regular_axis(axis: Values, name: str, where: str) -> Array:
     return exact
 
 
-def longitude_slices(
-    first: float, step: float, count: int, west: float, east: float, margin: int = MARGIN
-) -> tuple[list[slice], float]:
-    """Return the columns needed for longitudes west..east, and the longitude of the first of them.
+def _columns(axis: Array, west: float, east: float) -> tuple[list[slice], float]:
+    """Return the columns needed for longitudes west..east (rad), and the longitude of the first of
+    them.
 
     Up to two slices, to be joined in that order: the second where a grid round the Earth is cut
     inside the window. The longitude returned lies in the axis' own range."""
+    first, count = float(axis[0]), axis.size
+    step = (axis[-1] - axis[0]) / (count - 1)
     width = (east - west) % TWO_PI if east < west else min(east - west, TWO_PI)
     circle = round(TWO_PI / step)
     periodic = count >= circle and abs(circle * step - TWO_PI) < 1e-3 * step
     x = ((west - first) / step) % (TWO_PI / step)
     if periodic:
-        low = math.floor(x) - margin
-        length = min(math.ceil(width / step) + 2 * margin + 2, circle)
+        low = math.floor(x) - MARGIN
+        length = min(math.ceil(width / step) + 2 * MARGIN + 2, circle)
         if length == circle:
             return [slice(0, circle)], first
         low %= circle
@@ -118,8 +119,8 @@ def longitude_slices(
         x > count - 1 and x + width / step > TWO_PI / step
     ):  # the window starts west of the grid and reaches into it
         x -= TWO_PI / step
-    low = max(math.floor(x) - margin, 0)
-    high = min(math.ceil(x + width / step) + margin + 1, count)
+    low = max(math.floor(x) - MARGIN, 0)
+    high = min(math.ceil(x + width / step) + MARGIN + 1, count)
     return [slice(low, max(low, high))], first + low * step
 
 
@@ -128,7 +129,7 @@ class Part(NamedTuple):
 
     rows: slice
     columns: list[slice]
-    """To be joined in this order, see `longitude_slices`."""
+    """To be joined in this order: the second where a grid round the Earth is cut in the window."""
     latitude: Array
     """Of the rows, rad."""
     longitude: Array
@@ -160,13 +161,13 @@ def part_within(latitude: Array, longitude: Array, window: Window | None, where:
         More than are taken into memory at once.
     """
     extent = Window(latitude[0], latitude[-1], longitude[0], longitude[-1])
-    rows, columns, west = slice(0, latitude.size), [slice(0, longitude.size)], longitude[0]
+    rows, columns, west = slice(0, latitude.size), [slice(0, longitude.size)], extent.west
     up, right = ((axis[-1] - axis[0]) / (axis.size - 1) for axis in (latitude, longitude))
     if window is not None:
         low = max(math.floor((window.south - latitude[0]) / up) - MARGIN, 0)
         high = min(math.ceil((window.north - latitude[0]) / up) + MARGIN + 1, latitude.size)
         rows = slice(low, max(low, high))
-        columns, west = longitude_slices(west, right, longitude.size, *window[2:4])
+        columns, west = _columns(longitude, window.west, window.east)
     shape = rows.stop - rows.start, sum(part.stop - part.start for part in columns)
     if min(shape) < FEWEST_NODES:
         raise EmptyWindowError(

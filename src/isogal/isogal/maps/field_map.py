@@ -263,7 +263,10 @@ class FieldMap:
     def window(self, lat_min: float, lat_max: float, lon_min: float, lon_max: float) -> "FieldMap":
         """Cut out a part (rad), with the nodes beyond it that interpolation at its edge needs.
 
-        Longitudes may be given in any range; ``lon_max < lon_min`` crosses the date line.
+        Parameters
+        ----------
+        lat_min, lat_max, lon_min, lon_max : float
+            rad. Longitudes may be given in any range; ``lon_max < lon_min`` crosses the date line.
 
         Raises
         ------

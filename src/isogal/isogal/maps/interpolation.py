@@ -44,7 +44,17 @@ def is_periodic(columns: int, dlon: float) -> bool:
 @kernel(error_model="numpy")
 def column_position(columns: int, lon0: float, dlon: float, lon: float) -> float:
     """Return the fractional column of a longitude, turned by whole circles into the grid where
-    that is possible."""
+    that is possible.
+
+    Parameters
+    ----------
+    columns : int
+        Of the grid.
+    lon0, dlon : float
+        Its first longitude and step, rad.
+    lon : float
+        rad.
+    """
     x = (lon - lon0) / dlon
     if x < 0.0 or x > columns - 1.0:
         circle = TWO_PI / dlon

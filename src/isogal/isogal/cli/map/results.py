@@ -69,13 +69,10 @@ def draw(path: Path, figure: "Figure") -> None:
 
 
 def save(
-    field_map: "FieldMap",
-    path: Path,
-    as_json: bool,
-    lines: Iterable[str] = (),
-    **more: object,
+    field_map: "FieldMap", path: Path, as_json: bool, lines: Iterable[str] = (), **more: object
 ) -> None:
-    """Write a map as NetCDF and say so, see `say_written`; raises InputError."""
+    """Write a map as NetCDF and say so, see `say_written`, whose parameters these are; raises
+    InputError."""
     from isogal.maps.formats.netcdf_writing import write_netcdf
 
     write_netcdf(field_map, path)

@@ -14,8 +14,14 @@ from isogal.maps.axes import check_size
 def grid_of_points(
     latitude: Array, longitude: Array, value: Array, where: str
 ) -> tuple[Array, Array, Array]:
-    """Arrange points (deg) that lie on a regular grid, in any order; nodes without a point are
-    NaN.
+    """Arrange points that lie on a regular grid, in any order; nodes without a point are NaN.
+
+    Parameters
+    ----------
+    latitude, longitude : (N,) deg
+    value : (N,)
+    where : str
+        File, for messages.
 
     Returns
     -------
@@ -80,6 +86,17 @@ def _axis(coordinate: Array, name: str, where: str) -> tuple[Integers, Array]:
 
 def numbers(lines: Iterable[str], columns: int, where: str, delimiter: str | None = None) -> Array:
     """Parse lines of numbers to (N, columns).
+
+    Parameters
+    ----------
+    lines : iterable of str
+        The rest of a file.
+    columns : int
+        Numbers in each line.
+    where : str
+        File, for messages.
+    delimiter : str, optional
+        Between numbers; None = blanks.
 
     Raises
     ------
