@@ -22,7 +22,7 @@ interpolated."""
 
 
 MOST_CELLS = 150_000_000
-"""Cells that a reader takes into memory at once (1.2 GB) unless it is told another number."""
+"""Cells that a reader takes into memory at once (1.2 GB) unless it is given another number."""
 
 
 class EmptyWindowError(InputError):

@@ -89,7 +89,7 @@ def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, N
 
 
 def _make(path: Path, maker: Maker, name: str, wait: bool) -> Numbers | None:
-    """Make a cache file; None if another process is making it, unless told to wait for that."""
+    """Make a cache file; None if another process is making it, unless it is to wait for that."""
     arrays: Mapping[str, Any] | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -61,7 +61,7 @@ class FieldMap:
         (`isogal.maps.error_ellipses`); NaN = not known there.
     error_stated : bool or None
         Whether `sigma` is said of the map's whole error; False = it is only what processing has
-        added to an error that nobody has stated; None = where it is above 0.
+        added to an error that was never stated; None = where it is above 0.
     quantisation : float
         Step of the values, in `unit` (its error has 1-sigma step / sqrt(12)); 0 = none.
     provenance : str

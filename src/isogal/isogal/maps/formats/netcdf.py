@@ -5,7 +5,7 @@ to 180; values packed or not. What the file does not say (quantity, unit) is ask
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -45,32 +45,26 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
         where = f"{path}:{data.name}"
         latitude, longitude = _axes(dataset, data, where)
 
-        def beside(name: str) -> Read | None:
-            """Return how the variable of that name beside the data is read, if there is one."""
-            other = dataset.variables.get(f"{data.name}_{name}")
-            if other is None or set(other.dimensions) != set(data.dimensions):
-                return None
-            return partial(_values, other, latitude, longitude)
-
+        read = {
+            name: partial(_values, other, latitude, longitude)
+            for name, other in dataset.variables.items()
+            if set(other.dimensions) == set(data.dimensions)
+        }
+        sigma = _sigma_of(dataset, data, [name for name in read if name != data.name])
+        ellipse = [read[of] for name in ELLIPSE_NAMES if (of := f"{data.name}_{name}") in read]
         stated = number_of(data, "error_stated")
-        sigma = _sigma_variable(dataset, data)
-        ellipse = [read for name in ELLIPSE_NAMES if (read := beside(name)) is not None]
         yield FileGrid(
             where=where,
             latitude=latitude.nodes,
             longitude=longitude.nodes,
-            read=partial(_values, data, latitude, longitude),
+            read=read[data.name],
             unit=text_of(data, "units"),
             quantity=quantity_in(data),
             quantisation=number_of(data, "quantisation") or _step_of(data),
-            sigma=(
-                number_of(data, "error_sigma") or 0.0
-                if sigma is None
-                else partial(_values, sigma, latitude, longitude)
-            ),
-            sigma_unit=None if sigma is None else text_of(sigma, "units"),
+            sigma=read[sigma] if sigma else number_of(data, "error_sigma") or 0.0,
+            sigma_unit=text_of(dataset.variables[sigma], "units") if sigma else None,
             correlation_length=number_of(data, "error_correlation_length") or None,
-            correlation_lengths=beside("error_length"),
+            correlation_lengths=read.get(f"{data.name}_error_length"),
             error_ellipses=partial(_ellipses, ellipse) if len(ellipse) == 3 else None,
             error_stated=None if stated is None else stated != 0.0,
             height=number_of(data, "height_m"),
@@ -323,7 +317,7 @@ def _values(
     return values[:: -1 if latitude.flipped else 1, :: -1 if longitude.flipped else 1]
 
 
-def _ellipses(reads: list[Read], rows: slice, columns: slice) -> Array:
+def _ellipses(reads: Sequence[Read], rows: slice, columns: slice) -> Array:
     longest, shortest, azimuth = (read(rows, columns) for read in reads)
     return ellipses_of(longest, shortest, np.radians(azimuth))
 
@@ -353,20 +347,16 @@ def _step_of(data: "Variable") -> float:
     )
 
 
-def _sigma_variable(dataset: "Dataset", data: "Variable") -> "Variable | None":
-    """Return the variable that holds the 1-sigma of ``data``, if the file has one."""
-    others = {
-        name: other
-        for name, other in dataset.variables.items()
-        if name != data.name and set(other.dimensions) == set(data.dimensions)
-    }
+def _sigma_of(dataset: "Dataset", data: "Variable", others: list[str]) -> str | None:
+    """Return which of other variables on the grid holds the 1-sigma of ``data``, if one does."""
     named = [
         name
         for name in (text_of(data, "ancillary_variables") or "").split()
-        if name in others and "standard_error" in (text_of(others[name], "standard_name") or "")
+        if name in others
+        and "standard_error" in (text_of(dataset.variables[name], "standard_name") or "")
     ]
     names = (*named, f"{data.name}_sigma", "map_sigma")
-    return next((others[name] for name in names if name in others), None)
+    return next((name for name in names if name in others), None)
 
 
 FORMAT = file_format("netcdf", (".nc", ".nc4", ".grd", ".cdf"), _open)
