@@ -1,11 +1,14 @@
 """What `isogal map info` says about a map, and about fixes along a route."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from helpers.command_line import answer
 from isogal.maps import tiled_map
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 ROUTE = ("--route", "-36.9,144.7 -36.2,145.4")
 
@@ -14,15 +17,24 @@ def described(*words):
     return json.loads(answer("map", "info", *words, "--json"))
 
 
-def test_description_of_a_map(file, small_map):
-    found = described(file)
+def test_description_of_a_map(small_map, tmp_path):
+    values = small_map.values.copy()
+    values[3:6, 4:9] = np.nan
+    path = tmp_path / "holed.nc"
+    write_netcdf(replace(small_map, values=values), path)
+    found = described(path)
     assert (found["quantity"], found["unit"], found["nodes"]) == ("disturbance", "m/s²", [20, 24])
-    assert found["minimum"] == pytest.approx(small_map.values.min())
-    assert found["maximum"] == pytest.approx(small_map.values.max())
-    assert found["mean"] == pytest.approx(small_map.values.mean())
-    assert found["standard_deviation"] == pytest.approx(small_map.values.std())
-    assert (found["south"], found["east"]) == (pytest.approx(-37.0), pytest.approx(145.65))
-    text = answer("map", "info", file)
+    expected = {
+        "minimum": np.nanmin(values),
+        "maximum": np.nanmax(values),
+        "mean": np.nanmean(values),
+        "standard_deviation": np.nanstd(values),
+        "missing": 15 / 480,
+        "south": -37.0,
+        "east": 145.65,
+    }
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
+    text = answer("map", "info", path)
     assert "mGal" in text
     assert "disturbance" in text
 
