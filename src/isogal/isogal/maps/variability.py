@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.field_map import flat_points
-from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.maps.tiled_map import ScalarMap
 
 WINDOW = 2000.0
@@ -28,6 +26,8 @@ POINTS = 9
 SAMPLES = 100
 """Places that the normalisation looks back over: about 1000 s of scans every 10 s, the stretch of
 a few batches."""
+_TOGETHER = 20_000
+"""Places that are computed at once."""
 
 
 @lru_cache(maxsize=4)
@@ -56,38 +56,6 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
     return north[keep], east[keep]
 
 
-@kernel(error_model="numpy")
-def _variabilities(grid: Grid, places: Array, template: Array, metres: Array) -> Array:
-    """Return C (paper eq. CV) at many places.
-
-    Parameters
-    ----------
-    grid : Grid
-    places : (K, 2) rad
-        Latitude and longitude.
-    template : (n, 2) m
-        North and east. Points without a value are left out; C is NaN where the place itself or
-        more than half of the template has none.
-    metres : (K, 2)
-        For one rad of latitude and of longitude at the places.
-    """
-    out = np.empty(len(places))
-    for k in range(len(places)):
-        lat, lon = places[k]
-        north, east = metres[k]
-        centre = value_and_gradient(grid, lat, lon)[0]
-        total, count = 0.0, 0
-        for up, right in template:
-            value = value_and_gradient(grid, lat + up / north, lon + right / east)[0]
-            difference = value - centre
-            if not math.isnan(difference):
-                total += difference * difference
-                count += 1
-        enough = 2 * count >= len(template) and count > 0
-        out[k] = total / count if enough else math.nan
-    return out
-
-
 def feature_variability(
     field_map: ScalarMap,
     latitude: ArrayLike,
@@ -111,13 +79,17 @@ def feature_variability(
         Unit of the map squared; NaN where the map has no value at the place or at more than half
         of its template.
     """
-    offsets = np.stack(template(half_width, points), axis=1)
+    north, east = template(half_width, points)
     flat_lat, flat_lon, shape = flat_points(latitude, longitude)
-    places = np.stack([flat_lat, flat_lon], axis=1)
-    metres = np.stack(metres_per_radian(flat_lat), axis=1)
     out = np.full(flat_lat.size, np.nan)
-    for rows, part in field_map.split(flat_lat, flat_lon, 2.0 * half_width):
-        out[rows] = _variabilities(part.grid, places[rows], offsets, metres[rows])
+    for first in range(0, out.size, _TOGETHER):
+        lat, lon = (one[first : first + _TOGETHER, None] for one in (flat_lat, flat_lon))
+        metres_north, metres_east = metres_per_radian(lat)
+        around = field_map.value(lat + north / metres_north, lon + east / metres_east)
+        square = (around - field_map.value(lat, lon)) ** 2
+        count = np.isfinite(square).sum(axis=1)
+        mean = np.nansum(square, axis=1) / np.maximum(count, 1)
+        out[first : first + _TOGETHER] = np.where(2 * count >= north.size, mean, np.nan)
     return out.reshape(shape)
 
 
