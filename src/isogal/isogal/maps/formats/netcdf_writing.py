@@ -15,7 +15,7 @@ _CF_UNITS = {"m/s²": "m s-2", "1/s²": "s-2"}
 
 
 def write_netcdf(field_map: FieldMap, path: str | Path, variable: str | None = None) -> None:
-    """Write a map as CF-1.8 NetCDF, such that `read_netcdf` gives the same map back.
+    """Write a map as CF-1.8 NetCDF, such that `load_map` gives the same map back.
 
     Parameters
     ----------
