@@ -21,7 +21,8 @@ _LOG = logging.getLogger(__name__)
 
 Numbers = NDArray[np.int32]
 """What is kept: whole numbers, of any shape."""
-Maker = Callable[[], Mapping[str, Any]]
+Arrays = Mapping[str, Any]
+Maker = Callable[[], Arrays]
 """Makes the arrays of a cache file, by their names."""
 
 
@@ -90,7 +91,7 @@ def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, N
 
 def _make(path: Path, maker: Maker, name: str, wait: bool) -> Numbers | None:
     """Make a cache file; None if another process is making it, unless it is to wait for that."""
-    arrays: Mapping[str, Any] | None = None
+    arrays: Arrays | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path, wait) as mine:

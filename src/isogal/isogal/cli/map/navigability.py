@@ -1,6 +1,7 @@
 """``isogal map navigability``: where can one navigate?"""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -82,9 +83,7 @@ def navigability(
     part = where.part(where.build() if where.window is None and _along_a_route(where) else None)
     field_map = map_.load(part and part.window, measured_field(settings).source)
     with Bars("headings") as bars:
-        found = compute(
-            settings, field_map, headings, lambda done, total: bars("headings", done, total)
-        )
+        found = compute(settings, field_map, headings, partial(bars, "headings"))
     results.write(found)
 
 

@@ -3,6 +3,7 @@ NetCDF that says everything about itself."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -175,9 +176,7 @@ def grid(readings: SurveyChoice, out: NetcdfOut, gridding: Gridding, json: Json 
     said = {"quantity": readings.quantity, "unit": readings.unit, "crs": readings.crs}
     with Bars("nodes") as bars:
         survey = read_survey(readings.survey, readings.variable, **said)
-        field_map, model = grid_survey(
-            survey, settings, lambda done, total: bars("nodes", done, total)
-        )
+        field_map, model = grid_survey(survey, settings, partial(bars, "nodes"))
     save(field_map, out, json, _lines(model.report, field_map.unit), survey=model.report)
 
 
