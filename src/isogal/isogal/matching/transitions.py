@@ -13,7 +13,7 @@ from isogal.earth.ellipsoid import curvature
 from isogal.earth.gravity import normal_gravity_at
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matrices import inverse, square_root, symmetric
+from isogal.matrices import square_root, symmetric
 
 
 def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
@@ -155,7 +155,7 @@ def given_position_and_velocity(
     The attitude given xi is A xi + e with e ~ N(0, S). Returns (T, R, 4) per unit of xi, and
     (T, R, 3 + K) per unit-variance component of e and of what is beside x, `apart` (T, R, K).
     """
-    gain = covariance[4:, :4] @ inverse(covariance[:4, :4])
+    gain = np.linalg.solve(covariance[:4, :4], covariance[:4, 4:]).T
     root = square_root(covariance[4:, 4:] - gain @ covariance[:4, 4:])
     attitude = by_error[:, :, 4:]
     rest = np.concatenate([attitude @ root, apart], axis=2)
