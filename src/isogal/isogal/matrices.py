@@ -23,8 +23,7 @@ def square_root(covariance: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-# Compiled: of 7 x 7 LAPACK's factors and eigenvalues take 1.5 times as long from compiled code as
-# these, and would load SciPy in every node.
+# Of 7 x 7 LAPACK's factors and eigenvalues take 1.5 times as long from compiled code as these.
 @kernel
 def lower(matrix):  # type: ignore[no-untyped-def]
     """Return the lower Cholesky factor (n, n) of a small matrix; NaN where the matrix is not

@@ -30,12 +30,13 @@ def made_up_batch():
     )
     position = navigator[:, None, :2] + rng.normal(scale=300.0, size=(SCANS, WANTED, 2))
     variance = rng.uniform(80.0, 200.0, (SCANS, WANTED)) ** 2
-    return navigator, ScanCandidates(position, variance, np.array([4, 4, 0, 3, 4, 4]))
+    variance[2], variance[3, 3:] = np.inf, np.inf
+    return navigator, ScanCandidates(position, variance)
 
 
 def associated(candidates, t, centre, R_bar):
     """Eqs. s3-01, s3-02, s3-021 and s32-1 of a scan: z-bar and R-bar."""
-    n = candidates.found[t]
+    n = candidates.there[t].sum()
     used = candidates.variance[t] if R_bar is None else np.full(WANTED, R_bar[t])
     p = np.array(
         [
@@ -73,7 +74,7 @@ def test_iteration_equals_section_3_2_written_out(predicted):
     X, centre, R_bar = navigator.copy(), navigator[:, :2].copy(), None
     for _ in range(ITERATIONS):
         z_bar, new_R = [None] * SCANS, np.zeros(SCANS)
-        for t in np.flatnonzero(candidates.found):
+        for t in np.flatnonzero(candidates.there.any(axis=1)):
             z_bar[t], new_R[t] = associated(candidates, t, centre, R_bar)
         R_bar = new_R
         X, last_P, predictions = smoothed(X[0], z_bar, R_bar)
@@ -84,7 +85,9 @@ def test_iteration_equals_section_3_2_written_out(predicted):
     assert estimate.iterations == ITERATIONS
     np.testing.assert_allclose(estimate.state, X, rtol=1e-8)
     np.testing.assert_allclose(estimate.covariance[-1], last_P, rtol=1e-8)
-    np.testing.assert_allclose(estimate.weight.sum(axis=1), (candidates.found > 0).astype(float))
+    np.testing.assert_allclose(
+        estimate.weight.sum(axis=1), candidates.there.any(axis=1).astype(float)
+    )
 
 
 def test_along_the_real_route(shared_data):

@@ -42,7 +42,6 @@ from isogal.matching.paper.iteration import (
     Estimate,
     Process,
     ScanCandidates,
-    Scans,
     Search,
     find_candidates,
     maximise,
@@ -130,19 +129,14 @@ class PmhtPaper:
             return declined(batch, reason, feature_variability=variability), reference
 
         plane = LocalPlane.of(batch)
-        scans = Scans.of(batch, plane)
-        candidates = find_candidates(
-            field_map.grid,
-            scans,
-            np.ascontiguousarray(batch.prior),  # of one layout: compiled once
-            (plane.north, plane.east),
-            self._search,
-        )
-        usable = int((candidates.found > 0).sum())
+        candidates = find_candidates(batch, plane, field_map, self._search)
+        usable = int(candidates.there.any(axis=1).sum())
         if reason := too_few(batch, usable, options.min_scans or max(1, len(batch) // 2)):
             return declined(batch, reason, feature_variability=variability), reference
+        position = plane.metres(batch.latitude, batch.longitude)
+        navigator = np.concatenate([position, batch.velocity], axis=1)
         result = maximise(
-            scans.navigator, _first_scan(batch), np.diff(batch.time), candidates, self._process
+            navigator, _first_scan(batch), np.diff(batch.time), candidates, self._process
         )
         return self._fix(batch, plane, variability, candidates, result), reference
 
@@ -242,6 +236,6 @@ def _first_scan(batch: Batch) -> Array:
 
 def _listed(plane: LocalPlane, candidates: ScanCandidates, weight: Array) -> Candidates:
     """Return the candidates of all scans with their last weights."""
-    kept = np.arange(weight.shape[1])[None, :] < candidates.found[:, None]
+    kept = candidates.there
     latitude, longitude = plane.radians(candidates.position[kept])
     return Candidates(latitude, longitude, weight[kept], np.nonzero(kept)[0])
