@@ -112,7 +112,6 @@ class Run:
             scenario.matcher,
             self._reduction,
             self._matcher.context,
-            field.covariance(scenario),
             scenario.gravimeter,
             scenario.height,
         )

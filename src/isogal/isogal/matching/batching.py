@@ -10,7 +10,6 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.channels import channel_batch
 from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
@@ -51,15 +50,13 @@ class BatchBuilder:
         How the readings were reduced; says how the navigator's error got into them.
     context : int
         How many scans before the batch the matcher wants to see as well.
-    covariance : (C, C) array, optional
-        Of the noise of readings that are C numbers each; None = they are one number.
     instrument : scenario.Gravimeter, optional
         What is known of readings that are one number: how late they are, and their noise beside
         the white one; default: nothing.
     height : scenario.Height, optional
         What is known of the height that readings are reduced with; default: that it is exact.
     expansion : Expansion, optional
-        Of readings that are more than one number, but for those of channels.
+        Of readings that are more than one number.
     marks : int
         How many empty scans (`mark`) there may be in a batch beside its own.
     """
@@ -69,7 +66,6 @@ class BatchBuilder:
         settings: MatcherSettings,
         reduction: Reduction,
         context: int = 0,
-        covariance: Array | None = None,
         instrument: Gravimeter | None = None,
         height: Height | None = None,
         expansion: Expansion | None = None,
@@ -78,14 +74,13 @@ class BatchBuilder:
         self.settings = settings
         self.expansion = expansion
         self.reduction = reduction
-        self.covariance = covariance
         self.instrument = instrument or Gravimeter()
         self._height = height or Height()
         self._lag = Lag.of(self.instrument)
         self._longest = settings.batch_length + context + marks
         older = math.ceil(self._lag.reach / self.instrument.interval)
-        self._most = self._longest + older
-        self._scans = Scans(self._most)
+        shape = (1, 1) if expansion is None else expansion.shape
+        self._scans = Scans(self._longest + older, shape)
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
@@ -98,12 +93,10 @@ class BatchBuilder:
     def of(cls, scenario: Scenario, context: int = 0, marks: int = 0) -> "BatchBuilder":
         """Return the builder of a scenario's batches for a matcher with a context, with room for
         marks; raises InputError where the scenario cannot be used."""
-        field = measured_field(scenario)
         return cls(
             scenario.matcher,
-            field.reduction(scenario),
+            measured_field(scenario).reduction(scenario),
             context,
-            field.covariance(scenario),
             scenario.gravimeter,
             scenario.height,
             expansion_of(scenario),
@@ -124,7 +117,7 @@ class BatchBuilder:
     def has_new(self) -> bool:
         """Whether any reading has come since the last batch."""
         newest = self._scans.readings(self._scans.last(self._unused))
-        return bool(np.isfinite(newest).any())
+        return bool(np.isfinite(newest[..., 0]).any())
 
     @property
     def collected(self) -> Collected:
@@ -136,7 +129,7 @@ class BatchBuilder:
 
     def restore(self, collected: Collected) -> None:
         """Go on from what an earlier builder of the same settings had collected."""
-        self._scans = Scans(self._most)
+        self._scans = Scans(self._scans.most, self._scans.shape)
         self._scans.extend(collected.scans)
         self._count, self._unused, self._track = collected.count, collected.unused, None
         self._bridge, self._correction = collected.bridge, collected.correction
@@ -162,15 +155,10 @@ class BatchBuilder:
         """Add a scan: where the navigator was (rad; m), its velocity (2,) north-east m/s, the
         reading (NaN = none) reduced with the navigator's state of the scan.
 
-        A reading of several channels is (C,), NaN where a channel has none, and its noise is
-        `covariance` instead of sigma; others are as the `Expansion` has them.
+        A reading of more than one number has those of `Expansion.shape`, NaN where there is none.
         """
-        place, detail = (latitude, longitude, velocity), None
-        if self.expansion is not None:
-            reading, detail = self.expansion.split(reading)
-        if self.covariance is not None:
-            reading = np.broadcast_to(reading, len(self.covariance))
-        self._scans.add(Scan(time, *place, reading, sigma, offset, height, detail))
+        place = latitude, longitude, velocity
+        self._scans.add(Scan(time, *place, reading, sigma, offset, height))
         self._count += 1
         self._unused += 1
 
@@ -180,8 +168,7 @@ class BatchBuilder:
         whether the batch can end there: this one has none after it."""
         newest, own = end._scans[-1], self._scans[-1]
         if newest.time > own.time + 1e-9:
-            nothing, sigma = np.nan * own.reading, self.instrument.sigma
-            self._scans.add(replace(newest, reading=nothing, sigma=sigma, detail=own.detail))
+            self._scans.add(replace(newest, reading=np.nan, sigma=self.instrument.sigma))
             self._unused = min(self._unused + 1, len(self._scans))
         return own.time <= newest.time + 1e-9
 
@@ -237,7 +224,7 @@ class BatchBuilder:
         end = float(times[-1])
         self._track = Track(every, at_scan, self._scans.added, end, self._bridge)
         effects = _Effects.of(every, apart, at_scan)
-        sigma, reading = self._scans.sigmas(scans), self._scans.readings(scans)
+        sigma, readings = self._scans.sigmas(scans), self._scans.readings(scans)
         offset = mean_error(self.instrument) + self._scans.offsets(scans)
         new = min(self._unused, len(times))
         self._unused = 0
@@ -247,7 +234,7 @@ class BatchBuilder:
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
-            reading=np.full(len(times), np.nan) if reading.ndim > 1 else reading - offset,
+            reading=readings[:, 0, 0] - offset,
             sigma=sigma,
             covariance=prior,
             **effects._asdict(),
@@ -260,14 +247,11 @@ class BatchBuilder:
             correction=correction,
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
         )
-        if self.covariance is None:
-            whole = batch if self._lag.mean == 0.0 else self._late(batch, prior)
-        else:
-            whole = channel_batch(batch, reading, self.covariance)
+        if self._lag.mean > 0.0:
+            batch = self._late(batch, prior)
         if self.expansion is None:
-            return whole
-        values = reading - offset.reshape(-1, *[1] * (reading.ndim - 1))
-        return self.expansion.expand(whole, values, self._scans.details(scans))
+            return batch
+        return self.expansion.expand(batch, readings, offset)
 
     def _noise(self, scans: slice, velocity: Array, times: Array) -> Parameters | None:
         """Return what readings have beside white noise, errors of their height included."""

@@ -1,6 +1,5 @@
 """Scans that have been collected and wait to become a batch."""
 
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -22,11 +21,10 @@ class Scan:
     longitude: float
     velocity: Array
     reading: float | Array
+    """One number, or those of `Scans.shape`; NaN = none."""
     sigma: float
     offset: float
     height: float
-    detail: Array | None = None
-    """What an `Expansion` needs beside the reading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,19 +52,20 @@ class Scans:
     ----------
     most : int
         Scans that are kept.
+    shape : (int, int)
+        Of a reading: rows, and numbers of each, the first of which moves with the navigator.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, most: int, shape: tuple[int, int] = (1, 1)) -> None:
+        self.most, self.shape = most, shape
         self._numbers = np.zeros((_COUNT, 2 * most))
-        self._readings: Array = np.zeros(2 * most)
-        self._details: deque[Array | None] = deque(maxlen=most)
+        self._readings: Array = np.zeros((2 * most, *shape))
         self._end = 0
         self.added = 0
         """How many there have been."""
 
     def __len__(self) -> int:
-        return len(self._details)
+        return min(self.added, self.most)
 
     def last(self, count: int) -> slice:
         """Return which are the last ones, so many at most; valid until another is added."""
@@ -75,13 +74,11 @@ class Scans:
     @property
     def every(self) -> slice:
         """Which are all of them."""
-        return self.last(self._most)
+        return self.last(self.most)
 
     def add(self, scan: Scan) -> None:
-        """Add one; readings of all have the shape of the first one's."""
-        if not self.added:
-            self._readings = np.zeros((2 * self._most, *np.shape(scan.reading)))
-        if self._end == 2 * self._most:  # the last ones to the front
+        """Add one."""
+        if self._end == 2 * self.most:  # the last ones to the front
             kept = self.every
             count = kept.stop - kept.start
             self._numbers[:, :count] = self._numbers[:, kept].copy()
@@ -89,8 +86,8 @@ class Scans:
             self._end = count
         numbers = (scan.time, scan.latitude, scan.longitude, *scan.velocity)
         self._numbers[:, self._end] = (*numbers, scan.sigma, scan.offset, scan.height)
-        self._readings[self._end] = scan.reading
-        self._details.append(scan.detail)
+        reading = np.asarray(scan.reading, dtype=np.float64)
+        self._readings[self._end] = reading.reshape(self.shape) if reading.ndim else reading
         self._end += 1
         self.added += 1
 
@@ -104,9 +101,10 @@ class Scans:
         at = self._end + index if index < 0 else self.every.start + index
         numbers = self._numbers[:, at].tolist()
         time, latitude, longitude, north, east, sigma, offset, height = numbers
-        reading = self._readings[at] if self._readings.ndim == 1 else self._readings[at].copy()
-        velocity, detail = np.array([north, east]), self._details[index]
-        return Scan(time, latitude, longitude, velocity, reading, sigma, offset, height, detail)
+        reading = self._readings[at]
+        reading = reading.item() if self.shape == (1, 1) else reading.copy()
+        velocity = np.array([north, east])
+        return Scan(time, latitude, longitude, velocity, reading, sigma, offset, height)
 
     def track(self, which: slice) -> tuple[Array, Array, Array, Array]:
         """Return latitudes and longitudes (T,) rad, velocities (T, 2) m/s and times (T,) s."""
@@ -127,13 +125,8 @@ class Scans:
         return self._numbers[_OFFSET, which].copy()
 
     def readings(self, which: slice) -> Array:
-        """Return (T, ...)."""
+        """Return (T, *shape)."""
         return self._readings[which].copy()
-
-    def details(self, which: slice) -> list[Array]:
-        """Return those that there are."""
-        known = list(self._details)[which.start - self.every.start :]
-        return [detail for detail in known if detail is not None]
 
     def until(self, time: float) -> slice:
         """Return which are not after a time (s)."""
@@ -153,8 +146,7 @@ class Scans:
         numbers[_LATITUDE] += shift[:, 0] / north
         numbers[_LONGITUDE] += shift[:, 1] / east
         numbers[_NORTH:_SIGMA] += shift[:, 2:].T
-        readings = self._readings[which]
-        readings += change.reshape(-1, *[1] * (readings.ndim - 1))
+        self._readings[which, :, 0] += change[:, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap, RouteMap
-from isogal.matching.channels import channel_batch
-from isogal.matching.expansion import tensor_of
+from isogal.matching.expansion import Channels, with_allowed_tilt
 from isogal.matching.interfaces import Batch, Beside, Matcher
 from isogal.matching.pmht.settings import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
@@ -54,11 +55,11 @@ class TrackField:
         batch = build_batch(self.track, jacobian, rows, new, error, covariance)
         if self.channels is None:
             return batch
-        whole = channel_batch(batch, self.channels.values[rows], self.channels.covariance)
-        if self.channels.gradiometer is None:
-            return whole
-        tensor = tensor_of(self.channels.gradiometer, self.settings.name)
-        return whole if tensor is None else tensor.expand(whole, whole.reading, ())
+        told = self.channels.gradiometer
+        assumed = None if told is None else with_allowed_tilt(told, self.settings.name)
+        rows_of_channels = Channels(self.channels.covariance, assumed)
+        none = np.zeros(len(batch))
+        return rows_of_channels.expand(batch, self.channels.values[rows, :, None], none)
 
 
 def check_fields(fields: Sequence[TrackField]) -> None:

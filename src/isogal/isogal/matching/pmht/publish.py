@@ -10,7 +10,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.quantities import GRAVITY
 from isogal.maps.variability import feature_variability
-from isogal.matching.channels import first_channel
+from isogal.matching.expansion import first_channel
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.information import (
     informed_state,
