@@ -25,7 +25,7 @@ def square_root(covariance: Array) -> Array:
 
 # Of 7 x 7 LAPACK's factors and eigenvalues take 1.5 times as long from compiled code as these.
 @kernel
-def lower(matrix):  # type: ignore[no-untyped-def]
+def lower(matrix: Array) -> Array:
     """Return the lower Cholesky factor (n, n) of a small matrix; NaN where the matrix is not
     positive definite."""
     n = matrix.shape[0]
@@ -45,7 +45,7 @@ def lower(matrix):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def inverse_of_lower(factor):  # type: ignore[no-untyped-def]
+def inverse_of_lower(factor: Array) -> Array:
     """Return the inverse of a lower triangle (n, n)."""
     n = factor.shape[0]
     out = np.zeros((n, n))
@@ -59,7 +59,7 @@ def inverse_of_lower(factor):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def product(a, b):  # type: ignore[no-untyped-def]
+def product(a: Array, b: Array) -> Array:
     """Return a b of small matrices (n, k), (k, m)."""
     out = np.zeros((a.shape[0], b.shape[1]))
     for i in range(a.shape[0]):
@@ -70,7 +70,7 @@ def product(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def eigen(matrix):  # type: ignore[no-untyped-def]
+def eigen(matrix: Array) -> tuple[Array, Array]:
     """Return eigenvalues (n,), in rising order, and eigenvectors, the columns of (n, n), of the
     symmetric part of a small matrix (n, n): Householder's reduction and QL steps (Bowdler, Martin,
     Reinsch & Wilkinson 1968, Numer. Math. 11:293). NaN where it is not finite."""
@@ -130,7 +130,7 @@ def eigen(matrix):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _tridiagonal(v, d, e):  # type: ignore[no-untyped-def]
+def _tridiagonal(v: Array, d: Array, e: Array) -> None:
     """Turn a symmetric matrix (n, n) into the orthogonal one that makes it tridiagonal, in place,
     and write its diagonal and, in the first n - 1, what is beside that."""
     n = v.shape[0]

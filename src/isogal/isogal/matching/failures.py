@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 
 FAILED = "the matcher failed: "
@@ -22,7 +23,7 @@ _NUMERICAL = ("numpy", "scipy", "numba")
 
 
 def match_or_decline(
-    matcher: Matcher, batch: Batch, field_map: Any, memory: Any
+    matcher: Matcher, batch: Batch, field_map: AnyMap, memory: Any
 ) -> tuple[Fix, Any]:
     """Match a batch; where the matcher raises, decline it with the reason, and with the memory as
     it was before.

@@ -132,7 +132,7 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
 
 
 @kernel
-def _relative(covariance, prior):  # type: ignore[no-untyped-def]
+def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return the inverse of the prior's Cholesky factor, and eigenvalues and vectors of the
     posterior covariance in prior units."""
     whitening = inverse_of_lower(lower(prior))
@@ -143,7 +143,7 @@ def _relative(covariance, prior):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _likelihood(mean, covariance, prior):  # type: ignore[no-untyped-def]
+def _likelihood(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
     """Return vector (n,) and matrix (n, n) of `likelihood_information`."""
     n = mean.shape[0]
     whitening, ratio, vectors = _relative(covariance, prior)
@@ -165,7 +165,7 @@ def _likelihood(mean, covariance, prior):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _measured(mean, covariance, prior):  # type: ignore[no-untyped-def]
+def _measured(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
     """Return position error (2,) and covariance (2, 2) of `measurement_only`."""
     n = mean.shape[0]
     whitening, ratio, vectors = _relative(covariance, prior)

@@ -23,6 +23,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.fix import LOST_COVARIANCE, LOST_SIGMA, Candidates, Fix, Information, Status
+from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 from isogal.matching.transitions import given_position_and_velocity
@@ -219,7 +220,7 @@ class Beside:
     """Its place in the list of fields."""
     batch: Batch
     """Of the same navigator, and with the same end."""
-    field_map: Any
+    field_map: AnyMap
     """What it is matched against."""
 
 
@@ -245,7 +246,7 @@ class Matcher(Protocol):
         """Whether it matches readings of several channels against a `ChannelMap`."""
         ...
 
-    def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
         """Match one batch of one run; ``memory`` is None for a run's first batch, then what the
         last call returned.
 

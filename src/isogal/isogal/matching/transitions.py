@@ -78,7 +78,7 @@ def across(
 
 
 @kernel
-def rates(values, times):  # type: ignore[no-untyped-def]
+def rates(values: Array, times: Array) -> Array:
     """Return (T, n) how fast values (T, n) change at times (T,), to second order in between
     (Fornberg 1988, Math. Comp. 51:699); zero of a single one."""
     count = times.shape[0]
@@ -107,7 +107,7 @@ def reading_rate(jacobian: Array, velocity: Array, times: Array) -> Array | None
 
 
 @kernel
-def _chain(latitude, velocity, times, end):  # type: ignore[no-untyped-def]
+def _chain(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
     count, n = times.shape[0], BATCH_STATES
     change = rates(velocity, times)

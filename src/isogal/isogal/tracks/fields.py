@@ -7,7 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.channels import ChannelMap, RouteMap
+from isogal.maps.channels import AnyMap, ChannelMap, RouteMap
 from isogal.matching.expansion import Channels, with_allowed_tilt
 from isogal.matching.interfaces import Batch, Beside, Matcher
 from isogal.matching.pmht.settings import options_of
@@ -88,7 +88,7 @@ def joint_batch(
     covariance: Array,
     *,
     edge: bool,
-) -> tuple[Batch, RouteMap]:
+) -> tuple[Batch, AnyMap]:
     """Return rows of the first field as a batch with those of the others beside it, and its map;
     `edge`: without readings near which a map ends. Other parameters as of
     `batches.build_batch`."""

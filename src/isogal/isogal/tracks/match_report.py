@@ -111,7 +111,8 @@ def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:
     was not."""
     unit, factor = _unit(field_map)
     rows = [
-        {"time (s)": f"{match.fix.time:.10g}"} | {key: number(x) for key, x in flat(told).items()}
+        {"time (s)": f"{match.fix.time:.10g}"}
+        | {key: number(x) for key, x in flat(told).items() if isinstance(x, float | int)}
         for match in matches
         if (told := found(match, {"": factor}))
     ]

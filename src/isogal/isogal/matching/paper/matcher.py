@@ -28,12 +28,13 @@ error of the map, no unknown bias (`map_sigma` and `bias_sigma` have no effect);
 reading is never used (eq. forward). See docs/mathematics.md, section 13."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
@@ -112,12 +113,14 @@ class PmhtPaper:
         """Build it from the scenario; raises InputError on unknown or impossible options."""
         return cls(check_options("pmht-paper", settings.options, PaperOptions))
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(
+        self, batch: Batch, field_map: AnyMap, memory: float | None
+    ) -> tuple[Fix, float | None]:
         """Match one batch (see `interfaces.Matcher`)."""
-        options = self.options
+        options, field_map = self.options, channels_of(field_map)[0]
         if reason := unusable(batch):
             return declined(batch, reason), memory
-        reference = memory if isinstance(memory, float) else self._reference(field_map)
+        reference = self._reference(field_map) if memory is None else memory
         variability = self._variability(batch, field_map, reference)
         if variability is None:
             return declined(batch, "the track is outside the map"), reference

@@ -104,7 +104,8 @@ class Pmht:
             return declined(batch, "none of the likely places is on the map"), memory
         memory, told, evidence = observed
         lead = memory.fields[self.lead]
-        diverged = memory.diverged.with_last(rows=rows[0], evidence=evidence)
+        last = replace(memory.diverged.last, rows=rows[0], evidence=evidence)
+        diverged = memory.diverged.with_last(last)
         diverged = pursued(diverged, lead, field_map)
         memory, found = decided(replace(memory, diverged=diverged), self.lead, field_map)
         bank = memory.fields[self.lead].bank

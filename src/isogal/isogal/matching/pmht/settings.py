@@ -41,8 +41,7 @@ class Options(BaseModel):
 
 def options_of(matcher: MatcherSettings) -> Options:
     """Return its options; raises InputError on an unknown or bad one."""
-    options: Options = check_options("pmht", matcher.options, Options)
-    return options
+    return check_options("pmht", matcher.options, Options)
 
 
 def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assumed:
