@@ -108,12 +108,11 @@ class Hypotheses:
         of_place, least = rows.place[-1], self._least
         while True:  # `most` ends it on a map as rough as that
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
-            place, spread = whole.places(of_place)
+            _, spread = whole.places(of_place)
             asked = whole.log_weight > least[whole.which]
             mixture_kernels.curvature(
-                grid, rows, self.models, whole.which, asked, int(whole.log_weight.argmax()),
-                whole.mean, place, spread, CURVED, REACH, worst, axes,
-            )  # fmt: skip
+                grid, rows, self.models, whole.which, asked, whole.mean, spread, REACH, worst, axes
+            )
             cut = worst > CURVED
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
