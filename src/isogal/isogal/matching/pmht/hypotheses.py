@@ -36,11 +36,11 @@ MOST, USUAL_STATES = 3500, BATCH_STATES + 1 + len(UNKNOWN)
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 10.0
 """Log of how much less probable than all together a place may be before it is dropped."""
-LIGHT = 5.0
+LIGHT = NEGLIGIBLE / 2.0
 """Models less probable by this log have one place only."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
-FLOOR = 15.0
+FLOOR = NEGLIGIBLE + LIGHT
 """The best model of no group (`Models.group`) falls further below the best than this log: what was
 wrong for hours may become right."""
 CREDIBLE = 2.0

@@ -14,12 +14,12 @@ from isogal.matching.pmht.rows import Epoch
 from isogal.matching.pmht.search import Past, Search
 from isogal.matching.pmht.states import States
 
-EVERY, LATER = 200.0, 1800.0
+HOUR = 3600.0
+"""s that a search goes back."""
+EVERY, LATER = 200.0, HOUR / 2.0
 """s from one look for other places to the next, and where it has found the navigator where it
 believes to be. Later looks tell later of a navigator that has diverged, earlier ones take as long
 as the fixes."""
-HOUR = 3600.0
-"""s that a search goes back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -41,6 +41,11 @@ P_WRONG_MAP = 1e-3
 """Probability that what is told of the map's error says nothing of it."""
 BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 """1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
+RARE, WORSE = 0.01, 10.0
+"""Probability of a fault that one has heard of, and the factor of a navigator's covariance from
+one model to the next."""
+UNSURE_LAG = 0.3
+"""1-sigma of a low-pass filter's time constant, of itself: half of what is between two models."""
 LATE_S = 20.0
 """1-sigma of a delay that nobody has told."""
 COUPLING = 1e-3
@@ -53,7 +58,7 @@ steps of the grid (0.4 there): it is 0 at the nodes."""
 
 FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "shaken", "coarse")
 NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, SHAKEN, COARSE = range(8)
-OF_ONE_NUMBER = (BIASED, LATE, FILTERED, SHAKEN)
+OF_ONE_NUMBER = {BIASED, LATE, FILTERED, SHAKEN}
 """Of instruments whose reading is one number."""
 
 
@@ -85,17 +90,15 @@ FAULTS = (
     Fault(BIASED, 0.1, bias=1.0, drift=1.0),
     Fault(NOISIER, 0.05, noise=3.0),
     Fault(NOISIER, 0.02, noise=10.0),
-    Fault(NOISIER, 0.01, noise=30.0),
-    Fault(NAVIGATOR, 0.01, start=10.0),
-    Fault(NAVIGATOR, 0.01, start=10.0, growth=10.0),
-    Fault(NAVIGATOR, 0.01, start=100.0, growth=100.0),
-    Fault(NAVIGATOR, 0.01, growth=10.0),
-    Fault(NAVIGATOR, 0.01, growth=100.0),
-    Fault(LATE, 0.01, delay=LATE_S),
-    Fault(FILTERED, 0.005, lag=30.0, delay=9.0),
-    Fault(FILTERED, 0.005, lag=60.0, delay=18.0),
-    Fault(FILTERED, 0.005, lag=120.0, delay=36.0),
-    Fault(SHAKEN, 0.01, coupling=COUPLING),
+    Fault(NOISIER, RARE, noise=30.0),
+    Fault(NAVIGATOR, RARE, start=WORSE),
+    Fault(NAVIGATOR, RARE, start=WORSE, growth=WORSE),
+    Fault(NAVIGATOR, RARE, start=WORSE**2, growth=WORSE**2),
+    Fault(NAVIGATOR, RARE, growth=WORSE),
+    Fault(NAVIGATOR, RARE, growth=WORSE**2),
+    Fault(LATE, RARE, delay=LATE_S),
+    *(Fault(FILTERED, 0.005, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
+    Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
 )
 
@@ -185,22 +188,21 @@ class Assumed:
 
 def models_of(assumed: Assumed, states: States) -> Models:
     """Return the models of a run."""
-    told = assumed.sigma is not None
-    faults: tuple[Fault, ...] = FAULTS
+    gone = set() if states.unknown else set(OF_ONE_NUMBER)
+    gone |= {
+        family
+        for family, known in (
+            (BIASED, assumed.bias > 0.0 or assumed.walks),
+            (LATE, assumed.delay > 0.0),
+            (FILTERED, assumed.filtered),
+            (SHAKEN, not assumed.shaken),
+            (COARSE, assumed.sigma is not None or not assumed.rough > 0.0),
+        )
+        if known
+    }
+    faults = [fault for fault in FAULTS if fault.family not in gone]
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        faults = FAULTS[:1]
-    if not states.unknown:
-        faults = tuple(f for f in faults if f.family not in OF_ONE_NUMBER)
-    if assumed.bias > 0.0 or assumed.walks:
-        faults = tuple(f for f in faults if not f.bias)
-    if assumed.delay > 0.0:
-        faults = tuple(f for f in faults if f.family != LATE)
-    if assumed.filtered:
-        faults = tuple(f for f in faults if not f.lag)
-    if not assumed.shaken:
-        faults = tuple(f for f in faults if not f.coupling)
-    if told or not assumed.rough > 0.0:
-        faults = tuple(f for f in faults if f.family != COARSE)
+        faults = faults[:1]
     fine, usual = _map_errors(assumed, True), _map_errors(assumed, False)
     rows = []
     for fault in faults:
