@@ -7,7 +7,6 @@ from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
-from isogal.errors import InputError
 from isogal.matching.paper.iteration import Process, ScanCandidates, maximise
 from isogal.matching.paper.kalman import constant_velocity
 from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
@@ -187,24 +186,3 @@ def test_stops_early_when_told_to(rough_map):
     batch, _ = make_batch(rough_map, ERROR)
     fix, _ = PmhtPaper(PaperOptions(epsilon=1e4)).match(batch, rough_map, None)
     assert fix.diagnostics["iterations"] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"prior": np.full((4, 4), np.nan)}, "covariance of the navigator is not finite"),
-        ({"prior": np.zeros((4, 4))}, "the navigator's covariance is not positive definite"),
-        ({"time": np.zeros(30)}, "the stamps of the scans do not increase"),
-        ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),
-    ],
-)
-def test_odd_data_is_declined(rough_map, changes, reason):
-    fix, _ = PmhtPaper().match(make_batch(rough_map, **changes)[0], rough_map, None)
-    assert fix.reason == reason
-
-
-def test_bad_options_are_one_clear_line():
-    with pytest.raises(InputError, match=r"^matcher.options of pmht-paper: unknown key 'gama'.*$"):
-        load_matcher(Matcher(name="pmht-paper", options={"gama": 9.0}))
-    with pytest.raises(InputError, match=r"gamma: input should be greater than 0, not -1"):
-        load_matcher(Matcher(name="pmht-paper", options={"gamma": -1}))

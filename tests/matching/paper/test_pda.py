@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from isogal.matching.paper.pda import association_weights, candidate_variance, combine
 
@@ -40,24 +38,3 @@ def test_variance_of_a_candidate_by_hand():
         1.0e-5, np.array([[1.2e-8, 1.6e-8], [0.0, 0.0], [1.0e-15, 0.0]]), 120.0, 1.0e6
     )
     np.testing.assert_allclose(variance, [250_000.0 + 1200.0, 1.0e6, 1.0e6])
-
-
-@given(
-    st.lists(
-        st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5), st.floats(1e-2, 1e6)),
-        min_size=1,
-        max_size=20,
-    ),
-    st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)),
-)
-def test_the_mean_stays_among_the_candidates(rows, centre):
-    table = np.array(rows)
-    candidates, variance = table[:, :2], table[:, 2]
-    weights = association_weights(candidates, np.array(centre), variance)
-    assert weights.min() >= 0.0
-    assert weights.sum() == pytest.approx(1.0)
-    mean, combined = combine(candidates, weights, variance)
-    slack = 1e-9 * (1.0 + np.abs(candidates).max())
-    assert np.all(mean >= candidates.min(axis=0) - slack)
-    assert np.all(mean <= candidates.max(axis=0) + slack)
-    assert variance.min() * (1 - 1e-9) <= combined <= variance.max() * (1 + 1e-9)
