@@ -6,7 +6,7 @@
     batching               from scans, one by one, to batches
     transitions            the error at each scan per unit of that at the end; gaps between them
     path                   where the navigator was, for readings that are late
-    reading_noise          covariance of the readings' noise, as told
+    reading_noise          covariance of the readings' noise, as specified
     expansion              readings that are more than one number: channels, the own field of a
                            vehicle, footprints of several beams
     parameters             constants, or what changes slowly, estimated along

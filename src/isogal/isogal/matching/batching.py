@@ -264,8 +264,8 @@ class BatchBuilder:
         return joined(states)
 
     def _late(self, batch: Batch, prior: Array) -> Batch:
-        """Return a batch of readings that are late, each where the vehicle was at the time that it
-        tells of (docs/mathematics.md, section 4.7)."""
+        """Return a batch of readings that are late, each where the vehicle was when it
+        was sensed (docs/mathematics.md, section 4.7)."""
         every_scan = self._scans.every
         latitude, longitude, velocity, times = self._scans.track(every_scan)
         path = Path(times, latitude, longitude, self._scans.heights(every_scan), velocity)

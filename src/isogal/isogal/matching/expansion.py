@@ -52,8 +52,9 @@ def expansion_of(scenario: Scenario) -> Expansion | None:
     """
     name, matcher = scenario.measured_field, scenario.matcher.name
     if (covariance := measured_field(scenario).covariance(scenario)) is not None:
-        told = scenario.gradiometer if name == "gradient" else None
-        return Channels(covariance, None if told is None else with_allowed_tilt(told, matcher))
+        if name != "gradient":
+            return Channels(covariance)
+        return Channels(covariance, with_allowed_tilt(scenario.gradiometer, matcher))
     if name == "magnetic" and scenario.magnetometer.online:
         require(matcher, "takes_parameters", "magnetometer.online")
         return OwnField(prior_sigma(scenario))
@@ -64,15 +65,16 @@ def expansion_of(scenario: Scenario) -> Expansion | None:
     return None
 
 
-def with_allowed_tilt(told: Gradiometer, matcher: str) -> Gradiometer:
+def with_allowed_tilt(assumed: Gradiometer, matcher: str) -> Gradiometer:
     """Return what a matcher assumes of a gradiometer; raises InputError where it does not estimate
-    what is told of tilt and offsets."""
-    if told.wanders:
+    what is assumed of tilt and offsets."""
+    if assumed.wanders:
         require(matcher, "takes_parameters", "gradiometer.bias_eotvos ...")
-    if not told.platform_tilt and len(told.components) > 1 and able(matcher, "takes_parameters"):
-        # nobody has told of a tilt, but what is not allowed for passes for an error of position
-        return told.model_copy(update={"platform_tilt": told.allowed_tilt})
-    return told
+    several = len(assumed.components) > 1
+    if several and not assumed.platform_tilt and able(matcher, "takes_parameters"):
+        # no tilt is specified, but what is not allowed for passes for an error of position
+        return assumed.model_copy(update={"platform_tilt": assumed.allowed_tilt})
+    return assumed
 
 
 class Channels:
@@ -98,12 +100,13 @@ class Channels:
     def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
         """Return the batch with a row for each channel, with how the map errors of channels go
         together, and with tilt and offsets as parameters."""
-        whole, told = channel_batch(batch, readings[..., 0], self._covariance), self._gradiometer
-        if told is None:
+        whole = channel_batch(batch, readings[..., 0], self._covariance)
+        assumed = self._gradiometer
+        if assumed is None:
             return whole
-        slow = _slow_errors(told, whole) if told.wanders else None
+        slow = _slow_errors(assumed, whole) if assumed.wanders else None
         parameters = Parameters.together([whole.parameters, slow])
-        return replace(whole, of_one_potential=told.of_one_potential, parameters=parameters)
+        return replace(whole, of_one_potential=assumed.of_one_potential, parameters=parameters)
 
 
 def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Batch:
@@ -148,8 +151,8 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
 
 
 def _repeated(batch: Batch, count: int) -> Batch:
-    """Return a batch with so many rows for each scan, whose readings do not tell of the scan's own
-    place or velocity alone."""
+    """Return a batch with so many rows for each scan, whose readings were not reduced with the
+    scan's own place and velocity alone."""
     rows = batch.part(np.repeat(np.arange(len(batch)), count))
     return replace(rows, new=batch.new * count, reading_rate=None)
 
@@ -171,18 +174,18 @@ def _of_each_scan(covariance: Array, scans: int, channels: int) -> Array:
     return np.asarray(0.5 * (blocks + blocks.swapaxes(1, 2)))
 
 
-def _slow_errors(told: Gradiometer, batch: Batch) -> Parameters:
+def _slow_errors(assumed: Gradiometer, batch: Batch) -> Parameters:
     """Return the platform's tilt and the components' offsets."""
     assert batch.channel is not None
-    parts, components = list[Parameters](), told.components
-    if told.platform_tilt > 0.0:
+    parts, components = list[Parameters](), assumed.components
+    if assumed.platform_tilt > 0.0:
         effect = tilt_effect(components, batch.latitude)[np.arange(len(batch)), batch.channel]
-        sigma, time = np.full(2, told.platform_tilt), np.full(2, told.platform_time)
+        sigma, time = np.full(2, assumed.platform_tilt), np.full(2, assumed.platform_time)
         parts.append(Parameters(("tilt_north", "tilt_east"), sigma, effect, time=time))
-    if told.bias_eotvos > 0.0 or told.bias_walk_eotvos > 0.0:
+    if assumed.bias_eotvos > 0.0 or assumed.bias_walk_eotvos > 0.0:
         names = tuple(f"bias_{name}" for name in components)
-        sigma = np.full(len(names), told.bias_eotvos * EOTVOS)
-        walk = np.full(len(names), told.bias_walk_eotvos * EOTVOS)
+        sigma = np.full(len(names), assumed.bias_eotvos * EOTVOS)
+        walk = np.full(len(names), assumed.bias_walk_eotvos * EOTVOS)
         parts.append(Parameters(names, sigma, np.eye(len(names))[batch.channel], walk=walk))
     together = Parameters.together(parts)
     assert together is not None

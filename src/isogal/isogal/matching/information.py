@@ -3,9 +3,9 @@
 Information of the measurements = posterior information - prior information. It is negative in a
 direction in which the posterior is wider than the prior: of two places that fit, a prior between
 them knew neither. A navigator that is Gaussian has the posterior's mean and covariance only if it
-is told that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate
+is given that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate
 Bayesian inference", where such terms have negative variances). A position fix with a covariance
-cannot say it: there, those directions tell nothing (docs/mathematics.md, section 7).
+cannot say it: there, those directions say nothing (docs/mathematics.md, section 7).
 """
 
 import numpy as np
@@ -17,9 +17,9 @@ from isogal.matching.interfaces import Batch, Information
 from isogal.matrices import eigen, inverse_of_lower, lower, product, symmetric
 
 UNINFORMED_RATIO = 1.0 - 1e-4
-"""Variance ratio posterior / prior above which a direction of a position fix tells nothing."""
+"""Variance ratio posterior / prior above which a direction of a position fix says nothing."""
 LEAST_CHANGE = 0.01
-"""Change of the variance ratio, in some direction, that a batch needs to tell anything."""
+"""Change of the variance ratio, in some direction, that a batch needs to say anything."""
 LARGEST_RATIO = 4.0
 """Variance ratio at most: a posterior is taken to be at most twice as wide as the prior."""
 
@@ -28,7 +28,7 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     """Return the Gaussian likelihood, perhaps with negative information, that turns the prior N(0,
     prior) into N(mean, covariance).
 
-    Zero where no direction tells anything. A posterior is taken to be at most twice as wide as the
+    Zero where no direction says anything. A posterior is taken to be at most twice as wide as the
     prior.
 
     Parameters
@@ -37,10 +37,10 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     covariance, prior : (n, n) arrays
         Positive definite.
     """
-    told = _likelihood(*map(np.ascontiguousarray, (mean, covariance, prior)))
-    if not np.isfinite(told[1][0, 0]):
+    found = _likelihood(*map(np.ascontiguousarray, (mean, covariance, prior)))
+    if not np.isfinite(found[1][0, 0]):
         raise np.linalg.LinAlgError("Matrix is not positive definite")
-    return Information(*told)
+    return Information(*found)
 
 
 def shares(information: Information, prior: Array, backward: Array) -> tuple[Information, ...]:
@@ -148,10 +148,10 @@ def _likelihood(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Ar
     n = mean.shape[0]
     whitening, ratio, vectors = _relative(covariance, prior)
     back, vector, matrix = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
-    told = False
+    informative = False
     for k in range(n):
-        told = told or not abs(ratio[k] - 1.0) < LEAST_CHANGE
-    for k in range(n if told else 0):
+        informative = informative or not abs(ratio[k] - 1.0) < LEAST_CHANGE
+    for k in range(n if informative else 0):
         size, coordinate = min(ratio[k], LARGEST_RATIO), 0.0
         for j in range(n):
             for i in range(n):

@@ -24,7 +24,7 @@ def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Arr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bridge:
-    """The end of a time without inertial data, in which the vehicle moved as nobody knows: the
+    """The end of a time without inertial data, in which the motion of the vehicle is unknown: the
     navigator's error before it, given that after it, x, is N(gain x, root root')."""
 
     time: float

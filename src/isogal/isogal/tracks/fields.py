@@ -55,8 +55,10 @@ class TrackField:
         batch = build_batch(self.track, jacobian, rows, new, error, covariance)
         if self.channels is None:
             return batch
-        told = self.channels.gradiometer
-        assumed = None if told is None else with_allowed_tilt(told, self.settings.name)
+        gradiometer = self.channels.gradiometer
+        assumed = (
+            None if gradiometer is None else with_allowed_tilt(gradiometer, self.settings.name)
+        )
         rows_of_channels = Channels(self.channels.covariance, assumed)
         none = np.zeros(len(batch))
         return rows_of_channels.expand(batch, self.channels.values[rows, :, None], none)

@@ -101,7 +101,7 @@ def _table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
 
 
 def _unit(field_map: ScalarMap) -> tuple[str, float]:
-    """Return the unit that a map's values are told in, and how many inside it has."""
+    """Return the unit that a map's values are given in, and how many inside it has."""
     unit = field_map.file_unit or field_map.unit
     return ("mGal", 1e-5) if unit == "m/s²" else (unit, field_map.file_factor)
 
@@ -112,9 +112,9 @@ def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:
     unit, factor = _unit(field_map)
     rows = [
         {"time (s)": f"{match.fix.time:.10g}"}
-        | {key: number(x) for key, x in flat(told).items() if isinstance(x, float | int)}
+        | {key: number(x) for key, x in flat(estimates).items() if isinstance(x, float | int)}
         for match in matches
-        if (told := found(match, {"": factor}))
+        if (estimates := found(match, {"": factor}))
     ]
     title = f"Estimated with the fixes (sigma and offset in {unit}, length in m)"
     return [_table(title, rows)] if rows else []

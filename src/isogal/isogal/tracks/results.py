@@ -36,7 +36,7 @@ def as_objects(
     covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
     (`aided_*`). Where noise was integrated out they hold what was estimated, in units of which one
     has `factor` units inside, and m. `line` is that of the track's file. `others` are the factors
-    of further fields by name, of which NAME_estimated is told."""
+    of further fields by name, whose NAME_estimated are given."""
     factors = {"": factor} | {f"{name}.": one for name, one in (others or {}).items()}
     name = "aided" if chained else "with_prior"
     objects = []
@@ -54,8 +54,8 @@ def as_objects(
 
 
 def found(match: Match, factors: Mapping[str, float]) -> Entry:
-    """Return what a batch has told of errors and readings, each field's in a unit of which one has
-    so many units inside; nothing where noise was not integrated out."""
+    """Return what a batch has found of errors and readings, each field's in a unit of which one
+    has so many units inside; nothing where noise was not integrated out."""
     numbers = match.fix.diagnostics
     if match.shifts is None or "map_sigma" not in numbers:
         return {}

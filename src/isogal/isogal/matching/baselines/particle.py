@@ -187,7 +187,7 @@ def _weighed(readings: UsableReadings, motion: _Motion, t: int, cloud: _Cloud) -
 def _predicted(
     motion: _Motion, t: int, cloud: _Cloud, normal: Array, variance: float, rough: Array
 ) -> _Cloud:
-    """Move the particles to the next scan: p' = move p + drive v + noise, and what p' tells about
+    """Move the particles to the next scan: p' = move p + drive v + noise, and what p' says about
     v.
 
     Parameters
@@ -206,7 +206,7 @@ def _predicted(
     step = normal @ np.linalg.cholesky(C).T
     gain = np.linalg.solve(C, G)
     moved = p @ motion.move[t].T + u[:, :2] @ drive.T + step
-    # of what is added nothing is told
+    # what is added says nothing of the velocity
     moved = moved + rough * normal[::-1, ::-1]
     return _Cloud(moved, u + step @ gain, P - G.T @ gain, log, weight)
 

@@ -160,7 +160,7 @@ def shift_covariance(slope: Array, sigma: Array, velocity: Array, limit: float) 
         Covariance of the navigator's velocity error: the shift does not contain it, and it moves
         the scans within the batch.
     limit : float
-        Largest 1-sigma, m: of a direction that the readings tell nothing about.
+        Largest 1-sigma, m: of a direction of which the readings say nothing.
 
     Returns
     -------

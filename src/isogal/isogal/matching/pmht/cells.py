@@ -25,7 +25,7 @@ PLACES = 600
 """Cells, and then hypotheses, that are followed up, at most."""
 SURE = 0.99
 """Probability of what is taken as certain: that the place is in the first grid and among the cells
-that are followed up, and that a navigator that is told so has diverged."""
+that are followed up, and that a navigator that is reset has diverged."""
 GROUPS = 120
 """Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
 With a third of them a place on a map of 3 mGal is found a minute later."""

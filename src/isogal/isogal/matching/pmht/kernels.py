@@ -68,7 +68,7 @@ def propagated(  # type: ignore[no-untyped-def]
 def predicted(grid, rows, t, north, east, lag):  # type: ignore[no-untyped-def]
     """Return the map's value and its derivatives to north and east (per m) for row t of a
     navigator that is `north` and `east` (m) of the truth; a mean over the path where the
-    instrument's filter is told or has a time constant `lag` (s)."""
+    instrument's filter is specified or has a time constant `lag` (s)."""
     lat = rows.latitude[t] - north * rows.radian[t, 0]
     lon = rows.longitude[t] - east * rows.radian[t, 1]
     channel = rows.channel[t]

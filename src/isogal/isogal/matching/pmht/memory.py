@@ -18,7 +18,7 @@ HOUR = 3600.0
 """s that a search goes back."""
 EVERY, LATER = 200.0, HOUR / 2.0
 """s from one look for other places to the next, and where it has found the navigator where it
-believes to be. Later looks tell later of a navigator that has diverged, earlier ones take as long
+believes to be. Later looks find later a navigator that has diverged, earlier ones take as long
 as the fixes."""
 
 
@@ -31,8 +31,8 @@ class FieldMemory:
     bank: Hypotheses | None
     """About the navigator as it is; None = its place is searched for."""
     epoch: Epoch | None = None
-    told: float = 0.0
-    """1-sigma of the map's error that is told, map's unit; 0 = nothing is."""
+    specified: float = 0.0
+    """1-sigma of the map's error as specified, map's unit; 0 = it is not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
