@@ -7,9 +7,9 @@ from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
-from isogal.matching.paper.iteration import Process, ScanCandidates, maximise
+from isogal.matching.paper.iteration import PaperOptions, ScanCandidates, maximise
 from isogal.matching.paper.kalman import constant_velocity
-from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
+from isogal.matching.paper.matcher import PmhtPaper
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
@@ -79,8 +79,11 @@ def test_iteration_equals_section_3_2_written_out(predicted):
         X, last_P, predictions = smoothed(X[0], z_bar, R_bar)
         centre = (predictions if predicted else X)[:, :2].copy()
 
-    process = Process(Q, ITERATIONS, 0.0, predicted)
-    estimate = maximise(navigator, FIRST, np.diff(TIME), candidates, process)
+    options = PaperOptions(
+        acceleration_density=Q, iterations=ITERATIONS,
+        association="predicted" if predicted else "smoothed",
+    )  # fmt: skip
+    estimate = maximise(navigator, FIRST, np.diff(TIME), candidates, options)
     assert estimate.iterations == ITERATIONS
     np.testing.assert_allclose(estimate.state, X, rtol=1e-8)
     np.testing.assert_allclose(estimate.covariance[-1], last_P, rtol=1e-8)

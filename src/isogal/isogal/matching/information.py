@@ -86,17 +86,14 @@ def position_information(
 
 
 def informed(prior: Array, information: Information) -> tuple[Array, Array]:
-    """Return mean (4,) and covariance (4, 4) of xi ~ N(0, prior) given information about it."""
-    return informed_state(prior, Information(information.vector[:4], information.matrix[:4, :4]))
-
-
-def informed_state(prior: Array, information: Information) -> tuple[Array, Array]:
-    """Return mean and covariance of x ~ N(0, prior) given information about it, (n,) and
-    (n, n)."""
+    """Return mean (n,) and covariance (n, n) of the first n numbers x ~ N(0, prior) that
+    information is about."""
+    n = len(prior)
+    vector, matrix = information.vector[:n], information.matrix[:n, :n]
     # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
-    covariance = np.linalg.solve(np.eye(len(prior)) + prior @ information.matrix, prior)
+    covariance = np.linalg.solve(np.eye(n) + prior @ matrix, prior)
     covariance = symmetric(covariance)
-    return np.asarray(covariance @ information.vector), covariance
+    return np.asarray(covariance @ vector), covariance
 
 
 def positive_part(information: Information, scale: Array) -> Information:

@@ -10,7 +10,8 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Candidates, Fix
-from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
+from isogal.matching.paper.iteration import PaperOptions
+from isogal.matching.paper.matcher import PmhtPaper
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.published import FIGURE_64_SCAN, ITERATIONS

@@ -16,7 +16,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
 from isogal.matching.information import (
-    informed_state,
+    informed,
     likelihood_information,
     measurement_only,
     positive_part,
@@ -251,7 +251,7 @@ def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
             if not len(them):
                 return rigid(shifts, prior)
         shared = shared.with_bank(field, them, prior)
-    return informed_state(prior, shared.total)
+    return informed(prior, shared.total)
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

@@ -55,13 +55,11 @@ class TrackField:
         batch = build_batch(self.track, jacobian, rows, new, error, covariance)
         if self.channels is None:
             return batch
-        gradiometer = self.channels.gradiometer
-        assumed = (
-            None if gradiometer is None else with_allowed_tilt(gradiometer, self.settings.name)
-        )
-        rows_of_channels = Channels(self.channels.covariance, assumed)
-        none = np.zeros(len(batch))
-        return rows_of_channels.expand(batch, self.channels.values[rows, :, None], none)
+        assumed = self.channels.gradiometer
+        if assumed is not None:
+            assumed = with_allowed_tilt(assumed, self.settings.name)
+        expansion, offset = Channels(self.channels.covariance, assumed), np.zeros(len(batch))
+        return expansion.expand(batch, self.channels.values[rows, :, None], offset)
 
 
 def check_fields(fields: Sequence[TrackField]) -> None:

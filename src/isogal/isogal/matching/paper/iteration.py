@@ -3,9 +3,10 @@
 Positions are metres north and east on the plane about the navigator's last position."""
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array, Booleans
 from isogal.maps.field_map import FieldMap
@@ -16,17 +17,47 @@ from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_win
 from isogal.matching.paper.pda import association_weights, candidate_variance, combine
 
 
-class Search(NamedTuple):
-    """How candidates are searched for; see the options of these names."""
+class PaperOptions(BaseModel):
+    """Options of `pmht-paper`."""
 
-    gamma: float
-    rectangle: bool
-    minimum: float
-    """m, least half-width of the window."""
-    spacing: float
-    """m, of the lattice; infinite = the map's cells."""
-    wanted: int
-    """Candidates of a scan."""
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    gamma: float = Field(9.0, gt=0.0, description="threshold of the search window, eq. s2-02")
+    window: Literal["ellipse", "rectangle"] = Field(
+        "rectangle", description="shape of the search window"
+    )
+    min_half_width: float = Field(
+        1500.0, gt=0.0, description="least half-width of the search window, m"
+    )
+    candidates: int = Field(20, ge=1, le=1000, description="map points kept of each scan")
+    spacing: float | None = Field(
+        250.0,
+        gt=0.0,
+        description="coarser maps are interpolated to points this far apart, m; null = never",
+    )
+    iterations: int = Field(15, ge=1, le=1000, description="most iterations")
+    epsilon: float = Field(
+        0.0, ge=0.0, description="stop when the batch state moves by no more than this; 0 = never"
+    )
+    acceleration_density: float = Field(
+        1e-5, gt=0.0, description="q of the constant-velocity model, m²/s³"
+    )
+    association: Literal["predicted", "smoothed"] = Field(
+        "predicted", description="state that candidates are weighed by"
+    )
+    covariance_factor: float | None = Field(None, gt=0.0, description="factor on P_T|T; null = T")
+    variability_exponent: float = Field(
+        1.0, ge=0.0, le=4.0, description="0 = covariance not weighted by variability"
+    )
+    variability_window: float = Field(
+        2000.0, gt=0.0, description="half-width of the variability template, m"
+    )
+    min_variability: float = Field(
+        2e-4, ge=0.0, description="normalised variability below which aiding stops"
+    )
+    min_scans: int | None = Field(
+        None, ge=1, description="scans with candidates that a fix needs; null = half the batch"
+    )
 
 
 class ScanCandidates(NamedTuple):
@@ -41,17 +72,6 @@ class ScanCandidates(NamedTuple):
     def there(self) -> Booleans:
         """(T, wanted) which there are."""
         return np.isfinite(self.variance)
-
-
-class Process(NamedTuple):
-    """How the iteration proceeds; see the options of these names."""
-
-    acceleration_density: float
-    most: int
-    """Iterations."""
-    epsilon: float
-    predicted: bool
-    """Whether candidates are weighed by the predicted state."""
 
 
 class Estimate(NamedTuple):
@@ -69,25 +89,29 @@ class Estimate(NamedTuple):
 
 
 def find_candidates(
-    batch: Batch, plane: LocalPlane, field_map: FieldMap, search: Search
+    batch: Batch, plane: LocalPlane, field_map: FieldMap, options: PaperOptions
 ) -> ScanCandidates:
     """Look up all scans that have a reading, and the map at the navigator's position."""
     grid, metres = field_map.grid, (plane.north, plane.east)
     navigator = plane.metres(batch.latitude, batch.longitude)
     usable = np.isfinite(batch.reading) & field_map.covers(batch.latitude, batch.longitude)
     found = ScanCandidates(
-        np.zeros((len(batch), search.wanted, 2)), np.full((len(batch), search.wanted), np.inf)
+        np.zeros((len(batch), options.candidates, 2)),
+        np.full((len(batch), options.candidates), np.inf),
     )
-    step = lattice_spacing(grid, metres, search.spacing)
+    spacing = np.inf if options.spacing is None else options.spacing
+    step = lattice_spacing(grid, metres, spacing)
     for t in np.flatnonzero(usable):
         transition = batch.transition[t]
         uncertainty = transition @ batch.prior @ transition.T
-        window = search_window(uncertainty, search.gamma, search.minimum, search.rectangle)
+        window = search_window(
+            uncertainty, options.gamma, options.min_half_width, options.window == "rectangle"
+        )
         # the velocity error expected at a candidate is the navigator's: zero
         slope = tuple(batch.reading_jacobian[t, :2])
         place = batch.latitude[t], batch.longitude[t]
         offset, gradient = lookup(
-            grid, place, metres, window, batch.reading[t], slope, search.spacing, search.wanted
+            grid, place, metres, window, batch.reading[t], slope, spacing, options.candidates
         )
         limit = 0.5 * float((window.half_width**2).sum())
         own = slice(len(offset))
@@ -101,7 +125,7 @@ def maximise(
     first_covariance: Array,
     interval: Array,
     candidates: ScanCandidates,
-    process: Process,
+    options: PaperOptions,
 ) -> Estimate:
     """Iterate steps 1 and 2 of section 3.2.
 
@@ -114,18 +138,18 @@ def maximise(
     interval : (T - 1,) array
         s, times between scans.
     candidates : ScanCandidates
-    process : Process
+    options : PaperOptions
     """
     has = candidates.there.any(axis=1)
     position, variance = (column[has] for column in candidates)
     there = np.isfinite(variance)
     own = np.where(there, variance, 0.0)
-    F, Q = constant_velocity(interval, process.acceleration_density)
+    F, Q = constant_velocity(interval, options.acceleration_density)
     H = np.eye(2, 4)
     state, centre, used = navigator, navigator[:, :2], variance
     z, R = np.full((len(navigator), 2), np.nan), np.zeros((len(navigator), 2, 2))
     done = 0
-    while done < process.most:
+    while done < options.iterations:
         done += 1
         weight = association_weights(position, centre[has], used)
         z[has], combined = combine(position, weight, own)
@@ -134,9 +158,9 @@ def maximise(
         used = np.where(there, combined[:, None], np.inf)
         filtered = forward_filter(state[0], first_covariance, F, Q, H, z, R)
         smoothed, covariance = backward_smoother(*filtered, F)
-        centre = (filtered[2] if process.predicted else smoothed)[:, :2]
+        centre = (filtered[2] if options.association == "predicted" else smoothed)[:, :2]
         moved, state = ((smoothed - state) ** 2).sum(), smoothed
-        if moved <= process.epsilon**2:
+        if moved <= options.epsilon**2:
             break
     apart = ((position - z[has][:, None]) ** 2).sum(axis=-1)
     spread = math.sqrt(float((weight * apart).sum()) / max(1, int(has.sum())))

@@ -28,10 +28,8 @@ error of the map, no unknown bias (`map_sigma` and `bias_sigma` have no effect);
 reading is never used (eq. forward). See docs/mathematics.md, section 13."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
 from isogal.maps.channels import AnyMap, channels_of
@@ -41,9 +39,8 @@ from isogal.matching.interfaces import Batch, Candidates, Fix, declined
 from isogal.matching.local_plane import LocalPlane
 from isogal.matching.paper.iteration import (
     Estimate,
-    Process,
+    PaperOptions,
     ScanCandidates,
-    Search,
     find_candidates,
     maximise,
 )
@@ -53,49 +50,6 @@ from isogal.scenario import Matcher as MatcherSettings
 
 REFERENCE_SIDE = 10
 """C_ref is the mean of C over this many places along each side of the map."""
-
-
-class PaperOptions(BaseModel):
-    """Options of `pmht-paper`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    gamma: float = Field(9.0, gt=0.0, description="threshold of the search window, eq. s2-02")
-    window: Literal["ellipse", "rectangle"] = Field(
-        "rectangle", description="shape of the search window"
-    )
-    min_half_width: float = Field(
-        1500.0, gt=0.0, description="least half-width of the search window, m"
-    )
-    candidates: int = Field(20, ge=1, le=1000, description="map points kept of each scan")
-    spacing: float | None = Field(
-        250.0,
-        gt=0.0,
-        description="coarser maps are interpolated to points this far apart, m; null = never",
-    )
-    iterations: int = Field(15, ge=1, le=1000, description="most iterations")
-    epsilon: float = Field(
-        0.0, ge=0.0, description="stop when the batch state moves by no more than this; 0 = never"
-    )
-    acceleration_density: float = Field(
-        1e-5, gt=0.0, description="q of the constant-velocity model, m²/s³"
-    )
-    association: Literal["predicted", "smoothed"] = Field(
-        "predicted", description="state that candidates are weighed by"
-    )
-    covariance_factor: float | None = Field(None, gt=0.0, description="factor on P_T|T; null = T")
-    variability_exponent: float = Field(
-        1.0, ge=0.0, le=4.0, description="0 = covariance not weighted by variability"
-    )
-    variability_window: float = Field(
-        2000.0, gt=0.0, description="half-width of the variability template, m"
-    )
-    min_variability: float = Field(
-        2e-4, ge=0.0, description="normalised variability below which aiding stops"
-    )
-    min_scans: int | None = Field(
-        None, ge=1, description="scans with candidates that a fix needs; null = half the batch"
-    )
 
 
 @dataclass(frozen=True)
@@ -132,37 +86,14 @@ class PmhtPaper:
             return declined(batch, reason, feature_variability=variability), reference
 
         plane = LocalPlane.of(batch)
-        candidates = find_candidates(batch, plane, field_map, self._search)
+        candidates = find_candidates(batch, plane, field_map, options)
         usable = int(candidates.there.any(axis=1).sum())
         if reason := too_few(batch, usable, options.min_scans or max(1, len(batch) // 2)):
             return declined(batch, reason, feature_variability=variability), reference
         position = plane.metres(batch.latitude, batch.longitude)
         navigator = np.concatenate([position, batch.velocity], axis=1)
-        result = maximise(
-            navigator, _first_scan(batch), np.diff(batch.time), candidates, self._process
-        )
+        result = maximise(navigator, _first_scan(batch), np.diff(batch.time), candidates, options)
         return self._fix(batch, plane, variability, candidates, result), reference
-
-    @property
-    def _search(self) -> Search:
-        options = self.options
-        return Search(
-            gamma=options.gamma,
-            rectangle=options.window == "rectangle",
-            minimum=options.min_half_width,
-            spacing=np.inf if options.spacing is None else options.spacing,
-            wanted=options.candidates,
-        )
-
-    @property
-    def _process(self) -> Process:
-        options = self.options
-        return Process(
-            acceleration_density=options.acceleration_density,
-            most=options.iterations,
-            epsilon=options.epsilon,
-            predicted=options.association == "predicted",
-        )
 
     def _variability(self, batch: Batch, field_map: FieldMap, reference: float) -> float | None:
         """Return the mean of eq. CV over the batch, in units of C_ref; None off the map."""

@@ -13,7 +13,7 @@ from isogal.maps.variability import feature_variability
 from isogal.matching.expansion import first_channel
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.information import (
-    informed_state,
+    informed,
     likelihood_information,
     measurement_only,
     shares,
@@ -56,7 +56,7 @@ class FieldInformation:
         informed by the others, what its bank says."""
         mean, before = np.zeros(BATCH_STATES), prior
         if self.each:
-            mean, before = informed_state(prior, self.total)
+            mean, before = informed(prior, self.total)
         after, covariance = bank.credible().moments()
         own = likelihood_information(after - mean, covariance, before)
         own = Information(own.vector + own.matrix @ mean, own.matrix)
@@ -97,7 +97,7 @@ def published(
         reason = "the batch tells nothing that the navigator does not know"
         fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
-    mean, covariance = informed_state(prior, information)
+    mean, covariance = informed(prior, information)
     place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
     north, east = metres_per_radian(batch.end[0])
     bank = memory.fields[each[0].field].bank
