@@ -152,10 +152,25 @@ class BatchBuilder:
         offset: float = 0.0,
         height: float = 0.0,
     ) -> None:
-        """Add a scan: where the navigator was (rad; m), its velocity (2,) north-east m/s, the
-        reading (NaN = none) reduced with the navigator's state of the scan.
+        """Add a scan.
 
-        A reading of more than one number has those of `Expansion.shape`, NaN where there is none.
+        Parameters
+        ----------
+        time : float
+            s, later than that of the scan before.
+        latitude, longitude : float
+            rad, where the navigator believes to be.
+        velocity : (2,) array
+            Its velocity north and east, m/s.
+        reading : float or array
+            Reduced with the navigator's state of the scan, map's unit; of more than one number
+            those of `Expansion.shape`. NaN = none.
+        sigma : float
+            1-sigma of its white noise.
+        offset : float
+            What is known to be wrong with it.
+        height : float
+            m.
         """
         place = latitude, longitude, velocity
         self._scans.add(Scan(time, *place, reading, sigma, offset, height))
@@ -173,9 +188,16 @@ class BatchBuilder:
         return own.time <= newest.time + 1e-9
 
     def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:
-        """Note that there were no inertial data between two times, and the navigator's covariance
-        (7, 7) at both: scans on either side then no longer hang together by the navigator's track
-        alone (docs/mathematics.md, section 4.8). Readings before an earlier gap are given up.
+        """Note that there were no inertial data between two times: scans on either side then no
+        longer hang together by the navigator's track alone (docs/mathematics.md, section 4.8).
+        Readings before an earlier gap are given up.
+
+        Parameters
+        ----------
+        begin, end : float
+            s.
+        before, after : (7, 7) arrays
+            The navigator's covariance at both.
         """
         if not len(self._scans):
             return

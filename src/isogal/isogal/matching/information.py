@@ -77,7 +77,16 @@ def shares(information: Information, prior: Array, backward: Array) -> tuple[Inf
 def position_information(
     batch: Batch, latitude: float, longitude: float, covariance: Array
 ) -> Information:
-    """Return what a position (rad; (2, 2) m²) at a batch's last scan says about xi."""
+    """Return what a position at a batch's last scan says about xi.
+
+    Parameters
+    ----------
+    batch : Batch
+    latitude, longitude : float
+        rad.
+    covariance : (2, 2) array
+        m², north and east.
+    """
     seen = -horizontal_difference(latitude, longitude, *batch.end)
     vector, matrix = np.zeros(4), np.zeros((4, 4))
     matrix[:2, :2] = np.linalg.inv(covariance)

@@ -59,9 +59,20 @@ def carried(covariance: Array, at: tuple[float, Array, float], end: float) -> Ar
 def across(
     bridge: Bridge | None, plain: Array, latitude: Array, velocity: Array, times: Array, end: float
 ) -> tuple[Array, Array]:
-    """Return (T, 7, 7) the errors at scans per unit of error at a time `end`, with a gap in the
+    """Return (T, 7, 7) the errors at scans per unit of error at the end, with a gap in the
     inertial data between them, and (T, 7, K) what they are beside that, per unit-variance
-    component of K; `plain` is that of `backwards`.
+    component of K.
+
+    Parameters
+    ----------
+    bridge : Bridge, optional
+        None = there was no gap.
+    plain : (T, 7, 7) array
+        Of `backwards`.
+    latitude, velocity, times : (T,), (T, 2), (T,) arrays
+        Of the scans; rad, m/s, s.
+    end : float
+        s.
     """
     before = np.zeros(len(times), bool) if bridge is None else times < bridge.time
     if bridge is None or not before.any() or bridge.time > end:

@@ -27,7 +27,20 @@ def write_match_report(
     *,
     chained: bool = False,
 ) -> Path:
-    """Write `report.html` with two PNG figures beside it; return the path of the page."""
+    """Write `report.html` with two PNG figures beside it; return the path of the page.
+
+    Parameters
+    ----------
+    track : Track
+    field_map : FieldMap or TiledMap
+    settings : scenario.Matcher
+    uncertainty : Uncertainty
+        What was assumed of the track.
+    matches : sequence of Match
+    out_dir : path
+    chained : bool
+        Whether each batch started from what the earlier ones had found.
+    """
     published = sum(match.fix.published for match in matches)
     start = "what the earlier ones told" if chained else "the same prior"
     figures = {

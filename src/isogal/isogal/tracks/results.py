@@ -34,9 +34,19 @@ def as_objects(
 
     Without a fix the position is that of the track. Objects also hold the position and its
     covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
-    (`aided_*`). Where noise was integrated out they hold what was estimated, in units of which one
-    has `factor` units inside, and m. `line` is that of the track's file. `others` are the factors
-    of further fields by name, whose NAME_estimated are given."""
+    (`aided_*`). Where noise was integrated out they hold what was estimated.
+
+    Parameters
+    ----------
+    matches : sequence of Match
+    chained : bool
+    factor : float
+        Units inside of one unit in which the estimates are given; lengths are in m.
+    line : str, optional
+        Of the track's file.
+    others : dict of float, optional
+        Factors of further fields by name, whose NAME_estimated are given.
+    """
     factors = {"": factor} | {f"{name}.": one for name, one in (others or {}).items()}
     name = "aided" if chained else "with_prior"
     objects = []

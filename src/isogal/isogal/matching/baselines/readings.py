@@ -73,7 +73,16 @@ class UsableReadings:
     def of(
         cls, batch: Batch, field_map: FieldMap, noise: AssumedNoise, whole: bool
     ) -> "UsableReadings":
-        """Collect the readings that no earlier batch has used, or those of the whole batch."""
+        """Collect readings.
+
+        Parameters
+        ----------
+        batch : Batch
+        field_map : FieldMap
+        noise : AssumedNoise
+        whole : bool
+            Whether those that an earlier batch has used count as well.
+        """
         usable = np.isfinite(batch.reading) & field_map.covers(batch.latitude, batch.longitude)
         if not whole:
             usable[: len(batch) - batch.new] = False
@@ -186,8 +195,21 @@ def publish_posterior(
     """Turn the posterior N(mean, covariance) of xi into a fix of the measurements alone
     (docs/mathematics.md, sections 7.1 and 7.4).
 
-    Declines where no direction's variance has fallen by the share `least_gain`, which is larger
-    for posteriors that are not exact."""
+    Parameters
+    ----------
+    batch : Batch
+    mean, covariance : (4,), (4, 4) arrays
+        m and m/s.
+    diagnostics : dict
+        Figures of the fix, by name.
+    candidates : Candidates, optional
+        Places that are shown.
+    position_only : bool
+        Whether the fix says nothing of the velocity.
+    least_gain : float
+        Share by which the variance of some direction must have fallen, else there is no fix;
+        larger for posteriors that are not exact.
+    """
     prior = batch.prior
     information = likelihood_information(mean, covariance, prior)
     whitener = np.linalg.inv(np.linalg.cholesky(prior[:2, :2]))
@@ -207,10 +229,19 @@ def publish_measured(
     diagnostics: dict[str, float],
     candidates: Candidates | None = None,
 ) -> Fix:
-    """Turn a measured position error (2,) of the navigator at the batch end into a fix.
+    """Turn a measured position error of the navigator at the batch end into a fix.
 
-    Where batches overlap each reading is used in len(batch) / new of them, so the covariance grows
-    by that factor."""
+    Parameters
+    ----------
+    batch : Batch
+    position, covariance : (2,), (2, 2) arrays
+        m north and east. Where batches overlap each reading is used in len(batch) / new of them,
+        so the covariance grows by that factor.
+    diagnostics : dict
+        Figures of the fix, by name.
+    candidates : Candidates, optional
+        Places that are shown.
+    """
     xi = np.concatenate([position, [0.0, 0.0]])
     out = covariance * (len(batch) / max(batch.new, 1))
     return _fix(batch, position, out, xi, diagnostics, candidates, None)

@@ -91,7 +91,16 @@ class Estimate(NamedTuple):
 def find_candidates(
     batch: Batch, plane: LocalPlane, field_map: FieldMap, options: PaperOptions
 ) -> ScanCandidates:
-    """Look up all scans that have a reading, and the map at the navigator's position."""
+    """Look up all scans that have a reading, and the map at the navigator's position.
+
+    Parameters
+    ----------
+    batch : Batch
+    plane : LocalPlane
+        In whose metres the candidates are.
+    field_map : FieldMap
+    options : PaperOptions
+    """
     grid, metres = field_map.grid, (plane.north, plane.east)
     navigator = plane.metres(batch.latitude, batch.longitude)
     usable = np.isfinite(batch.reading) & field_map.covers(batch.latitude, batch.longitude)

@@ -88,8 +88,20 @@ class Ranked:
 def at_cells(
     models: Models, centres: Array, which: Integers, cell: float, wide: Array
 ) -> Hypotheses:
-    """Return those at cells (K, 2), each with a model (K,); their weights are those of the
-    prior."""
+    """Return hypotheses at cells, whose weights are those of the prior.
+
+    Parameters
+    ----------
+    models : Models
+    centres : (K, 2) array
+        Errors of the place, m north and east.
+    which : (K,) array of int
+        The model of each.
+    cell : float
+        Size of the cells, m.
+    wide : (7, 7) array
+        Prior covariance of the navigator's error.
+    """
     base, n = Hypotheses.before(models, wide), BATCH_STATES
     gain = np.linalg.solve(wide[:2, :2], wide[:2]).T  # errors that go with a place
     inner = wide + gain @ ((cell / CELL_SIGMA) ** 2 * np.eye(2) - wide[:2, :2]) @ gain.T
