@@ -9,14 +9,14 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field
-from isogal.inertial.error_state import BATCH_STATES
+from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_states, joined, noise_states
 from isogal.matching.residual_gravity import UNMOVED
-from isogal.matching.scans import Collected, Scan, Scans, Track
+from isogal.matching.scans import Collected, Scan, Scans
 from isogal.matching.transitions import (
     Bridge,
     across,
@@ -84,7 +84,6 @@ class BatchBuilder:
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
-        self._track: Track | None = None
         self._correction: Array | None = np.zeros(BATCH_STATES)
         self.gravity = UNMOVED
         """What moves the navigator within a batch; nothing, unless it is set."""
@@ -131,7 +130,7 @@ class BatchBuilder:
         """Go on from what an earlier builder of the same settings had collected."""
         self._scans = Scans(self._scans.most, self._scans.shape)
         self._scans.extend(collected.scans)
-        self._count, self._unused, self._track = collected.count, collected.unused, None
+        self._count, self._unused = collected.count, collected.unused
         self._bridge, self._correction = collected.bridge, collected.correction
         self.gravity = collected.gravity or self.gravity
 
@@ -222,13 +221,12 @@ class BatchBuilder:
         which = self._scans.until(time + 1e-9)
         if which.start == which.stop:
             return
-        track, self._track = self._track, None
-        if track is None or not track.is_of(self._scans, which, time, self._bridge):
-            latitude, longitude, velocity, times = self._scans.track(which)
-            every = self._errors(latitude, velocity, times, time)[1]
-            jacobian = self._jacobian(latitude, longitude, velocity)
-            track = Track(every, jacobian, self._scans.added, time)
-        self._scans.move(which, *track.moves(jump))
+        latitude, longitude, velocity, times = self._scans.track(which)
+        plain = backwards(latitude, velocity, times, time)
+        every, _ = across(self._bridge, plain, latitude, velocity, times, time)
+        moved = (every @ jump)[:, :HORIZONTAL_STATES]
+        at_scan = self._jacobian(latitude, longitude, velocity)
+        self._scans.move(which, moved, (at_scan * moved).sum(axis=1))
 
     def build(self, prior: Array) -> Batch:
         """Return the batch that the newest scan ends.
@@ -243,8 +241,6 @@ class BatchBuilder:
         prior = symmetric(prior)
         backward, every, apart = self._errors(latitude, velocity, times, times[-1], prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        end = float(times[-1])
-        self._track = Track(every, at_scan, self._scans.added, end, self._bridge)
         effects = _Effects.of(every, apart, at_scan)
         sigma, readings = self._scans.sigmas(scans), self._scans.readings(scans)
         offset = mean_error(self.instrument) + self._scans.offsets(scans)
@@ -319,16 +315,14 @@ class BatchBuilder:
         velocity: Array,
         times: Array,
         end: float,
-        prior: Array | None = None,
+        prior: Array,
     ) -> tuple[Array, Array, Array]:
-        """Return `backwards` of scans, and both of `across`; given the prior at the end, with what
-        gravity moves beside the latter."""
+        """Return `backwards` of scans, and both of `across`, what gravity moves with the latter;
+        `prior` (7, 7) is the navigator's covariance at the end."""
         plain = backwards(latitude, velocity, times, end)
         every, apart = across(self._bridge, plain, latitude, velocity, times, end)
-        if prior is not None:
-            moved = self.gravity.apart(velocity, times, end, prior)
-            apart = np.concatenate([apart, moved], axis=2)
-        return plain, every, apart
+        moved = self.gravity.apart(velocity, times, end, prior)
+        return plain, every, np.concatenate([apart, moved], axis=2)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height

@@ -7,7 +7,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.inertial.error_state import HORIZONTAL_STATES
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.transitions import Bridge
 
@@ -58,38 +57,32 @@ class Scans:
 
     def __init__(self, most: int, shape: tuple[int, int] = (1, 1)) -> None:
         self.most, self.shape = most, shape
-        self._numbers = np.zeros((_COUNT, 2 * most))
-        self._readings: Array = np.zeros((2 * most, *shape))
-        self._end = 0
-        self.added = 0
-        """How many there have been."""
+        self._numbers: Array = np.zeros((_COUNT, 0))
+        self._readings: Array = np.zeros((0, *shape))
 
     def __len__(self) -> int:
-        return min(self.added, self.most)
+        return len(self._readings)
 
     def last(self, count: int) -> slice:
         """Return which are the last ones, so many at most; valid until another is added."""
-        return slice(self._end - min(count, len(self)), self._end)
+        return slice(max(len(self) - count, 0), len(self))
 
     @property
     def every(self) -> slice:
         """Which are all of them."""
-        return self.last(self.most)
+        return slice(0, len(self))
 
     def add(self, scan: Scan) -> None:
         """Add one."""
-        if self._end == 2 * self.most:  # the last ones to the front
-            kept = self.every
-            count = kept.stop - kept.start
-            self._numbers[:, :count] = self._numbers[:, kept].copy()
-            self._readings[:count] = self._readings[kept].copy()
-            self._end = count
         numbers = (scan.time, scan.latitude, scan.longitude, *scan.velocity)
-        self._numbers[:, self._end] = (*numbers, scan.sigma, scan.offset, scan.height)
+        new = np.array([*numbers, scan.sigma, scan.offset, scan.height])[:, None]
         reading = np.asarray(scan.reading, dtype=np.float64)
-        self._readings[self._end] = reading.reshape(self.shape) if reading.ndim else reading
-        self._end += 1
-        self.added += 1
+        if reading.ndim == 0:
+            reading = np.full(self.shape, reading)
+        self._numbers = np.concatenate([self._numbers, new], axis=1)[:, -self.most :]
+        self._readings = np.concatenate([self._readings, reading.reshape(1, *self.shape)])[
+            -self.most :
+        ]
 
     def extend(self, scans: Iterable[Scan]) -> None:
         """Add several."""
@@ -98,10 +91,9 @@ class Scans:
 
     def __getitem__(self, index: int) -> Scan:
         """Return a copy of one; negative: counted from the last."""
-        at = self._end + index if index < 0 else self.every.start + index
-        numbers = self._numbers[:, at].tolist()
+        numbers = self._numbers[:, index].tolist()
         time, latitude, longitude, north, east, sigma, offset, height = numbers
-        reading = self._readings[at]
+        reading = self._readings[index]
         reading = reading.item() if self.shape == (1, 1) else reading.copy()
         velocity = np.array([north, east])
         return Scan(time, latitude, longitude, velocity, reading, sigma, offset, height)
@@ -130,14 +122,11 @@ class Scans:
 
     def until(self, time: float) -> slice:
         """Return which are not after a time (s)."""
-        every = self.every
-        times = self._numbers[_TIME, every]
-        return slice(every.start, every.start + int(np.searchsorted(times, time, side="right")))
+        return slice(0, int(np.searchsorted(self._numbers[_TIME], time, side="right")))
 
     def forget_readings(self, before: float) -> None:
         """Give up the readings before a time (s)."""
-        every = self.every
-        self._readings[every][self._numbers[_TIME, every] < before] = np.nan
+        self._readings[self._numbers[_TIME] < before] = np.nan
 
     def move(self, which: slice, shift: Array, change: Array) -> None:
         """Add to positions (m) and velocities (T, 4), and to readings (T,)."""
@@ -147,29 +136,3 @@ class Scans:
         numbers[_LONGITUDE] += shift[:, 1] / east
         numbers[_NORTH:_SIGMA] += shift[:, 2:].T
         self._readings[which, :, 0] += change[:, None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """What is known of scans at the end of a batch: the correction by its fix needs it again."""
-
-    every: Array
-    """(T, 7, 7) errors at the scans per unit of error at the end."""
-    jacobian: Array
-    """(T, 4) of the reduction."""
-    count: int
-    """Of scans that there have been."""
-    end: float
-    """s."""
-    bridge: Bridge | None = None
-
-    def is_of(self, scans: Scans, which: slice, end: float, bridge: Bridge | None) -> bool:
-        """Whether it is of these scans, with none after them, and of this end."""
-        same = self.count == scans.added and scans.last(len(self.every)) == which
-        return same and end == self.end and bridge is self.bridge
-
-    def moves(self, jump: Array) -> tuple[Array, Array]:
-        """Return what a jump (7,) of the navigator at the end adds to positions (m) and
-        velocities (T, 4) of the scans, and to readings (T,)."""
-        shift = (self.every @ jump)[:, :HORIZONTAL_STATES]
-        return shift, (self.jacobian * shift).sum(axis=1)
