@@ -260,9 +260,17 @@ def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
 
 
 @kernel(error_model="numpy")
-def _residuals(  # type: ignore[no-untyped-def]
-    grid, latitude, longitude, radian, level, place, reading, channel, centres
-):
+def _residuals(
+    grid: Grid,
+    latitude: Array,
+    longitude: Array,
+    radian: Array,
+    level: Array,
+    place: Array,
+    reading: Array,
+    channel: Integers,
+    centres: Array,
+) -> Array:
     """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
     be, and less what these put into them."""
     count, rows = centres.shape[0], latitude.shape[0]

@@ -5,17 +5,30 @@ import math
 
 import numpy as np
 
+from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
+from isogal.maps.interpolation import Grid
 from isogal.matching.pmht.kernels import predicted
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows
 
 MOST_LOOKED_AT = 10
 """Rows of which it is asked how far they depart from linear."""
 
 
 @kernel(error_model="numpy")
-def curvature(  # type: ignore[no-untyped-def]
-    grid, rows, models, which, asked, mean, spreads, reach, worst, axes
-):
+def curvature(
+    grid: Grid,
+    rows: Rows,
+    models: Models,
+    which: Integers,
+    asked: Booleans,
+    mean: Array,
+    spreads: Array,
+    reach: float,
+    worst: Array,
+    axes: Array,
+) -> None:
     """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of the place
     they were taken at, and (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma
     along its axes, in 1-sigma of the noise and, where that is more, in units of their change; 0
@@ -74,9 +87,14 @@ def curvature(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def merged(  # type: ignore[no-untyped-def]
-    which, log_weight, mean, covariance, place, spreads
-):
+def merged(
+    which: Integers,
+    log_weight: Array,
+    mean: Array,
+    covariance: Array,
+    place: Array,
+    spreads: Array,
+) -> Integers:
     """Merge hypotheses of one model whose places are within one 1-sigma of each other by their
     moments, in place, and return the indices of those that stay.
 
