@@ -1,8 +1,8 @@
 """Linear Kalman filter and fixed-interval smoother of a short batch (paper eqs. forward,
 backward).
 
-Filter and smoother are compiled and work on one batch: T scans, n states, m measured numbers a scan.
-Scan 0 carries the prior and is not updated, as in the paper, whose forward process starts at
+Filter and smoother are compiled and work on one batch: T scans, n states, m measured numbers a
+scan. Scan 0 carries the prior and is not updated, as in the paper, whose forward process starts at
 y_{1|1} = x_1. A measurement with a NaN is left out: the scan is only predicted."""
 
 import numpy as np
