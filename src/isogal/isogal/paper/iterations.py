@@ -8,9 +8,10 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Candidates, Fix
-from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
+from isogal.matching.paper.iteration import PaperOptions
+from isogal.matching.paper.matcher import PmhtPaper
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.published import FIGURE_64_SCAN, ITERATIONS
@@ -47,10 +48,12 @@ class Snapshot:
 class BatchRecorder(PmhtPaper):
     """The paper's matcher, which keeps the batches that it is given."""
 
-    batches: list[tuple[Batch, Any]] = field(default_factory=list)
+    batches: list[tuple[Batch, float | None]] = field(default_factory=list)
     """Batches with the memory before each."""
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(
+        self, batch: Batch, field_map: AnyMap, memory: float | None
+    ) -> tuple[Fix, float | None]:
         """Match (see `isogal.matching.interfaces.Matcher`)."""
         self.batches.append((batch, memory))
         return super().match(batch, field_map, memory)
@@ -70,7 +73,7 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
 
 
 def _follow(
-    batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajectory
+    batch: Batch, memory: float | None, field_map: AnyMap, trajectory: Trajectory
 ) -> Snapshot | None:
     """Match a batch with one iteration, two, and so on; None where it gives no fix."""
     fixes = []
