@@ -1,9 +1,9 @@
 """The table of `acceptance.py`."""
 
 import math
-from typing import Any
+from collections.abc import Mapping
 
-from acceptance_figures import Comparison, compared
+from acceptance_figures import Comparison, RowFigures, compared
 from rich.console import Console
 from rich.table import Table
 
@@ -15,7 +15,7 @@ WIDE = 210
 """Columns: a narrower terminal breaks lines, but no number is cut (`make accept | less -S`)."""
 
 
-def line_of(name: str, row: dict[str, Any], seconds: float) -> str:
+def line_of(name: str, row: RowFigures, seconds: float) -> str:
     """Return a line about a row that has just been done."""
     if "rms" not in row:
         return f"{name}: {'; '.join(f'{key}: {value}' for key, value in row.items())}"
@@ -26,7 +26,7 @@ def line_of(name: str, row: dict[str, Any], seconds: float) -> str:
     )
 
 
-def print_table(now: dict[str, Any], kept: dict[str, Any]) -> None:
+def print_table(now: Mapping[str, RowFigures], kept: Mapping[str, RowFigures]) -> None:
     """Print all rows beside the kept ones, then what they took."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     table.add_column("row", overflow="fold", max_width=60)
@@ -46,7 +46,7 @@ def print_table(now: dict[str, Any], kept: dict[str, Any]) -> None:
     console.print(_totals(now))
 
 
-def cells_of(row: dict[str, Any], kept: dict[str, Any], both: Comparison | None) -> list[str]:
+def cells_of(row: RowFigures, kept: RowFigures, both: Comparison | None) -> list[str]:
     """Return the cells of a row, in the order of `HEAD`."""
     fix, fix_kept = row["fix_ms"], kept.get("fix_ms", {})
     pair = "–" if both is None else f"{both.ratio:.3f}±{both.ratio_error:.3f}"
@@ -74,7 +74,7 @@ def cells_of(row: dict[str, Any], kept: dict[str, Any], both: Comparison | None)
     ]
 
 
-def _found(row: dict[str, Any]) -> str:
+def _found(row: RowFigures) -> str:
     return " ".join(f"{100 * share:.0f}" for share in row.get("found", {}).values())
 
 
@@ -84,7 +84,7 @@ def _number(value: float | None, digits: int = 3) -> str:
     return f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}"
 
 
-def _totals(now: dict[str, Any]) -> str:
+def _totals(now: Mapping[str, RowFigures]) -> str:
     """Return in a line what the rows took."""
     rows = [row for row in now.values() if "run_hours_per_cpu_s" in row]
     if not rows:

@@ -11,12 +11,6 @@ Run-hours are of the row "nothing" of `mismatch.py` (a map 3 mGal wrong, told), 
 `--out`/integrity and not computed again. `--present` computes nothing: it counts what is there.
 After a change of the library, begin with an empty folder."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
 import argparse
 import math
 from collections.abc import Iterator
@@ -25,11 +19,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
+import closed_loop
 import mismatch
 import numpy as np
 from mismatch_maps import coarse_map
 from mismatch_rows import ROWS
-from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
@@ -41,7 +35,7 @@ from isogal.files import atomic_path, write_atomic
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Integrity, Scenario
 
-MARKS = "<!-- table of benchmarks/integrity.py -->", "<!-- end of the table -->"
+MARKS = closed_loop.marks_of(__file__)
 HOURS = 3.6
 """Of a run."""
 SHOWN = 10
@@ -49,10 +43,8 @@ SHOWN = 10
 THINNED = 5
 """States to one whose squared error the tails are fitted to."""
 HEAD = (
-    "| what differs | | run-hours | correlation time (s) | factor, freedom | median level (m)"
-    " | in 1-sigmas | "
-    + " | ".join(f"events at {risk:g} per hour" for risk in RISKS)
-    + " |\n|---|---|---|---|---|---|---|---|---|---|"
+    *("what differs", "", "run-hours", "correlation time (s)", "factor, freedom"),
+    *("median level (m)", "in 1-sigmas", *(f"events at {risk:g} per hour" for risk in RISKS)),
 )
 
 
@@ -108,7 +100,7 @@ class Count:
             name, kind, f"{self.hours:.0f}", f"{np.nanmedian(self.times):.0f}",
             f"{factor:.2f}, {words}", f"{level:.0f}", f"{sigmas:.2f}", *rates,
         )  # fmt: skip
-        return f"| {' | '.join(cells)} |"
+        return closed_loop.line_of(cells)
 
 
 def tails(squares: Array) -> tuple[float, float]:
@@ -176,7 +168,7 @@ def counted(
 ) -> Count:
     """Return the figures of so many runs of a scenario, or of those that are there."""
     count = Count(scenario.integrity)
-    parts = list(mismatch.parts_of(scenario, runs, options.out / "parts"))
+    parts = list(closed_loop.parts_of(scenario, runs, options.out / "parts"))
     jobs = [
         pool.submit(
             some, scenario, which, full, options.out / "integrity" / full.name, options.present
@@ -201,10 +193,7 @@ def cases(options: argparse.Namespace) -> Iterator[mismatch.Case]:
 
 def main() -> None:
     """Count and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    mismatch.add_options(parser)
+    parser = mismatch.parser_of(__doc__)
     parser.add_argument("--run-hours", type=float, default=360.0)
     parser.add_argument("--mismatch", action="store_true", help="the other rows, too")
     parser.add_argument("--present", action="store_true", help="compute nothing")
@@ -213,8 +202,8 @@ def main() -> None:
     maps = coarse_map(options.data, options.out)
     together = {kind: Count() for kind in reversed(get_args(mismatch.Kind))}
     seen: list[Scenario] = []
-    lines = [HEAD]
-    print(HEAD, flush=True)
+    lines = [closed_loop.head_of(HEAD)]
+    print(lines[0], flush=True)
     with ProcessPoolExecutor(options.workers) as pool:
         for case in cases(options):
             scenario = case.scenario(maps)
@@ -234,8 +223,7 @@ def main() -> None:
             lines.append(count.line("all rows together", mismatch.LABELS[kind]))
             print(lines[-1])
     write_atomic(options.out / "integrity.md", "\n".join(lines) + "\n")
-    if options.page:
-        write_between(options.page, MARKS, "\n".join(lines))
+    closed_loop.write_between(options.page, MARKS, "\n".join(lines))
 
 
 if __name__ == "__main__":
