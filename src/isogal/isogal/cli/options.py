@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
+from typer.models import OptionInfo
 
 from isogal.cli.checks import output_file, output_folder
 
@@ -20,14 +21,20 @@ Json = Annotated[
 ]
 
 
-def written_folder(help_: str) -> Any:
+def written_folder(help_: str) -> OptionInfo:
     """Return the option of a folder that is written into, which is checked before all else."""
-    return typer.Option(metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS)
+    option: OptionInfo = typer.Option(
+        metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS
+    )
+    return option
 
 
-def written_file(metavar: str, help_: str) -> Any:
+def written_file(metavar: str, help_: str) -> OptionInfo:
     """Return the option of a file that is written, which is checked before all else."""
-    return typer.Option(metavar=metavar, callback=output_file, help=help_, rich_help_panel=RESULTS)
+    option: OptionInfo = typer.Option(
+        metavar=metavar, callback=output_file, help=help_, rich_help_panel=RESULTS
+    )
+    return option
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,13 @@
-"""Tables on the terminal."""
+"""Tables and results on the terminal."""
 
-from collections.abc import Collection, Sequence
+import json
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from pydantic import JsonValue
 
 
 def print_table(
@@ -41,3 +48,9 @@ def print_table(
     console.print(table)
     for line in below:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def print_result(found: "Mapping[str, JsonValue]", as_json: bool, *lines: str) -> None:
+    """Print a result: as JSON, or in some lines."""
+    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
+    typer.echo(text if as_json else "\n".join(lines))
