@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 from isogal.errors import InputError
 from isogal.fields.source_map import source_map
@@ -115,7 +114,7 @@ class Plan:
 
     def scenario(self, setting: Setting) -> Scenario:
         """Return the scenario of a setting."""
-        document: dict[str, Any] = {
+        document = {
             "route": {"speed": setting.speed, "duration": self.duration},
             "imu": {"grade": setting.grade},
             "initial_error": {"heading": setting.heading},
