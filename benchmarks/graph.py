@@ -5,25 +5,61 @@
 Runs the scenario as four node processes and a recorder, then in one process, then once more in one
 process with clocks on every callback."""
 
-import argparse
 import json
 import tempfile
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
+import closed_loop
 import psutil
+from clock import Clock
+from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.scenario import Scenario, load_scenario
+from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags import recorder as recorder_module
 from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import CLASSES, Plan
 from isogal_ros.graph.processes import run_processes
 from isogal_ros.nodes import base as node_module
 from isogal_ros.nodes.signals import interrupts
+from isogal_ros.topics import Topic
+
+Handler = Callable[..., None]
+
+
+class Separate(TypedDict):
+    """What a run in processes of their own took; `processes`: memory and CPU time of each."""
+
+    wall_s: float
+    with_start_and_end_s: float
+    processes: dict[str, dict[str, float]]
+
+
+class Profile(TypedDict):
+    """Where the time of a run in one process went: name, calls and seconds of each part."""
+
+    wall_s: float
+    parts: list[dict[str, str | int | float]]
+
+
+class Result(TypedDict):
+    """All that is measured."""
+
+    simulated_s: float
+    load: float
+    processes: Separate
+    in_process: dict[str, float]
+    where_time_goes: Profile
+
 
 SAMPLE_EVERY = 0.25
 """s between looks at the processes."""
@@ -51,7 +87,7 @@ class Usage(threading.Thread):
                     continue
 
 
-def as_processes(scenario: Scenario, folder: Path) -> dict[str, Any]:
+def as_processes(scenario: Scenario, folder: Path) -> Separate:
     usage = Usage()
     usage.start()
     begun = time.monotonic()
@@ -72,77 +108,54 @@ def as_processes(scenario: Scenario, folder: Path) -> dict[str, Any]:
     }
 
 
-def in_one_process(scenario: Scenario, folder: Path) -> dict[str, Any]:
+def in_one_process(scenario: Scenario, folder: Path) -> dict[str, float]:
     with interrupts() as interrupt:
         outcome = run_in_process(Plan(scenario, folder / "bag"), interrupt, lambda progress: None)
     return {"wall_s": outcome.wall_seconds, "rss_mb": psutil.Process().memory_info().rss / 1e6}
 
 
-class Clocks:
-    """Adds up the time in callbacks and in publishing; a publication inside a callback counts as
-    publication only."""
-
-    def __init__(self) -> None:
-        self.calls: dict[str, int] = defaultdict(int)
-        self.seconds: dict[str, float] = defaultdict(float)
-        self.publishing = 0.0
-
-    def around(self, name: str, function: Any) -> Any:
-        def timed(*arguments: Any) -> Any:
-            begun, published = time.perf_counter(), self.publishing
-            try:
-                return function(*arguments)
-            finally:
-                self.calls[name] += 1
-                self.seconds[name] += time.perf_counter() - begun - (self.publishing - published)
-
-        return timed
-
-    def install(self) -> None:
-        listen, publish = node_module.GraphNode.listen, Publisher.publish
-        subscribe = recorder_module.RecorderNode.create_subscription
-
-        def timed_listen(this: Any, topic: Any, handler: Any, raw: bool = False) -> Any:
-            return listen(
-                this, topic, self.around(f"{this.get_name()}: {topic.name}", handler), raw
-            )
-
-        def timed_publish(this: Any, message: Any) -> None:
-            begun = time.perf_counter()
-            publish(this, message)
-            self.publishing += time.perf_counter() - begun
-            self.calls["publish: serialise and send"] += 1
-
-        def timed_subscribe(
-            this: Any, kind: Any, name: str, callback: Any, *rest: Any, **keys: Any
-        ) -> Any:
-            return subscribe(
-                this, kind, name, self.around("isogal_recorder: write", callback), *rest, **keys
-            )
-
-        node_module.GraphNode.listen = timed_listen  # type: ignore[method-assign]
-        recorder_module.RecorderNode.create_subscription = timed_subscribe
-        Publisher.publish = timed_publish
+PUBLISH = "publish: serialise and send"
 
 
-def where_time_goes(scenario: Scenario, folder: Path) -> dict[str, Any]:
-    clocks = Clocks()
-    clocks.install()
+def watch_callbacks(clock: Clock) -> None:
+    """Time every callback of the nodes and the recorder, and publishing: what is published inside
+    a callback counts as publication only."""
+    listen = node_module.GraphNode.listen
+    subscribe = recorder_module.RecorderNode.create_subscription
+
+    def timed_listen(
+        node: node_module.GraphNode, topic: Topic, handler: Handler, raw: bool = False
+    ) -> Subscription:
+        return listen(node, topic, clock.timed(f"{node.get_name()}: {topic.name}", handler), raw)
+
+    def timed_subscribe(
+        node: Node, kind: type, name: str, callback: Handler, *rest: QoSProfile, **keys: bool
+    ) -> Subscription:
+        timed = clock.timed("isogal_recorder: write", callback)
+        return subscribe(node, kind, name, timed, *rest, **keys)
+
+    node_module.GraphNode.listen = timed_listen
+    recorder_module.RecorderNode.create_subscription = timed_subscribe
+    clock.watch(PUBLISH, Publisher, "publish")
+
+
+def where_time_goes(scenario: Scenario, folder: Path) -> Profile:
+    clock = Clock(time.perf_counter)
+    watch_callbacks(clock)
     wall = in_one_process(scenario, folder)["wall_s"]
-    clocks.seconds["publish: serialise and send"] = clocks.publishing
-    rest = wall - sum(clocks.seconds.values())
-    clocks.seconds["executor: take, decode, dispatch (the rest)"] = rest
-    rows = sorted(clocks.seconds.items(), key=lambda item: -item[1])
+    rest = "executor: take, decode, dispatch (the rest)"
+    clock.seconds[rest] = wall - sum(clock.seconds.values())
+    rows = sorted(clock.seconds.items(), key=lambda item: -item[1])
     return {
         "wall_s": wall,
         "parts": [
-            {"part": name, "calls": clocks.calls[name], "seconds": seconds}
+            {"part": name, "calls": len(clock.calls[name]), "seconds": seconds}
             for name, seconds in rows
         ],
     }
 
 
-def show(result: dict[str, Any]) -> None:
+def show(result: Result) -> None:
     simulated = result["simulated_s"]
     processes, one, parts = result["processes"], result["in_process"], result["where_time_goes"]
 
@@ -176,34 +189,20 @@ def show(result: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--duration", type=float, help="s to simulate; default: the scenario's")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change a key of the scenario",
-    )
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
+    options = closed_loop.parser(__doc__, "duration", "set", "json").parse_args()
     changes = options.set + ([f"route.duration={options.duration}"] if options.duration else [])
     scenario = load_scenario(None, changes)
-    from isogal.fields.scenario_map import map_for_scenario
-    from isogal.sensors.trajectory import build_trajectory
-
     trajectory = build_trajectory(scenario)
     map_for_scenario(scenario, trajectory)  # made once, so that no run makes it
-    result: dict[str, Any] = {
-        "simulated_s": float(trajectory.time[-1]),
-        "load": psutil.getloadavg()[0],
-    }
+    load = psutil.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
-        result["processes"] = as_processes(scenario, Path(folder))
-        result["in_process"] = in_one_process(scenario, Path(folder))
-        result["where_time_goes"] = where_time_goes(scenario, Path(folder))
+        result: Result = {
+            "simulated_s": float(trajectory.time[-1]),
+            "load": load,
+            "processes": as_processes(scenario, Path(folder)),
+            "in_process": in_one_process(scenario, Path(folder)),
+            "where_time_goes": where_time_goes(scenario, Path(folder)),
+        }
     if options.json:
         print(json.dumps(result, indent=2))
     else:

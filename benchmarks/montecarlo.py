@@ -13,17 +13,10 @@ times of this process with one thread; rates are extrapolated to an hour of one 
 Stone Soup is not a dependency: pip install -r benchmarks/requirements.txt. Without it that part is
 left out, and said so."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
 import json
 from importlib.util import find_spec
-from typing import Any
 
+import closed_loop
 from comparison.closed_loop import measure_closed_loop
 from comparison.filterpy_filter import measure_filters
 
@@ -33,9 +26,10 @@ from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 HOUR = 3600.0
+Result = dict[str, str | float | dict[str, float | dict[str, float]]]
 
 
-def measure(runs: int, matcher: str) -> dict[str, Any]:
+def measure(runs: int, matcher: str) -> Result:
     """Measure everything; all rates are run-hours of navigation per CPU second."""
     scenario = validate_scenario({"matcher": {"name": matcher}})
     trajectory = build_trajectory(scenario)
@@ -49,7 +43,7 @@ def measure(runs: int, matcher: str) -> dict[str, Any]:
     hours = runs * duration / HOUR
     filters = measure_filters(scenario)
     batch = scenario.matcher.batch_length * scenario.gravimeter.interval
-    result: dict[str, Any] = {
+    result: Result = {
         "matcher": matcher,
         "runs": runs,
         "run_hours": hours,
@@ -85,7 +79,7 @@ def measure(runs: int, matcher: str) -> dict[str, Any]:
     return result
 
 
-def show(result: dict[str, Any]) -> None:
+def show(result: Result) -> None:
     loop, filters, matching = result["closed_loop"], result["filter"], result.get("matching")
     share = loop["share"]
     rest = 1.0 - sum(share.values())
@@ -123,12 +117,8 @@ def show(result: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--runs", type=int, default=8)
+    parser = closed_loop.parser(__doc__, "json", runs=8)
     parser.add_argument("--matcher", default="pmht-paper")
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     result = measure(arguments.runs, arguments.matcher)
     if arguments.json:
