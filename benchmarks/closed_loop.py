@@ -44,18 +44,23 @@ Bound = Callable[[Scenario, Runs], Array]
 """Returns (K,) m, the RMS bound at the times of a record."""
 
 _OPTIONS = {
-    "data": {"type": Path, "required": True, "help": "folder of the data"},
-    "out": {"type": Path, "required": True, "help": "folder of the results"},
-    "page": {"type": Path, "help": "page whose table is replaced"},
-    "figure": {"type": Path, "help": "PNG file to write"},
-    "json": {"action": "store_true", "help": "print the results as JSON"},
-    "map": {"help": "map file; default: the synthetic map"},
-    "runs": {"type": int, "help": "runs of each case"},
-    "workers": {"type": int, "default": 2, "help": "processes"},
-    "duration": {"type": float, "help": "s to simulate"},
-    "case": {"action": "append", "metavar": "TEXT", "help": "cases that begin with this"},
-    "rows": {"nargs": "+", "metavar": "TEXT", "help": "rows with TEXT in their name"},
-    "set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "help": "of the scenario"},
+    "--data": {"type": Path, "required": True, "help": "folder of the data"},
+    "--out": {"type": Path, "required": True, "help": "folder of the results"},
+    "--page": {"type": Path, "help": "page whose table is replaced"},
+    "--figure": {"type": Path, "help": "PNG file to write"},
+    "--json": {"action": "store_true", "help": "print the results as JSON"},
+    "--map": {"help": "map file; default: the synthetic map"},
+    "--runs": {"type": int, "help": "runs of each case"},
+    "--workers": {"type": int, "default": 2, "help": "processes"},
+    "--duration": {"type": float, "help": "s to simulate"},
+    "--case": {"action": "append", "metavar": "TEXT", "help": "cases that begin with this"},
+    "--rows": {"nargs": "+", "metavar": "TEXT", "help": "rows with TEXT in their name"},
+    "--set": {
+        "action": "append",
+        "default": [],
+        "metavar": "KEY=VALUE",
+        "help": "of the scenario",
+    },
 }
 
 
@@ -69,7 +74,7 @@ def parser(
     )
     for name in (*names, *defaults):
         default = {"default": defaults[name], "required": False} if name in defaults else {}
-        flags = _OPTIONS[name] | default
+        flags = _OPTIONS[f"--{name}"] | default
         if "action" in flags:
             flags.pop("required", None)
         made.add_argument(f"--{name}", **flags)

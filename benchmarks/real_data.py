@@ -20,10 +20,10 @@ from measured_data.tables import tables, untold_table
 from measured_data.untold import study_gridded, study_left_out, study_untold
 
 STUDIES = {
-    "untold": (study_untold, "with nothing told"),
-    "gridded": (study_gridded, "on maps made of the surveys"),
-    "left-out": (study_left_out, "lines of the survey itself"),
-    "exact": (study_exact, "the likelihood by kriging"),
+    "--untold": (study_untold, "with nothing told"),
+    "--gridded": (study_gridded, "on maps made of the surveys"),
+    "--left-out": (study_left_out, "lines of the survey itself"),
+    "--exact": (study_exact, "the likelihood by kriging"),
 }
 """That are asked for by an option each."""
 
@@ -36,12 +36,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="write the results there as real_data.json")
     parser.add_argument("--figures", type=Path, help="write the figures there")
     for name, (_, what) in STUDIES.items():
-        parser.add_argument(f"--{name}", action="store_true", help=f"only {what}")
+        parser.add_argument(name, action="store_true", help=f"only {what}")
     options = parser.parse_args()
     if not options.data.is_dir():
         parser.error(f"{options.data}: no such folder; name the folder of the data")
     for name, (study, _) in STUDIES.items():
-        if getattr(options, name.replace("-", "_")):
+        if getattr(options, name[2:].replace("-", "_")):
             found = study(options.data)
             as_json = options.json or study is study_exact
             print(json.dumps(found, indent=1) if as_json else untold_table(found))
