@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pydantic import JsonValue
 
     from isogal.arrays import Array
-    from isogal.magnetics.calibration import Settings
+    from isogal.magnetics.calibration import Calibration, Settings
     from isogal.tracks.magnetic_flight import MagneticFlight
 
 
@@ -110,7 +110,7 @@ class Fitting:
     def settings(self) -> "Settings":
         """Return the same as the library takes it; raises InputError."""
         from isogal.magnetics.band_pass import Band
-        from isogal.magnetics.calibration import Settings
+        from isogal.magnetics.calibration import Calibration, Settings
 
         try:
             low, high = (float(part) for part in self.band.split(","))
@@ -146,15 +146,21 @@ def calibrate(
     if report is not None:
         files.append(str(write_calibration_report(flight, found, report)))
     numbers = summary(flight, found)
+    lines = _said(found, numbers["readings"], numbers["own_field_peak_to_peak"])
+    print_result(numbers | {"files": files}, json, *lines, *files)
+
+
+def _said(found: "Calibration", readings: int, own_field: float) -> list[str]:
+    """Return what a calibration has found in lines; the vehicle's field in nT, peak to peak."""
+    improvement = found.rms_before / max(found.rms_after, 1e-9)
     lines = [
-        f"{found.used} of {len(flight.readings)} readings count; in the band"
-        f" {found.rms_before:.2f} nT before, {found.rms_after:.2f} nT after (RMS), improvement"
-        f" {numbers['improvement']:.0f}",
-        f"the vehicle adds {numbers['own_field_peak_to_peak']:.0f} nT, peak to peak",
+        f"{found.used} of {readings} readings count; in the band {found.rms_before:.2f} nT before,"
+        f" {found.rms_after:.2f} nT after (RMS), improvement {improvement:.0f}",
+        f"the vehicle adds {own_field:.0f} nT, peak to peak",
     ]
     if found.compensation.lag:
         lines.append(f"the vector magnetometer is {found.compensation.lag:.3f} s late")
-    print_result(numbers | {"files": files}, json, *lines, *files)
+    return lines
 
 
 @dataclass(frozen=True)
