@@ -110,7 +110,7 @@ class Fitting:
     def settings(self) -> "Settings":
         """Return the same as the library takes it; raises InputError."""
         from isogal.magnetics.band_pass import Band
-        from isogal.magnetics.calibration import Calibration, Settings
+        from isogal.magnetics.calibration import Settings
 
         try:
             low, high = (float(part) for part in self.band.split(","))
