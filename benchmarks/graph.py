@@ -12,7 +12,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypedDict
 
 import closed_loop
 import psutil
@@ -36,31 +35,8 @@ from isogal_ros.topics import Topic
 Handler = Callable[..., None]
 
 
-class Separate(TypedDict):
-    """What a run in processes of their own took; `processes`: memory and CPU time of each."""
-
-    wall_s: float
-    with_start_and_end_s: float
-    processes: dict[str, dict[str, float]]
-
-
-class Profile(TypedDict):
-    """Where the time of a run in one process went: name, calls and seconds of each part."""
-
-    wall_s: float
-    parts: list[dict[str, str | int | float]]
-
-
-class Result(TypedDict):
-    """All that is measured."""
-
-    simulated_s: float
-    load: float
-    processes: Separate
-    in_process: dict[str, float]
-    where_time_goes: Profile
-
-
+Figures = dict[str, float | dict[str, dict[str, float]] | list[dict[str, str | float]]]
+"""Times, and figures of processes or parts."""
 SAMPLE_EVERY = 0.25
 """s between looks at the processes."""
 
@@ -87,7 +63,7 @@ class Usage(threading.Thread):
                     continue
 
 
-def as_processes(scenario: Scenario, folder: Path) -> Separate:
+def as_processes(scenario: Scenario, folder: Path) -> Figures:
     usage = Usage()
     usage.start()
     begun = time.monotonic()
@@ -139,7 +115,7 @@ def watch_callbacks(clock: Clock) -> None:
     clock.watch(PUBLISH, Publisher, "publish")
 
 
-def where_time_goes(scenario: Scenario, folder: Path) -> Profile:
+def where_time_goes(scenario: Scenario, folder: Path) -> Figures:
     clock = Clock(time.perf_counter)
     watch_callbacks(clock)
     wall = in_one_process(scenario, folder)["wall_s"]
@@ -155,37 +131,31 @@ def where_time_goes(scenario: Scenario, folder: Path) -> Profile:
     }
 
 
-def show(result: Result) -> None:
+def show(result: dict[str, float | Figures]) -> None:
     simulated = result["simulated_s"]
     processes, one, parts = result["processes"], result["in_process"], result["where_time_goes"]
-
-    def speed(wall: float) -> str:
-        return f"{wall:7.1f} s   {simulated / wall:6.0f} x real time"
-
+    runs = [
+        ["four processes and recorder", processes["wall_s"], None],
+        *(
+            [f"  {name}", usage["cpu_s"], usage["rss_mb"]]
+            for name, usage in processes["processes"].items()
+        ),
+        ["one process", one["wall_s"], one["rss_mb"]],
+    ]
     print(
         f"Scenario of {simulated:.0f} s, {psutil.cpu_count()} processors, load before the start"
-        f" {result['load']:.1f}\n"
+        f" {result['load']:.1f}; processes with start and end"
+        f" {processes['with_start_and_end_s']:.1f} s.\n"
     )
-    print(
-        f"four processes and recorder {speed(processes['wall_s'])}  "
-        f" ({processes['with_start_and_end_s']:.1f} s with start and end)"
+    rows = (
+        [name, f"{wall:.1f}", f"{simulated / wall:.0f}", "" if memory is None else f"{memory:.0f}"]
+        for name, wall, memory in runs
     )
-    for name, usage in processes["processes"].items():
-        print(
-            f"  {name:<25} {usage['cpu_s']:7.1f} s of processor   {usage['rss_mb']:6.0f} MB"
-            " resident at most"
-        )
-    print(
-        f"one process                 {speed(one['wall_s'])}   {one['rss_mb']:6.0f} MB resident\n"
-    )
-    print(f"Where the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):")
-    for row in parts["parts"]:
-        each = (
-            f"{row['seconds'] / row['calls'] * 1e6:8.0f} us each of {row['calls']}"
-            if row["calls"]
-            else ""
-        )
-        print(f"  {row['seconds']:7.2f} s  {row['part']:<44} {each}")
+    head = ("run, or process", "s (of processes: CPU)", "x real time", "MB resident at most")
+    print(closed_loop.markdown(head, rows))
+    print(f"\nWhere the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):\n")
+    rows = ([row["part"], f"{row['seconds']:.2f}", f"{row['calls']}"] for row in parts["parts"])
+    print(closed_loop.markdown(("part", "s", "calls"), rows))
 
 
 def main() -> None:
@@ -196,7 +166,7 @@ def main() -> None:
     map_for_scenario(scenario, trajectory)  # made once, so that no run makes it
     load = psutil.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
-        result: Result = {
+        result = {
             "simulated_s": float(trajectory.time[-1]),
             "load": load,
             "processes": as_processes(scenario, Path(folder)),

@@ -80,40 +80,38 @@ def measure(runs: int, matcher: str) -> Result:
 
 
 def show(result: Result) -> None:
+    """Print rates, and what the others' are beside them."""
     loop, filters, matching = result["closed_loop"], result["filter"], result.get("matching")
-    share = loop["share"]
-    rest = 1.0 - sum(share.values())
-    lines = [
-        f"Run-hours of navigation per CPU second, one core ({result['runs']} runs of the default"
-        " scenario)",
-        "",
-        f"  Isogal, closed loop with {result['matcher']:<12}"
-        f" {loop['run_hours_per_cpu_second']:10.2f}",
-        f"    strapdown {share['strapdown']:.0%}, filter {share['filter']:.0%} (of which strapdown"
-        f" of the sigma points {loop['share_strapdown_in_filter']:.0%}), matching"
-        f" {share['matching']:.0%}, rest {rest:.0%}",
-        f"  filter alone:    Isogal {filters['isogal']:8.1f}   filterpy {filters['filterpy']:8.4f}"
-        f"   ratio {filters['ratio']:7.0f}",
-        "  PMHT alone:      Stone Soup is not installed (pip install -r"
-        " benchmarks/requirements.txt)"
-        if matching is None
-        else f"  PMHT alone:      Isogal {matching['isogal']:8.1f}   Stone Soup"
-        f" {matching['stonesoup']:6.4f}   ratio {matching['ratio']:7.0f}",
-        "",
-        "  Isogal's closed loop over filterpy's filter alone:"
-        f" {result['closed_loop_over_filterpy_filter']:.0f} times",
+    rows = [
+        [
+            f"closed loop with {result['matcher']}",
+            f"{loop['run_hours_per_cpu_second']:.2f}",
+            "",
+            "",
+        ],
+        ["filter alone, beside filterpy's", *_beside(filters, "filterpy")],
     ]
-    checks = f"filterpy's filter ends {filters['apart_m']:.2g} m from ours"
     if matching is not None:
-        lines.append(
-            "  Isogal's closed loop over Stone Soup's PMHT alone:"
-            f" {result['closed_loop_over_stonesoup_matching']:.0f} times"
-        )
-        checks += (
+        rows.append(["PMHT alone, beside Stone Soup's", *_beside(matching, "stonesoup")])
+    print(f"Run-hours of navigation per CPU second, one core, {result['runs']} runs:\n")
+    print(closed_loop.markdown(("", "Isogal", "the other", "ratio"), rows))
+    parts = [f"{part} {share:.0%}" for part, share in loop["share"].items()]
+    over = {name: x for name, x in result.items() if name.startswith("closed_loop_over_")}
+    parts += [f"{name.replace('_', ' ')} {x:.0f} times" for name, x in over.items()]
+    print(f"\nClosed loop: {', '.join(parts)}; sigma points' strapdown"
+          f" {loop['share_strapdown_in_filter']:.0%} of the filter.")  # fmt: skip
+    print(f"Checked: filterpy's filter ends {filters['apart_m']:.2g} m from ours", end="")
+    if matching is None:
+        print("; Stone Soup is not installed (pip install -r benchmarks/requirements.txt).")
+    else:
+        print(
             f"; Stone Soup's fixes are {matching['apart_m']:.0f} m from ours (median; it has one"
-            " covariance for all candidates)"
+            " covariance for all candidates)."
         )
-    print("\n".join([*lines, f"  Checked: {checks}."]))
+
+
+def _beside(rates: dict[str, float], other: str) -> list[str]:
+    return [f"{rates['isogal']:.1f}", f"{rates[other]:.4f}", f"{rates['ratio']:.0f}"]
 
 
 def main() -> None:

@@ -4,7 +4,6 @@ the sensor noise that the other three show."""
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 
@@ -35,33 +34,8 @@ DEFAULT = Noise(4000.0, 0.5 * MGAL)
 DIRECTIONS = 4
 """From which a line is matched."""
 Medians = dict[str, float]
-
-
-class Step(TypedDict):
-    """Prior and fix together after some readings of a line: medians over two directions of error,
-    1-sigma and NEES."""
-
-    readings: int
-    correlated: Medians
-    white: Medians
-
-
-class Lake(TypedDict):
-    """What there is to say of Clear Lake; the inner keys are lines, of `batches` kinds of
-    assumptions."""
-
-    stations: dict[str, int]
-    settings: dict[str, dict[str, float]]
-    nis: dict[str, list[float]]
-    """Per reading and of the mean, with white and with correlated map errors."""
-    whole: dict[str, Summary]
-    bare: dict[str, Summary]
-    """Of the likelihood alone."""
-    white: dict[str, Summary]
-    unlearnt: dict[str, Summary]
-    rigid_m: dict[str, list[float]]
-    growth: dict[str, list[Step]]
-    batches: dict[str, Summary]
+Lake = dict[str, dict[str, float | list[float] | Summary | list[dict[str, float | Medians]]]]
+"""What there is to say of Clear Lake, by kind and line; of `batches` by kind of assumptions."""
 
 
 def study_clear_lake(data: Path) -> Lake:

@@ -4,7 +4,6 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,15 +19,8 @@ from measured_data.map_figures import clear_lake_figure, learnt_error, scotland_
 from measured_data.matches import Summary, residuals
 from measured_data.scotland import Part
 
-
-class Results(TypedDict):
-    """Of all studies."""
-
-    untold: dict[str, Summary]
-    clear_lake: Lake
-    scotland: dict[str, Part]
-
-
+Results = dict[str, Lake | dict[str, Part] | dict[str, Summary]]
+"""Of all studies: `clear_lake`, `scotland`, `untold`."""
 CORRELATED = style.AIDED
 WHITE = style.UNAIDED
 DOT = {"markersize": 4.0, "markeredgecolor": "black", "markeredgewidth": 0.4}

@@ -4,7 +4,6 @@ shows."""
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 
@@ -31,18 +30,10 @@ DIRECTIONS, THIN = 2, 3
 """From which a line is matched; settings are taken from every third reading."""
 
 
-class Part(TypedDict):
-    """What becomes of lines with the settings that others show."""
-
-    settings: dict[str, float]
-    """Parameters of the map's error, and `even_sigma`: the same everywhere (nT)."""
-    own: Summary
-    bare: Summary
-    """Of the likelihood alone."""
-    even: Summary
-    white: Summary
-    rigid: Summary
-    """Of least squares."""
+Part = dict[str, dict[str, float] | Summary]
+"""What becomes of lines: the `settings` that others show (with `even_sigma`, nT, the same
+everywhere), and summaries with these, of the likelihood alone (`bare`), with `even_sigma`, with
+white noise, and by least squares (`rigid`)."""
 
 
 def study_scotland(data: Path) -> dict[str, Part]:
