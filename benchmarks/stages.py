@@ -13,13 +13,15 @@ import closed_loop
 import numpy as np
 from clock import Clock
 
+from isogal import navigator
+from isogal.fusion import inertial_navigator
 from isogal.matching import joint_batches
 from isogal.matching.pmht import diverged, matcher, mixture_kernels
 from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.montecarlo import engine
+from isogal.montecarlo import engine, recorder
 from isogal.scenario import load_scenario
 
-_loop = engine._ClosedLoop
+_own = inertial_navigator.InertialNavigator
 MATCHER = "the matcher's rest"
 STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (
     ("hypotheses carried along", Hypotheses, "carried"),
@@ -33,12 +35,12 @@ STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (
     ("publish", matcher, "published"),
     (MATCHER, matcher.Pmht, "match"),
     ("batch built", joint_batches.JointBatches, "build"),
-    ("batch corrected", _loop, "_correct_batches"),
-    ("fix taken", _loop, "_aid"),
-    ("strapdown and filter", _loop, "_propagate"),
-    ("reading taken", _loop, "_read"),
-    ("record", _loop, "_match"),
-    ("sensors and unaided INS", _loop, "__init__"),
+    ("batch corrected", joint_batches.JointBatches, "correct"),
+    ("fix applied", _own, "measure_all"),
+    ("strapdown and filter", _own, "imu"),
+    ("readings", navigator.Navigator, "read"),
+    ("record", recorder.Recorder, "write_track"),
+    ("sensors and unaided INS", engine.Simulation, "__init__"),
     ("rest of the engine", engine, "simulate"),
 )
 """Name, and where the function is looked up."""

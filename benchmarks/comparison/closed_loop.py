@@ -5,6 +5,7 @@ from unittest.mock import patch
 
 from clock import Clock
 
+from isogal.fusion import inertial_navigator
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.registry import load_matcher
@@ -35,11 +36,10 @@ def measure_closed_loop(
     """CPU seconds of a Monte Carlo, in all and by part; the batches of its first run."""
     clock = Clock()
     matcher = WatchedMatcher(load_matcher(scenario.matcher), clock)
-    loop = engine._ClosedLoop
-    filtering = clock.timed("filter", loop._propagate)
+    filtering = clock.timed("filter", inertial_navigator.propagate)
     strapdown = clock.timed("strapdown", engine.propagate_ins)
     with (
-        patch.object(loop, "_propagate", filtering),
+        patch.object(inertial_navigator, "propagate", filtering),
         patch.object(engine, "propagate_ins", strapdown),
     ):
         clock.timed("rest", engine.simulate)(scenario, range(runs), field_map, matcher)
