@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypedDict, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from acceptance_rows import Row
@@ -25,42 +25,9 @@ WORSE_RMS, WORSE_NEES, WORSE_FOUND = 0.03, 0.1, 0.05
 _DIGITS = 4
 
 
-class RowFigures(TypedDict, total=False):
-    """What is kept of a row, in acceptance.json; None = there is none."""
-
-    skipped: str
-    """Why it is not measured; then there is nothing else."""
-    failed: str
-    """Error; then there is nothing else."""
-    runs: int
-    seed: int | None
-    median: bool
-    """Whether `rms` and `bound` are medians, as of recorded lines."""
-    rms: float | None
-    """m, after the time from which on errors count; bound and unaided alike."""
-    bound: float | None
-    unaided: float
-    ratio: float | None
-    ratio_error: float
-    nees: float | None
-    """Per axis, of the navigator after each fix."""
-    diverged: int
-    declined: int
-    failed_fixes: int
-    fixes: int
-    beyond_claim: int
-    """Runs beyond `CLAIMED_SIGMAS` for ten minutes."""
-    beyond_claim_time: float
-    worse_than_unaided: int
-    told_diverged: int
-    run_hours: float
-    found: dict[str, float]
-    """Share of starts found, by minutes."""
-    fix_ms: dict[str, float]
-    run_hours_per_cpu_s: float
-    memory_mb: float
-    rms_of_run: list[float | None]
-    nees_of_run: list[float | None]
+RowFigures = dict[str, str | float | dict[str, float] | list[float | None] | None]
+"""What is kept of a row, in acceptance.json: why there is nothing (`skipped`, `failed`), or what
+`figures_of` and `figures_of_lines` return; None = there is no such number."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -30,34 +30,11 @@ WHITE = 1.0
 """m, correlation length of map errors that are as good as independent."""
 
 
-class Row(TypedDict, total=False):
-    """Figures of a match; without a fix the reason alone."""
-
-    line: str
-    reason: str | None
-    error_m: float
-    sigma_long_m: float
-    sigma_short_m: float
-    nees_per_axis: float
-    in_sigma: float
-    """Error in units of the 1-sigma of both axes together."""
-
-
-class Summary(TypedDict, total=False):
-    """Figures of many matches; without a fix the numbers of fixes and batches alone."""
-
-    fixes: int
-    batches: int
-    error_median_m: float
-    error_90_m: float
-    error_largest_m: float
-    sigma_long_median_m: float
-    nees_per_axis: float
-    """Mean."""
-    nees_per_axis_median: float
-    nis: float
-    """Normalised innovation squared, where it is known."""
-    rows: Sequence[Row]
+Row = dict[str, str | float | None]
+"""Figures of a match (`row_of`)."""
+Summary = dict[str, float | Sequence[Row]]
+"""Figures of many matches (`summary_of`), and `nis`, normalised innovation squared, where it is
+known."""
 
 
 class Noise(NamedTuple):

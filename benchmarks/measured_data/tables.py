@@ -134,6 +134,10 @@ def untold_table(untold: Mapping[str, Summary]) -> str:
     return _summaries("lines", untold)
 
 
+_NAMES = (
+    *("error_median_m", "error_90_m", "sigma_long_median_m"),
+    *("nees_per_axis", "nees_per_axis_median", "nis"),
+)
 _COLUMNS = {
     "fixes": "{fixes} of {batches}",
     "error, median": "{error_median_km:.2f}",
@@ -150,7 +154,7 @@ def _summaries(title: str, kinds: Mapping[str, Summary]) -> str:
     columns = _COLUMNS | ({"NIS": "{nis:.2f}"} if with_nis else {})
     rows = []
     for kind, summary in kinds.items():
-        known = dict.fromkeys(Summary.__annotations__, math.nan) | summary
+        known = dict.fromkeys(_NAMES, math.nan) | summary
         known |= {f"{name[:-2]}_km": known[name] / 1e3 for name in known if name[-2:] == "_m"}
         rows.append([kind, *(cell.replace("nan", "–") for cell in cells_of(known, columns))])
     return markdown([title, *columns], rows)

@@ -394,8 +394,9 @@ def _field(text: str, first: FieldChoice) -> FieldChoice:
 
     try:
         run_with_groups(also, [f"--{key}={value}" for key, value in given.items()])
-    except typer.TyperException as error:
-        raise InputError(f"--also {text}: {error.format_message()}") from None
+    except (typer.TyperException, InputError) as error:
+        said = str(error) if isinstance(error, InputError) else error.format_message()
+        raise InputError(f"--also {text}: {said}") from None
     return found[0]
 
 
