@@ -43,7 +43,7 @@ def scenario_of(*items):
 def readings_of(field_map, *items, runs=(0, 1)):
     scenario = scenario_of(*items)
     trajectory = build_trajectory(scenario)
-    simulator = ReadingSimulator(scenario.world, trajectory, field_map, list(runs))
+    simulator = ReadingSimulator(scenario.true, trajectory, field_map, list(runs))
     return compensated(scenario, trajectory, simulator)
 
 
@@ -95,7 +95,7 @@ def test_noise_of_the_vector_magnetometer_is_each_runs_own(field_map):
 
 def test_multiples_of_the_aircraft():
     scenario = scenario_of(*TOLD, "truth.magnetometer.aircraft.permanent=2x")
-    assert scenario.world.magnetometer.aircraft.permanent == pytest.approx(2.0 * CRAFT.permanent)
+    assert scenario.true.magnetometer.aircraft.permanent == pytest.approx(2.0 * CRAFT.permanent)
 
 
 def test_terms_of_what_is_not_told(field_map):

@@ -11,17 +11,17 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.fields.map_error import draw_horizontal_error, draw_map_error
 from isogal.fields.measured import measured_field
-from isogal.fields.simulator import draw_map_error, scan_index
-from isogal.fields.source_map import source_map_along, variable_along
-from isogal.fields.vector_map_error import draw_horizontal_error
+from isogal.fields.simulator import scan_index
+from isogal.fields.source_map import MapSource
+from isogal.maps import potential
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gravity_vector import from_deflections, horizontal_gravity
 from isogal.maps.load import check_coverage
 from isogal.maps.tiled_map import ScalarMap, TiledMap
-from isogal.scenario import Scenario
+from isogal.scenario import Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
 REACH = 60_000.0
@@ -49,7 +49,7 @@ class GravityVector:
         return self.of_horizontal()
 
 
-def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     """Return the map's disturbance vector; None where the scenario has normal gravity only, or its
     map is not one of gravity.
 
@@ -75,7 +75,7 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
 _kept: OrderedDict[str, GravityVector | None] = OrderedDict()
 
 
-def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     corridor = corridor_of(trajectory.latitude, trajectory.longitude, REACH)
     source = _gravity_map(scenario, corridor)
     if source is None:
@@ -86,17 +86,18 @@ def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
         if (measured := _deflections(scenario, corridor)) is not None:
             return measured
         coarse = _coarse(source, disturbance_of)
-        return horizontal_gravity(coarse, edge=0.0, rim_error=False)
+        return potential.gravity_vector(coarse, potential.VECTOR[1:], edge=0.0, rim_error=False)
 
     return GravityVector(source, horizontal)
 
 
-def _deflections(scenario: Scenario, corridor: Corridor) -> ChannelMap | None:
+def _deflections(scenario: Settings, corridor: Corridor) -> ChannelMap | None:
     """Return horizontal gravity by maps of the deflection of the vertical, where the scenario's
     map has them (variables xi and eta, as GGMplus names them)."""
     try:
-        xi, eta = (_coarse(variable_along(scenario, name, corridor)) for name in ("xi", "eta"))
-        return from_deflections(xi, eta)
+        source = MapSource.of(scenario)
+        xi, eta = (_coarse(source.other(None, name).along(corridor)) for name in ("xi", "eta"))
+        return potential.from_deflections(xi, eta)
     except InputError:
         return None
 
@@ -113,23 +114,16 @@ def _coarse(
     return averaged(replace(shown, values=values), CELL)
 
 
-def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap | None:
+def _gravity_map(scenario: Settings, corridor: Corridor) -> ScalarMap | None:
     """Return the scenario's map of the disturbance; where it has none, that of gravity, or None if
     another field is measured."""
+    source = MapSource.of(scenario)
     try:
-        return source_map_along(
-            scenario.model_copy(
-                update={
-                    "field": "disturbance",
-                    "map": scenario.map.model_copy(update={"variable": None}),
-                }
-            ),
-            corridor,
-        )
+        return source.other("disturbance").along(corridor)
     except InputError:
-        if measured_field(scenario).source not in ("gravity", "disturbance"):
+        if source.quantity not in ("gravity", "disturbance"):
             return None
-        return source_map_along(scenario, corridor)
+        return source.along(corridor)
 
 
 def disturbance_of(field_map: FieldMap) -> FieldMap:
@@ -168,7 +162,7 @@ def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     )
 
 
-def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
+def felt_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
     """Return (R, K, 3) what gravity is in a world beside normal gravity, mean over each IMU
     interval: north, east, down, m/s². None where it is nothing.
 

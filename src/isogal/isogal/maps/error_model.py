@@ -9,7 +9,7 @@ holds together further in one direction, `isogal.maps.error_ellipses`.
 Errors of the components of the gravity gradient tensor all come from one wrong potential (section
 12.4 there). The error of T_dd is a field with the covariance sigma² exp(-d / L), thus with the
 spectrum S(k) = L² / (1 + k² L²)^(3/2), and the errors of the other components follow from it wave
-by wave, as the components themselves do (`isogal.maps.gradients`). With the wave vector
+by wave, as the components themselves do (`isogal.maps.potential`). With the wave vector
 k (cos theta, sin theta) their factors are
 
     dd: 1,  nd: i cos theta,  ed: i sin theta,
@@ -89,31 +89,40 @@ def displacements(latitude: Array, longitude: Array) -> Array:
 
 
 def tensor_covariance(
-    components: Sequence[str], channel: Integers, apart: Array, length: float
+    components: Sequence[str],
+    channel: Integers,
+    apart: Array,
+    length: float,
+    other: Integers | None = None,
 ) -> Array:
-    """Return (N, N) the covariance of N readings' map errors, in units of the variance of T_dd's.
+    """Return (N, M) the covariance of the map errors of N readings and M others, in units of the
+    variance of T_dd's.
 
     Parameters
     ----------
     components : sequence of str
-        Of `gradients.COMPONENTS`, one for each channel.
+        Of `potential.COMPONENTS`, one for each channel.
     channel : (N,) array
         Of each reading.
-    apart : (N, N, 2) array
+    apart : (N, M, 2) array
         [i, j] from place i to place j, north and east, m.
     length : float
         L, m.
+    other : (M,) array, optional
+        Channels of the other readings; None = the same readings.
     """
     distance = np.hypot(apart[..., 0], apart[..., 1])
     safe = np.where(distance > 0.0, distance, 1.0)
     unit = (apart[..., 0] + 1j * apart[..., 1]) / safe
-    by_order = _hankel(distance / length)
-    coefficients = products(tuple(components))[:, channel[:, None], channel]
-    total = coefficients[0].real * by_order[0]
+    second = channel if other is None else other
+    coefficients = products(tuple(components))[:, channel[:, None], second]
+    x = distance / length
+    total = coefficients[0].real * decay(distance, length)
     turned = np.ones_like(unit)
     for order in range(1, _ORDERS):
         turned = turned * unit
-        total += (coefficients[order] * turned).real * by_order[order]
+        if coefficients[order].any():
+            total += (coefficients[order] * turned).real * _hankel(order, x)
     return np.asarray(total)
 
 
@@ -147,17 +156,11 @@ def shares(components: Sequence[str]) -> Array:
     return np.array([float((np.abs(_FACTORS[name]) ** 2).sum()) for name in components])
 
 
-def _hankel(x: Array) -> Array:
-    """Return (5, *shape) C_m(x)."""
+def _hankel(order: int, x: Array) -> Array:
+    """Return C_m(x) for an order m >= 1."""
     log_x, table = _table()
-    result = np.empty((_ORDERS, *x.shape))
-    result[0] = np.exp(-x)
-    far = x > _FARTHEST
-    at = np.log(np.maximum(x, 1e-300))
-    for m in range(1, _ORDERS):
-        result[m] = np.interp(at, log_x, table[m], left=0.0)
-        result[m][far] = m / x[far] ** 2
-    return result
+    near = np.interp(np.log(np.maximum(x, 1e-300)), log_x, table[order], left=0.0)
+    return np.where(x > _FARTHEST, order / np.maximum(x, _FARTHEST) ** 2, near)
 
 
 @lru_cache(maxsize=1)

@@ -45,7 +45,9 @@ class Waves(NamedTuple):
     """`east`, likewise."""
 
 
-Operator = Callable[[Waves], NDArray[Any]]
+Spectrum = NDArray[np.complex128] | Array
+"""Of a map, or what one is multiplied by, (n, m // 2 + 1)."""
+Operator = Callable[[Waves], Spectrum]
 """What the transform of a map is multiplied by, from the wavenumbers."""
 
 

@@ -87,9 +87,9 @@ class Model:
         """Return the field and the 1-sigma of its error at places (P,), rad and m above the
         ellipsoid (sources only)."""
         places = self.places(latitude, longitude, height)
-        found = self.kriging.at(places)
-        sigma = np.sqrt(found.variance * self.amplitude.at(places))
-        return found.mean + self.trend.at(places), sigma
+        mean, variance = self.kriging.at(places)
+        sigma = np.sqrt(variance * self.amplitude.at(places))
+        return mean + self.trend.at(places), sigma
 
     def places(
         self, latitude: Array, longitude: Array, height: Array | float | None = None
