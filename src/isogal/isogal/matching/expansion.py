@@ -14,7 +14,7 @@ from isogal.fields.magnetic_vehicle import prior_sigma
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.registry import able, require
-from isogal.scenario import Gradiometer, Scenario
+from isogal.scenario import Assumed, Gradiometer
 from isogal.sensors.beams import PARTS
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
 
@@ -35,7 +35,7 @@ class Expansion(Protocol):
         ...
 
 
-def expansion_of(scenario: Scenario) -> Expansion | None:
+def expansion_of(scenario: Assumed) -> Expansion | None:
     """Return what is done with readings in a scenario; None where they are numbers, or one number
     for each channel.
 
