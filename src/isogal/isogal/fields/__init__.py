@@ -9,7 +9,7 @@
     source_map       the map that a scenario names
     flown_height     that map at the height of the flight
     derived_maps     maps of several channels, computed from that map
-    gravity_vector   the gravity vector around a route, and what the vehicle feels of it
+    gravity_vector   the gravity vector around a route, and what the vehicle senses of it
     known_gravity    what a navigator knows of horizontal gravity
     simulated_vehicle  one run: route, inertial sensors, unaided INS
 

@@ -128,15 +128,15 @@ def simulate_soundings(
     settings, steep = truth.gravimeter, foot.body[:, 2]
     higher = _map_error(truth, foot, runs)
     white = Noise("beam", settings.sigma, settings.outlier_fraction, settings.outlier_sigma)
-    felt = np.empty((len(runs), *foot.range.shape, 3))
+    sensed = np.empty((len(runs), *foot.range.shape, 3))
     for row, run in enumerate(runs):
         length = foot.range if truth.map_error.sigma == 0.0 else foot.met(higher[row])
         noise = white.draw(truth.seed, run, trajectory.time[index], (len(foot.body),))
         scale = generator(truth.seed, run, "sound_speed").standard_normal()
         scale = 1.0 + truth.altimeter.scale_sigma * scale
         measured = scale * length + (noise + common[row][:, None]) / steep
-        felt[row] = measured[..., None] * foot.body
-    return felt
+        sensed[row] = measured[..., None] * foot.body
+    return sensed
 
 
 def _map_error(truth: Truth, foot: Footprints, runs: Sequence[int]) -> Array:

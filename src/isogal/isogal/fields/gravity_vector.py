@@ -1,4 +1,4 @@
-"""The gravity vector around a route by a scenario's map, and what the vehicle feels of it
+"""The gravity vector around a route by a scenario's map, and what the vehicle senses of it
 (docs/mathematics.md, section 3.9)."""
 
 from collections import OrderedDict
@@ -162,19 +162,19 @@ def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     )
 
 
-def felt_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
+def sensed_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
     """Return (R, K, 3) what gravity is in a world beside normal gravity, mean over each IMU
     interval: north, east, down, m/s². None where it is nothing.
 
-    Includes the map error that the gravimeter of the same run feels, all three components of it.
+    Includes the map error that the gravimeter of the same run senses, all three components of it.
     """
     vector = gravity_vector(scenario, trajectory)
     if vector is None:
         return None
     place = trajectory.latitude, trajectory.longitude
     north, east = vector.horizontal.value(*place).T
-    felt = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
-    if not np.isfinite(felt).all():
+    sensed = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
+    if not np.isfinite(sensed).all():
         raise InputError(
             f"map {vector.disturbance.provenance}: its gravity vector does not cover the route"
         )
@@ -188,7 +188,7 @@ def felt_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -
             *(np.interp(time, time[stations], part) for part in horizontal[row].T),
             np.interp(time, time[index], vertical[row]),
         ]
-        ends = felt + np.stack(error, axis=-1)
+        ends = sensed + np.stack(error, axis=-1)
         result[row] = 0.5 * (ends[1:] + ends[:-1])
     return result
 

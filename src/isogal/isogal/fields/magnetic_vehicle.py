@@ -52,16 +52,16 @@ def simulate_vehicle(
     attitude = matrix(trajectory.attitude)
     direction = np.einsum("kji,kj->ki", attitude, _direction(truth, trajectory))
     body = total[:, None] * direction
-    felt = aircraft_of(settings.aircraft).feel(body, np.gradient(body, trajectory.time, axis=0))
-    vector = np.broadcast_to(felt, (len(runs), *felt.shape))
+    sensed = aircraft_of(settings.aircraft).feel(body, np.gradient(body, trajectory.time, axis=0))
+    vector = np.broadcast_to(sensed, (len(runs), *sensed.shape))
     if settings.vector_sigma > 0.0:
         vector = vector + settings.vector_sigma * np.stack(
             [
-                generator(truth.seed, run, "vector_magnetometer").standard_normal(felt.shape)
+                generator(truth.seed, run, "vector_magnetometer").standard_normal(sensed.shape)
                 for run in runs
             ]
         )
-    return Vehicle(np.sqrt((felt**2).sum(axis=-1)) - total, vector)
+    return Vehicle(np.sqrt((sensed**2).sum(axis=-1)) - total, vector)
 
 
 def told_compensation(scenario: Assumed) -> Compensation | None:
