@@ -9,7 +9,7 @@ from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.fields import gravity_vector as vector
-from isogal.fields.gravity_vector import averaged, disturbance_of, gravity_vector, sensed_gravity
+from isogal.fields.gravity_vector import averaged, gravity_vector, sensed_gravity
 from isogal.fields.known_gravity import known_gravity, true_residual_gravity
 from isogal.fields.map_error import draw_horizontal_error, draw_map_error
 from isogal.fields.simulator import scan_index
@@ -17,6 +17,7 @@ from isogal.maps import tiled_map
 from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.potential import disturbance_of
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_imu

@@ -5,7 +5,7 @@ import pytest
 
 from helpers.magnetics import aircraft
 from isogal.errors import InputError
-from isogal.fields.magnetic_vehicle import prior_sigma, told_compensation
+from isogal.fields.magnetic_vehicle import prior_sigma, specified_compensation
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.magnetics.compensation import Compensation
 from isogal.maps.field_map import FieldMap
@@ -79,8 +79,8 @@ def test_coefficients_from_a_file(field_map, tmp_path):
 
 
 def test_without_an_aircraft_nothing_changes(field_map):
-    assert told_compensation(scenario_of()) is None
-    assert told_compensation(load_scenario(None, TOLD)) is None  # a gravimeter does not mind
+    assert specified_compensation(scenario_of()) is None
+    assert specified_compensation(load_scenario(None, TOLD)) is None  # a gravimeter does not mind
     np.testing.assert_array_equal(
         readings_of(field_map), readings_of(field_map, "magnetometer.vector_sigma=5.0")
     )

@@ -76,7 +76,7 @@ def fly(
     anomaly = anomaly * np.cos(2.0 * np.pi * flight.east / 5000.0)
     total = INTENSITY + anomaly + around.diurnal * np.sin(2.0 * np.pi * flight.time / 1800.0)
     body = flight.in_body(total[:, None] * MAIN_FIELD / INTENSITY)
-    felt, currents = craft.feel(body, derivative(body, flight.time)), {}
+    felt, currents = craft.field_on_board(body, derivative(body, flight.time)), {}
     if around.strobe:
         currents["strobe"] = 5.0 * (np.sin(2.0 * np.pi * flight.time / 7.3) > 0.3)
         felt = felt + currents["strobe"][:, None] * STROBE

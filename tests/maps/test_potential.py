@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import ORIGIN, field_map_of
+from helpers.point_masses import drawn_errors
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
@@ -197,19 +198,9 @@ def test_errors_of_the_map_go_through_the_transform(length):
     """Draws of white noise or of a field with covariance exp(-d / L), against the gain by their
     spectrum."""
     flat = field_map_of(lambda n, e: 0.0 * n * e, half=60e3, step=600.0)
-    n, m = flat.values.shape
-    side = 600.0 * np.arange(2 * n)
-    distance = np.hypot(*np.meshgrid(*2 * [np.minimum(side, 2 * n * 600.0 - side)]))
-    # circulant embedding: the spectrum of the covariance on a torus twice as large
-    power = (
-        np.ones((2 * n, 2 * n))
-        if length is None
-        else np.maximum(np.fft.fft2(np.exp(-distance / length)).real, 0.0)
-    )
     spread = {name: [] for name in COMPONENTS}
     for seed in range(6):
-        white = np.random.default_rng(seed).standard_normal((2 * n, 2 * n))
-        values = 1e-5 * np.fft.ifft2(np.sqrt(power) * np.fft.fft2(white)).real[:n, :m]
+        values = 1e-5 * drawn_errors(seed, length, len(flat.latitude), 600.0)
         maps = tensor_maps(replace(flat, values=values), COMPONENTS, height=200.0)
         for name, channel in zip(COMPONENTS, maps.channels, strict=True):
             spread[name].append(np.nanmean(channel.values**2))

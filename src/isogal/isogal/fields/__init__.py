@@ -2,7 +2,7 @@
 
     measured         what a field is; fields by name (entry points `isogal.fields`)
     simulator        simulated readings: truth from the map, map error, noise
-    magnetic_vehicle  what a magnetic vehicle adds, and what is said of it
+    magnetic_vehicle  what a magnetic vehicle adds, and what is assumed of it
     beams            soundings of an altimeter with several beams
     map_error        samples of how far the true field differs from its map
     scenario_map     the map of what a scenario measures

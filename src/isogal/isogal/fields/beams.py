@@ -126,28 +126,21 @@ def simulate_soundings(
     """
     foot = Footprints(truth.altimeter, trajectory, field_map, index)
     settings, steep = truth.gravimeter, foot.body[:, 2]
-    higher = _map_error(truth, foot, runs)
+    uncertain = truth.map_error.sigma > 0.0
+    if uncertain and foot.range.size > MOST:
+        raise InputError(
+            f"map_error.sigma: {foot.range.size} soundings are too many to draw the map's error"
+            f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
+            " route"
+        )
+    higher = draw_at(truth, *foot.places(foot.range), runs)
     white = Noise("beam", settings.sigma, settings.outlier_fraction, settings.outlier_sigma)
     sensed = np.empty((len(runs), *foot.range.shape, 3))
     for row, run in enumerate(runs):
-        length = foot.range if truth.map_error.sigma == 0.0 else foot.met(higher[row])
+        length = foot.met(higher[row]) if uncertain else foot.range
         noise = white.draw(truth.seed, run, trajectory.time[index], (len(foot.body),))
         scale = generator(truth.seed, run, "sound_speed").standard_normal()
         scale = 1.0 + truth.altimeter.scale_sigma * scale
         measured = scale * length + (noise + common[row][:, None]) / steep
         sensed[row] = measured[..., None] * foot.body
     return sensed
-
-
-def _map_error(truth: Truth, foot: Footprints, runs: Sequence[int]) -> Array:
-    """Return (R, S, B) m by how much the ground is higher than the map where the beams meet it."""
-    sigma = truth.map_error.sigma
-    if sigma == 0.0:
-        return np.zeros((len(runs), *foot.range.shape))
-    if foot.range.size > MOST:
-        raise InputError(
-            f"map_error.sigma: {foot.range.size} soundings are too many to draw the map's error"
-            f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
-            " route"
-        )
-    return draw_at(truth, *foot.places(foot.range), runs)

@@ -170,7 +170,7 @@ def _changed_as(
 def _from_ground(terrain: str, height: float, source: FieldMap) -> FieldMap:
     """Continue a map whose values hold on the ground to a level; `terrain` names the map of the
     ground's height."""
-    from isogal.maps.continuation.terrain import from_terrain  # compiles functions
+    from isogal.maps.continuation.terrain import from_terrain
 
     ground = MapSource(Map(source=terrain), "height", "map.terrain", "the ground's height")(
         window=source.extent

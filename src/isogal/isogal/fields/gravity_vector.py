@@ -40,13 +40,25 @@ class GravityVector:
     """The disturbance vector around a route by its map."""
 
     disturbance: ScalarMap
-    of_horizontal: Callable[[], ChannelMap]
-    """What computes the horizontal components."""
+    source: MapSource
+    """Of the scenario's map."""
+    corridor: Corridor
 
     @cached_property
     def horizontal(self) -> ChannelMap:
-        """Channels `gravity_north` and `gravity_east`, m/s²; computed when first asked for."""
-        return self.of_horizontal()
+        """Channels `gravity_north` and `gravity_east`, m/s², computed when first asked for: from
+        maps of the deflection of the vertical, where the scenario's map has them (variables xi and
+        eta, as GGMplus names them), else from the disturbance."""
+        try:
+            xi, eta = (
+                _coarse(self.source.other(None, name).along(self.corridor))
+                for name in ("xi", "eta")
+            )
+            return potential.from_deflections(xi, eta)
+        except InputError:
+            coarse = _coarse(self.disturbance, potential.disturbance_of)
+        sideways = potential.VECTOR[1:]
+        return potential.gravity_vector(coarse, sideways, edge=0.0, rim_error=False)
 
 
 def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
@@ -58,7 +70,7 @@ def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector 
     InputError
         The map cannot be read, or does not cover the route.
     """
-    if scenario.gravity.field == "normal":  # there is nothing to feel, and nothing to take off
+    if scenario.gravity.field == "normal":  # there is nothing to sense, and nothing to take off
         return None
     if measured_field(scenario).instrument not in ("gravimeter", "gradiometer"):
         return None
@@ -81,25 +93,7 @@ def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     if source is None:
         return None
     check_coverage(source, trajectory.latitude, trajectory.longitude)
-
-    def horizontal() -> ChannelMap:
-        if (measured := _deflections(scenario, corridor)) is not None:
-            return measured
-        coarse = _coarse(source, disturbance_of)
-        return potential.gravity_vector(coarse, potential.VECTOR[1:], edge=0.0, rim_error=False)
-
-    return GravityVector(source, horizontal)
-
-
-def _deflections(scenario: Settings, corridor: Corridor) -> ChannelMap | None:
-    """Return horizontal gravity by maps of the deflection of the vertical, where the scenario's
-    map has them (variables xi and eta, as GGMplus names them)."""
-    try:
-        source = MapSource.of(scenario)
-        xi, eta = (_coarse(source.other(None, name).along(corridor)) for name in ("xi", "eta"))
-        return potential.from_deflections(xi, eta)
-    except InputError:
-        return None
+    return GravityVector(source, MapSource.of(scenario), corridor)
 
 
 def _coarse(
@@ -124,14 +118,6 @@ def _gravity_map(scenario: Settings, corridor: Corridor) -> ScalarMap | None:
         if source.quantity not in ("gravity", "disturbance"):
             return None
         return source.along(corridor)
-
-
-def disturbance_of(field_map: FieldMap) -> FieldMap:
-    """Return a map of the gravity disturbance from one of it, or of gravity on the ellipsoid."""
-    if field_map.quantity == "disturbance":
-        return field_map
-    normal = normal_gravity(field_map.latitude)[:, None]
-    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
 
 
 def averaged(field_map: FieldMap, cell: float) -> FieldMap:

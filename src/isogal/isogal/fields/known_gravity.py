@@ -55,9 +55,9 @@ class KnownGravity:
     residual: Residual | None = None
     """None = nothing is left."""
     map_sigma: float = 0.0
-    """m/s², what is taken for the 1-sigma of the map's disturbance."""
+    """m/s², assumed 1-sigma of the map's disturbance."""
     map_length: float = 4000.0
-    """m, what is taken for its correlation length."""
+    """m, its assumed correlation length."""
 
     @property
     def residual_sigma(self) -> float:
@@ -98,7 +98,7 @@ def residual_gravity(
     """Return what `known_gravity` does without the compensation: only what is believed to be left.
 
     Where all of the map's horizontal gravity is taken off, the map's own part is not computed.
-    `map_sigma` (m/s²) is what is taken for the 1-sigma of the map's disturbance, half of whose
+    `map_sigma` (m/s²) is the assumed 1-sigma of the map's disturbance, half of whose
     variance each horizontal component has; None = as the navigator assumes."""
     vector, settings = gravity_vector(scenario, trajectory), scenario.gravity
     if vector is None:

@@ -1,4 +1,4 @@
-"""A magnetic vehicle in a scenario: what it really adds to the readings, and what is told of it
+"""A magnetic vehicle in a scenario: what it really adds to the readings, and what is assumed of it
 (docs/magnetometer.md, section 7)."""
 
 from collections.abc import Sequence
@@ -52,7 +52,9 @@ def simulate_vehicle(
     attitude = matrix(trajectory.attitude)
     direction = np.einsum("kji,kj->ki", attitude, _direction(truth, trajectory))
     body = total[:, None] * direction
-    sensed = aircraft_of(settings.aircraft).feel(body, np.gradient(body, trajectory.time, axis=0))
+    sensed = aircraft_of(settings.aircraft).field_on_board(
+        body, np.gradient(body, trajectory.time, axis=0)
+    )
     vector = np.broadcast_to(sensed, (len(runs), *sensed.shape))
     if settings.vector_sigma > 0.0:
         vector = vector + settings.vector_sigma * np.stack(
@@ -64,7 +66,7 @@ def simulate_vehicle(
     return Vehicle(np.sqrt((sensed**2).sum(axis=-1)) - total, vector)
 
 
-def told_compensation(scenario: Assumed) -> Compensation | None:
+def specified_compensation(scenario: Assumed) -> Compensation | None:
     """Return what a scenario says that the vehicle adds to the readings of its field; None where
     it says nothing. Raises InputError where the file cannot be read."""
     settings = scenario.magnetometer
@@ -78,23 +80,27 @@ def told_compensation(scenario: Assumed) -> Compensation | None:
 
 
 def prior_sigma(scenario: Assumed) -> Array:
-    """Return (18,) the 1-sigma of what is not told of the coefficients, nT: three times what a
-    calibration says of its own, where there is one."""
-    told = told_compensation(scenario)
+    """Return (18,) the 1-sigma of what is not specified of the coefficients, nT: three times what
+    a calibration says of its own, where there is one."""
+    specified = specified_compensation(scenario)
     sigma = np.full(COUNT, scenario.magnetometer.coefficient_sigma)
-    if told is None or not told.sigma.size:
+    if specified is None or not specified.sigma.size:
         return sigma
-    return np.minimum(sigma, CALIBRATED_SHARE * told.sigma[:COUNT])
+    return np.minimum(sigma, CALIBRATED_SHARE * specified.sigma[:COUNT])
 
 
 def assumed_compensation(scenario: Assumed) -> Compensation | None:
-    """Return what is taken off the readings as they come: what is told, or nothing where the
+    """Return what is taken off the readings as they come: what is specified, or nothing where the
     matcher is to find it; None where nothing is done with them. Raises InputError as
-    `told_compensation`."""
-    told = told_compensation(scenario)
-    if told is None and scenario.measured_field == "magnetic" and scenario.magnetometer.online:
+    `specified_compensation`."""
+    specified = specified_compensation(scenario)
+    if (
+        specified is None
+        and scenario.measured_field == "magnetic"
+        and scenario.magnetometer.online
+    ):
         return Compensation(np.zeros(COUNT))
-    return told
+    return specified
 
 
 def aircraft_of(settings: Aircraft) -> MagneticAircraft:

@@ -23,7 +23,7 @@ class MagneticAircraft:
     eddy: Array = field(default_factory=lambda: _NONE)
     """(3, 3) s, added field in a field that changes by 1 in a second."""
 
-    def feel(self, vector: Array, rate: Array) -> Array:
+    def field_on_board(self, vector: Array, rate: Array) -> Array:
         """Return (..., 3) nT the whole field on board in one (nT) that changes by `rate` (nT/s),
         both in body axes."""
         return vector + self.permanent + vector @ self.induced.T + rate @ self.eddy.T

@@ -44,7 +44,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What a calibration flight told."""
+    """What a calibration flight has shown."""
 
     compensation: Compensation
     time: Array
@@ -155,10 +155,10 @@ def evidence_ridge(a: Array, y: Array, share: float = 1.0) -> float:
     ridge = _FIRST_RIDGE * values[-1]
     for _ in range(_ROUNDS):
         coefficients = along / (values + ridge)
-        told = float((values / (values + ridge)).sum())
+        determined = float((values / (values + ridge)).sum())
         rest = float(y @ y - coefficients @ (2.0 * along - values * coefficients))
         noise = max(rest / y.size, _LEAST_NOISE**2) / share
-        spread = min(float(coefficients @ coefficients) / told, _LARGEST_SPREAD**2)
+        spread = min(float(coefficients @ coefficients) / determined, _LARGEST_SPREAD**2)
         ridge = noise / spread
     return ridge
 

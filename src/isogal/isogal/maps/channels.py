@@ -128,8 +128,18 @@ def by_channel(
     latitude: Array,
     longitude: Array,
 ) -> Array:
-    """Return (T,) what ``of(map of the channel, latitude, longitude)`` says of each row, for
-    channel (T,) and points (T,), rad."""
+    """Return (T,) what a function says of the map of each row's channel.
+
+    Parameters
+    ----------
+    field_map : FieldMap or ChannelMap
+    channel : (T,) array
+        Of each row.
+    of : callable
+        ``of(map, latitude, longitude)`` returns an array for some of the points.
+    latitude, longitude : (T,) arrays
+        rad.
+    """
     maps = channels_of(field_map)
     if len(maps) == 1:
         return np.asarray(of(maps[0], latitude, longitude), dtype=np.float64)

@@ -33,7 +33,7 @@ Far away C_m falls as m / x². They are tabulated once, for all lengths."""
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 
+Complex = NDArray[np.complex128]
 _ORDERS: Final = 5
 _FACTORS: Final = {
     # Fourier coefficients of exp(i m theta), m = -2 ... 2
@@ -66,8 +67,17 @@ def decay(distance: Array | float, length: Array | float) -> Array:
 
 
 def covariance(latitude: Array, longitude: Array, sigma: Array, length: float) -> Array:
-    """Return (N, N) the covariance of a scalar map's errors at places (N,), rad, where their
-    1-sigma is (N,), with a correlation length, m."""
+    """Return (N, N) the covariance of a scalar map's errors.
+
+    Parameters
+    ----------
+    latitude, longitude : (N,) arrays
+        rad.
+    sigma : (N,) array
+        1-sigma of the errors there, unit of the map.
+    length : float
+        Their correlation length, m.
+    """
     apart = displacements(latitude, longitude)
     distance = np.hypot(apart[..., 0], apart[..., 1])
     return np.asarray(np.outer(sigma, sigma) * decay(distance, length))
@@ -127,7 +137,7 @@ def tensor_covariance(
 
 
 @lru_cache(maxsize=8)
-def products(components: tuple[str, ...]) -> NDArray[Any]:
+def products(components: tuple[str, ...]) -> Complex:
     """Return (5, C, C) by order m >= 0 the complex factor of exp(i m phi) C_m in the covariance of
     two components, of whose product the real part counts."""
     count = len(components)
@@ -144,7 +154,7 @@ def products(components: tuple[str, ...]) -> NDArray[Any]:
     return result
 
 
-def wave_factors(components: Sequence[str], direction: Array) -> NDArray[Any]:
+def wave_factors(components: Sequence[str], direction: Array) -> Complex:
     """Return (C, K) what waves of T_dd's error with directions (K,), rad from north to east, are
     multiplied by to be those of the components'."""
     harmonics = np.exp(1j * np.outer(np.arange(-2, 3), direction))
@@ -282,8 +292,20 @@ def filtered_chain(
     memory: float, travelled: Array, lengths: Array, begins: bool
 ) -> tuple[Array, Array]:
     """Return `step` and `joined` (L, n, 2, 2) as `chained` does of a map's error after a low-pass
-    filter with a memory (m), f, and as it is, m, over distances (n,): f' = (m - f) / memory and m
-    a Gauss-Markov process, both stationary."""
+    filter, f, and as it is, m: f' = (m - f) / memory and m a Gauss-Markov process, both
+    stationary.
+
+    Parameters
+    ----------
+    memory : float
+        Of the filter, m along the track.
+    travelled : (n,) array
+        m from the row before.
+    lengths : (L,) array
+        Correlation lengths of m, m.
+    begins : bool
+        Whether the first row is the first of all.
+    """
     step, joined = (np.zeros((len(lengths), len(travelled), 2, 2)) for _ in range(2))
     moved = travelled > LEAST_STEP_M
     for k, length in enumerate(lengths):

@@ -28,7 +28,6 @@ to zero by a cosine. What that changes is largest at the rim, where results are 
   of what is unknown, at a distance d. It becomes part of sigma, and it is large: several mGal even
   in the middle of a map of 400 km. Where there are maps of the deflection, they are better."""
 
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -39,7 +38,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_spectrum import USUAL_LENGTH, ErrorSpectrum, mixed_length
+from isogal.maps.error_spectrum import USUAL_LENGTH, ErrorSpectrum, mixed_length, upward
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Spectrum, Waves
 from isogal.scenario import TENSOR_COMPONENTS
@@ -57,6 +56,14 @@ _TENSOR_TAPER, _VECTOR_TAPER = 20_000.0, 200_000.0
 _NODES = 300
 """A map is thinned to about so many nodes along an axis to see how long its waves are."""
 _DISTANCES = 12
+
+
+def disturbance_of(field_map: FieldMap) -> FieldMap:
+    """Return a map of the gravity disturbance from one of it, or of gravity on the ellipsoid."""
+    if field_map.quantity == "disturbance":
+        return field_map
+    normal = normal_gravity(field_map.latitude)[:, None]
+    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
 
 
 def tensor_maps(
@@ -100,30 +107,30 @@ def tensor_maps(
             f" {', '.join(COMPONENTS)}"
         )
     result = _transformed(disturbance, components, height, edge)
+    named = zip(components, result, strict=True)
+    return ChannelMap([_gradient(disturbance, name, one, height) for name, one in named])
+
+
+def _gradient(disturbance: FieldMap, component: str, values: Array, height: float) -> FieldMap:
+    """Return the map of a component of the tensor, with what becomes of the map's errors."""
     sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
     step, cell = disturbance.quantisation, disturbance.cell
     length = disturbance.correlation_length or USUAL_LENGTH
-    channels = []
-    for name, values in zip(components, result, strict=True):
-        transform = partial(operator, name, height)
-        gain = partial(spectral.error_gain, transform, cell)
-        reach = spectral.error_length(transform, cell, length) if sigma else None
-        channels.append(
-            FieldMap(
-                disturbance.latitude,
-                disturbance.longitude,
-                values,
-                unit="1/s²",
-                quantity="gradient",
-                sigma=sigma and sigma * gain(length),
-                correlation_length=reach,
-                quantisation=step and step * gain(),
-                provenance=f"T_{name} of {disturbance.provenance or 'map'}",
-                file_unit="1/s²",
-                error_stated=disturbance.states_error,
-            )
-        )
-    return ChannelMap(channels)
+    transform = partial(operator, component, height)
+    gain = partial(spectral.error_gain, transform, cell)
+    return FieldMap(
+        disturbance.latitude,
+        disturbance.longitude,
+        values,
+        unit="1/s²",
+        quantity="gradient",
+        sigma=sigma and sigma * gain(length),
+        correlation_length=spectral.error_length(transform, cell, length) if sigma else None,
+        quantisation=step and step * gain(),
+        provenance=f"T_{component} of {disturbance.provenance or 'map'}",
+        file_unit="1/s²",
+        error_stated=disturbance.states_error,
+    )
 
 
 def gravity_vector(
@@ -158,7 +165,8 @@ def gravity_vector(
     """
     spectral.check_disturbance(disturbance, "horizontal components", height=height, edge=edge)
     result = _transformed(disturbance, components, height, edge)
-    own, length = _own_error(disturbance, height)
+    spectrum, decay = ErrorSpectrum.of_map(disturbance), upward(height)
+    own, length = spectrum.sigma_after(decay), spectrum.length(decay)
     beyond, reach = _sigma_beyond(disturbance) if rim_error else (np.zeros(result.shape[1:]), 1.0)
     # half of the variance of the map's own error goes into each horizontal component, with the
     # same correlation on the mean of all directions
@@ -253,19 +261,6 @@ def _transformed(
     result = spectral.transformed(disturbance, filled, operators, taper)
     result[:, ~kept] = np.nan
     return result
-
-
-def _own_error(disturbance: FieldMap, height: float) -> tuple[float, float | None]:
-    """Return sigma and correlation length (m) of what the map says of its errors, at a height."""
-    spectrum = ErrorSpectrum.of_map(disturbance)
-
-    def decay(wavenumber: Array) -> Array:
-        return np.exp(-wavenumber * height)
-
-    own = math.hypot(
-        spectrum.sigma * spectrum.gain(decay), spectrum.rounding * spectrum.white_gain(decay)
-    )
-    return own, spectrum.length(decay)
 
 
 def _sigma_beyond(disturbance: FieldMap) -> tuple[Array, float]:
