@@ -71,7 +71,7 @@ def differences(
     field_map = map_for_scenario(scenario, trajectory)
     world, field = scenario.true, measured_field(scenario)
     source, index = true_map(scenario, trajectory, field_map), scan_index(scenario, trajectory)
-    felt = ReadingSimulator(world, trajectory, source, range(len(record))).felt
+    felt = ReadingSimulator(world, trajectory, source, range(len(record))).raw
     lag = Lag.of(world.gravimeter)
     if lag.mean > 0.0:
         every = np.arange(len(trajectory) + 1)

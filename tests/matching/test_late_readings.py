@@ -51,7 +51,7 @@ def batch_of(it, scans=60, error=(0.0, 0.0)):
             trajectory.height[i],
             *trajectory.velocity[i, :2],
         )
-        reading = reduction.reduce(simulator.felt[0, j], at)
+        reading = reduction.reduce(simulator.raw[0, j], at)
         builder.add_scan(
             trajectory.time[i], at.latitude, at.longitude, trajectory.velocity[i, :2],
             float(reading), 1e-6, height=at.height,

@@ -26,7 +26,7 @@ def simulated_readings(scenario: Scenario, run: int) -> tuple[ByStamp, ByStamp |
     trajectory = build_trajectory(scenario)
     found = ReadingSimulator(truth, trajectory, map_for_scenario(truth, trajectory), [run])
     stamps = [from_seconds(time) for time in trajectory.time]
-    felt = {stamps[i]: value for i, value in zip(found.index, found.felt[0], strict=True)}
+    felt = {stamps[i]: value for i, value in zip(found.index, found.raw[0], strict=True)}
     magnetic = truth.measured_field == "magnetic" and truth.magnetometer.aircraft.magnetic
     if not magnetic and assumed_compensation(scenario) is None:
         return felt, None

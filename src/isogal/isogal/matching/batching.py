@@ -25,7 +25,7 @@ from isogal.matching.transitions import (
     reading_rate,
 )
 from isogal.matrices import symmetric
-from isogal.scenario import Gravimeter, Height, Scenario
+from isogal.scenario import Assumed, Gravimeter, Height
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
@@ -89,7 +89,7 @@ class BatchBuilder:
         """What moves the navigator within a batch; nothing, unless it is set."""
 
     @classmethod
-    def of(cls, scenario: Scenario, context: int = 0, marks: int = 0) -> "BatchBuilder":
+    def of(cls, scenario: Assumed, context: int = 0, marks: int = 0) -> "BatchBuilder":
         """Return the builder of a scenario's batches for a matcher with a context, with room for
         marks; raises InputError where the scenario cannot be used."""
         return cls(

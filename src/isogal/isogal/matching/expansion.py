@@ -22,7 +22,7 @@ from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.reading_noise import scan_noise
 from isogal.matching.registry import able, require
-from isogal.scenario import Gradiometer, Scenario
+from isogal.scenario import Assumed, Gradiometer
 from isogal.sensors.beams import PARTS
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
 
@@ -42,7 +42,7 @@ class Expansion(Protocol):
         ...
 
 
-def expansion_of(scenario: Scenario) -> Expansion | None:
+def expansion_of(scenario: Assumed) -> Expansion | None:
     """Return what is done with readings in a scenario; None where they are numbers.
 
     Raises

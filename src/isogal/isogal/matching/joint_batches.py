@@ -62,7 +62,7 @@ class JointBatches:
             The scenario cannot be used.
         """
         if gravity is None:
-            gravity = residual_gravity(scenario.felt_field, build_trajectory(scenario))
+            gravity = residual_gravity(scenario.gravity_field, build_trajectory(scenario))
         each = scenario.each_field
         rhythm = Rhythm.of(each)
         builders = [
