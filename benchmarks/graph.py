@@ -19,9 +19,8 @@ from rclpy.publisher import Publisher
 
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.bags import recorder as recorder_module
-from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import CLASSES, Plan
-from isogal_ros.graph.processes import run_processes
+from isogal_ros.graph.running import run_in_process, run_processes
 from isogal_ros.nodes import base as node_module
 from isogal_ros.nodes.signals import interrupts
 

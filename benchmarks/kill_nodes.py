@@ -16,8 +16,7 @@ import numpy as np
 
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.faults.catalogue import PROCESS_FAULTS
-from isogal_ros.faults.processes import run_process_trial
-from isogal_ros.faults.stage import Feed
+from isogal_ros.faults.trials import Feed, run_process_trial
 from isogal_ros.nodes.signals import Interrupt
 
 LIMIT = 1.3

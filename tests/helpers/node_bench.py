@@ -19,8 +19,8 @@ from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.bus import Bus, Publisher
-from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Outcome, Plan, node_class
+from isogal_ros.graph.plan import Plan, node_class
+from isogal_ros.graph.running import Outcome, run_in_process
 from isogal_ros.messages.adapter import adapter_of, all_topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.gravimeter import PLATFORM, GravimeterAdapter

@@ -14,7 +14,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import CLASSES, Plan
-from isogal_ros.graph.processes import run_processes
+from isogal_ros.graph.running import run_processes
 from isogal_ros.nodes.signals import Interrupt
 
 ENOUGH = 100

@@ -6,9 +6,9 @@ import pytest
 
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.faults import processes
+from isogal_ros.faults import trials
 from isogal_ros.faults.catalogue import PROCESS_FAULTS, Fault
-from isogal_ros.faults.processes import Signals
+from isogal_ros.faults.trials import Signals
 
 
 class Process:
@@ -34,7 +34,7 @@ class Some:
 @pytest.fixture
 def clock(monkeypatch) -> list[float]:
     now = [100.0]
-    monkeypatch.setattr(processes.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(trials.time, "monotonic", lambda: now[0])
     return now
 
 

@@ -12,6 +12,7 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
+from helpers.domains import claim_domain
 from helpers.node_bench import run_here
 from isogal.cli.main import main
 from isogal.errors import InputError
@@ -19,7 +20,6 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.domain import (
     DOMAIN,
-    claim_domain,
     defaults,
     graph_domain,
     names_of,

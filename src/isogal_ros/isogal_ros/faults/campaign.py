@@ -2,18 +2,15 @@
 interrupted and goes on, and a table in the end."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from isogal.files import write_atomic
 from isogal.scenario import Scenario
-from isogal_ros.faults.catalogue import MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS, QUICK, Fault
-from isogal_ros.faults.judgement import Row, page_of, table_of
-from isogal_ros.faults.processes import run_process_trial
-from isogal_ros.faults.stage import Feed
-from isogal_ros.faults.trial import run_trials
+from isogal_ros.faults.catalogue import MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS, QUICK
+from isogal_ros.faults.judgement import Outcome, Table, page_of, table_of
+from isogal_ros.faults.trials import Feed, run_process_trial, run_trials
 from isogal_ros.nodes.signals import Interrupt
 
 OUTCOMES, TABLE, PAGE = "outcomes.jsonl", "faults.json", "faults.md"
@@ -35,7 +32,7 @@ def run_campaign(
     quick: bool,
     interrupt: Interrupt,
     say: Callable[[str], None],
-) -> dict[str, Any]:
+) -> Table:
     """Run what has not been run yet, write table and page, and return the table.
 
     Parameters
@@ -60,7 +57,7 @@ def run_campaign(
     """
     done = _read(out / OUTCOMES)
 
-    def keep(outcome: Row) -> None:
+    def keep(outcome: Outcome) -> None:
         done[outcome["fault"], outcome["trial"]] = outcome
         with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(outcome) + "\n")
@@ -69,9 +66,12 @@ def run_campaign(
     faults = [one for kind in KINDS for one in kind if not quick or one.name in QUICK]
     try:
         for trial in range(max(trials)):
-            due = [one for one in faults if (one.name, trial) not in done]
             of_messages, of_nodes, of_processes = (
-                [one for one in due if one in kind and trial < most]
+                [
+                    one
+                    for one in faults
+                    if one in kind and trial < most and (one.name, trial) not in done
+                ]
                 for kind, most in zip(KINDS, (trials[0], *trials), strict=True)
             )
             if interrupt or not (of_messages or of_nodes or of_processes):
@@ -81,36 +81,24 @@ def run_campaign(
             for outcome in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
                 keep(outcome)
             interrupt.ends_at_once = False
-            for outcome in _of_processes(feed, of_processes, out, interrupt):
-                keep(outcome)
+            for fault in of_processes:
+                found = run_process_trial(feed, fault, out / "running", interrupt)
+                if found is None:
+                    break
+                keep(found)
     except KeyboardInterrupt:
         pass  # what has been run makes the table
     finally:
         interrupt.ends_at_once = False
-    return _write(out, table_of(scenario, faults, done.values()))
-
-
-def _write(out: Path, table: Row) -> Row:
-    """Write a table into a folder, also as a page, and return it."""
+    table = table_of(scenario, faults, done.values())
     write_atomic(out / TABLE, json.dumps(table, indent=2))
     write_atomic(out / PAGE, page_of(table))
     return table
 
 
-def _of_processes(
-    feed: Feed, faults: Sequence[Fault], out: Path, interrupt: Interrupt
-) -> Iterator[Row]:
-    """Yield what became of faults of processes, until interrupted."""
-    for fault in faults:
-        found = run_process_trial(feed, fault, out / "running", interrupt)
-        if found is None:
-            break
-        yield found
-
-
-def _read(path: Path) -> dict[tuple[str, int], Row]:
+def _read(path: Path) -> dict[tuple[str, int], Outcome]:
     """Return the outcomes on disk, without a line that is cut off or of an earlier version."""
-    found = {}
+    found: dict[tuple[str, int], Outcome] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
             outcome = json.loads(line)
@@ -121,7 +109,7 @@ def _read(path: Path) -> dict[tuple[str, int], Row]:
     return found
 
 
-def _words(outcome: Row) -> str:
+def _words(outcome: Outcome) -> str:
     if outcome["crash"]:
         return f"CRASH {outcome['crash']}"
     after, error = outcome["reported_after"], outcome["error_after"]

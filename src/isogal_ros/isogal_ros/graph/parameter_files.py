@@ -5,7 +5,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias, Union
 
 from rcl_interfaces.msg import ParameterType
 
@@ -13,14 +13,17 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
-from isogal_ros.graph.plan import node_class
+from isogal_ros.graph.plan import Value, node_class
 from isogal_ros.nodes.base import NodeSettings
 from isogal_ros.parameters.declaration import OF_RCLPY, known_overrides
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
 from isogal_ros.parameters.values import scenario_from, settings_from
 
-Document = dict[str, Mapping[str, Any]]
+Content: TypeAlias = Union[bool, int, float, str, "Sequence[Content]", "Tree", None]
+"""What YAML says."""
+Tree: TypeAlias = dict[str, Content]
+Document: TypeAlias = dict[str, Tree]
 """Parameters by the pattern of the nodes' names."""
 
 
@@ -41,9 +44,9 @@ def read_parameters(path: str, where: str) -> Document:
     return {str(name): entry["ros__parameters"] for name, entry in document.items()}
 
 
-def values_of(document: Document, full_name: str) -> dict[str, Any]:
+def values_of(document: Document, full_name: str) -> Tree:
     """Return what a file says to a node, by dotted name; what comes later counts."""
-    values: dict[str, Any] = {}
+    values: Tree = {}
     for pattern, parameters in document.items():
         if _matches(pattern, full_name):
             values |= _leaves(parameters)
@@ -51,7 +54,7 @@ def values_of(document: Document, full_name: str) -> dict[str, Any]:
 
 
 def scenario_of(
-    document: Document, full_name: str, where: str, keys: Mapping[str, Any] | None = None
+    document: Document, full_name: str, where: str, keys: Mapping[str, Value] | None = None
 ) -> Scenario:
     """Return the scenario that a file tells a node, whatever sections it has, with some keys
     changed; raises InputError, which begins with `where`."""
@@ -97,7 +100,7 @@ def sections_of_nobody(document: Document, names: Collection[str], namespace: st
     return found
 
 
-def filter_parameters(texts: Sequence[str]) -> dict[str, Any]:
+def filter_parameters(texts: Sequence[str]) -> dict[str, Value]:
     """Return own parameters of the filter's node by name from ``NAME=VALUE``, values in YAML.
 
     Raises
@@ -115,7 +118,7 @@ def filter_parameters(texts: Sequence[str]) -> dict[str, Any]:
 
 def given_parameters(
     option: str, form: str, texts: Sequence[str], specs: Sequence[ParameterSpec], what: str
-) -> dict[str, Any]:
+) -> dict[str, Value]:
     """Return parameters by name from texts, values in YAML.
 
     Parameters
@@ -149,7 +152,7 @@ def given_parameters(
     return found
 
 
-def _fields(values: Mapping[str, Any], specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
+def _fields(values: Mapping[str, Content], specs: Mapping[str, ParameterSpec]) -> Tree:
     """Return the model's values; what is no parameter stays as it is."""
     return {
         name: specs[name].to_field(specs[name].cast(value))
@@ -159,10 +162,10 @@ def _fields(values: Mapping[str, Any], specs: Mapping[str, ParameterSpec]) -> di
     }
 
 
-def _leaves(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _leaves(document: Tree, prefix: str = "") -> Tree:
     """Return values by dotted name; those inside a parameter that holds YAML stay together."""
     yaml = {spec.name for spec in parameter_specs(Scenario)}
-    values: dict[str, Any] = {}
+    values: Tree = {}
     for key, value in document.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict) and name not in yaml:

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rclpy.serialization import deserialize_message
 
@@ -19,6 +18,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.parameter_files import Content
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
@@ -183,17 +183,24 @@ def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: 
             f"{path}: a replay cannot change {keys}: the readings in the bag are reduced, and it"
             " has not all that the instrument measured"
         )
-    for key in changed:
-        if key.endswith("gravimeter.interval") and after[key] < before.get(key, 0.0):
+    for prefix, was, one in zip(_prefixes(now), recorded.each_field, now.each_field, strict=False):
+        if one.gravimeter.interval < was.gravimeter.interval:
             raise InputError(
-                f"{path}: a replay cannot make {key} shorter than it was ({before[key]:g} s)"
+                f"{path}: a replay cannot make {prefix}gravimeter.interval shorter than it was"
+                f" ({was.gravimeter.interval:g} s)"
             )
 
 
-def _keys_of(scenario: Scenario) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for number, one in enumerate(scenario.each_field):
-        prefix = "" if scenario.fields is None else f"fields.{number}."
+def _prefixes(scenario: Scenario) -> list[str]:
+    """Return what stands before the keys of each field."""
+    return (
+        [""] if scenario.fields is None else [f"fields.{n}." for n in range(len(scenario.fields))]
+    )
+
+
+def _keys_of(scenario: Scenario) -> dict[str, Content]:
+    found: dict[str, Content] = {}
+    for prefix, one in zip(_prefixes(scenario), scenario.each_field, strict=True):
         document = one.model_dump()
         found[f"{prefix}field"] = document["field"]
         for section, keys in _KEYS.items():
