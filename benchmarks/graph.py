@@ -55,14 +55,12 @@ def as_processes(scenario: Scenario, folder: Path) -> dict[str, Any]:
     usage.start()
     begun = time.monotonic()
     with interrupts() as interrupt:
-        outcome = run_processes(
-            Plan(scenario, folder / "bag"), folder / "log", interrupt, lambda progress: None
-        )
+        wall = run_processes(Plan(scenario, folder / "bag"), folder / "log", interrupt)
     total = time.monotonic() - begun
     usage.done.set()
     usage.join()
     return {
-        "wall_s": outcome.wall_seconds,
+        "wall_s": wall,
         "with_start_and_end_s": total,
         "processes": {
             name: {"rss_mb": usage.peak[name], "cpu_s": usage.seconds[name]}
@@ -73,8 +71,8 @@ def as_processes(scenario: Scenario, folder: Path) -> dict[str, Any]:
 
 def in_one_process(scenario: Scenario, folder: Path) -> dict[str, Any]:
     with interrupts() as interrupt:
-        outcome = run_in_process(Plan(scenario, folder / "bag"), interrupt, lambda progress: None)
-    return {"wall_s": outcome.wall_seconds, "rss_mb": psutil.Process().memory_info().rss / 1e6}
+        wall = run_in_process(Plan(scenario, folder / "bag"), interrupt)
+    return {"wall_s": wall, "rss_mb": psutil.Process().memory_info().rss / 1e6}
 
 
 class Clocks:

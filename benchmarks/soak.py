@@ -104,7 +104,7 @@ def main() -> None:
         with interrupts() as interrupt:
             soak = Soak(scenario, options.faults)
             plan = Plan(scenario, folder / "bag")
-            run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=soak)
+            run_processes(plan, folder / "log", interrupt, inject=soak)
     finally:
         shutil.rmtree(folder)
     rows = soak.growth()

@@ -72,4 +72,4 @@ def start(folder: Path) -> subprocess.Popen:
 
 if __name__ == "__main__":
     out = Path(sys.argv[1])
-    run_processes(small_plan(out / "bag"), out / "log", Interrupt(), lambda progress: None)
+    run_processes(small_plan(out / "bag"), out / "log", Interrupt())

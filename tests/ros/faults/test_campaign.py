@@ -114,7 +114,7 @@ def test_an_interrupted_trial_is_no_outcome(feed, monkeypatch, tmp_path) -> None
 def test_an_interrupted_trial_of_processes_is_none(feed, tmp_path, monkeypatch) -> None:
     interrupt = Interrupt()
 
-    def run(plan, folder, interrupt, meddle) -> None:
+    def run(plan, folder, interrupt, inject) -> None:
         folder.mkdir()
         interrupt(signal.SIGINT)
 
@@ -126,7 +126,7 @@ def test_an_interrupted_trial_of_processes_is_none(feed, tmp_path, monkeypatch) 
 
 def test_a_run_of_processes_that_hangs_is_a_crash(feed, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(trials, "PROCESS_LIMIT", -1.0)
-    monkeypatch.setattr(trials, "run_processes", lambda *_, meddle: meddle(None, 10.0))
+    monkeypatch.setattr(trials, "run_processes", lambda *_, inject: inject(None, 10.0))
     found = run_process_trial(feed, PROCESS_FAULTS[0], tmp_path / "run", Interrupt())
     assert "the run did not arrive" in found["crash"]
     assert found["lost"] > 800

@@ -3,6 +3,7 @@ interrupted and goes on, and a table in the end."""
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 
@@ -61,36 +62,33 @@ def run_campaign(
         done[outcome["fault"], outcome["trial"]] = outcome
         with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(outcome) + "\n")
-        say(f"{outcome['fault']}, trial {outcome['trial']}: {_words(outcome)}")
+        say(_words(outcome))
 
     faults = [one for kind in KINDS for one in kind if not quick or one.name in QUICK]
-    try:
+    with suppress(KeyboardInterrupt):  # what has been run makes the table
         for trial in range(max(trials)):
+            due = [one for one in faults if (one.name, trial) not in done]
             of_messages, of_nodes, of_processes = (
-                [
-                    one
-                    for one in faults
-                    if one in kind and trial < most and (one.name, trial) not in done
-                ]
+                [one for one in due if one in kind and trial < most]
                 for kind, most in zip(KINDS, (trials[0], *trials), strict=True)
             )
             if interrupt or not (of_messages or of_nodes or of_processes):
                 continue
             feed = Feed(scenario, trial, interrupt)
             interrupt.ends_at_once = True
-            for outcome in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
-                keep(outcome)
+            for one in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
+                keep(one)
             interrupt.ends_at_once = False
             for fault in of_processes:
-                found = run_process_trial(feed, fault, out / "running", interrupt)
-                if found is None:
+                if (found := run_process_trial(feed, fault, out / "running", interrupt)) is None:
                     break
                 keep(found)
-    except KeyboardInterrupt:
-        pass  # what has been run makes the table
-    finally:
-        interrupt.ends_at_once = False
-    table = table_of(scenario, faults, done.values())
+    interrupt.ends_at_once = False
+    return _write(out, table_of(scenario, faults, done.values()))
+
+
+def _write(out: Path, table: Table) -> Table:
+    """Write a table into a folder, also as a page, and return it."""
     write_atomic(out / TABLE, json.dumps(table, indent=2))
     write_atomic(out / PAGE, page_of(table))
     return table
@@ -110,8 +108,9 @@ def _read(path: Path) -> dict[tuple[str, int], Outcome]:
 
 
 def _words(outcome: Outcome) -> str:
+    trial = f"{outcome['fault']}, trial {outcome['trial']}:"
     if outcome["crash"]:
-        return f"CRASH {outcome['crash']}"
+        return f"{trial} CRASH {outcome['crash']}"
     after, error = outcome["reported_after"], outcome["error_after"]
     reported = "not reported" if after is None else f"reported after {after:.0f} s"
-    return f"{reported}, error {'unknown' if error is None else f'{error:.0f} m'} after it"
+    return f"{trial} {reported}, error {'unknown' if error is None else f'{error:.0f} m'} after it"

@@ -363,14 +363,14 @@ def run_process_trial(
     plan = Plan(feed.scenario, folder / "bag", run=feed.run, checkpoint=checkpoint)
     signals, limit = Signals(fault, begin), time.monotonic() + PROCESS_LIMIT
 
-    def meddle(processes: Processes, simulated: float) -> None:
+    def inject(processes: Processes, simulated: float) -> None:
         if time.monotonic() > limit:
             raise GraphError(f"the run did not arrive within {PROCESS_LIMIT:g} s")
         signals(processes, simulated)
 
     crash, collector = None, Collector(feed.scenario)
     try:
-        run_processes(plan, folder / "log", interrupt, meddle=meddle)
+        run_processes(plan, folder / "log", interrupt, inject=inject)
         if not interrupt:
             collector.take_bag(BagReader(folder / "bag"))
     except (GraphError, InputError) as error:

@@ -95,22 +95,22 @@ def run_command(
     try:
         with interrupts() as interrupt, shown as report:
             if how.in_process:
-                outcome = run_in_process(plan, interrupt, report)
+                wall = run_in_process(plan, interrupt, report)
             else:
-                outcome = run_processes(plan, out / "log", interrupt, report, _announce)
+                wall = run_processes(plan, out / "log", interrupt, report, _announce)
     except GraphError as error:
         _say(f"isogal: {error}")
         return FAILED
-    if outcome.interrupted:
+    if interrupt:
         _say(
             f"Interrupted after {time.monotonic() - begun:.0f} s; all nodes have ended. The"
             f" recording is kept: isogal replay {folder}"
         )
         return INTERRUPTED
-    _say(f"The graph took {outcome.wall_seconds:.1f} s; writing the report ...")
+    _say(f"The graph took {wall:.1f} s; writing the report ...")
     collector = Collector(scenario)
     collector.take_bag(BagReader(folder))
-    summary = _evaluate(collector, trajectory, field_map, out, outcome.wall_seconds)
+    summary = _evaluate(collector, trajectory, field_map, out, wall)
     if summary is None:
         _say("isogal: the run has no scan, so there is nothing to report")
         return FAILED
@@ -169,21 +169,14 @@ def replay_command(
         result = replay(reader, interrupt, report, scenario, of_filter)
     summary = None
     if out is not None and not result.interrupted:
-        trajectory = build_trajectory(result.scenario)
-        field_map = maps_for_scenario(result.scenario, trajectory)
-        summary = _evaluate(result.outputs, trajectory, field_map, out, result.wall_seconds)
-    if json:
-        _print_json(_document(bag, out, result, summary))
-    else:
-        _print_replay(result)
-        if out is not None:
-            print(_of_report(out, result, summary))
+        route = build_trajectory(result.scenario)
+        its_map = maps_for_scenario(result.scenario, route)
+        summary = _evaluate(result.outputs, route, its_map, out, result.wall_seconds)
+    _print_replay(bag, out, result, summary, json)
     if result.interrupted:
         _say(f"isogal: interrupted after {result.simulated:.0f} s of {bag}")
         return INTERRUPTED
-    failures = list(result.failures)
-    if not failures and (differs := _difference(result, tolerance, changed)) is not None:
-        failures.append(differs)
+    failures = result.failures or _differences(result, tolerance, changed)
     for why in failures:
         _say(f"isogal: {bag}: {why}")
     return FAILED if failures else 0
@@ -326,19 +319,16 @@ def _print_summary(summary: Summary) -> None:
     )
 
 
-def _difference(result: Replay, tolerance: float | None, changed: bool) -> str | None:
-    """Say that the fixes differ by more than they may; None = they do not."""
-    found = result.comparison
+def _differences(result: Replay, tolerance: float | None, changed: bool) -> list[str]:
+    """Say that the fixes differ by more than they may, if they do."""
+    found, apart = result.comparison, result.comparison.largest_difference
     if found.disagreements is None:
-        return None if tolerance is None else f"there are {NO_FIXES}: --tolerance {tolerance:g}"
-    if tolerance is None and changed:
-        return None
+        return [] if tolerance is None else [f"there are {NO_FIXES}: --tolerance {tolerance:g}"]
     allowed = TOLERANCE if tolerance is None else tolerance
-    if found.within(allowed):
-        return None
-    apart = found.largest_difference
+    if (tolerance is None and changed) or found.within(allowed):
+        return []
     by = "have no stamp in common" if apart is None else f"differ by {apart:.3g} m"
-    return f"the fixes {by} (tolerance {allowed:g} m), disagreements: {found.disagreements}"
+    return [f"the fixes {by} (tolerance {allowed:g} m), disagreements: {found.disagreements}"]
 
 
 def _of_report(out: Path, result: Replay, summary: Summary | None) -> str:
@@ -379,7 +369,12 @@ def _document(
     return document
 
 
-def _print_replay(result: Replay) -> None:
+def _print_replay(
+    bag: Path, out: Path | None, result: Replay, summary: Summary | None, json: bool
+) -> None:
+    if json:
+        _print_json(_document(bag, out, result, summary))
+        return
     found, apart = result.comparison, result.comparison.largest_difference
     for note in result.notes:
         print(f"Note: {note}.")
@@ -394,3 +389,5 @@ def _print_replay(result: Replay) -> None:
         print(f"Disagreements: {found.disagreements}.")
     else:
         print(f"Largest difference: {apart:.3g} m; disagreements: {found.disagreements}.")
+    if out is not None:
+        print(_of_report(out, result, summary))

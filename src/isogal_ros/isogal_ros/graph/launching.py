@@ -27,7 +27,7 @@ from isogal_ros.graph.parameter_files import (
     given_parameters,
     read_parameters,
     scenario_of,
-    sections_of_nobody,
+    unmatched_sections,
 )
 from isogal_ros.graph.plan import CLASSES, Plan, Value, checked, node_class
 from isogal_ros.nodes.signals import INTERRUPTED
@@ -223,18 +223,18 @@ def _check_params(arguments: Arguments, keys: Mapping[str, Value]) -> Scenario:
     scenario = scenario_of(of_all, "", where)
     if keys:
         scenario = scenario_of(of_all, "", "set", keys)
-    told: list[Scenario] = []
+    scenarios: list[Scenario] = []
     names = Plan(scenario, Path() if arguments.recorder else None, real=real).names
     for name in names:
         full = full_name(arguments.namespace, name)
         check_node(document, name, full, where)
         own = scenario_of(document, full, f"{where}: {name}", keys)
-        if own not in told:
-            told.append(own)
+        if own not in scenarios:
+            scenarios.append(own)
     # which may be another node's of the user, thus no error
-    for line in sections_of_nobody(document, {*names, *CLASSES}, arguments.namespace):
+    for line in unmatched_sections(document, {*names, *CLASSES}, arguments.namespace):
         print(f"isogal: {where}: {line}", file=sys.stderr, flush=True)
-    for one in told:
+    for one in scenarios:
         checked(one, simulated=not real)
     return scenario
 

@@ -56,8 +56,18 @@ def values_of(document: Document, full_name: str) -> Tree:
 def scenario_of(
     document: Document, full_name: str, where: str, keys: Mapping[str, Value] | None = None
 ) -> Scenario:
-    """Return the scenario that a file tells a node, whatever sections it has, with some keys
-    changed; raises InputError, which begins with `where`."""
+    """Return the scenario that a file gives a node, whatever sections it has; raises InputError.
+
+    Parameters
+    ----------
+    document : Document
+    full_name : str
+        The node's name with its namespace.
+    where : str
+        What the line of an error begins with.
+    keys : mapping, optional
+        Parameters that count before those of the file.
+    """
     specs = {spec.name: spec for spec in parameter_specs(Scenario)}
     sections = {name.partition(".")[0] for name in specs}
     values = values_of(document, full_name) | dict(keys or {})
@@ -73,7 +83,16 @@ def full_name(namespace: str, name: str) -> str:
 
 
 def check_node(document: Document, name: str, full: str, where: str) -> None:
-    """Raise InputError where a file tells a node what it would refuse."""
+    """Raise InputError where a file gives a node what it would refuse.
+
+    Parameters
+    ----------
+    document : Document
+    name, full : str
+        The node's name, without and with its namespace.
+    where : str
+        What the line begins with.
+    """
     kind = node_class(name)
     own = parameter_specs(kind.settings_model)
     specs = own + parameter_specs(Scenario, sections=kind.sections)
@@ -83,11 +102,11 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
     except InputError as error:
         raise InputError(f"{where}: {name}: {error}") from None
     names = {spec.name: spec for spec in own}
-    told = {key: value for key, value in values.items() if key in names}
-    settings_from(kind.settings_model, _fields(told, names), f"{where}: {name}")
+    given = {key: value for key, value in values.items() if key in names}
+    settings_from(kind.settings_model, _fields(given, names), f"{where}: {name}")
 
 
-def sections_of_nobody(document: Document, names: Collection[str], namespace: str) -> list[str]:
+def unmatched_sections(document: Document, names: Collection[str], namespace: str) -> list[str]:
     """Say which sections of a file are for none of some nodes in a namespace."""
     full = {name: full_name(namespace, name) for name in names}
     meant = full | {name: name for name in full.values()}
@@ -126,11 +145,11 @@ def given_parameters(
     option : str
         What they are given by.
     form : str
-        ``NAME=VALUE``, as the user is told.
+        ``NAME=VALUE``, for the error.
     specs : sequence of ParameterSpec
         Those that may be given.
     what : str
-        What these are, as the user is told.
+        What these are, for the error.
 
     Raises
     ------

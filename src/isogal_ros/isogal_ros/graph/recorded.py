@@ -1,7 +1,7 @@
 """What a replay needs of a bag, and whether it takes the readings as they were reduced when they
 were recorded, or reduces the instrument's own anew.
 
-Felt gravity is reduced with the navigator's velocity, and what is matched is taken for reduced
+Sensed gravity is reduced with the navigator's velocity, and what is matched is taken for reduced
 with that of the navigator that matches (docs/mathematics.md, section 2.6). A navigator that does
 otherwise than the recorded one did needs readings of its own."""
 
@@ -62,8 +62,8 @@ class Recorded:
     """Whether these are those of the instruments, which are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
-    of_another: bool = False
-    """Whether felt gravity is fed that a navigator has reduced which may have done otherwise."""
+    reduced_by_another: bool = False
+    """Whether sensed gravity is fed that a navigator has reduced which may have done otherwise."""
 
     @property
     def first(self) -> float:
@@ -123,7 +123,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     needed = (topics.IMU, *(one.raw if reduces else one.reduced for one in each))
     needed += aids_of(scenario)
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
-    felt = any(one.raw is topics.FELT for one in each)
+    sensed = any(one.raw is topics.FELT for one in each)
     return Recorded(
         scenario,
         int(reader.texts.get("run", 0)),
@@ -132,7 +132,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         tuple(topic for topic in sensors if topic not in (*AIDS, topics.IMU)),
         reduces,
         _start(scenario, collector.first_nav, odometry, first),
-        of_another=differs and felt and not reduces,
+        reduced_by_another=differs and sensed and not reduces,
     )
 
 

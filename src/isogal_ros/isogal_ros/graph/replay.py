@@ -143,7 +143,7 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
             else "where the recorded navigator was"
         )
         notes.append(f"the bag begins at {recorded.first:.0f} s: the filter starts there {how}")
-    if recorded.of_another:
+    if recorded.reduced_by_another:
         notes.append(
             "the gravimeter's own readings are not all in the bag: those that are fed were reduced"
             " with the recorded navigator's velocity, and are wrong by the Eötvös effect of what"

@@ -62,11 +62,11 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
-"""Is told the progress, again and again."""
+"""Takes the progress, again and again."""
 
 
 def no_report(_progress: Progress) -> None:
-    """Tell nobody."""
+    """Report nothing."""
 
 
 def progress_of(figures: Mapping[str, object]) -> Progress | None:
@@ -77,17 +77,9 @@ def progress_of(figures: Mapping[str, object]) -> Progress | None:
     return Progress(*(float(str(figures[name])) for name in names))
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a run of the graph ended."""
-
-    interrupted: bool
-    wall_seconds: float
-    """From the first step to the last."""
-
-
-def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report) -> Outcome:
-    """Run the graph on one executor until the route's end, or until interrupted.
+def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report) -> float:
+    """Run the graph on one executor until the route's end, or until interrupted; return the wall
+    time (s) from the first step to the last.
 
     Raises
     ------
@@ -120,7 +112,7 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report)
             for node in nodes.values():
                 node.close()
         _require_well(nodes)  # the recorder finishes its bag last
-        return Outcome(bool(interrupt), wall)
+        return wall
 
 
 def _require_well(nodes: Mapping[str, GraphNode]) -> None:
@@ -227,7 +219,7 @@ class Processes:
                 self.running[name].wait()
 
 
-Meddle = Callable[[Processes, float], None]
+Inject = Callable[[Processes, float], None]
 """Called again and again with the processes and the simulated time, s."""
 
 
@@ -237,9 +229,10 @@ def run_processes(
     interrupt: Interrupt,
     report: Report = no_report,
     announce: Callable[[int], None] | None = None,
-    meddle: Meddle | None = None,
-) -> Outcome:
-    """Run the graph as processes until the route's end, or until interrupted.
+    inject: Inject | None = None,
+) -> float:
+    """Run the graph as processes until the route's end, or until interrupted; return the wall time
+    (s) from the first step to the last.
 
     Parameters
     ----------
@@ -248,10 +241,10 @@ def run_processes(
         For parameters and logs.
     interrupt : Interrupt
     report : callable
-        Is told the progress.
+        Takes the progress.
     announce : callable, optional
         Called with the domain before the processes start.
-    meddle : callable, optional
+    inject : callable, optional
         Does faults to the processes.
 
     Raises
@@ -267,7 +260,7 @@ def run_processes(
             announce(domain)
         processes = Processes(plan, folder, domain)
         try:
-            wall = _watch(processes, domain, interrupt, report, meddle)
+            wall = _watch(processes, domain, interrupt, report, inject)
         finally:
             processes.stop(interrupt)
             if any(code < 0 for code in processes.ended().values()) or processes.restarts:
@@ -275,7 +268,7 @@ def run_processes(
     failed = {name: code for name, code in processes.ended().items() if code != 0}
     if failed and not interrupt:
         raise GraphError(processes.describe(*next(iter(failed.items()))))
-    return Outcome(bool(interrupt), wall)
+    return wall
 
 
 def _watch(
@@ -283,7 +276,7 @@ def _watch(
     domain: int,
     interrupt: Interrupt,
     report: Report,
-    meddle: Meddle | None,
+    inject: Inject | None,
 ) -> float:
     """Watch until the simulator has ended; return the wall time from its first step on."""
     figures: dict[str, str] = {}
@@ -308,8 +301,8 @@ def _watch(
                     # by the simulator's own count of time, which leaves out the processes' start
                     first = first or now - progress.simulated / max(progress.speed, 1e-9)
                     report(progress)
-                if meddle is not None:
-                    meddle(processes, -1.0 if progress is None else progress.simulated)
+                if inject is not None:
+                    inject(processes, -1.0 if progress is None else progress.simulated)
                 if processes.arrived():
                     break
             return now - first if first is not None else 0.0

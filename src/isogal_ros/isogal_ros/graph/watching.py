@@ -44,8 +44,8 @@ _PER_SECOND, _LOOKS_PER_SECOND = 5.0, 1.0
 _BARS = "▁▂▃▄▅▆▇█"
 _LAST = 6
 """Batches and messages shown."""
-_WIDTH = 60
-"""Characters of a curve."""
+_WIDTH, _BAR_WIDTH = 60, 20
+"""Characters of a curve, and of the bar, which leaves room for words beside it."""
 
 
 class Watch:
@@ -98,8 +98,8 @@ class Watch:
 def watching(
     watch: Watch | None = None, *, dashboard: bool = False, page: bool = False, port: int = 0
 ) -> Iterator[Report]:
-    """Yield what is told the progress of a run, which is shown as long as the block lasts: by a
-    bar or the dashboard on a terminal, else by a line now and then.
+    """Yield a function that takes the progress of a run, which is shown as long as the block
+    lasts: by a bar or the dashboard on a terminal, else by a line now and then.
 
     Parameters
     ----------
@@ -118,16 +118,18 @@ def watching(
         The port is not free, Bokeh is not installed, or standard error is no terminal, which a
         dashboard needs.
     """
-    terminal, told = Console(stderr=True), time.monotonic()
+    terminal, printed = Console(stderr=True), time.monotonic()
     latest: Progress | None = None
 
     def report(progress: Progress) -> None:
-        nonlocal told, latest
+        nonlocal printed, latest
+        if latest is None:
+            printed = time.monotonic()  # what is before the first step is no progress
         latest = progress
         if watch is not None:
             watch.progress = progress
-        if not terminal.is_terminal and time.monotonic() - told > LINES_EVERY:
-            told = time.monotonic()
+        if not terminal.is_terminal and time.monotonic() - printed > LINES_EVERY:
+            printed = time.monotonic()
             print(f"  {_words(progress)}", file=sys.stderr, flush=True)
 
     def look() -> RenderableType:
@@ -155,7 +157,7 @@ def _bar(progress: Progress | None) -> RenderableType:
     if progress is None:
         return "Starting the nodes ..."
     line = Table.grid(padding=(0, 1))
-    bar = ProgressBar(progress.duration, progress.simulated, width=_WIDTH)
+    bar = ProgressBar(progress.duration, progress.simulated, width=_BAR_WIDTH)
     line.add_row(bar, f"{_percent(progress)}  {_words(progress)}")
     return line
 
