@@ -32,7 +32,7 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeyp
     short = feed.scenario
     monkeypatch.chdir(tmp_path.parent)  # what is made lies where the folder was when it was named
     out = Path(tmp_path.name)
-    table = run_campaign(short, out, (1, 1), True, Interrupt(), lambda text: None)
+    table = run_campaign(short, out, (1, 1), True, Interrupt())
     assert table["trials"] == len(QUICK)
     for row in table["faults"]:
         assert (row["crashes"], row["not_finite"], row["unexpected_errors"]) == (0, 0, [])
@@ -45,7 +45,7 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeyp
     monkeypatch.setattr(campaign, "run_trials", None)
     with (tmp_path / OUTCOMES).open("a") as stream:
         stream.write('{"fault": "imu NaN", "tri')
-    again = run_campaign(short, out, (1, 1), True, Interrupt(), lambda text: None)
+    again = run_campaign(short, out, (1, 1), True, Interrupt())
     assert again == table
 
 
@@ -88,7 +88,7 @@ def test_an_interrupt_while_simulating_keeps_nothing(
 ) -> None:
     interrupt, short = Interrupt(), scenario("route.duration=400.0")
     monkeypatch.setattr(trials, "run_in_process", lambda *_: interrupt(signal.SIGINT))
-    table = run_campaign(short, tmp_path, counts, False, interrupt, lambda text: None)
+    table = run_campaign(short, tmp_path, counts, False, interrupt)
     assert table["trials"] == 0
     assert not (tmp_path / OUTCOMES).exists()
     assert not interrupt.ends_at_once
@@ -106,7 +106,7 @@ def test_an_interrupted_trial_is_no_outcome(feed, monkeypatch, tmp_path) -> None
 
     monkeypatch.setattr(campaign, "Feed", lambda *_: feed)
     monkeypatch.setattr(trials._FORK.Process, "start", start)
-    table = run_campaign(feed.scenario, tmp_path, (1, 0), True, interrupt, lambda text: None)
+    table = run_campaign(feed.scenario, tmp_path, (1, 0), True, interrupt)
     assert table["trials"] == 1
     assert not any(child.is_alive() for child in children)
 

@@ -116,7 +116,7 @@ def test_what_a_run_leaves_behind(finished) -> None:
     for name in CLASSES:
         assert (out / "log" / f"{name}.log").exists()
     assert "ROS domain" in result.stderr
-    assert "aided navigator" in result.stdout
+    assert "RMS position error (m)" in result.stdout
     assert "Traceback" not in result.stderr
 
 

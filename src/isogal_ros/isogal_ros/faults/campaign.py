@@ -2,10 +2,11 @@
 interrupted and goes on, and a table in the end."""
 
 import json
-from collections.abc import Callable
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
+
+import typer
 
 from isogal.files import write_atomic
 from isogal.scenario import Scenario
@@ -32,9 +33,9 @@ def run_campaign(
     trials: tuple[int, int],
     quick: bool,
     interrupt: Interrupt,
-    say: Callable[[str], None],
 ) -> Table:
-    """Run what has not been run yet, write table and page, and return the table.
+    """Run what has not been run yet, with a line on standard error for each outcome, write table
+    and page, and return the table.
 
     Parameters
     ----------
@@ -46,8 +47,6 @@ def run_campaign(
     quick : bool
         Whether only the faults of `QUICK` are run.
     interrupt : Interrupt
-    say : callable
-        Takes a line on each outcome.
 
     Raises
     ------
@@ -62,7 +61,7 @@ def run_campaign(
         done[outcome["fault"], outcome["trial"]] = outcome
         with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(outcome) + "\n")
-        say(_words(outcome))
+        typer.echo(_words(outcome), err=True)
 
     faults = [one for kind in KINDS for one in kind if not quick or one.name in QUICK]
     with suppress(KeyboardInterrupt):  # what has been run makes the table

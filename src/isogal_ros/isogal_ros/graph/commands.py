@@ -2,17 +2,18 @@
 of the input to the report, what they print, and their exit status. Results go to standard output,
 all else to standard error."""
 
-import json as jsons
-import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+import typer
 
+from isogal.cli.errors import INTERRUPTED, note
+from isogal.cli.map.results import print_json
+from isogal.cli.tables import print_table
+from isogal.evaluation.run_report import key_figures, run_report
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
 from isogal.maps.several import RunMap, first_map
@@ -31,7 +32,7 @@ from isogal_ros.graph.running import run_in_process, run_processes
 from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
-FAILED, INTERRUPTED = 1, 130
+FAILED = 1
 NO_FIXES = f"no fixes in the recording ({topics.FIX.name}) to compare with"
 TOLERANCE = 1.0
 """m, by which the fixes of a replay may differ where the user has changed nothing."""
@@ -81,7 +82,7 @@ def run_command(
     InputError
         Scenario, map, matcher or folders cannot be used.
     """
-    _say("Preparing the map and the route ...")
+    typer.echo("Preparing the map and the route ...", err=True)
     trajectory, field_map = checked(scenario)
     folder = out / "bag" if bag is None else bag
     make_folder(out)
@@ -99,26 +100,28 @@ def run_command(
             else:
                 wall = run_processes(plan, out / "log", interrupt, report, _announce)
     except GraphError as error:
-        _say(f"isogal: {error}")
+        note(str(error))
         return FAILED
     if interrupt:
-        _say(
+        typer.echo(
             f"Interrupted after {time.monotonic() - begun:.0f} s; all nodes have ended. The"
-            f" recording is kept: isogal replay {folder}"
+            f" recording is kept: isogal replay {folder}",
+            err=True,
         )
         return INTERRUPTED
-    _say(f"The graph took {wall:.1f} s; writing the report ...")
+    typer.echo(f"The graph took {wall:.1f} s; writing the report ...", err=True)
     collector = Collector(scenario)
     collector.take_bag(BagReader(folder))
     summary = _evaluate(collector, trajectory, field_map, out, wall)
     if summary is None:
-        _say("isogal: the run has no scan, so there is nothing to report")
+        note("the run has no scan, so there is nothing to report")
         return FAILED
     if json:
-        _print_json(summary)
-    else:
-        _print_summary(summary)
-        print(f"Report: {out / 'report.html'}   recording: {folder}")
+        print_json(summary)
+        return 0
+    table = key_figures(summary)
+    below = f"Report: {out / 'report.html'}   recording: {folder}"
+    print_table(table.header, table.rows, below)
     return 0
 
 
@@ -174,11 +177,11 @@ def replay_command(
         summary = _evaluate(result.outputs, route, its_map, out, result.wall_seconds)
     _print_replay(bag, out, result, summary, json)
     if result.interrupted:
-        _say(f"isogal: interrupted after {result.simulated:.0f} s of {bag}")
+        note(f"interrupted after {result.simulated:.0f} s of {bag}")
         return INTERRUPTED
     failures = result.failures or _differences(result, tolerance, changed)
     for why in failures:
-        _say(f"isogal: {bag}: {why}")
+        note(f"{bag}: {why}")
     return FAILED if failures else 0
 
 
@@ -211,17 +214,17 @@ def faults_command(
     scenario = quick_scenario(scenario) if quick else scenario
     try:
         with interrupts() as interrupt:
-            table = run_campaign(scenario, out, trials, quick, interrupt, _say)
+            table = run_campaign(scenario, out, trials, quick, interrupt)
     except GraphError as error:
-        _say(f"isogal: {error}")
+        note(str(error))
         return FAILED
     if json:
-        _print_json(table)
+        print_json(dict(table))
     elif table["trials"]:
         print((out / PAGE).read_text(encoding="utf-8"))
     if interrupt:
-        _say(
-            f"isogal: interrupted; the outcomes so far are kept in {out}, the same command goes on"
+        note(
+            f"interrupted; the outcomes so far are kept in {out}, the same command goes on"
             " from there"
         )
         return INTERRUPTED
@@ -238,7 +241,6 @@ def _evaluate(
     """Write summary.json, report.html and figures; return the summary, or None where there is
     nothing to evaluate."""
     from isogal.evaluation.bound import posterior_cramer_rao
-    from isogal.evaluation.run_report import run_report
     from isogal.evaluation.summary import summarise, write_json
 
     runs, scenario = record_of(collector, field_map), collector.scenario
@@ -260,62 +262,13 @@ def _fresh_checkpoints(folder: Path) -> Path:
     return folder
 
 
-def _say(text: str) -> None:
-    """Print a line that is no result."""
-    print(text, file=sys.stderr, flush=True)
-
-
 def _announce(domain: int) -> None:
     """Say how the nodes can be watched."""
     environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
-    _say(
+    typer.echo(
         f"The nodes and a recorder are in ROS domain {domain}. To watch them, where ros2 is"
-        f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix"
-    )
-
-
-def _print_json(document: Mapping[str, Any]) -> None:
-    print(jsons.dumps(document, indent=2, allow_nan=False))
-
-
-def _print_summary(summary: Summary) -> None:
-    """Print the figures of a run."""
-    from isogal.evaluation.judgement import KINDS
-
-    terminal = Console()
-    error, unaided, bound = summary["position_error"], summary["unaided"], summary["bound"]
-    table = Table("position error", show_header=True, header_style="bold")
-    for name in ("mean", "RMS", "RMS after 1 h"):
-        table.add_column(name, justify="right")
-    for row, *values in (
-        ("aided navigator", error["mean"], error["rms"], error["rms_after_1h"]),
-        ("unaided INS", unaided["mean"], unaided["rms"], ""),
-        ("bound (Cramér-Rao)", "", bound["rms"], bound["rms_after_1h"]),
-    ):
-        # an empty text is one that there is not, None one that is not known
-        texts = ("–" if x is None else x if isinstance(x, str) else f"{x:.1f} m" for x in values)
-        table.add_row(row, *texts)
-    terminal.print(table)
-    nees, fixes, took = summary["nees_per_axis"], summary["fixes"], summary["time"]
-    low, high = nees["interval"]
-    if nees["mean"] is not None and low is not None:
-        terminal.print(
-            f"NEES per axis {nees['mean']:.2f} (a consistent filter: {low:.2f} to {high:.2f}),"
-            f" at all scans {summary['nees_all_scans']['mean']:.2f}"
-        )
-    risk, level = summary["integrity"]["risk"], summary["integrity"]["level"]["median"]
-    if level is not None:
-        terminal.print(f"Protection level at {risk:g} per hour: {level:.0f} m (median)")
-    faults = [KINDS[kind] for kind, runs in summary["judgement"]["runs"].items() if runs]
-    if faults:
-        terminal.print(f"This run: {', '.join(faults)}")
-    median = took["fix_ms_median"]
-    each = "" if median is None else f", {median:.1f} ms each (median)"
-    if fixes["failed"]:
-        each += f"; the matcher failed on {fixes['failed']} batches"
-    terminal.print(
-        f"Fixes: {fixes['published']} published, {fixes['declined']} declined{each}; wall time"
-        f" {took['wall_s']:.1f} s"
+        f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
+        err=True,
     )
 
 
@@ -373,11 +326,11 @@ def _print_replay(
     bag: Path, out: Path | None, result: Replay, summary: Summary | None, json: bool
 ) -> None:
     if json:
-        _print_json(_document(bag, out, result, summary))
+        print_json(_document(bag, out, result, summary))
         return
     found, apart = result.comparison, result.comparison.largest_difference
-    for note in result.notes:
-        print(f"Note: {note}.")
+    for text in result.notes:
+        print(f"Note: {text}.")
     print(f"Replayed {result.simulated:.0f} s in {result.wall_seconds:.1f} s.")
     print(
         f"Fixes: {found.recorded} recorded, {found.replayed} replayed,"
