@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import JsonValue
 from rclpy.serialization import deserialize_message, serialize_message
 
 from isogal.arrays import Array
@@ -33,7 +34,7 @@ from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.faults.catalogue import Fault, Moment, topics_of
 from isogal_ros.faults.judgement import Outcome, rms_of
-from isogal_ros.graph.plan import GraphError, Plan, Value
+from isogal_ros.graph.plan import GraphError, Plan
 from isogal_ros.graph.player import TICK, Player
 from isogal_ros.graph.recorded import load
 from isogal_ros.graph.running import Processes, run_in_process, run_processes
@@ -141,7 +142,7 @@ class Feed:
     def player(self, checkpoints: Path | None = None) -> Player:
         """Return fresh nodes that the run is played to; they write checkpoints into a folder, if
         there is one."""
-        own: dict[str, Value] = {"diagnostics_period": 2.0 * TICK}
+        own: dict[str, JsonValue] = {"diagnostics_period": 2.0 * TICK}
         if checkpoints is not None:
             own["checkpoint"] = str(checkpoints)
         return Player(replace(self.recorded, scenario=self.scenario), own, {})

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Protocol
 
+from pydantic import JsonValue
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.logging import LoggingSeverity, get_logger
@@ -21,7 +22,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_srvs.srv import Trigger
 
 from isogal_ros import topics
-from isogal_ros.graph.plan import Value, node_class
+from isogal_ros.graph.plan import node_class
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import LOSSLESS, Topic
 
@@ -76,7 +77,7 @@ class Bus:
         """Return what its nodes take for the wall clock, s."""
         return self.now
 
-    def add(self, name: str, values: Mapping[str, Value]) -> GraphNode:
+    def add(self, name: str, values: Mapping[str, JsonValue]) -> GraphNode:
         """Return a node of the graph on the bus, active; raises InputError where a parameter is
         bad."""
         node = _class_of(topics.kind_of(name))(name, values=values, context=self)

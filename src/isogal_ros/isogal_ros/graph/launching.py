@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, field_validator
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario
@@ -29,7 +29,7 @@ from isogal_ros.graph.parameter_files import (
     scenario_of,
     unmatched_sections,
 )
-from isogal_ros.graph.plan import CLASSES, Plan, Value, checked, node_class
+from isogal_ros.graph.plan import CLASSES, Plan, checked, node_class
 from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.values import settings_from
@@ -89,7 +89,7 @@ class Arguments(BaseModel):
         return text
 
     @property
-    def keys(self) -> dict[str, Value]:
+    def keys(self) -> dict[str, JsonValue]:
         """Parameters of the scenario that are set one by one, values in YAML."""
         try:
             words = shlex.split(self.set)
@@ -129,7 +129,7 @@ class Launched(Plan):
         """Return the package of a node."""
         return "isogal_ros" if name == RECORDER else topics.kind_of(name)
 
-    def own(self, name: str) -> dict[str, Value]:
+    def own(self, name: str) -> dict[str, JsonValue]:
         """Return a node's own parameters, which count before those of the file."""
         keys = {
             key: value
@@ -214,7 +214,7 @@ def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launche
     )
 
 
-def _check_params(arguments: Arguments, keys: Mapping[str, Value]) -> Scenario:
+def _check_params(arguments: Arguments, keys: Mapping[str, JsonValue]) -> Scenario:
     """Return the scenario of the parameter file with some keys changed; raises InputError unless
     all nodes can use both."""
     where, real = f"params: {arguments.params}", arguments.vehicle == "real"

@@ -5,25 +5,22 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TypeAlias, Union
 
+from pydantic import JsonValue
 from rcl_interfaces.msg import ParameterType
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
-from isogal_ros.graph.plan import Value, node_class
+from isogal_ros.graph.plan import node_class
 from isogal_ros.nodes.base import NodeSettings
 from isogal_ros.parameters.declaration import OF_RCLPY, known_overrides
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.spec import ParameterSpec
 from isogal_ros.parameters.values import scenario_from, settings_from
 
-Content: TypeAlias = Union[bool, int, float, str, "Sequence[Content]", "Tree", None]
-"""What YAML says."""
-Tree: TypeAlias = dict[str, Content]
-Document: TypeAlias = dict[str, Tree]
+Document = dict[str, dict[str, JsonValue]]
 """Parameters by the pattern of the nodes' names."""
 
 
@@ -44,9 +41,9 @@ def read_parameters(path: str, where: str) -> Document:
     return {str(name): entry["ros__parameters"] for name, entry in document.items()}
 
 
-def values_of(document: Document, full_name: str) -> Tree:
+def values_of(document: Document, full_name: str) -> dict[str, JsonValue]:
     """Return what a file says to a node, by dotted name; what comes later counts."""
-    values: Tree = {}
+    values: dict[str, JsonValue] = {}
     for pattern, parameters in document.items():
         if _matches(pattern, full_name):
             values |= _leaves(parameters)
@@ -54,7 +51,7 @@ def values_of(document: Document, full_name: str) -> Tree:
 
 
 def scenario_of(
-    document: Document, full_name: str, where: str, keys: Mapping[str, Value] | None = None
+    document: Document, full_name: str, where: str, keys: Mapping[str, JsonValue] | None = None
 ) -> Scenario:
     """Return the scenario that a file gives a node, whatever sections it has; raises InputError.
 
@@ -119,7 +116,7 @@ def unmatched_sections(document: Document, names: Collection[str], namespace: st
     return found
 
 
-def filter_parameters(texts: Sequence[str]) -> dict[str, Value]:
+def filter_parameters(texts: Sequence[str]) -> dict[str, JsonValue]:
     """Return own parameters of the filter's node by name from ``NAME=VALUE``, values in YAML.
 
     Raises
@@ -137,7 +134,7 @@ def filter_parameters(texts: Sequence[str]) -> dict[str, Value]:
 
 def given_parameters(
     option: str, form: str, texts: Sequence[str], specs: Sequence[ParameterSpec], what: str
-) -> dict[str, Value]:
+) -> dict[str, JsonValue]:
     """Return parameters by name from texts, values in YAML.
 
     Parameters
@@ -171,7 +168,9 @@ def given_parameters(
     return found
 
 
-def _fields(values: Mapping[str, Content], specs: Mapping[str, ParameterSpec]) -> Tree:
+def _fields(
+    values: Mapping[str, JsonValue], specs: Mapping[str, ParameterSpec]
+) -> dict[str, JsonValue]:
     """Return the model's values; what is no parameter stays as it is."""
     return {
         name: specs[name].to_field(specs[name].cast(value))
@@ -181,10 +180,10 @@ def _fields(values: Mapping[str, Content], specs: Mapping[str, ParameterSpec]) -
     }
 
 
-def _leaves(document: Tree, prefix: str = "") -> Tree:
+def _leaves(document: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
     """Return values by dotted name; those inside a parameter that holds YAML stay together."""
     yaml = {spec.name for spec in parameter_specs(Scenario)}
-    values: Tree = {}
+    values: dict[str, JsonValue] = {}
     for key, value in document.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict) and name not in yaml:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pydantic import JsonValue
+
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import maps_for_scenario, true_map
@@ -18,9 +20,6 @@ from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.parameters.values import node_values
-
-Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
-"""Of a parameter."""
 
 CLASSES = {
     topics.INS_SIM: ("ins_sim_node.node", "InsSimNode"),
@@ -52,7 +51,7 @@ class Plan:
     """ROS domain that must be used; None = as `graph_domain` finds one."""
     real: bool = False
     """Whether the sensors are those of a vehicle or of a recording, and nothing is simulated."""
-    of_recorder: Mapping[str, Value] = field(
+    of_recorder: Mapping[str, JsonValue] = field(
         default_factory=lambda: {"closing_time": 20.0, "replace": True}
     )
     """Own parameters of the recorder: it ends last, and must have all of what the others have
@@ -66,9 +65,9 @@ class Plan:
             nodes = tuple(name for name in nodes if name != topics.INS_SIM)
         return nodes if self.bag is None else (RECORDER, *nodes)
 
-    def own(self, name: str) -> dict[str, Value]:
+    def own(self, name: str) -> dict[str, JsonValue]:
         """Return the node's own parameters."""
-        values: dict[str, Value] = {"run": self.run, "recorders": int(self.bag is not None)}
+        values: dict[str, JsonValue] = {"run": self.run, "recorders": int(self.bag is not None)}
         fields = instruments_of(self.scenario)
         if len(fields) > 1 or self.real:
             values["peers"] = [one for one in self.names if one != RECORDER]
@@ -86,7 +85,7 @@ class Plan:
             values["checkpoint"] = str(self.checkpoint)
         return values
 
-    def values(self, name: str) -> dict[str, Value]:
+    def values(self, name: str) -> dict[str, JsonValue]:
         """Return all parameters of a node."""
         return node_values(self.scenario, {}, node_class(name).sections) | self.own(name)
 

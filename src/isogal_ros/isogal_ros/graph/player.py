@@ -6,10 +6,12 @@ from collections import deque
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 
+from pydantic import JsonValue
+
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.graph.bus import Bus, Publisher
-from isogal_ros.graph.plan import Plan, Value
+from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.recorded import Recorded
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -42,8 +44,8 @@ class Player:
     def __init__(
         self,
         recorded: Recorded,
-        own: Mapping[str, Value],
-        of_filter: Mapping[str, Value],
+        own: Mapping[str, JsonValue],
+        of_filter: Mapping[str, JsonValue],
         quiet: bool = True,
     ) -> None:
         self.recorded, self.bus = recorded, Bus(quiet)
@@ -61,7 +63,7 @@ class Player:
             for name in self._plan.names
             if recorded.reduces or topics.kind_of(name) != topics.GRAVIMETER
         ]
-        self._own = {"peers": names, **own}
+        self._own: dict[str, JsonValue] = {"peers": [*names], **own}
         self._of_filter = of_filter
         self.nodes: dict[str, GraphNode] = {}
         """By name."""

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import JsonValue
 from rclpy.serialization import deserialize_message
 
 from isogal.errors import InputError
@@ -18,7 +19,6 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.parameter_files import Content
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
@@ -40,7 +40,7 @@ _WITHOUT = {
     topics.VELOCITY.name: "--set velocity.kind=none",
 }
 """What replays without a sensor beside the IMU, by its topic."""
-Start = dict[str, list[float]]
+Start = dict[str, JsonValue]
 """Parameters of ukf_fusion_node by name."""
 LATE = 60.0
 """s after which the first IMU sample of a bag is not that of the scenario's start."""
@@ -198,8 +198,8 @@ def _prefixes(scenario: Scenario) -> list[str]:
     )
 
 
-def _keys_of(scenario: Scenario) -> dict[str, Content]:
-    found: dict[str, Content] = {}
+def _keys_of(scenario: Scenario) -> dict[str, JsonValue]:
+    found: dict[str, JsonValue] = {}
     for prefix, one in zip(_prefixes(scenario), scenario.each_field, strict=True):
         document = one.model_dump()
         found[f"{prefix}field"] = document["field"]

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import JsonValue
 
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
@@ -15,7 +16,6 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.plan import Value
 from isogal_ros.graph.player import Player
 from isogal_ros.graph.recorded import LATE, Recorded, aids_of, load
 from isogal_ros.graph.running import Progress, Report, no_report
@@ -71,7 +71,7 @@ def replay(
     interrupt: Interrupt,
     report: Report = no_report,
     scenario: Scenario | None = None,
-    parameters: Mapping[str, Value] | None = None,
+    parameters: Mapping[str, JsonValue] | None = None,
 ) -> Replay:
     """Replay a bag as fast as the nodes can.
 
