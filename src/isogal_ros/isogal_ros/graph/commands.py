@@ -116,12 +116,7 @@ def run_command(
     if summary is None:
         note("the run has no scan, so there is nothing to report")
         return FAILED
-    if json:
-        print_json(summary)
-        return 0
-    table = key_figures(summary)
-    below = f"Report: {out / 'report.html'}   recording: {folder}"
-    print_table(table.header, table.rows, below)
+    _print_summary(summary, json, f"Report: {out / 'report.html'}   recording: {folder}")
     return 0
 
 
@@ -270,6 +265,15 @@ def _announce(domain: int) -> None:
         f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
         err=True,
     )
+
+
+def _print_summary(summary: Summary, json: bool, below: str) -> None:
+    """Print the figures of a run, and a line below their table."""
+    if json:
+        print_json(summary)
+    else:
+        table = key_figures(summary)
+        print_table(table.header, table.rows, below)
 
 
 def _differences(result: Replay, tolerance: float | None, changed: bool) -> list[str]:
