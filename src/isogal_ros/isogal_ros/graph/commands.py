@@ -11,8 +11,7 @@ from typing import Any
 import typer
 
 from isogal.cli.errors import INTERRUPTED, note
-from isogal.cli.map.results import print_json
-from isogal.cli.tables import print_table
+from isogal.cli.tables import print_json, print_table
 from isogal.evaluation.run_report import key_figures, run_report
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
