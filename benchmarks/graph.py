@@ -25,9 +25,8 @@ from isogal.fields.scenario_map import map_for_scenario
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags import recorder as recorder_module
-from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import CLASSES, Plan
-from isogal_ros.graph.processes import run_processes
+from isogal_ros.graph.running import run_in_process, run_processes
 from isogal_ros.nodes import base as node_module
 from isogal_ros.nodes.signals import interrupts
 from isogal_ros.topics import Topic
@@ -68,14 +67,12 @@ def as_processes(scenario: Scenario, folder: Path) -> Figures:
     usage.start()
     begun = time.monotonic()
     with interrupts() as interrupt:
-        outcome = run_processes(
-            Plan(scenario, folder / "bag"), folder / "log", interrupt, lambda progress: None
-        )
+        wall = run_processes(Plan(scenario, folder / "bag"), folder / "log", interrupt)
     total = time.monotonic() - begun
     usage.done.set()
     usage.join()
     return {
-        "wall_s": outcome.wall_seconds,
+        "wall_s": wall,
         "with_start_and_end_s": total,
         "processes": {
             name: {"rss_mb": usage.peak[name], "cpu_s": usage.seconds[name]}
@@ -86,8 +83,8 @@ def as_processes(scenario: Scenario, folder: Path) -> Figures:
 
 def in_one_process(scenario: Scenario, folder: Path) -> dict[str, float]:
     with interrupts() as interrupt:
-        outcome = run_in_process(Plan(scenario, folder / "bag"), interrupt, lambda progress: None)
-    return {"wall_s": outcome.wall_seconds, "rss_mb": psutil.Process().memory_info().rss / 1e6}
+        wall = run_in_process(Plan(scenario, folder / "bag"), interrupt)
+    return {"wall_s": wall, "rss_mb": psutil.Process().memory_info().rss / 1e6}
 
 
 PUBLISH = "publish: serialise and send"

@@ -24,8 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
 from isogal_ros import topics
-from isogal_ros.faults.stage import without_numbers
-from isogal_ros.faults.trial import UNEXPECTED
+from isogal_ros.faults.trials import UNEXPECTED, without_numbers
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import node_class
 from isogal_ros.messages.imu import fill_imu

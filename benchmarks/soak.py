@@ -21,9 +21,9 @@ import psutil
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
 from isogal_ros.faults.catalogue import PROCESS_FAULTS
-from isogal_ros.faults.processes import Signals
+from isogal_ros.faults.trials import Signals
 from isogal_ros.graph.plan import Plan
-from isogal_ros.graph.processes import Processes, run_processes
+from isogal_ros.graph.running import Processes, run_processes
 from isogal_ros.nodes.signals import interrupts
 
 LIMIT_MB, LIMIT_FILES = 5.0, 0
@@ -101,7 +101,7 @@ def main() -> None:
         with interrupts() as interrupt:
             soak = Soak(scenario, options.faults)
             plan = Plan(scenario, folder / "bag")
-            run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=soak)
+            run_processes(plan, folder / "log", interrupt, inject=soak)
     finally:
         shutil.rmtree(folder)
     rows = soak.growth()

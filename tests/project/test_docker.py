@@ -116,7 +116,7 @@ def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.Mon
     rclpy = pytest.importorskip("rclpy")
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-    from isogal_ros.graph.domain import claim_domain
+    from helpers.domains import claim_domain
 
     statuses = [
         DiagnosticStatus(name="vehicle/live", level=DiagnosticStatus.OK),
