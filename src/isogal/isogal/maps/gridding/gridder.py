@@ -91,8 +91,8 @@ class Model:
     ) -> Array:
         """Return (P, 3) places as the kriging takes them."""
         plane, floor = self.survey.plane, self.survey.floor
-        away = np.remainder(longitude - plane.longitude + math.pi, 2.0 * math.pi) - math.pi
-        east, north = plane.project(latitude, plane.longitude + away)
+        turned = np.remainder(longitude - plane.longitude + math.pi, 2.0 * math.pi)
+        east, north = plane.project(latitude, plane.longitude + turned - math.pi)
         up = self.default_height if height is None else height
         return np.stack([east, north, np.broadcast_to(up, east.shape) - floor], axis=1)
 
