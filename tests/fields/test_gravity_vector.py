@@ -178,7 +178,7 @@ def test_drawn_errors_have_these_covariances(world):
     later = vertical[:, np.searchsorted(index, stations[1:-3]) + 6]
     found = (later[..., None] * errors[:, 1:-3]).mean(axis=(0, 1)) / 3e-5**2
     rows = index[[6, 0]]
-    apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])[:1, 1:]
+    apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])[:1, [1, 1]]
     channels = np.zeros(1, int), np.array([1, 2])
     expected = tensor_covariance(("dd", "nd", "ed"), channels[0], apart, 4e3, channels[1])
     np.testing.assert_allclose(found, expected[0], atol=0.03)
