@@ -98,7 +98,7 @@ def test_other_fields(recorded, field, fixes, rounding, unaided) -> None:
     graph, library = record(bag, scenario, field_map), simulate(scenario, [0], field_map)
     same(graph, library, 1e-4)
     np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=rounding, rtol=0)
-    assert graph.fix_reason == ((None,) * fixes,)
+    assert graph.published.tolist() == [[True] * fixes]
     assert np.hypot(*graph.error[0, -1]) < 60.0
     assert np.hypot(*graph.unaided_error[0, -1]) > unaided
     error, covariance = graph.posterior_error[0], graph.posterior_covariance[0]

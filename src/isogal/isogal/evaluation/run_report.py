@@ -3,6 +3,7 @@ runs."""
 
 import math
 import re
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,13 +70,20 @@ def run_report(
         _scenario(scenario, field_map),
     ]
     what = f"{len(runs)} runs" if many else "Run"
-    subtitle = (
-        f"Matcher {shown.matcher.name}, batches of {shown.matcher.batch_length} scans, "
-        f"{scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed}, "
-        f"{runs.elapsed[-1] / 3600:.2f} h"
-    )
     title = f"{what}: {' and '.join(_measured(scenario, field_map))}"
-    return write_report(out_dir, title, sections, [key_figures(summary)], subtitle)
+    return write_report(
+        out_dir, title, sections, [key_figures(summary)], subtitle_of(runs, scenario)
+    )
+
+
+def subtitle_of(runs: Runs, scenario: Scenario) -> str:
+    """Return a line that says what was run."""
+    matcher = scenario.each_field[0].matcher
+    return (
+        f"Matcher {matcher.name}, batches of {matcher.batch_length} scans,"
+        f" {scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed},"
+        f" {runs.elapsed[-1] / 3600:.2f} h"
+    )
 
 
 def _measured(scenario: Scenario, field_map: "RunMap") -> list[str]:
@@ -275,7 +283,6 @@ def _single(runs: Runs, scenario: Scenario, field_map: "ScalarMap", many: bool) 
 def _batches(runs: Runs) -> Section:
     rows = []
     for batch, time in enumerate(runs.fix_time):
-        reason = runs.fix_reason[0][batch]
         sigma = np.sqrt(np.diagonal(runs.fix_covariance[0, batch]))
         rows.append(
             (
@@ -286,7 +293,7 @@ def _batches(runs: Runs) -> Section:
                 number(_length(runs.posterior_error[0, batch])),
                 number(1e3 * float(runs.fix_seconds[0, batch])),
                 number(_variability(runs, float(time))),
-                reason or "published",
+                str(runs.fix_reason[0, batch]) or "published",
             )
         )
     header = (
@@ -310,19 +317,15 @@ def _variability(runs: Runs, time: float) -> float | None:
 
 
 def _declined(runs: Runs) -> Section:
-    counts: dict[str, int] = {}
-    for reasons in runs.fix_reason:
-        for reason in reasons:
-            if reason is not None:
-                # without its figures, which differ from batch to batch
-                kind = re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", reason)
-                counts[kind] = counts.get(kind, 0) + 1
+    # without the figures of each batch
+    counts = Counter(
+        re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", reason)
+        for reason in runs.fix_reason[~runs.published].tolist()
+    )
     if not counts:
         return Section("Fixes", ["Every batch of every run gave a fix."])
-    rows = [
-        (reason, str(n))
-        for reason, n in sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    ]
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    rows = [(reason, str(count)) for reason, count in ordered]
     return Section(
         "Fixes", tables=[Table("Why batches gave no fix.", ("reason", "batches"), rows)]
     )

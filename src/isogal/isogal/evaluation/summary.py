@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,8 +14,7 @@ from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
-from isogal.fusion.gate import REJECTED
-from isogal.matching.failures import FAILED
+from isogal.fix import Status
 from isogal.scenario import Scenario
 
 DIVERGENCE_LIMIT = 2000.0
@@ -100,14 +100,14 @@ def _consistency(runs: Runs, astray: Booleans, scenario: Scenario) -> dict[str, 
 
 def _fixes(runs: Runs) -> dict[str, int]:
     """Return how many batches gave a fix and how many did not; on how many of these the matcher
-    has failed (`isogal.matching.failures`) or the navigator rejected the fix (`fusion.gate`)."""
-    every = [reason for reasons in runs.fix_reason for reason in reasons]
-    published = sum(reason is None for reason in every)
+    has failed or the navigator rejected the fix."""
+    count = Counter(runs.fix_status.ravel().tolist())
+    published = count[Status.FIX.value]
     return {
         "published": published,
-        "declined": len(every) - published,
-        "failed": sum(reason is not None and reason.startswith(FAILED) for reason in every),
-        "rejected": sum(reason is not None and reason.startswith(REJECTED) for reason in every),
+        "declined": runs.fix_status.size - published,
+        "failed": count[Status.FAILED.value],
+        "rejected": count[Status.REJECTED.value],
     }
 
 

@@ -5,10 +5,10 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
+from isogal.fix import Candidates, Fix, Status
 from isogal.fusion.gate import REJECTED
 from isogal.fusion.state import FilterState
 from isogal.maps.channels import RouteMap, channels_of
-from isogal.matching.interfaces import Candidates, Fix
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -36,7 +36,9 @@ class Recorder:
         self._fix_place = np.full((2, runs, batches), np.nan)
         self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
         self._fix_seconds = np.zeros((runs, batches))
-        self._reasons: list[list[str | None]] = [[] for _ in range(runs)]
+        self._status = np.full((runs, batches), Status.DECLINED.value, dtype=np.object_)
+        self._reason = np.full((runs, batches), "", dtype=np.object_)
+        self._newest = 0
         # for the figures of the first run
         self._candidates: list[Candidates | None] = []
         self._variability = np.full(scans, np.nan)
@@ -58,9 +60,9 @@ class Recorder:
 
     def write_fix(self, run: int, batch: int, fix: Fix, seconds: float) -> None:
         """Write a run's fix of a batch, and how long the matcher took (s); batches in order."""
-        end = self.ends[batch]
+        end, self._newest = self.ends[batch], batch
         self._fix_seconds[run, batch] = seconds
-        self._reasons[run].append(fix.reason)
+        self._status[run, batch], self._reason[run, batch] = fix.status.value, fix.reason or ""
         if fix.published:
             self._fix_place[:, run, batch] = fix.latitude, fix.longitude
             self._fix_covariance[run, batch] = fix.covariance
@@ -71,7 +73,8 @@ class Recorder:
 
     def write_rejection(self, run: int, reason: str) -> None:
         """Write that a run's navigator did not take its newest fix, or a share of it."""
-        self._reasons[run][-1] = f"{REJECTED}{reason}"
+        self._status[run, self._newest] = Status.REJECTED.value
+        self._reason[run, self._newest] = f"{REJECTED}{reason}"
 
     def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""
@@ -91,7 +94,8 @@ class Recorder:
             fix_time=self.time[self.ends],
             fix_error=fix_error,
             fix_covariance=self._fix_covariance,
-            fix_reason=tuple(tuple(reasons) for reasons in self._reasons),
+            fix_status=self._status.astype(np.str_),
+            fix_reason=self._reason.astype(np.str_),
             posterior_error=self._error[:, self.ends],
             posterior_covariance=self._covariance[:, self.ends],
             fix_seconds=self._fix_seconds,

@@ -2,12 +2,11 @@
 chunk, named by its runs. A study that was interrupted goes on with them."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 from isogal.errors import InputError
-from isogal.evaluation.records import PER_RUN, Runs
+from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import write_json
 from isogal.montecarlo.chunks import Case, Chunk
 
@@ -64,9 +63,8 @@ class Store:
             if first > next_run:
                 break
             parts.append(
-                take(
-                    _read(path, last - first + 1),
-                    range(next_run - first, min(last + 1, case.runs) - first),
+                _read(path, last - first + 1).part(
+                    range(next_run - first, min(last + 1, case.runs) - first)
                 )
             )
             next_run = last + 1
@@ -90,19 +88,3 @@ def _read(path: Path, count: int) -> Runs:
     if len(runs) != count:
         raise InputError(f"{path}: holds {len(runs)} runs, its name says {count}")
     return runs
-
-
-def take(runs: Runs, which: Sequence[int]) -> Runs:
-    """Return some of the runs of a record; the detail stays only with the first of them."""
-    if list(which) == list(range(len(runs))):
-        return runs
-    values = {item.name: getattr(runs, item.name) for item in fields(Runs)}
-    for name in PER_RUN:
-        values[name] = (
-            tuple(values[name][i] for i in which)
-            if name == "fix_reason"
-            else values[name][list(which)]
-        )
-    if list(which[:1]) != [0]:
-        values["detail"] = None
-    return Runs(**values)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from isogal.errors import InputError
 from isogal.evaluation.comparison import read_json
 from isogal.evaluation.records import Runs
-from isogal.evaluation.view.record import ViewedRun, one_run, subtitle_of
+from isogal.evaluation.run_report import subtitle_of
+from isogal.evaluation.view.record import ViewedRun
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -53,5 +54,5 @@ def _case_folder(folder: Path, scenario: dict[str, Any]) -> Path:
 def _run_of(case: Path, run: int) -> Runs:
     for path in sorted(case.iterdir()):
         if (match := _CHUNK.fullmatch(path.name)) and int(match[1]) <= run <= int(match[2]):
-            return one_run(Runs.load(path), run - int(match[1]))
+            return Runs.load(path).part([run - int(match[1])])
     raise InputError(f"{case}: run {run} is not there")

@@ -52,7 +52,7 @@ class BatchEnd:
     @property
     def published(self) -> bool:
         """Whether the batch gave a fix."""
-        return self.runs.fix_reason[0][self.batch] is None
+        return bool(self.runs.published[0, self.batch])
 
     @property
     def claims(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

@@ -94,7 +94,7 @@ def _batches(viewed: ViewedRun, projection: Projection) -> dict[str, Any]:
         "east": _numbers(fix[:, 1]),
         "nees": _numbers(nees_per_axis(after, runs.posterior_covariance[0])),
         "milliseconds": _numbers(1e3 * runs.fix_seconds[0], 3),
-        "reason": list(runs.fix_reason[0]),
+        "reason": [reason or None for reason in runs.fix_reason[0].tolist()],
     }
     for name, values in (("", runs.fix_covariance[0]), ("after_", runs.posterior_covariance[0])):
         for suffix, (i, j) in (("nn", (0, 0)), ("ne", (0, 1)), ("ee", (1, 1))):
