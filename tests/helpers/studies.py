@@ -71,7 +71,7 @@ class Watcher:
         self.todo, self.kept = list(todo), kept
 
     def reached(self, chunk: Chunk, seconds: float) -> None:
-        assert 0.0 <= seconds <= chunk.duration
+        assert 0.0 <= seconds <= chunk.case.duration
         self.reports += 1
 
     def finished(self, chunk: Chunk) -> None:

@@ -7,7 +7,7 @@ from helpers.studies import same_runs, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo.chunks import Case, Chunk, compute, map_digest
+from isogal.montecarlo.chunks import Case, Chunk
 from isogal.montecarlo.store import Store
 
 CASE_RUNS = 5
@@ -18,26 +18,18 @@ def case(field_map: FieldMap) -> Case:
     return Case("stored", small_scenario(route={"duration": 300.0}), CASE_RUNS, field_map)
 
 
-def chunk_of(case: Case, runs: range) -> Chunk:
-    return Chunk(
-        case.name,
-        case.key,
-        map_digest(case.field_map),
-        case.scenario,
-        case.aided,
-        tuple(runs),
-        case.duration,
-    )
+def computed(case: Case, runs: range) -> Runs:
+    return Chunk(case, tuple(runs)).task.compute(case.field_map)
 
 
 @pytest.fixture(scope="module")
 def whole(case: Case) -> Runs:
-    return compute(chunk_of(case, range(CASE_RUNS)), case.field_map)
+    return computed(case, range(CASE_RUNS))
 
 
 def fill(store: Store, case: Case, *parts: range) -> None:
     for part in parts:
-        store.put(chunk_of(case, part), compute(chunk_of(case, part), case.field_map))
+        store.put(Chunk(case, tuple(part)), computed(case, part))
 
 
 @pytest.mark.parametrize(

@@ -24,17 +24,12 @@ class Store:
 
     def put(self, chunk: Chunk, runs: Runs) -> None:
         """Keep the runs of a chunk; of the details only those of run 0, which the figures show."""
-        place = self.folder / chunk.key
+        case = chunk.case
+        place = self.folder / case.key
         note = place / "case.json"
         if not note.exists():
-            write_json(
-                note,
-                {
-                    "case": chunk.case,
-                    "aided": chunk.aided,
-                    "scenario": chunk.scenario.model_dump(mode="json"),
-                },
-            )
+            scenario = case.scenario.model_dump(mode="json")
+            write_json(note, {"case": case.name, "aided": case.aided, "scenario": scenario})
         if chunk.runs[0] != 0:
             runs = replace(runs, detail=None)
         runs.save(place / f"{chunk.runs[0]:06d}-{chunk.runs[-1]:06d}.npz")
@@ -42,7 +37,7 @@ class Store:
     def missing(self, case: Case) -> list[int]:
         """Return which runs of a case are not there yet; a damaged file is removed."""
         there: set[int] = set()
-        for path, first, last in self._files(case):
+        for path, first, last in chunk_files(self.folder / case.key):
             try:
                 _read(path, last - first + 1)
             except InputError as error:
@@ -57,7 +52,7 @@ class Store:
         missing or damaged."""
         parts: list[Runs] = []
         next_run = 0
-        for path, first, last in self._files(case):
+        for path, first, last in chunk_files(self.folder / case.key):
             if next_run >= case.runs or last < next_run:
                 continue
             if first > next_run:
@@ -74,13 +69,15 @@ class Store:
             )
         return Runs.concatenate(parts)
 
-    def _files(self, case: Case) -> list[tuple[Path, int, int]]:
-        place = self.folder / case.key
-        found = []
-        for path in place.iterdir() if place.is_dir() else ():
-            if match := _NAME.fullmatch(path.name):
-                found.append((path, int(match[1]), int(match[2])))
-        return sorted(found, key=lambda item: item[1:])
+
+def chunk_files(place: Path) -> list[tuple[Path, int, int]]:
+    """Return the files in the folder of a case, in order, each with its first and last run."""
+    found = [
+        (path, int(match[1]), int(match[2]))
+        for path in place.glob("*.npz")
+        if (match := _NAME.fullmatch(path.name))
+    ]
+    return sorted(found, key=lambda item: item[1:])
 
 
 def _read(path: Path, count: int) -> Runs:

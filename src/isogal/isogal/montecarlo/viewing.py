@@ -1,6 +1,5 @@
 """A run of a finished study, as `isogal view` shows it."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +9,12 @@ from isogal.evaluation.records import Runs
 from isogal.evaluation.run_report import subtitle_of
 from isogal.evaluation.view.record import ViewedRun
 from isogal.fields.scenario_map import map_for_scenario
+from isogal.montecarlo.store import chunk_files
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
-
-_CHUNK = re.compile(r"(\d{6,})-(\d{6,})\.npz")
 
 
 def open_study(folder: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
@@ -52,7 +50,7 @@ def _case_folder(folder: Path, scenario: dict[str, Any]) -> Path:
 
 
 def _run_of(case: Path, run: int) -> Runs:
-    for path in sorted(case.iterdir()):
-        if (match := _CHUNK.fullmatch(path.name)) and int(match[1]) <= run <= int(match[2]):
-            return Runs.load(path).part([run - int(match[1])])
+    for path, first, last in chunk_files(case):
+        if first <= run <= last:
+            return Runs.load(path).part([run - first])
     raise InputError(f"{case}: run {run} is not there")
