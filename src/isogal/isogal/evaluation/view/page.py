@@ -13,7 +13,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures.style import FieldScale, field_scale
 from isogal.evaluation.view.background import background
-from isogal.evaluation.view.figures import drawings
+from isogal.evaluation.view.figures import MAPS, drawings
 from isogal.evaluation.view.payload import payload
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import ViewedRun
@@ -23,8 +23,6 @@ from isogal.maps.channels import channels_of
 if TYPE_CHECKING:
     from isogal.arrays import Array
     from isogal.maps.channels import RouteMap
-
-MAPS = ("overview", "close_up")
 
 
 @dataclass(frozen=True, slots=True)
