@@ -44,7 +44,7 @@ from measured_data.untold import group_of, matched
 
 import isogal
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.results import write_json
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.registry import build_run_matcher

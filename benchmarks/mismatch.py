@@ -37,7 +37,8 @@ from isogal.arrays import Array
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.judgement import SETTLED_AFTER
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import summarise, write_json
+from isogal.evaluation.results import write_json
+from isogal.evaluation.summary import summarise
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.files import write_atomic
 from isogal.montecarlo.engine import simulate

@@ -25,7 +25,7 @@ def calm(make_runs):
 
 def flags(runs):
     judgement = judge(runs, diverged(runs))
-    return {kind: np.flatnonzero(getattr(judgement, kind)).tolist() for kind in (*KINDS, "good")}
+    return {kind: np.flatnonzero(judgement[kind]).tolist() for kind in (*KINDS, "good")}
 
 
 def test_good_runs_are_good(calm):

@@ -7,13 +7,8 @@ import pytest
 
 from helpers.studies import outcomes
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import (
-    canonical_json,
-    diverged,
-    posterior_nees,
-    summarise,
-    write_json,
-)
+from isogal.evaluation.results import canonical_json, write_json
+from isogal.evaluation.summary import diverged, posterior_nees, summarise
 from isogal.scenario import Scenario
 
 CONTRACT = {

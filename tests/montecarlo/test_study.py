@@ -18,7 +18,8 @@ import pytest
 from helpers.studies import Watcher, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.summary import canonical_json, summarise
+from isogal.evaluation.results import canonical_json
+from isogal.evaluation.summary import summarise
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import chunks, workers
 from isogal.montecarlo.chunks import Case, Chunk, WorkerError, runs_of

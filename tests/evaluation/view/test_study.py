@@ -6,7 +6,7 @@ pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
 
 from helpers.command_line import answer, refusal
 from helpers.studies import small_scenario, wavy_map
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.results import write_json
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.chunks import Case, divide
 from isogal.montecarlo.store import Store

@@ -5,11 +5,12 @@ import math
 import re
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
 
+from isogal.arrays import Array
 from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures.ensemble import ensemble_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
@@ -20,6 +21,7 @@ from isogal.evaluation.html_report import Illustration, Section, Table, number, 
 from isogal.evaluation.integrity import Solution
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
+from isogal.evaluation.results import IntegritySummary, Summary
 from isogal.fields.measured import reading_sigma
 from isogal.maps.channels import channels_of
 from isogal.maps.several import each_map, first_map
@@ -36,7 +38,7 @@ def run_report(
     field_map: "RunMap",
     bound: BoundResult,
     out_dir: str | Path,
-    summary: dict[str, Any],
+    summary: Summary,
 ) -> Path:
     """Write `report.html` and its PNG figures for one run or many.
 
@@ -52,7 +54,7 @@ def run_report(
         `posterior_cramer_rao` of the scenario.
     out_dir : path
         Folder to write into.
-    summary : dict
+    summary : Summary
         `summarise` of the runs.
 
     Returns
@@ -117,7 +119,7 @@ def _scenario(scenario: Scenario, field_map: "RunMap") -> Section:
     )
 
 
-def key_figures(summary: dict[str, Any]) -> Table:
+def key_figures(summary: Summary) -> Table:
     """Return the table of the figures of merit, given `summarise` of runs."""
     error, bound = summary["position_error"], summary["bound"]
     nees, fixes, time = summary["nees_per_axis"], summary["fixes"], summary["time"]
@@ -137,7 +139,10 @@ def key_figures(summary: dict[str, Any]) -> Table:
         ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
         (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
         ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"]), ""),
-        *_judgement(summary),
+        *(
+            (f"Runs {text}", f"{len(summary['judgement']['runs'][kind])} of {summary['runs']}", "")
+            for kind, text in KINDS.items()
+        ),
         (
             f"Protection level, {level['risk']:g} per hour (m; in sigmas)",
             f"{number(level['level']['median'])}; {number(level['level']['median_sigmas'])}",
@@ -152,16 +157,11 @@ def key_figures(summary: dict[str, Any]) -> Table:
     return Table("Key figures.", ("", "whole run", "after the first hour"), rows)
 
 
-def _judgement(summary: dict[str, Any]) -> list[tuple[str, str, str]]:
-    runs, total = summary["judgement"]["runs"], summary["runs"]
-    return [(f"Runs {text}", f"{len(runs[kind])} of {total}", "") for kind, text in KINDS.items()]
-
-
 def _ratio(value: float | None, reference: float | None) -> str:
     return "–" if not value or not reference else number(value / reference)
 
 
-def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
+def _accuracy(runs: Runs, bound_rms: Array, many: bool) -> Section:
     whose = "RMS over the runs" if many else "Of one run"
     pictures = [
         Illustration(
@@ -191,7 +191,7 @@ def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
     return Section("Accuracy and consistency", illustrations=pictures)
 
 
-def _integrity(runs: Runs, settings: Integrity, found: dict[str, Any]) -> Section:
+def _integrity(runs: Runs, settings: Integrity, found: IntegritySummary) -> Section:
     """Return the section of the Stanford diagram and the table of exceedances, given `integrity`
     of the summary."""
     caption = (
@@ -219,7 +219,7 @@ def _integrity(runs: Runs, settings: Integrity, found: dict[str, Any]) -> Sectio
     )
 
 
-def exceedance_table(found: dict[str, Any]) -> Table:
+def exceedance_table(found: IntegritySummary) -> Table:
     """Return the table of exceedances of `integrity`."""
     rows = [
         (
@@ -287,10 +287,10 @@ def _batches(runs: Runs) -> Section:
         rows.append(
             (
                 f"{(time - runs.time[0]) / 60:.1f}",
-                number(_length(runs.fix_error[0, batch])),
+                number(math.hypot(*runs.fix_error[0, batch])),
                 number(float(sigma[0])),
                 number(float(sigma[1])),
-                number(_length(runs.posterior_error[0, batch])),
+                number(math.hypot(*runs.posterior_error[0, batch])),
                 number(1e3 * float(runs.fix_seconds[0, batch])),
                 number(_variability(runs, float(time))),
                 str(runs.fix_reason[0, batch]) or "published",
@@ -329,7 +329,3 @@ def _declined(runs: Runs) -> Section:
     return Section(
         "Fixes", tables=[Table("Why batches gave no fix.", ("reason", "batches"), rows)]
     )
-
-
-def _length(vector: Any) -> float:
-    return math.hypot(float(vector[0]), float(vector[1]))

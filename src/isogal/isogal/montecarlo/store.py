@@ -7,7 +7,7 @@ from pathlib import Path
 
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.results import write_json
 from isogal.montecarlo.chunks import Case, Chunk
 
 _NAME = re.compile(r"(\d{6,})-(\d{6,})\.npz")

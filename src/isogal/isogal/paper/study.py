@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import isogal
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.results import write_json
 from isogal.files import make_folder
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, Display, compute_cases

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from isogal.evaluation.results import Summary
 from isogal.files import make_folder
 from isogal.scenario import Scenario
 from isogal_ros import topics
@@ -11,7 +12,7 @@ from isogal_ros.graph.console import Console
 from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.replay import Replay
-from isogal_ros.graph.session import Manner, Summary, replay_session, run_session
+from isogal_ros.graph.session import Manner, replay_session, run_session
 from isogal_ros.graph.watching import Live
 from isogal_ros.nodes.signals import interrupts
 

@@ -3,11 +3,12 @@
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from json import dumps
 from typing import Any
 
+from isogal.evaluation.results import Summary
 from isogal_ros.graph.domain import DISCOVERY, DOMAIN
 from isogal_ros.graph.progress import Progress, Report
 
@@ -26,7 +27,7 @@ class Console:
         """Print a line of the result."""
         print(text)
 
-    def json(self, document: dict[str, Any]) -> None:
+    def json(self, document: Mapping[str, Any]) -> None:
         """Print the result as JSON."""
         print(dumps(document, indent=2, allow_nan=False))
 
@@ -61,7 +62,7 @@ class Console:
 
         return show
 
-    def summary(self, summary: dict[str, Any]) -> None:
+    def summary(self, summary: Summary) -> None:
         """Print the figures of a run."""
         from rich.console import Console as Terminal
 
@@ -133,7 +134,7 @@ def _clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
 
 
-def _errors(summary: dict[str, Any]) -> Any:
+def _errors(summary: Summary) -> Any:
     """Return the table of position errors."""
     from rich.table import Table
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from isogal.evaluation.results import Summary
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
 from isogal.maps.several import RunMap, first_map
@@ -23,8 +24,6 @@ from isogal_ros.graph.processes import run_processes
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.watching import Live, Watch, watching
 from isogal_ros.nodes.signals import interrupts
-
-Summary = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -154,8 +153,9 @@ def evaluate(
     """Write summary.json, report.html and figures; return the summary, or None where there is
     nothing to evaluate."""
     from isogal.evaluation.bound import posterior_cramer_rao
+    from isogal.evaluation.results import write_json
     from isogal.evaluation.run_report import run_report
-    from isogal.evaluation.summary import summarise, write_json
+    from isogal.evaluation.summary import summarise
 
     runs = record_of(collector, field_map)
     if runs is None:
