@@ -154,6 +154,12 @@ class Runs:
         """(R, B) whether the batch gave a fix that the navigator used."""
         return np.asarray(self.fix_status == Status.FIX.value)
 
+    @property
+    def fix_place(self) -> tuple[Array, Array]:
+        """(B,) rad, true latitude and longitude at the batch ends, the longitude unwrapped."""
+        longitude = np.interp(self.fix_time, self.time, np.unwrap(self.longitude))
+        return np.interp(self.fix_time, self.time, self.latitude), longitude
+
     def part(self, which: Sequence[int]) -> "Runs":
         """Return some of the runs, by their places in the record; the detail stays only where the
         first of them is the first here."""

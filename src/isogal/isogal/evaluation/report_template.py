@@ -72,8 +72,8 @@ footer {
 <h1>{{ title }}</h1>
 {% if subtitle %}<p class="subtitle">{{ subtitle }}</p>
 {% endif %}
-{%- if bodies | length > 2 %}<nav>
-{%- for body in bodies %}<a href="#s{{ loop.index }}">{{ body.section.heading }}</a>{% endfor -%}
+{%- if sections | length > 2 %}<nav>
+{%- for section in sections %}<a href="#s{{ loop.index }}">{{ section.heading }}</a>{% endfor -%}
 </nav>
 {% endif %}
 {%- macro kind(table, column) %}
@@ -92,15 +92,14 @@ footer {
 </table></div>
 {% endmacro %}
 {%- for table in tables %}{{ show(table) }}{% endfor %}
-{%- for body in bodies %}
-{%- set section = body.section %}
+{%- for section in sections %}
 <h2 id="s{{ loop.index }}">{{ section.heading }}</h2>
 {% for paragraph in section.paragraphs %}<p>{{ paragraph }}</p>
 {% endfor %}
-{%- for picture in body.pictures %}
+{%- for picture in section.illustrations %}
 <figure>
-<img src="data:image/png;base64,{{ picture.data }}" alt="{{ picture.caption }}">
-<figcaption><b>Figure {{ picture.number }}.</b> {{ picture.caption }}</figcaption>
+<img src="data:image/png;base64,{{ data[picture.name] }}" alt="{{ picture.caption }}">
+<figcaption><b>Figure {{ figure_numbers[picture.name] }}.</b> {{ picture.caption }}</figcaption>
 </figure>
 {% endfor %}
 {%- for table in section.tables %}{% if table.folded %}

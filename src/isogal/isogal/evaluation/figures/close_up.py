@@ -42,12 +42,10 @@ class BatchEnd:
 
     @classmethod
     def of(cls, runs: Runs, batch: int) -> "BatchEnd":
-        """Interpolate the true place."""
-        time = float(runs.fix_time[batch])
-        latitude = float(np.interp(time, runs.time, runs.latitude))
-        longitude = float(np.interp(time, runs.time, np.unwrap(runs.longitude)))
+        """Return the end of a batch, by its index."""
+        latitude, longitude = (float(axis[batch]) for axis in runs.fix_place)
         metres = np.array([float(m) for m in metres_per_radian(latitude)])
-        return cls(runs, batch, time, latitude, longitude, metres)
+        return cls(runs, batch, float(runs.fix_time[batch]), latitude, longitude, metres)
 
     @property
     def published(self) -> bool:

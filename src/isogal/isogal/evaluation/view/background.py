@@ -4,9 +4,10 @@ import base64
 import io
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans
 from isogal.evaluation.figures.style import FieldScale, nice_limit
@@ -16,6 +17,8 @@ from isogal.maps.axes import Window
 if TYPE_CHECKING:
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
+
+Bytes = NDArray[np.uint8]
 
 DOTS = 900
 """Rows and columns of the picture at most."""
@@ -98,7 +101,9 @@ def _axes(part: "FieldMap", projection: Projection) -> tuple[Array, Array]:
     return east, projection(part.latitude, np.full_like(part.latitude, part.longitude[0]))[1]
 
 
-def _shaded(values: Array, east: Array, north: Array, low: float, high: float) -> Array:
+def _shaded(
+    values: Array, east: Array, north: Array, low: float, high: float
+) -> NDArray[np.uint8]:
     """Return RGBA bytes (n, m, 4), first row in the north: colour by value, lit from the
     north-west as relief is on maps; nothing where there is no map."""
     from bokeh.palettes import Cividis256
@@ -115,7 +120,7 @@ def _shaded(values: Array, east: Array, north: Array, low: float, high: float) -
     return np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)])[::-1]
 
 
-def _png(pixels: Any) -> str:
+def _png(pixels: Bytes) -> str:
     from PIL import Image
 
     buffer = io.BytesIO()

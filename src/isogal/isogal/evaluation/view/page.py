@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from isogal.files import write_atomic
 from isogal.maps.channels import channels_of
 
 if TYPE_CHECKING:
+    from jinja2 import Template
+
     from isogal.arrays import Array
     from isogal.maps.channels import RouteMap
 
@@ -72,14 +74,16 @@ class Frame:
         lines = f"Lines of equal value every {back.coarse.step:g}"
         if back.fine.x.size:
             lines += f", near the route {back.fine.step:g}"
-        html = _page(
+        html = _template().render(
             title=title,
             subtitle=subtitle,
             script=script,
             drawings=drawn,
             divisions=divisions,
+            maps=MAPS,
             live=live,
             lines=f"{lines} {_unit(label)}.",
+            version=isogal.__version__,
         )
         return Frame(projection, scale, html)
 
@@ -123,25 +127,16 @@ def require_bokeh() -> None:
         raise InputError("the page needs the Python package bokeh: pip install 'isogal[view]'")
 
 
-def _page(**values: Any) -> str:
+def _template() -> "Template":
+    """Return the page, with everything in it that is the same in all."""
     from bokeh.resources import Resources
     from jinja2 import Environment
 
     own = files(__package__)
-    text = {kind: (own / f"view.{kind}").read_text("utf-8") for kind in ("html", "css", "js")}
+    html, css, js = ((own / f"view.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
     library = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
-    return (
-        Environment(autoescape=True)
-        .from_string(text["html"])
-        .render(
-            library=library,
-            style=text["css"],
-            own_script=text["js"],
-            version=isogal.__version__,
-            maps=MAPS,
-            **values,
-        )
-    )
+    shared = {"library": library, "style": css, "own_script": js}
+    return Environment(autoescape=True).from_string(html, globals=shared)
 
 
 def _plain(label: str) -> str:
