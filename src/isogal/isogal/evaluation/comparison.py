@@ -10,7 +10,8 @@ from isogal.errors import InputError
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.ensemble import Curve, rms_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.evaluation.results import Json, read_object
+from isogal.evaluation.results import read_object
+from isogal.files import Json
 
 FILES = ("results.json", "summary.json")
 """What `isogal montecarlo` and `isogal run` write."""

@@ -3,7 +3,7 @@ of a set of runs. Lengths in m, times in s; None = not known."""
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -11,9 +11,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.files import write_atomic
+from isogal.files import Json, write_atomic
 
-Json = None | bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"]
 Number = float | None
 
 

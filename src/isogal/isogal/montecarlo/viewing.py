@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import Json, read_object
+from isogal.evaluation.results import read_object
 from isogal.evaluation.run_report import subtitle_of
 from isogal.evaluation.view.record import ViewedRun
 from isogal.fields.scenario_map import map_for_scenario
+from isogal.files import Json
 from isogal.montecarlo.store import chunk_files
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory

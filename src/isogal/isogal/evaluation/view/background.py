@@ -15,7 +15,6 @@ from isogal.evaluation.view.projection import Projection
 from isogal.maps.axes import Window
 
 if TYPE_CHECKING:
-    from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
 
 Bytes = NDArray[np.uint8]
@@ -70,7 +69,7 @@ def background(
         float(longitude.max()),
     ).grown(1e3 * margin)  # fmt: skip
     part = field_map.overview(DOTS, window)
-    east, north = _axes(part, projection)
+    east, north = projection.axes(part.latitude, part.longitude)
     values = scale(part.values)
     low, high = (float(v) for v in np.nanpercentile(values, [1.0, 99.0]))
     if not high > low:
@@ -88,17 +87,6 @@ def background(
         _lines(east, north, values, step),
         _near_lines(field_map, projection, scale, (x, y), step),
     )
-
-
-def _axes(part: "FieldMap", projection: Projection) -> tuple[Array, Array]:
-    """Return the nodes' km east, unwrapped, and north."""
-    middle = projection(part.latitude[:1], part.longitude[:1])[0][0]
-    east = middle + (part.longitude - part.longitude[0]) * projection.east
-    if projection.east > 0.0 and abs(east.mean()) > math.pi * projection.east:
-        east = east - 2.0 * math.pi * projection.east * round(
-            float(east.mean()) / (2.0 * math.pi * projection.east)
-        )
-    return east, projection(part.latitude, np.full_like(part.latitude, part.longitude[0]))[1]
 
 
 def _shaded(
@@ -144,7 +132,7 @@ def _near_lines(
 
     if not isinstance(field_map, FieldMap):
         return Lines(np.empty(0), np.empty(0), step)
-    east, north = _axes(field_map, projection)
+    east, north = projection.axes(field_map.latitude, field_map.longitude)
     rows = _about(north, route[1])
     columns = _about(east, route[0])
     values = scale(field_map.values[rows, columns])

@@ -11,9 +11,10 @@ from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures.style import FieldScale
 from isogal.evaluation.integrity import Solution
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import Json, finite
+from isogal.evaluation.results import finite
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import Event, ViewedRun
+from isogal.files import Json
 
 MOST_STATES = 6000
 """States that a page shows at most; of more, evenly some."""
