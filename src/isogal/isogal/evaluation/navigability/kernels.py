@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
-from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.interpolation import Grid, Values, value_and_gradient
 
 _PROMISING = 60.0
 """Chi-square that a minimum between points of the grid may have by a parabola through them."""
@@ -67,7 +67,7 @@ class Approach(NamedTuple):
 class _Node(NamedTuple):
     """A node at the end of a leg: what `_white` takes besides a place."""
 
-    values: Array
+    values: Values
     """(n, m) of the map."""
     row: int
     column: int
@@ -90,7 +90,9 @@ class _Node(NamedTuple):
 
 
 @kernel(error_model="numpy")
-def _filter(ground, approach, i, j, known, gain, weight):  # type: ignore[no-untyped-def]
+def _filter(
+    ground: Ground, approach: Approach, i: int, j: int, known: Booleans, gain: Array, weight: Array
+) -> float:
     """Write gain (T,) and 1 / innovation variance (T,) of the scalar filter of the map's error at
     node (i, j), for readings of which some are known (T,); return that error's correlation from
     reading to reading."""
@@ -105,7 +107,7 @@ def _filter(ground, approach, i, j, known, gain, weight):  # type: ignore[no-unt
 
 
 @kernel(error_model="numpy")
-def _weights(between, weight):  # type: ignore[no-untyped-def]
+def _weights(between: float, weight: Array) -> None:
     """Write by how much each of the four nodes about a place counts in its value, and in its
     derivative per node (2, 4), `between` the second and the third by a share.
 
@@ -119,7 +121,15 @@ def _weights(between, weight):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _slopes_along(ground, offset, i, columns, known, slope, lines):  # type: ignore[no-untyped-def]
+def _slopes_along(
+    ground: Ground,
+    offset: Array,
+    i: int,
+    columns: Integers,
+    known: Booleans,
+    slope: Array,
+    lines: Array,
+) -> None:
     """Write the map's slopes to the north and to the east (2, M), per m, at an offset (2,) from
     nodes in row i and some columns (M,), and where it has them. `lines` (2, m) is work space."""
     values = ground.grid.values
@@ -151,7 +161,7 @@ def _slopes_along(ground, offset, i, columns, known, slope, lines):  # type: ign
 
 
 @kernel(error_model="numpy")
-def _invert(A, pivot):  # type: ignore[no-untyped-def]
+def _invert(A: Array, pivot: Array) -> None:
     """Invert symmetric, positive matrices (m, m, M) of M nodes side by side in place, by sweeps of
     Gauss and Jordan; only what is below or on the diagonal is read and written. `pivot` (m, M) is
     work space."""
@@ -175,9 +185,15 @@ def _invert(A, pivot):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def errors_on_arrival(  # type: ignore[no-untyped-def]
-    rows, columns, ground, approach, position, reduction, rest
-):
+def errors_on_arrival(
+    rows: Integers,
+    columns: Integers,
+    ground: Ground,
+    approach: Approach,
+    position: Array,
+    reduction: Array,
+    rest: float,
+) -> Array:
     """Return (N, M) the RMS horizontal error (m) at nodes; NaN where the map has no value.
 
     Parameters
@@ -233,9 +249,15 @@ def errors_on_arrival(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def second_places(  # type: ignore[no-untyped-def]
-    rows, columns, ground, approach, prior, separation, places
-):
+def second_places(
+    rows: Integers,
+    columns: Integers,
+    ground: Ground,
+    approach: Approach,
+    prior: float,
+    separation: float,
+    places: Array,
+) -> Array:
     """Return (N, M) the probability that a second place is likelier than the true one.
 
     Parameters
@@ -275,12 +297,12 @@ def second_places(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _of_node(node, own, places, fit, apart):  # type: ignore[no-untyped-def]
+def _of_node(node: _Node, own: Array, places: Array, fit: Array, apart: float) -> float:
     """Return the probability at one node, from the chi-square (K, K) at places; `own` (T,) is
     what `_white` writes of the node, `apart` the square of the separation."""
     K, size = places.shape[0], places[1] - places[0]
     found = np.empty((_MOST + 1, 6))  # north, east, chi-square, Hessian
-    w, slopes, hessian = np.empty(own.shape), np.empty((2, own.shape[0])), np.empty(3)
+    w, slopes, hessian = np.empty(own.size), np.empty((2, own.size)), np.empty(3)
     _slopes(node, 0.0, 0.0, w, slopes, hessian)
     found[0, :3], found[0, 3:] = 0.0, hessian
     count = 1
@@ -325,7 +347,7 @@ def _of_node(node, own, places, fit, apart):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _fits(node, own, places, before, fit):  # type: ignore[no-untyped-def]
+def _fits(node: _Node, own: Array, places: Array, before: Array, fit: Array) -> None:
     """Write the chi-square (K, K) of all places: `_misfit` of `_white`, for many places at a time.
     `before` (K, K) is work space."""
     values, offset, cell, K = node.values, node.offset, node.cell, places.shape[0]
@@ -347,7 +369,16 @@ def _fits(node, own, places, before, fit):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _worse_between(node, w, own, north, east, d_n, d_e, least):  # type: ignore[no-untyped-def]
+def _worse_between(
+    node: _Node,
+    w: Array,
+    own: Array,
+    north: float,
+    east: float,
+    d_n: float,
+    d_e: float,
+    least: float,
+) -> bool:
     """Whether the chi-square is above `least` somewhere between a place and that (d_n, d_e) before
     it; `w` is work space."""
     for part in _BETWEEN:
@@ -359,7 +390,7 @@ def _worse_between(node, w, own, north, east, d_n, d_e, least):  # type: ignore[
 
 
 @kernel(error_model="numpy")
-def _misfit(node, w, own, north, east):  # type: ignore[no-untyped-def]
+def _misfit(node: _Node, w: Array, own: Array, north: float, east: float) -> float:
     """Return the chi-square of a place, by whitened readings (T,) there and at the true one; NaN,
     which is not less than anything, where one is missing."""
     out = (north**2 + east**2) / node.prior**2
@@ -369,7 +400,7 @@ def _misfit(node, w, own, north, east):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _probability(found):  # type: ignore[no-untyped-def]
+def _probability(found: Array) -> float:
     """Return the probability that any but the first of places (K, 6) is the likeliest."""
     odds = 0.0
     size_0 = math.log(found[0, 3] * found[0, 5] - found[0, 4] ** 2)
@@ -382,7 +413,7 @@ def _probability(found):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _least(fit, p, q):  # type: ignore[no-untyped-def]
+def _least(fit: Array, p: int, q: int) -> bool:
     """Whether a point of a grid is not above its neighbours."""
     for d in range(-1, 2):
         for e in range(-1, 2):
@@ -392,7 +423,7 @@ def _least(fit, p, q):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _below(fit, p, q):  # type: ignore[no-untyped-def]
+def _below(fit: Array, p: int, q: int) -> float:
     """Return by how much parabolas through a point's neighbours go below it."""
     out = 0.0
     for d, e in ((1, 0), (0, 1)):
@@ -404,7 +435,7 @@ def _below(fit, p, q):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _spread(hessian, north, east):  # type: ignore[no-untyped-def]
+def _spread(hessian: Array, north: float, east: float) -> float:
     """Return the variance of a place along a direction, which need not be of length one."""
     determinant = hessian[0] * hessian[2] - hessian[1] ** 2
     square = hessian[2] * north**2 - 2.0 * hessian[1] * north * east + hessian[0] * east**2
@@ -412,7 +443,9 @@ def _spread(hessian, north, east):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _slopes(node, north, east, w, slopes, hessian):  # type: ignore[no-untyped-def]
+def _slopes(
+    node: _Node, north: float, east: float, w: Array, slopes: Array, hessian: Array
+) -> None:
     """Write the whitened readings (T,) at a place, their slopes (2, T) to north and east, and half
     the Hessian of the chi-square (north north, north east, east east)."""
     h = node.step
@@ -432,7 +465,7 @@ def _slopes(node, north, east, w, slopes, hessian):  # type: ignore[no-untyped-d
 
 
 @kernel(error_model="numpy")
-def _white(node, north, east, out):  # type: ignore[no-untyped-def]
+def _white(node: _Node, north: float, east: float, out: Array) -> None:
     """Write the readings (T,) of a leg that ends some way (m) off a node, linear between nodes of
     the map, in units of the noise and without what the ones before say of it; NaN off the map
     and from there on."""
@@ -448,7 +481,7 @@ def _white(node, north, east, out):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _linear(values, row, column):  # type: ignore[no-untyped-def]
+def _linear(values: Values, row: float, column: float) -> float:
     """Return the value at a place between nodes of a map, linear in either direction; NaN off the
     map."""
     n, m = values.shape

@@ -87,9 +87,16 @@ def start_covariance(scenario: Scenario, own_variance: float) -> Array:
 
 
 @kernel(error_model="numpy")
-def along_edge(  # type: ignore[no-untyped-def]
-    P, latitude, longitude, length, direction, edges, grid: Grid, sigma
-):
+def along_edge(
+    P: Array,
+    latitude: float,
+    longitude: float,
+    length: float,
+    direction: int,
+    edges: Edges,
+    grid: Grid,
+    sigma: Array,
+) -> Array:
     """Return the covariance at the end of an edge that begins at a place (rad)."""
     velocity, rotation, jacobian, white, map_error, constants = edges
     vn, ve = velocity[direction]
