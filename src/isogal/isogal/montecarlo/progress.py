@@ -57,7 +57,7 @@ class LiveProgress:
         self._bar.stop()
 
     def begin(self, todo: Sequence[Chunk], kept: int) -> None:
-        """Take note of the work (see `study.Display`)."""
+        """Take note of the chunks to compute, and of how many runs were there already."""
         self._start = self._last = time.monotonic()
         self._total = sum(chunk.seconds for chunk in todo)
         self._runs = kept + sum(len(chunk.runs) for chunk in todo)
@@ -70,14 +70,14 @@ class LiveProgress:
         self._show()
 
     def reached(self, chunk: Chunk, seconds: float) -> None:
-        """Take note of progress within a chunk."""
+        """Take note that a chunk's runs have reached this simulated time (s)."""
         if not self._reached and self._done == 0.0:
             self._start = time.monotonic()  # starting the workers is not part of their speed
         self._reached[chunk] = seconds * len(chunk.runs)
         self._show()
 
     def finished(self, chunk: Chunk) -> None:
-        """Take note of a chunk's end."""
+        """Take note that a chunk is computed and kept."""
         self._reached.pop(chunk, None)
         self._done += chunk.seconds
         self._finished += len(chunk.runs)

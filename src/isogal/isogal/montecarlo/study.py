@@ -4,10 +4,10 @@ through one queue to the workers."""
 from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Protocol
 
 from isogal.errors import InputError
 from isogal.montecarlo.chunks import Answer, Case, Chunk, divide, fair_share, map_digest, runs_of
+from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.workers import Report, available_cores, local_results
 
@@ -45,22 +45,6 @@ class Backend:
         return cluster_results(chunks, maps, self.scheduler, report)
 
 
-class Display(Protocol):
-    """What shows the progress; see `isogal.montecarlo.progress`."""
-
-    def begin(self, todo: Sequence[Chunk], kept: int) -> None:
-        """Take note of the chunks to compute, and of how many runs were there already."""
-
-    def reached(self, chunk: Chunk, seconds: float) -> None:
-        """Take note that a chunk's runs have reached this simulated time (s)."""
-
-    def finished(self, chunk: Chunk) -> None:
-        """Take note that a chunk is computed and kept."""
-
-    def say(self, text: str) -> None:
-        """Show a line."""
-
-
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C; what was finished is kept."""
 
@@ -69,7 +53,9 @@ class Interrupted(KeyboardInterrupt):
         self.kept, self.total = kept, total
 
 
-def compute_cases(cases: Sequence[Case], store: Store, backend: Backend, display: Display) -> None:
+def compute_cases(
+    cases: Sequence[Case], store: Store, backend: Backend, display: LiveProgress
+) -> None:
     """Compute what the store does not hold yet of some cases, and keep it there.
 
     Parameters
@@ -79,7 +65,7 @@ def compute_cases(cases: Sequence[Case], store: Store, backend: Backend, display
     store : Store
         `Store.load` reads the results.
     backend : Backend
-    display : Display
+    display : LiveProgress
 
     Raises
     ------

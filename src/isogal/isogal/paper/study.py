@@ -9,8 +9,9 @@ from typing import Any
 import isogal
 from isogal.evaluation.results import write_json
 from isogal.files import make_folder
+from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
-from isogal.montecarlo.study import Backend, Display, compute_cases
+from isogal.montecarlo.study import Backend, compute_cases
 from isogal.paper.cases import MATCHERS, SETTINGS, Plan, Setting
 from isogal.paper.claims import Claim, judge, quantum_gain
 from isogal.paper.document import write_page
@@ -19,7 +20,7 @@ from isogal.paper.published import QUANTUM_GAIN, TABLE_4, TABLE_6, PublishedRow
 
 
 def reproduce(
-    plan: Plan, out: str | Path, backend: Backend, display: Display
+    plan: Plan, out: str | Path, backend: Backend, display: LiveProgress
 ) -> tuple[Results, tuple[Claim, ...], Path]:
     """Simulate what is not there yet, and write results.json, report.html and the figures.
 
@@ -30,7 +31,7 @@ def reproduce(
         Folder; finished runs are kept in its folder ``runs``.
     backend : Backend
         Processes or machines that compute.
-    display : Display
+    display : LiveProgress
         Shows the progress.
 
     Returns

@@ -192,17 +192,24 @@ class FieldScale:
 
     offset: float
     unit: float
-    label: str
+    name: str
+    """Of what is written, with the offset."""
+    unit_name: str
 
     @property
     def unit_label(self) -> str:
         """The unit alone, in brackets."""
-        return "(" + self.label.rsplit("(", 1)[1]
+        return f"({self.unit_name})"
+
+    @property
+    def label(self) -> str:
+        """Name and unit in a line."""
+        return f"{self.name} {self.unit_label}"
 
     @property
     def two_lines(self) -> str:
         """The label with its unit on a second line, for low panels."""
-        return self.label.removesuffix(self.unit_label).rstrip() + "\n" + self.unit_label
+        return f"{self.name}\n{self.unit_label}"
 
     def __call__(self, values: ArrayLike) -> Array:
         """Scale values of the map."""
@@ -219,14 +226,14 @@ def field_scale(field_map: "ScalarMap") -> FieldScale:
     gradients in Eötvös, others as they are."""
     name = _NAMES.get(field_map.quantity, field_map.quantity.replace("_", " ")).capitalize()
     if field_map.unit == "1/s²":
-        return FieldScale(0.0, 1e-9, f"{name} (E)")
+        return FieldScale(0.0, 1e-9, name, "E")
     if field_map.unit != "m/s²":
-        return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
+        return FieldScale(0.0, 1.0, name, field_map.unit)
     middle = float(np.nanmedian(field_map.overview(_MEDIAN_OF).values))
     if abs(middle) < 0.1:
-        return FieldScale(0.0, MGAL, f"{name} ($10^{{-5}}$ m/s²)")
+        return FieldScale(0.0, MGAL, name, "$10^{-5}$ m/s²")
     offset = round(middle, 2)
-    return FieldScale(offset, MGAL, f"{name} − {offset:.2f} m/s² ($10^{{-5}}$ m/s²)")
+    return FieldScale(offset, MGAL, f"{name} − {offset:.2f} m/s²", "$10^{-5}$ m/s²")
 
 
 def ellipse(covariance: Array, sigmas: float) -> Array:

@@ -51,9 +51,8 @@ class Panel(NamedTuple):
     scale: Literal["linear", "log"] = "linear"
 
 
-def _panels(label: str) -> list[Panel]:
-    """Return the panels; `label` is quantity and unit of the readings."""
-    quantity, unit = label[: label.rindex("(")].strip(), label[label.rindex("(") :]
+def _panels(quantity: str, unit: str) -> list[Panel]:
+    """Return the panels, given quantity and unit of the readings."""
     signal, difference = "Readings against the map", "Reading minus map at the navigator's place"
     seek = "Click a time to go there; drag to zoom in time, in all panels at once."
     usual = "Grey: where 95 % of single values of a consistent navigator lie."
@@ -63,8 +62,8 @@ def _panels(label: str) -> list[Panel]:
         Panel("north", 150, "north (m)", "North error, and 3 sigma as claimed"),
         Panel("east", 150, "east (m)", "East error, and 3 sigma as claimed"),
         Panel("nees", 160, "NEES", "NEES per axis (1 on average)", usual, "log"),
-        Panel("signal", 180, unit, f"{signal}: {quantity}", first),
-        Panel("difference", 140, unit, difference),
+        Panel("signal", 180, f"({unit})", f"{signal}: {quantity}", first),
+        Panel("difference", 140, f"({unit})", difference),
         Panel("said", 150, "", "Outcomes of batches, and what the nodes said", _POINT),
     ]
 
@@ -185,7 +184,7 @@ class Drawing:
 
 
 def drawings(
-    back: Background, label: str, end: float, interval: tuple[float, float]
+    back: Background, readings: tuple[str, str], end: float, interval: tuple[float, float]
 ) -> list[Drawing]:
     """Return the figures of the page, without numbers.
 
@@ -193,8 +192,8 @@ def drawings(
     ----------
     back : Background
         The map.
-    label : str
-        Quantity and unit of its colours, and of the readings.
+    readings : pair of str
+        Their quantity and unit, and those of the map's colours.
     end : float
         h, of the axis of time.
     interval : pair of float
@@ -206,8 +205,11 @@ def drawings(
         name: ColumnDataSource({column: [] for column in columns.split()}, name=name)
         for name, columns in SOURCES.items()
     }
-    found = [Drawing(_map(name, back, label), _TITLES[name], _CAPTIONS[name]) for name in MAPS]
-    found += _over_time(_panels(label), end, interval)
+    found = [
+        Drawing(_map(name, back, "{} ({})".format(*readings)), _TITLES[name], _CAPTIONS[name])
+        for name in MAPS
+    ]
+    found += _over_time(_panels(*readings), end, interval)
     for drawing in found:
         plot = drawing.plot
         plot.toolbar.logo, plot.toolbar.autohide = None, True

@@ -67,9 +67,10 @@ class Frame:
         latitude, longitude = route[0], np.unwrap(route[1])
         shown = channels_of(field_map)[0]
         projection, scale = Projection.of(latitude, longitude), field_scale(shown)
-        label = _plain(scale.label)
+        # the page has no mathematics
+        unit = scale.unit_name.replace("$10^{-5}$ m/s²", "mGal")
         back = background(shown, projection, latitude, longitude, scale)
-        drawn = drawings(back, label, end, chi_square_interval(1, 2))
+        drawn = drawings(back, (scale.name, unit), end, chi_square_interval(1, 2))
         script, divisions = components({drawing.name: drawing.plot for drawing in drawn})
         lines = f"Lines of equal value every {back.coarse.step:g}"
         if back.fine.x.size:
@@ -82,7 +83,7 @@ class Frame:
             divisions=divisions,
             maps=MAPS,
             live=live,
-            lines=f"{lines} {_unit(label)}.",
+            lines=f"{lines} {unit}.",
             version=isogal.__version__,
         )
         return Frame(projection, scale, html)
@@ -137,12 +138,3 @@ def _template() -> "Template":
     library = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
     shared = {"library": library, "style": css, "own_script": js}
     return Environment(autoescape=True).from_string(html, globals=shared)
-
-
-def _plain(label: str) -> str:
-    """Return a label for matplotlib without its mathematics."""
-    return label.replace("$10^{-5}$ m/s²", "mGal")
-
-
-def _unit(label: str) -> str:
-    return label[label.rindex("(") + 1 : -1]
