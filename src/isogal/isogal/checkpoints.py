@@ -70,8 +70,18 @@ def save(
     omit: Omit = lambda value: False,
     sync: bool = True,
 ) -> None:
-    """Write a checkpoint, whole or not at all; without `sync` it survives the end of this process
-    but not that of the machine.
+    """Write a checkpoint, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    owner : str
+        See `owner`.
+    saved : Saved
+    omit : callable
+        Says what is left out.
+    sync : bool
+        Without it the file survives the end of this process but not that of the machine.
 
     Raises
     ------
@@ -121,7 +131,16 @@ def decode(
     packages: Collection[str] = ("isogal",),
     restore: Restore | None = None,
 ) -> Saved:
-    """Return the content of a checkpoint's bytes; see `load`."""
+    """Return the content of a checkpoint's bytes.
+
+    Parameters
+    ----------
+    data : bytes
+    owner, packages, restore
+        See `load`.
+    where : str
+        What messages call the bytes, such as their file.
+    """
     first, _, body = data.partition(b"\n")
     words = first[:200].decode("ascii", errors="replace").split(" ")
     if len(words) != 3 or words[0] != _FORMAT:

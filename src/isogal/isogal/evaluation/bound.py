@@ -267,8 +267,14 @@ def bound_model(
     batchwise: bool = False,
     map_share: Array | None = None,
 ) -> BoundModel:
-    """Return the linear model whose recursion `posterior_cramer_rao` is, which see. Measurements
-    of aids come first, then those of each field."""
+    """Return the linear model whose recursion `posterior_cramer_rao` is. Measurements of aids come
+    first, then those of each field.
+
+    Parameters
+    ----------
+    scenario, trajectory, field_map, batchwise, map_share
+        See `posterior_cramer_rao`.
+    """
     worlds = [one.world for one in scenario.each_field]
     fields = [
         _FieldReadings.of(one, trajectory, its_map, map_share if len(worlds) == 1 else None)

@@ -25,7 +25,18 @@ TIMEOUT = 10.0
 
 
 def remote(task: Task, field_map: RunMap, topic: str, number: int) -> Answer:
-    """Compute the task of a chunk on a Dask worker, which reports its progress under a topic."""
+    """Compute a task on a Dask worker.
+
+    Parameters
+    ----------
+    task : Task
+    field_map : RunMap
+        That of its key.
+    topic : str
+        Under which the worker reports its progress.
+    number : int
+        Of the chunk, in these reports.
+    """
     from distributed import get_worker
 
     worker = get_worker()

@@ -94,7 +94,16 @@ class BatchEnd:
 
 
 def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) -> None:
-    """Draw one batch end."""
+    """Draw one batch end.
+
+    Parameters
+    ----------
+    panel : Axes
+    end : BatchEnd
+    field_map : ScalarMap
+    letter : str
+        By which the picture of the whole route names it.
+    """
     runs = end.runs
     candidates, weights = end.candidates()
     half = _half_width(end, candidates)

@@ -99,7 +99,16 @@ def leg_to(
 def leg_scenario(
     scenario: Scenario, latitude: float, longitude: float, heading: float
 ) -> Scenario:
-    """Return the scenario with a straight route that ends at a place (rad)."""
+    """Return the scenario with a straight route.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    latitude, longitude : float
+        Where it ends, rad.
+    heading : float
+        rad.
+    """
     count = scenario.matcher.batch_length
     if scenario.route.duration is not None:
         count = min(count, int(scenario.route.duration / scenario.gravimeter.interval + 1e-9))

@@ -97,7 +97,24 @@ def along_edge(
     grid: Grid,
     sigma: Array,
 ) -> Array:
-    """Return the covariance at the end of an edge that begins at a place (rad)."""
+    """Return the covariance at the end of an edge.
+
+    Parameters
+    ----------
+    P : (SIZE, SIZE) array
+        At its beginning.
+    latitude, longitude : float
+        rad, where it begins.
+    length : float
+        m.
+    direction : int
+        Of the lattice, counted as in `edges`.
+    edges : Edges
+    grid : Grid
+        The map.
+    sigma : (n, m) array
+        1-sigma of its error.
+    """
     velocity, rotation, jacobian, white, map_error, constants = edges
     vn, ve = velocity[direction]
     interval, noise, height, gravity = constants

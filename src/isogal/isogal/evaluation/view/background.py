@@ -60,8 +60,17 @@ def background(
     field_map: "ScalarMap", projection: Projection, latitude: Array, longitude: Array,
     scale: FieldScale,
 ) -> Background:  # fmt: skip
-    """Return the map about a route (rad), with a margin of a tenth of its length, 10 km at
-    least."""
+    """Return the map about a route, with a margin of a tenth of its length, 10 km at least.
+
+    Parameters
+    ----------
+    field_map : ScalarMap
+    projection : Projection
+    latitude, longitude : (K,) arrays
+        Of the route, rad.
+    scale : FieldScale
+        Of the map's values.
+    """
     x, y = projection(latitude, longitude)
     margin = max(10.0, 0.15 * math.hypot(np.ptp(x), np.ptp(y)))
     window = Window(
