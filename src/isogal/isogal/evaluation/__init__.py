@@ -16,5 +16,5 @@ run_report         the report of `isogal run` and of `isogal montecarlo`
 view               the page of `isogal view`
 comparison         runs or studies side by side: `isogal compare`
 html_report        HTML reports in general: sections, tables, figures, numbers as text
-report_template    the report's page
+                   (their page: report.html)
 """

@@ -6,12 +6,12 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import isogal
 from isogal.evaluation.figures import style
-from isogal.evaluation.report_template import PAGE
 from isogal.files import write_atomic
 
 if TYPE_CHECKING:
@@ -119,8 +119,9 @@ def write_report(
     for name, data in drawn.items():
         write_atomic(folder / f"{name}.png", data)
     in_order = [*tables, *(table for section in sections for table in section.tables)]
-    page = Environment(autoescape=True, undefined=StrictUndefined).from_string(PAGE)
-    html = page.render(
+    page = (files(__package__) / "report.html").read_text("utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    html = environment.from_string(page).render(
         title=title,
         subtitle=subtitle,
         tables=tables,
