@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from isogal.fields.measured import measured_field, of_instrument
-from isogal.sensors.reduction import State, on_date, reduction_variance
+from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import to_seconds
@@ -36,7 +36,7 @@ class Outputs:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
                 estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
-                dated = on_date(reduction, to_seconds(ns))
+                dated = reduction.dated(to_seconds(ns))
                 value = dated.reduce(felt, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance

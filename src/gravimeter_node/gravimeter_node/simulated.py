@@ -22,12 +22,12 @@ def simulated_readings(scenario: Scenario, run: int) -> tuple[ByStamp, ByStamp |
     InputError
         The map does not cover the route, or the file of coefficients cannot be read.
     """
-    world = scenario.world
+    truth = scenario.true
     trajectory = build_trajectory(scenario)
-    found = ReadingSimulator(world, trajectory, map_for_scenario(world, trajectory), [run])
+    found = ReadingSimulator(truth, trajectory, map_for_scenario(truth, trajectory), [run])
     stamps = [from_seconds(time) for time in trajectory.time]
     felt = {stamps[i]: value for i, value in zip(found.index, found.felt[0], strict=True)}
-    magnetic = world.measured_field == "magnetic" and world.magnetometer.aircraft.magnetic
+    magnetic = truth.measured_field == "magnetic" and truth.magnetometer.aircraft.magnetic
     if not magnetic and assumed_compensation(scenario) is None:
         return felt, None
     return felt, dict(zip(stamps, found.vehicle.vector[0], strict=True))

@@ -28,7 +28,9 @@ class Vehicle:
         self._node, self._use = node, use
         self._heard = False
         told, online = assumed_compensation(node.scenario), node.scenario.magnetometer.online
-        self._stream = None if told is None else CompensatedStream(told, online)
+        self._stream: CompensatedStream[tuple[int, Any, Any]] | None = (
+            None if told is None else CompensatedStream(told, online)
+        )
         self._vectors: dict[int, Any] = {}
         self._adapter = MagnetometerAdapter()
         if told is not None and told.currents:
@@ -54,7 +56,7 @@ class Vehicle:
         vector = self._vectors.get(ns)
         if vector is None:
             return
-        sigma = self._node.scenario.world.magnetometer.vector_sigma
+        sigma = self._node.scenario.true.magnetometer.vector_sigma
         self._adapter.fill_vector(self._message, ns, vector, sigma**2)
         self._publisher.publish(self._message)
         self.vector(ns, vector)

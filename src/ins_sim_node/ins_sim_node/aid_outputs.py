@@ -15,7 +15,7 @@ class AidOutputs:
     """Publishers of the sensors that the vehicle has."""
 
     def __init__(self, node: GraphNode, vehicle: SimulatedVehicle) -> None:
-        self._vehicle, self._settings = vehicle, node.scenario.world.height
+        self._vehicle, self._settings = vehicle, node.scenario.true.height
         self._m_pressure, self._m_velocity = topics.BAROMETER.type(), topics.VELOCITY.type()
         for message in (self._m_pressure, self._m_velocity):
             message.header.frame_id = BASE

@@ -85,7 +85,7 @@ def leg_to(
     approach = Approach(
         offset,
         float(np.hypot(*velocity[-1, :2])) * scenario.gravimeter.interval,
-        effective_noise_variance(scenario.world.gravimeter, quantisation),
+        effective_noise_variance(scenario.true.gravimeter, quantisation),
         np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
     )
     return Leg(
@@ -149,7 +149,7 @@ def _covariance(scenario: Scenario, trajectory: Trajectory) -> Array:
             rows.append(crosses[:, :4])
     T = len(rows)
     elapsed = np.arange(1, T + 1) * per_scan * model.segments.dt
-    bias, drift = bias_and_drift(scenario.world, trajectory)
+    bias, drift = bias_and_drift(scenario.informed, trajectory)
     stacked = np.zeros((T, 5, T, 5))
     stacked[:, 4, :, 4] = bias**2 + drift**2 * np.outer(elapsed, elapsed)
     for k, row in enumerate(rows):
