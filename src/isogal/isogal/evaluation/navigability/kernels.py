@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans, Integers
+from isogal.arrays import Array, Booleans, Integers, Values
 from isogal.compiled import kernel
-from isogal.maps.interpolation import Grid, Values, value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
 
 _PROMISING = 60.0
 """Chi-square that a minimum between points of the grid may have by a parabola through them."""
