@@ -42,7 +42,7 @@ from measured_data.untold import group_of, matched
 
 import isogal
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.results import write_json
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.field_map import FieldMap
 from isogal.matching import map_matching

@@ -13,7 +13,8 @@ from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.judgement import CLAIMED_SIGMAS
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import plain, posterior_nees, summarise
+from isogal.evaluation.results import plain
+from isogal.evaluation.summary import posterior_nees, summarise
 from isogal.scenario import Scenario
 
 Value = TypeVar("Value")

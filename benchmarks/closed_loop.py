@@ -29,7 +29,8 @@ from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.judgement import SETTLED_AFTER
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import summarise, write_json
+from isogal.evaluation.results import write_json
+from isogal.evaluation.summary import summarise
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import write_atomic
 from isogal.montecarlo.engine import simulate

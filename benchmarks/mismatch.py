@@ -28,7 +28,7 @@ from mismatch_rows import EXACT, MGAL_3, ROWS, Row
 from isogal.arrays import Array
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.results import write_json
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.files import write_atomic
 from isogal.maps.channels import RouteMap

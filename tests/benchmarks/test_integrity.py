@@ -9,6 +9,7 @@ import integrity
 import numpy as np
 import pytest
 
+from helpers.studies import outcomes
 from isogal.evaluation.integrity import RISKS, Rate
 from isogal.evaluation.records import Runs
 from isogal.scenario import Integrity, Scenario
@@ -32,7 +33,7 @@ def part(runs: int) -> Runs:
         fix_time=np.empty(0),
         fix_error=np.empty((runs, 0, 2)),
         fix_covariance=np.empty((runs, 0, 2, 2)),
-        fix_reason=((),) * runs,
+        **outcomes(np.empty((runs, 0))),
         posterior_error=np.empty((runs, 0, 2)),
         posterior_covariance=np.empty((runs, 0, 2, 2)),
         fix_seconds=empty,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.studies import outcomes
 from isogal.evaluation.records import RunDetail, Runs
 
 
@@ -37,7 +38,7 @@ def _make(
         "fix_time": np.linspace(time[0], time[-1], batches + 1)[1:],
         "fix_error": 1.5 * scale * random.standard_normal((runs, batches, 2)),
         "fix_covariance": fix_covariance,
-        "fix_reason": ((None,) * batches,) * runs,
+        **outcomes(np.full((runs, batches), "")),
         "posterior_error": scale * random.standard_normal((runs, batches, 2)),
         "posterior_covariance": np.broadcast_to(scale**2 * np.eye(2), (runs, batches, 2, 2)),
         "fix_seconds": random.uniform(1e-3, 3e-3, (runs, batches)),

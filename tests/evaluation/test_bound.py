@@ -10,20 +10,44 @@ from scipy.linalg import expm
 from helpers.route_maps import field, tilted, waves
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import (
+    PATTERNS,
     BoundResult,
     posterior_cramer_rao,
     unaided_covariance,
 )
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
 from isogal.evaluation.reading_errors import effective_noise_variance
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, validate_scenario
 from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.gravimeter_errors import missing
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
+WAVES = field(waves)
+HALF_AN_HOUR = {"route": {"duration": 1800.0}}
 
-def scenario(**changes: Any) -> Scenario:
-    return validate_scenario(changes)
+
+def scenario(**sections: Any) -> Scenario:
+    """A scenario of half an hour if nothing else is said."""
+    return validate_scenario(HALF_AN_HOUR | sections)
+
+
+def bound(
+    field_map: FieldMap | None = WAVES, how: dict[str, Any] | None = None, **sections: Any
+) -> BoundResult:
+    """Bound of a scenario; of the unaided navigator where there is no map."""
+    settings = scenario(**sections)
+    trajectory = build_trajectory(settings)
+    if field_map is None:
+        return unaided_covariance(settings, trajectory)
+    return posterior_cramer_rao(settings, trajectory, field_map, **(how or {}))
+
+
+def rms(field_map: FieldMap | None = WAVES, **sections: Any) -> float:
+    """RMS error at the end."""
+    return float(bound(field_map, **sections).rms[-1])
 
 
 def _dense(
@@ -157,91 +181,61 @@ def test_a_point_mass_filter_on_a_small_nonlinear_map_attains_the_bound():
     assert bound.rms[-1] < 0.5 * 300.0 * np.sqrt(2.0)
 
 
-def test_a_map_without_gradient_tells_nothing():
-    settings = scenario(route={"duration": 600.0}, gravimeter={"sigma": 1.0})
-    trajectory = build_trajectory(settings)
-    unaided = unaided_covariance(settings, trajectory)
-    blind = posterior_cramer_rao(settings, trajectory, tilted(0.0, 0.0))
-    np.testing.assert_allclose(blind.covariance, unaided.covariance, rtol=1e-6)
-
-
-def test_readings_off_the_map_do_not_count():
-    settings = scenario(route={"duration": 600.0})
-    trajectory = build_trajectory(settings)
+def test_readings_without_gradient_or_off_the_map_tell_nothing():
+    settings = {"route": {"duration": 600.0}, "gravimeter": {"sigma": 1.0}}
+    unaided = bound(None, **settings).covariance
+    np.testing.assert_allclose(bound(tilted(0.0, 0.0), **settings).covariance, unaided, rtol=1e-6)
     elsewhere = field(waves)
     elsewhere.values[:] = np.nan
     elsewhere.values[:5, :5] = 9.8
-    np.testing.assert_array_equal(
-        posterior_cramer_rao(settings, trajectory, elsewhere).covariance,
-        unaided_covariance(settings, trajectory).covariance,
-    )
+    np.testing.assert_array_equal(bound(elsewhere, **settings).covariance, unaided)
 
 
 def test_worse_sensors_and_maps_give_larger_bounds():
-    base = {"route": {"duration": 1800.0}}
-    trajectory = build_trajectory(scenario(**base))
-    field_map = field(waves)
-
-    def rms(**changes: Any) -> float:
-        return float(
-            posterior_cramer_rao(scenario(**base, **changes), trajectory, field_map).rms[-1]
-        )
-
-    good = rms()
+    good, unaided = rms(), rms(None)
     assert good < rms(gravimeter={"sigma": 1e-4})
     assert good < rms(gravimeter={"outlier_fraction": 0.05})
     assert good < rms(map_error={"sigma": 3e-5}) < rms(map_error={"sigma": 8e-5})
     assert good < rms(initial_error={"position": 500.0})
     clock, late = (rms(gravimeter={"delay_sigma": sigma}) for sigma in (2.0, 20.0))
-    assert (
-        1.02 * good
-        < clock
-        < late
-        < float(unaided_covariance(scenario(**base), trajectory).rms[-1])
-    )
-    assert good < float(unaided_covariance(scenario(**base), trajectory).rms[-1])
+    assert 1.02 * good < clock < late < unaided
 
 
 def test_a_map_that_is_more_wrong_in_some_places():
-    base = {"route": {"duration": 1800.0}, "gravity": {"field": "normal"}}
-    trajectory, field_map = build_trajectory(scenario(**base)), field(waves)
+    def end(sigma, share):
+        how = {} if share is None else {"map_share": np.broadcast_to(share, 180)}
+        error = {"sigma": sigma}
+        return bound(how=how, gravity={"field": "normal"}, map_error=error).rms[-1]
 
-    def rms(sigma, share):
-        settings = scenario(**base, map_error={"sigma": sigma})
-        share = None if share is None else np.broadcast_to(share, 180)
-        return posterior_cramer_rao(settings, trajectory, field_map, map_share=share).rms[-1]
-
-    assert rms(1e-5, 3.0) == pytest.approx(rms(3e-5, None))
+    assert end(1e-5, 3.0) == pytest.approx(end(3e-5, None))
     good_at_the_end = np.where(np.arange(180) < 90, 3.0, 1.0)
-    assert rms(1e-5, None) < rms(1e-5, good_at_the_end) < rms(3e-5, None)
+    assert end(1e-5, None) < end(1e-5, good_at_the_end) < end(3e-5, None)
 
 
 def test_the_rate_of_the_imu_hardly_matters():
-    field_map = field(waves)
-    results = []
-    for rate in (1.0, 5.0, 10.0):
-        settings = scenario(route={"duration": 900.0}, imu={"rate": rate})
-        results.append(posterior_cramer_rao(settings, build_trajectory(settings), field_map))
+    results = [bound(route={"duration": 900.0}, imu={"rate": rate}) for rate in (1.0, 5.0, 10.0)]
     for other in results[1:]:
         np.testing.assert_allclose(other.time, results[0].time)
         np.testing.assert_allclose(other.rms, results[0].rms, rtol=1e-3)
 
 
-def test_covariances_stay_symmetric_and_positive_over_the_whole_route(shared_data):
-    from isogal.fields.scenario_map import map_for_scenario
-
-    settings = scenario(
-        map={"source": str(shared_data / "se_australia_gravity.nc"), "variable": "dg"},
-        gravimeter={"quantity": "disturbance", "sigma": 1e-6},
+def on_the_map_of_australia(shared_data, variable: str, **gravimeter: Any) -> BoundResult:
+    source = str(shared_data / "se_australia_gravity.nc")
+    settings = validate_scenario(
+        {"map": {"source": source, "variable": variable}, "gravimeter": gravimeter}
     )
     trajectory = build_trajectory(settings)
-    field_map = map_for_scenario(settings, trajectory)
-    posterior_cramer_rao(settings, trajectory, field_map)
-    bound = posterior_cramer_rao(settings, trajectory, field_map)
+    return posterior_cramer_rao(settings, trajectory, map_for_scenario(settings, trajectory))
+
+
+def test_covariances_stay_symmetric_and_positive_over_the_whole_route(shared_data):
+    bound, again = (
+        on_the_map_of_australia(shared_data, "dg", quantity="disturbance", sigma=1e-6)
+        for _ in range(2)
+    )
     assert bound.time[0] == 0.0 and bound.time[-1] == 12960.0 and len(bound.time) == 1297
     np.testing.assert_allclose(bound.covariance, np.swapaxes(bound.covariance, 1, 2), rtol=1e-9)
     assert (np.linalg.eigvalsh(bound.covariance)[:, 0] > 0.0).all()
-    again = posterior_cramer_rao(settings, trajectory, field_map)
     np.testing.assert_array_equal(again.covariance, bound.covariance)
 
 
@@ -255,26 +249,20 @@ PUBLISHED = [  # map variable, quantity, sigma; RMS bound by an independent impl
 
 @pytest.mark.parametrize(("variable", "quantity", "sigma", "expected"), PUBLISHED)
 def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, expected):
-    from isogal.fields.scenario_map import map_for_scenario
-
-    settings = scenario(
-        map={"source": str(shared_data / "se_australia_gravity.nc"), "variable": variable},
-        gravimeter={"quantity": quantity, "sigma": sigma},
-    )
-    trajectory = build_trajectory(settings)
-    bound = posterior_cramer_rao(settings, trajectory, map_for_scenario(settings, trajectory))
+    bound = on_the_map_of_australia(shared_data, variable, quantity=quantity, sigma=sigma)
     assert np.sqrt(np.mean(bound.rms**2)) == pytest.approx(expected, rel=0.15)
 
 
-def test_effective_noise():
-    assert effective_noise_variance(Gravimeter(sigma=2e-5)) == pytest.approx(
-        4e-10, rel=1e-9, abs=0
-    )
-    assert effective_noise_variance(Gravimeter(sigma=1e-6), 1e-6) == pytest.approx(
-        1e-12 * (1 + 1 / 12), rel=1e-9, abs=0
-    )
-    hit = effective_noise_variance(Gravimeter(sigma=1e-5, outlier_fraction=0.05))
-    assert hit == pytest.approx(1e-10 / (0.95 + 0.05 / 2501.0), rel=1e-9, abs=0)
+@pytest.mark.parametrize(
+    ("gravimeter", "step", "variance"),
+    [
+        (Gravimeter(sigma=2e-5), 0.0, 4e-10),
+        (Gravimeter(sigma=1e-6), 1e-6, 1e-12 * (1 + 1 / 12)),
+        (Gravimeter(sigma=1e-5, outlier_fraction=0.05), 0.0, 1e-10 / (0.95 + 0.05 / 2501.0)),
+    ],
+)
+def test_effective_noise(gravimeter, step, variance):
+    assert effective_noise_variance(gravimeter, step) == pytest.approx(variance, rel=1e-9, abs=0)
 
 
 def test_rms_between_scans():
@@ -288,37 +276,87 @@ def test_rms_between_scans():
 def test_batchwise_bound():
     """At a batch end it equals the bound with every reading at once; in between the navigator is
     propagated alone, and is worse."""
-    settings = scenario(
-        route={"duration": 3000.0},
-        matcher={"batch_length": 20, "stride": 10},
-        map_error={"sigma": 2e-5},
-    )
-    trajectory = build_trajectory(settings)
+    settings = {
+        "route": {"duration": 3000.0},
+        "matcher": {"batch_length": 20, "stride": 10},
+        "map_error": {"sigma": 2e-5},
+    }
     at_once, batchwise = (
-        posterior_cramer_rao(settings, trajectory, field(waves), batchwise=batchwise).covariance
-        for batchwise in (False, True)
+        bound(how={"batchwise": batchwise}, **settings).covariance for batchwise in (False, True)
     )
     ends = np.arange(20, 301, 10)
     np.testing.assert_array_equal(batchwise[ends], at_once[ends])
-    alone = unaided_covariance(settings, trajectory).covariance
+    alone = bound(None, **settings).covariance
     np.testing.assert_allclose(batchwise[:20], alone[:20], rtol=1e-12)
     between = np.setdiff1d(np.arange(20, 301), ends)
-    assert (
-        np.trace(batchwise[between], axis1=1, axis2=2)
-        > np.trace(at_once[between], axis1=1, axis2=2)
-    ).all()
+    worse, least = (np.trace(one[between], axis1=1, axis2=2) for one in (batchwise, at_once))
+    assert (worse > least).all()
     assert np.trace(batchwise[-2]) < 0.5 * np.trace(alone[-2])
 
 
-def test_it_is_of_the_true_world() -> None:
-    told = scenario(imu={"grade": "precision"})
-    it = told.model_copy(
-        update={"truth": {"imu": {"grade": "quantum"}, "gravimeter": {"sigma": "3x"}}}
+@pytest.mark.parametrize("field_map", [tilted(3e-9, 1e-9), None], ids=["aided", "unaided"])
+def test_it_is_of_the_true_world(field_map):
+    true = {"imu": {"grade": "quantum"}, "gravimeter": {"sigma": 3e-5}}
+    assumed = {"imu": {"grade": "precision"}}
+    found = bound(field_map, **assumed, truth=true)
+    np.testing.assert_array_equal(found.covariance, bound(field_map, **true).covariance)
+    assert not np.array_equal(found.covariance, bound(field_map, **assumed).covariance)
+
+
+def test_an_instrument_as_built_gives_larger_bounds():
+    def end(sigma: float = 1e-5, **gravimeter: Any) -> float:
+        return rms(gravimeter={"sigma": sigma, **gravimeter})
+
+    good = end()
+    assert end(missing_fraction=0.5) == pytest.approx(end(sigma=1e-5 * np.sqrt(2.0)), rel=0.02)
+    assert good < end(gaps=[[300.0, 900.0]]) < end(gaps=[[0.0, 1700.0]])
+    assert end(dead_turn_rate=0.01) == good  # it goes straight
+    assert end(cross_coupling=1e-3) == pytest.approx(good, rel=1e-3)
+    tilting = end(platform_tilt=2e-3, platform_time=300.0)
+    assert tilting == pytest.approx(end(correlated_sigma=9.8 * 4e-6, correlation_time=150.0))
+    # late by 5 s: the same field, seen a little later
+    assert end(delay=5.0) == pytest.approx(good, rel=0.1)
+    assert 0.9 * good < end(filter_time=20.0) < 1.5 * good
+
+
+def test_readings_missing_by_chance_count_by_pattern():
+    """The map's error stands at fewer places to be told from the field; of one pattern the bound
+    is that of its gaps."""
+    error = {"map_error": {"sigma": 3e-5}}
+    half = scenario(**error, gravimeter={"missing_fraction": 0.5})
+    trajectory = build_trajectory(half)
+    mean = posterior_cramer_rao(half, trajectory, WAVES).covariance[-1]
+    index = np.arange(10, len(trajectory) + 1, 10)
+    each = []
+    for run in range(PATTERNS):
+        absent = missing(half.gravimeter, half.seed, run, trajectory, index)
+        gaps = [[float(trajectory.time[k]) - 1.0, 2.0] for k in index[absent]]
+        each.append(bound(gravimeter={"gaps": gaps}, **error).covariance[-1])
+    np.testing.assert_allclose(mean, np.mean(each, axis=0), rtol=1e-9)
+
+
+def test_a_filter_takes_from_the_map_error_what_it_takes_from_the_field():
+    # waves of 40 km and a map error of 4 km: the error is filtered away, the field is not
+    filtered, delayed = (
+        rms(
+            tilted(1e-7, -6e-8),
+            route={"duration": 3000.0},
+            map_error={"sigma": 3e-5},
+            gravimeter={key: 100.0, "sigma": 1e-6},
+        )
+        for key in ("filter_time", "delay")
     )
-    trajectory, field_map = build_trajectory(told), tilted(3e-9, 1e-9)
-    for function in (
-        lambda one: posterior_cramer_rao(one, trajectory, field_map),
-        lambda one: unaided_covariance(one, trajectory),
-    ):
-        np.testing.assert_array_equal(function(it).covariance, function(it.informed).covariance)
-        assert not np.array_equal(function(it).covariance, function(told).covariance)
+    assert 0.7 * delayed < filtered < delayed
+
+
+def test_in_turns_cross_coupling_counts():
+    waypoints = [[-37.9, 144.8, 22], [-37.85, 144.9, 22], [-37.9, 145.0, 22]]
+    route = {"waypoints": waypoints, "duration": None}
+    blind, coupled, clean = (
+        rms(route=route, gravimeter=keys)
+        for keys in ({"dead_turn_rate": 0.01}, {"cross_coupling": 1.0}, {})
+    )
+    assert clean < coupled
+    # readings of a turn that may be wrong by 0.4 m/s² say nothing but what their two unknown
+    # shares leave
+    assert coupled < 1.001 * blind

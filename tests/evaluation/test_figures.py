@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from helpers.route_maps import made_up as field
+from helpers.studies import outcomes
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.ensemble import Curve, ensemble_figure, rms_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
@@ -27,13 +28,10 @@ from isogal.scenario import Integrity
 
 def declining(runs: Runs) -> Runs:
     count = runs.fix_time.size
-    reasons = tuple(
-        tuple("flat" if b % 3 == 0 else None for b in range(count)) for _ in range(len(runs))
-    )
-    gone = np.array([r is not None for r in reasons[0]])
+    reasons = [["flat" if b % 3 == 0 else "" for b in range(count)]] * len(runs)
     error, covariance = runs.fix_error.copy(), runs.fix_covariance.copy()
-    error[:, gone], covariance[:, gone] = np.nan, np.nan
-    return replace(runs, fix_reason=reasons, fix_error=error, fix_covariance=covariance)
+    error[:, ::3], covariance[:, ::3] = np.nan, np.nan
+    return replace(runs, **outcomes(reasons), fix_error=error, fix_covariance=covariance)
 
 
 def all_figures(runs: Runs, field_map: FieldMap) -> dict[str, Any]:
@@ -104,7 +102,7 @@ def test_nothing_published(make_runs):
     runs = make_runs(runs=2)
     runs = replace(
         runs,
-        fix_reason=(("flat",) * 24,) * 2,
+        **outcomes([["flat"] * 24] * 2),
         fix_error=np.full((2, 24, 2), np.nan),
         fix_covariance=np.full((2, 24, 2, 2), np.nan),
     )

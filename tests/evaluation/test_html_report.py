@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from helpers.route_maps import made_up
+from helpers.studies import outcomes
 from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.errors import error_figure
@@ -163,10 +164,8 @@ def test_the_report_of_a_run(make_runs, report_of_a_run):
 
 
 def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_path):
-    reasons = (
-        ("flat (misfit 1.5e-3 per degree)", "flat (misfit 27.1 per degree)", *((None,) * 22)),
-    ) * 3
-    runs = make_runs(runs=3, fix_reason=reasons)
+    reasons = ["flat (misfit 1.5e-3 per degree)", "flat (misfit 27.1 per degree)", *[""] * 22]
+    runs = make_runs(runs=3, **outcomes([reasons] * 3))
     page = Page(write(runs, tmp_path).read_text(encoding="utf-8"))
     assert page.text.count("flat (misfit … per degree)") == 1
     assert page.text.count("consistent") == 4  # nothing is beyond the level in 6 h, nor has to be

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from helpers.studies import outcomes
 from isogal.evaluation.judgement import KINDS, all_scans_nees, judge
 from isogal.evaluation.summary import diverged, summarise
 from isogal.scenario import Scenario
@@ -24,7 +25,7 @@ def calm(make_runs):
 
 def flags(runs):
     judgement = judge(runs, diverged(runs))
-    return {kind: np.flatnonzero(getattr(judgement, kind)).tolist() for kind in (*KINDS, "good")}
+    return {kind: np.flatnonzero(judgement[kind]).tolist() for kind in (*KINDS, "good")}
 
 
 def test_good_runs_are_good(calm):
@@ -32,8 +33,8 @@ def test_good_runs_are_good(calm):
 
 
 def test_a_run_without_any_fix_is_not_good_and_not_called_worse(calm):
-    none = tuple(("flat",) * 24 if run == 2 else (None,) * 24 for run in range(4))
-    runs = replace(calm, fix_reason=none, unaided_error=calm.error - 1.0)
+    none = outcomes([["flat" if run == 2 else ""] * 24 for run in range(4)])
+    runs = replace(calm, **none, unaided_error=calm.error - 1.0)
     assert flags(runs) == {
         "unaided": [2],
         "worse_than_unaided": [0, 1, 3],

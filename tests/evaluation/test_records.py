@@ -3,31 +3,26 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from helpers.studies import outcomes
 from isogal.errors import InputError
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.matching.interfaces import Candidates
 
 
-def assert_equal(a: Runs, b: Runs) -> None:
-    for item in fields(Runs):
+def assert_equal(a: Runs | RunDetail, b: Runs | RunDetail) -> None:
+    for item in fields(a):
         x, y = getattr(a, item.name), getattr(b, item.name)
-        if item.name == "fix_reason":
-            assert x == y
-        elif item.name == "detail":
-            assert (x is None) == (y is None)
-            if x is not None:
-                for part in fields(RunDetail):
-                    np.testing.assert_array_equal(getattr(x, part.name), getattr(y, part.name))
+        if isinstance(x, RunDetail):
+            assert_equal(x, y)
         else:
             np.testing.assert_array_equal(x, y)
 
 
 def declining(runs: Runs) -> Runs:
-    reasons = [list(row) for row in runs.fix_reason]
-    reasons[0][1], reasons[-1][-1] = "the map is flat here: γ below 0.1", "no reading"
-    error = runs.fix_error.copy()
+    reasons, error = runs.fix_reason.astype("U40"), runs.fix_error.copy()
+    reasons[0, 1], reasons[-1, -1] = "the map is flat here: γ below 0.1", "no reading"
     error[0, 1] = error[-1, -1] = np.nan
-    return replace(runs, fix_error=error, fix_reason=tuple(tuple(row) for row in reasons))
+    return replace(runs, fix_error=error, **outcomes(reasons))
 
 
 @pytest.mark.parametrize("detail", [False, True])
@@ -45,19 +40,11 @@ def test_equal_runs_give_equal_files(make_runs, tmp_path):
 
 
 def test_joined_chunks_are_the_whole(make_runs):
-    whole = declining(make_runs(runs=5))
-
-    def part(rows: slice) -> Runs:
-        own = {
-            item.name: getattr(whole, item.name)[rows]
-            for item in fields(Runs)
-            if item.name not in ("time", "latitude", "longitude", "fix_time", "detail")
-        }
-        return replace(whole, **own)
-
-    assert_equal(
-        Runs.concatenate([part(slice(0, 2)), part(slice(2, 3)), part(slice(3, 5))]), whole
-    )
+    whole = declining(make_runs(runs=5, detail=True))
+    parts = [whole.part(rows) for rows in (range(2), [2], range(3, 5))]
+    assert_equal(Runs.concatenate(parts), whole)
+    assert [part.detail is None for part in parts] == [False, True, True]
+    np.testing.assert_array_equal(parts[1].error, whole.error[[2]])
 
 
 def test_runs_of_different_scenarios_are_not_joined(make_runs):
@@ -70,10 +57,10 @@ def test_runs_of_different_scenarios_are_not_joined(make_runs):
 def test_wrong_shapes_are_named(make_runs):
     with pytest.raises(ValueError, match=r"covariance must have shape \(3, 121, 2, 2\)"):
         make_runs(covariance=np.zeros((3, 120, 2, 2)))
-    with pytest.raises(ValueError, match="fix_reason must hold 3 tuples of 24"):
-        make_runs(fix_reason=((None,) * 23,) * 3)
-    with pytest.raises(ValueError, match="must not be empty"):
-        make_runs(fix_reason=(("",) * 24,) * 3)
+    with pytest.raises(ValueError, match=r"fix_reason must have shape \(3, 24\)"):
+        make_runs(fix_reason=np.full((3, 23), ""))
+    with pytest.raises(ValueError, match="must be empty where a fix was published"):
+        make_runs(fix_reason=np.full((3, 24), "flat"))
 
 
 def test_a_run_without_batches(make_runs, tmp_path):

@@ -5,14 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from helpers.studies import outcomes
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import (
-    canonical_json,
-    diverged,
-    posterior_nees,
-    summarise,
-    write_json,
-)
+from isogal.evaluation.results import canonical_json, write_json
+from isogal.evaluation.summary import diverged, posterior_nees, summarise
 from isogal.scenario import Scenario
 
 CONTRACT = {
@@ -84,10 +80,9 @@ def test_diverged_runs_are_counted_by_their_last_half_hour(make_runs):
 
 
 def with_declined(runs: Runs, batch: int) -> Runs:
-    reasons = tuple(
-        tuple("flat" if b == batch else None for b in range(len(row))) for row in runs.fix_reason
-    )
-    return replace(runs, fix_reason=reasons)
+    reasons = runs.fix_reason.astype("U4")
+    reasons[:, batch] = "flat"
+    return replace(runs, **outcomes(reasons))
 
 
 def test_nees_is_that_of_the_navigator_after_published_fixes(make_runs):

@@ -73,7 +73,8 @@ def same(a: Runs, b: Runs, tolerance: float = 1e-6, fixes: bool = True) -> None:
     """Assert that two records are equal but for rounding (m)."""
     np.testing.assert_array_equal(a.time, b.time)
     np.testing.assert_array_equal(a.fix_time, b.fix_time)
-    assert a.fix_reason == b.fix_reason
+    np.testing.assert_array_equal(a.fix_status, b.fix_status)
+    np.testing.assert_array_equal(a.fix_reason, b.fix_reason)
     for name in ("error", "unaided_error", "posterior_error", *(["fix_error"] if fixes else [])):
         np.testing.assert_allclose(
             getattr(a, name), getattr(b, name), atol=tolerance, rtol=0, err_msg=name

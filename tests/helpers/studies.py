@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
@@ -36,15 +37,21 @@ def small_scenario(**changes: object) -> Scenario:
     return validate_scenario(document | changes)
 
 
+def outcomes(reasons: ArrayLike) -> dict[str, np.ndarray]:
+    """Status and reason of batches (R, B), as a record has them, from why each was declined; empty
+    where it was not."""
+    texts = np.array(reasons, dtype=np.str_)
+    return {"fix_status": np.where(texts == "", "fix", "declined"), "fix_reason": texts}
+
+
 def same_runs(a: Runs, b: Runs) -> None:
     """Assert that two records hold the same numbers, bit for bit, and the same details if both
     have some."""
     for name in (
         *("error", "covariance", "unaided_error", "fix_error", "fix_covariance"),
-        *("posterior_error", "posterior_covariance"),
+        *("posterior_error", "posterior_covariance", "fix_status", "fix_reason"),
     ):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
-    assert a.fix_reason == b.fix_reason
     if a.detail is not None and b.detail is not None:
         np.testing.assert_array_equal(a.detail.reading, b.detail.reading)
         np.testing.assert_array_equal(a.detail.candidate_weight, b.detail.candidate_weight)
@@ -64,7 +71,7 @@ class Watcher:
         self.todo, self.kept = list(todo), kept
 
     def reached(self, chunk: Chunk, seconds: float) -> None:
-        assert 0.0 <= seconds <= chunk.duration
+        assert 0.0 <= seconds <= chunk.case.duration
         self.reports += 1
 
     def finished(self, chunk: Chunk) -> None:

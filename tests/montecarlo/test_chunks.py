@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from helpers.studies import small_scenario
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import chunks
-from isogal.montecarlo.chunks import MOST_RUNS, Case, consecutive, divide, fair_share, fitting
+from isogal.montecarlo.chunks import MOST_RUNS, Case, divide, fair_share, fitting
 
 
 @given(
@@ -24,6 +24,7 @@ def test_chunks_cover_what_is_missing_once(
         parts = divide(small_case, sorted(missing), share)
         most = min(share, fitting(small_case.scenario, 600.0))
     assert [run for part in parts for run in part.runs] == sorted(missing)
+    assert divide(small_case, [], share) == []
     for part in parts:
         assert list(part.runs) == list(range(part.runs[0], part.runs[-1] + 1))
         assert 1 <= len(part.runs) <= most
@@ -31,11 +32,6 @@ def test_chunks_cover_what_is_missing_once(
 
 def test_shares() -> None:
     assert [fair_share(runs, 2) for runs in (1, 8, 100, 10_000)] == [1, 1, 13, MOST_RUNS]
-
-
-def test_consecutive_numbers() -> None:
-    assert consecutive([0, 1, 2, 5, 7, 8]) == [[0, 1, 2], [5], [7, 8]]
-    assert consecutive([]) == []
 
 
 def test_long_fast_runs_are_computed_few_at_a_time() -> None:
@@ -70,6 +66,5 @@ def test_key_says_what_the_numbers_depend_on(small_case: Case, field_map: FieldM
 
 
 def test_key_depends_on_the_source(small_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = small_case.key
     monkeypatch.setattr(chunks, "source_digest", lambda: "another")
-    assert small_case.key != before
+    assert replace(small_case).key != small_case.key

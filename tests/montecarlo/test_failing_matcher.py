@@ -36,8 +36,8 @@ def test_a_matcher_that_raises_costs_one_batch_of_one_run():
     matcher = Raising(6)  # the second batch of the second run
     runs = simulate(SCENARIO, [0, 1], field_map_of(wavy), matcher)
     assert matcher.memories == [None, 1, 2, 3, None, 1, 1, 2]  # as before the batch
-    assert runs.fix_reason[0] == ("nothing",) * 4
-    first, failed, *others = runs.fix_reason[1]
+    assert runs.fix_reason[0].tolist() == ["nothing"] * 4
+    first, failed, *others = runs.fix_reason[1].tolist()
     assert [first, *others] == ["nothing"] * 3
     assert failed.startswith("the matcher failed: LinAlgError: Matrix is not positive definite (")
     fixes = summarise(runs, SCENARIO, np.full(runs.time.shape, np.nan))["fixes"]
@@ -64,7 +64,7 @@ def test_a_false_fix_is_rejected_counted_and_moves_nothing():
     runs, without = (simulate(SCENARIO, [0, 1], field_map, it) for it in (Wrong(), Raising(99)))
     np.testing.assert_array_equal(runs.error, without.error)
     np.testing.assert_array_equal(runs.covariance, without.covariance)
-    reason = runs.fix_reason[1][1]
+    reason = str(runs.fix_reason[1, 1])
     assert reason.startswith("rejected by the navigator: 77.")
     assert "normalised innovation squared" in reason
     none = np.full(runs.time.shape, np.nan)

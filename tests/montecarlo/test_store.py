@@ -7,8 +7,8 @@ from helpers.studies import same_runs, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo.chunks import Case, Chunk, compute, map_digest
-from isogal.montecarlo.store import Store, take
+from isogal.montecarlo.chunks import Case, Chunk
+from isogal.montecarlo.store import Store
 
 CASE_RUNS = 5
 
@@ -18,26 +18,18 @@ def case(field_map: FieldMap) -> Case:
     return Case("stored", small_scenario(route={"duration": 300.0}), CASE_RUNS, field_map)
 
 
-def chunk_of(case: Case, runs: range) -> Chunk:
-    return Chunk(
-        case.name,
-        case.key,
-        map_digest(case.field_map),
-        case.scenario,
-        case.aided,
-        tuple(runs),
-        case.duration,
-    )
+def computed(case: Case, runs: range) -> Runs:
+    return Chunk(case, tuple(runs)).task.compute(case.field_map)
 
 
 @pytest.fixture(scope="module")
 def whole(case: Case) -> Runs:
-    return compute(chunk_of(case, range(CASE_RUNS)), case.field_map)
+    return computed(case, range(CASE_RUNS))
 
 
 def fill(store: Store, case: Case, *parts: range) -> None:
     for part in parts:
-        store.put(chunk_of(case, part), compute(chunk_of(case, part), case.field_map))
+        store.put(Chunk(case, tuple(part)), computed(case, part))
 
 
 @pytest.mark.parametrize(
@@ -62,7 +54,7 @@ def test_any_chunking_gives_the_same_runs(
 def test_fewer_and_more_runs_use_what_is_there(tmp_path: Path, case: Case, whole: Runs) -> None:
     store = Store(tmp_path)
     fill(store, case, range(3))
-    same_runs(store.load(replace(case, runs=2)), take(whole, range(2)))
+    same_runs(store.load(replace(case, runs=2)), whole.part(range(2)))
     assert store.missing(replace(case, runs=5)) == [3, 4]
     with pytest.raises(InputError, match="run 3 of 5 is not there"):
         store.load(case)

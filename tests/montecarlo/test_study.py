@@ -5,10 +5,12 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,14 +18,18 @@ import pytest
 from helpers.studies import Watcher, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.summary import canonical_json, summarise
+from isogal.evaluation.results import canonical_json
+from isogal.evaluation.summary import summarise
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import chunks, workers
-from isogal.montecarlo.chunks import Case
+from isogal.montecarlo.chunks import Case, Chunk, WorkerError, runs_of
+from isogal.montecarlo.cluster import check_code
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, compute_cases
-from isogal.montecarlo.workers import WorkerError
 from isogal.sensors.trajectory import build_trajectory
+
+if TYPE_CHECKING:
+    from distributed import LocalCluster
 
 
 def results_json(case: Case, store: Store) -> str:
@@ -42,7 +48,7 @@ def one_worker(tmp_path_factory: pytest.TempPathFactory, small_case: Case) -> St
     return store
 
 
-def workers_alive() -> list[Any]:
+def workers_alive() -> list[BaseProcess]:
     return [child for child in multiprocessing.active_children() if child.name == "isogal-worker"]
 
 
@@ -63,7 +69,7 @@ def test_two_workers_and_other_chunks_give_the_same(
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[Any]:
+def cluster() -> "Iterator[LocalCluster]":
     from distributed import LocalCluster
 
     with LocalCluster(
@@ -77,7 +83,7 @@ def cluster() -> Iterator[Any]:
 
 
 def test_dask_cluster_gives_the_same(
-    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher, cluster: Any
+    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher, cluster: "LocalCluster"
 ) -> None:
     store = Store(tmp_path)
     compute_cases([small_case], store, Backend(scheduler=cluster.scheduler_address), watcher)
@@ -85,20 +91,9 @@ def test_dask_cluster_gives_the_same(
     assert results_json(small_case, store) == results_json(small_case, one_worker)
 
 
-def test_dask_worker_with_other_source_is_refused(
-    tmp_path: Path,
-    small_case: Case,
-    watcher: Watcher,
-    cluster: Any,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    from isogal.montecarlo import cluster as module
-
-    monkeypatch.setattr(module, "_my_digest", lambda: "another")
-    with pytest.raises(InputError, match="workers run another Isogal"):
-        compute_cases(
-            [small_case], Store(tmp_path), Backend(scheduler=cluster.scheduler_address), watcher
-        )
+def test_dask_worker_with_other_source_is_refused(cluster: "LocalCluster") -> None:
+    with cluster.get_client() as client, pytest.raises(InputError, match="run another Isogal"):
+        check_code(client, cluster.scheduler_address, "another")
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "no-port"])
@@ -137,7 +132,7 @@ class Killer(Watcher):
         super().__init__()
         self.times = times
 
-    def reached(self, chunk: Any, seconds: float) -> None:
+    def reached(self, chunk: Chunk, seconds: float) -> None:
         if seconds > 0.0 and self.times > 0:
             self.times -= 1
             for child in workers_alive():
@@ -172,13 +167,6 @@ def test_scenario_that_cannot_be_used_is_bad_input(
         compute_cases([beyond], Store(tmp_path), Backend(workers=1), watcher)
 
 
-def broken(kind: type[Exception]) -> Callable[..., None]:
-    def compute(*_: object) -> None:
-        raise kind("of a chunk")
-
-    return compute
-
-
 @pytest.mark.parametrize(
     ("raised", "ends", "said"),
     [
@@ -190,18 +178,20 @@ def test_what_a_worker_raises_is_raised_here(
     small_case: Case, monkeypatch: pytest.MonkeyPatch, raised, ends, said
 ) -> None:
     """The work of a worker's process, in a thread."""
-    monkeypatch.setattr(workers, "compute", broken(raised))
-    (chunk,) = chunks.divide(small_case, [0, 1, 2, 3], 4)
+    simulate = Mock(side_effect=raised("of a chunk"))
+    monkeypatch.setattr(chunks, "simulate", simulate)
+    chunk = Chunk(small_case, (0, 1, 2, 3))
     ours, theirs = multiprocessing.Pipe()
-    thread = threading.Thread(target=workers.serve, args=(theirs,))
+    maps = {chunk.task.map_key: small_case.field_map}
+    thread = threading.Thread(target=workers.serve, args=(theirs, maps))
     thread.start()
-    ours.send((chunk, small_case.field_map))
-    kind, value = ours.recv()
+    ours.send(chunk.task)
+    answer = ours.recv()
     ours.close()
     thread.join(10.0)
     assert not thread.is_alive()
     with pytest.raises(ends) as caught:
-        workers._raise_failure(kind, value, chunk)
+        runs_of(answer, chunk)
     assert str(caught.value) == said
     traced = "".join(getattr(caught.value, "__notes__", []))
     assert ("in compute" in traced) == (ends is WorkerError)

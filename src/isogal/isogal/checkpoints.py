@@ -12,13 +12,14 @@ import json
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.files import write_atomic
+from isogal.files import Json, write_atomic
 
 _FORMAT, VERSION = "isogal-checkpoint", 1
 LARGEST = 256 * 1024 * 1024
@@ -53,7 +54,7 @@ def encode(owner: str, saved: Saved, omit: Omit = lambda value: False) -> bytes:
     header = {
         "owner": owner,
         "time": saved.time,
-        "content": _Encoder(arrays, omit).encode(saved.content),
+        "content": _encode(saved.content, arrays, omit),
     }
     header["arrays"] = [[array.dtype.str, list(array.shape)] for array in arrays]
     text = json.dumps(header, allow_nan=False).encode()
@@ -69,8 +70,18 @@ def save(
     omit: Omit = lambda value: False,
     sync: bool = True,
 ) -> None:
-    """Write a checkpoint, whole or not at all; without `sync` it survives the end of this process
-    but not that of the machine.
+    """Write a checkpoint, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    owner : str
+        See `owner`.
+    saved : Saved
+    omit : callable
+        Says what is left out.
+    sync : bool
+        Without it the file survives the end of this process but not that of the machine.
 
     Raises
     ------
@@ -120,7 +131,16 @@ def decode(
     packages: Collection[str] = ("isogal",),
     restore: Restore | None = None,
 ) -> Saved:
-    """Return the content of a checkpoint's bytes; see `load`."""
+    """Return the content of a checkpoint's bytes.
+
+    Parameters
+    ----------
+    data : bytes
+    owner, packages, restore
+        See `load`.
+    where : str
+        What messages call the bytes, such as their file.
+    """
     first, _, body = data.partition(b"\n")
     words = first[:200].decode("ascii", errors="replace").split(" ")
     if len(words) != 3 or words[0] != _FORMAT:
@@ -143,7 +163,7 @@ def decode(
         raise InputError(f"{where}: cannot be used: {type(error).__name__}: {error}") from None
 
 
-def _arrays(kinds: list[list[Any]], data: memoryview) -> list[np.ndarray]:
+def _arrays(kinds: list[tuple[str, list[int]]], data: memoryview) -> list[np.ndarray]:
     arrays, offset = [], 0
     for name, shape in kinds:
         dtype = np.dtype(name)
@@ -156,64 +176,52 @@ def _arrays(kinds: list[list[Any]], data: memoryview) -> list[np.ndarray]:
     return arrays
 
 
-class _Encoder:
-    def __init__(self, arrays: list[np.ndarray], omit: Omit) -> None:
-        self._arrays, self._omit = arrays, omit
-
-    def encode(self, value: Any) -> Any:
-        """Return what JSON can say of a value; arrays are put aside."""
-        if value is None or isinstance(value, bool | str):
-            return value
-        if isinstance(value, np.generic):
-            value = value.item()
-        if isinstance(value, int):
-            return value
-        if isinstance(value, float):
-            return value if math.isfinite(value) else {"float": repr(value)}
-        if isinstance(value, np.ndarray):
-            if value.dtype.kind not in _ARRAY_KINDS:
-                raise TypeError(f"an array of {value.dtype} cannot be saved")
-            self._arrays.append(np.ascontiguousarray(value))
-            return {"array": len(self._arrays) - 1}
-        return self._composed(value)
-
-    def _composed(self, value: Any) -> Any:
-        if isinstance(value, list):
-            return [self.encode(item) for item in value]
-        if isinstance(value, dict):
-            return {"dict": [[self.encode(key), self.encode(item)] for key, item in value.items()]}
-        if isinstance(value, set | frozenset):
-            return {"set": [self.encode(item) for item in sorted(value)]}
-        if is_dataclass(value) and not isinstance(value, type):
-            if self._omit(value):
-                return {"omitted": True}
-            names = [item.name for item in fields(value) if item.init]
-            return self._object(value, {name: getattr(value, name) for name in names})
-        if self._omit(value):
-            return {"omitted": True}
-        if isinstance(value, tuple):
-            if hasattr(value, "_fields"):
-                named = dict(zip(value._fields, value, strict=True))
-                return self._object(value, named)
-            return {"tuple": [self.encode(item) for item in value]}
-        raise TypeError(f"a {type(value).__qualname__} cannot be saved")
-
-    def _object(self, value: Any, named: Mapping[str, Any]) -> Any:
-        kind = type(value)
-        return {
-            "class": f"{kind.__module__}:{kind.__qualname__}",
-            "fields": {name: self.encode(item) for name, item in named.items()},
-        }
+def _encode(value: Any, arrays: list[np.ndarray], omit: Omit) -> Json:
+    """Return what JSON can say of a value; arrays are put aside."""
+    encode = partial(_encode, arrays=arrays, omit=omit)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {"float": repr(value)}
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in _ARRAY_KINDS:
+            raise TypeError(f"an array of {value.dtype} cannot be saved")
+        arrays.append(np.ascontiguousarray(value))
+        return {"array": len(arrays) - 1}
+    if isinstance(value, list):
+        return [encode(item) for item in value]
+    if isinstance(value, dict):
+        return {"dict": [[encode(key), encode(item)] for key, item in value.items()]}
+    if isinstance(value, set | frozenset):
+        return {"set": [encode(item) for item in sorted(value)]}
+    if omit(value):
+        return {"omitted": True}
+    return _encode_fields(value, encode)
 
 
-_OMITTED = object()
+def _encode_fields(value: Any, encode: Callable[[Any], Json]) -> Json:
+    kind = type(value)
+    if is_dataclass(kind):
+        names = [item.name for item in fields(kind) if item.init]
+    elif not issubclass(kind, tuple):
+        raise TypeError(f"a {kind.__qualname__} cannot be saved")
+    elif hasattr(kind, "_fields"):
+        names = list(kind._fields)
+    else:
+        return {"tuple": [encode(item) for item in value]}
+    return {
+        "class": f"{kind.__module__}:{kind.__qualname__}",
+        "fields": {name: encode(getattr(value, name)) for name in names},
+    }
 
 
+@dataclass(frozen=True, slots=True)
 class _Decoder:
-    def __init__(
-        self, arrays: list[np.ndarray], packages: Collection[str], restore: Restore | None
-    ) -> None:
-        self._arrays, self._packages, self._restore = arrays, packages, restore
+    arrays: list[np.ndarray]
+    packages: Collection[str]
+    restore: Restore | None
 
     def decode(self, value: Any) -> Any:
         """Return the value that JSON stands for."""
@@ -223,29 +231,28 @@ class _Decoder:
             return value
         if "class" in value:
             return self._object(value["class"], value["fields"])
-        ((kind, content),) = value.items()
-        of_kind: dict[str, Callable[[Any], Any]] = {
-            "float": float,
-            "array": self._arrays.__getitem__,
-            "dict": lambda pairs: {self.decode(key): self.decode(item) for key, item in pairs},
-            "set": lambda items: frozenset(map(self.decode, items)),
-            "tuple": lambda items: tuple(map(self.decode, items)),
-            "omitted": lambda _: _OMITTED,
-        }
-        return of_kind[kind](content)
+        match value:
+            case {"float": text}:
+                return float(text)
+            case {"array": index}:
+                return self.arrays[index]
+            case {"dict": pairs}:
+                return {self.decode(key): self.decode(item) for key, item in pairs}
+            case {"set": items}:
+                return frozenset(map(self.decode, items))
+            case {"tuple": items}:
+                return tuple(map(self.decode, items))
+        raise KeyError(*value)
 
-    def _object(self, name: str, named: Mapping[str, Any]) -> Any:
+    def _object(self, name: str, encoded: Mapping[str, Json]) -> Any:
         module, _, attribute = name.partition(":")
-        if module.split(".")[0] not in self._packages or "." in attribute:
+        if module.split(".")[0] not in self.packages or "." in attribute:
             raise ValueError(f"class {name}")
         kind = getattr(importlib.import_module(module), attribute)
         if not (isinstance(kind, type) and (is_dataclass(kind) or hasattr(kind, "_fields"))):
             raise ValueError(f"class {name}")
-        values = {key: self.decode(item) for key, item in named.items()}
-        for key, item in values.items():
-            if item is _OMITTED:
-                if self._restore is None:
-                    raise ValueError(f"{name}: {key} was left out")
-                known = {k: v for k, v in values.items() if v is not _OMITTED}
-                values[key] = self._restore(known)
-        return kind(**values)
+        omitted = [key for key, item in encoded.items() if item == {"omitted": True}]
+        known = {key: self.decode(item) for key, item in encoded.items() if key not in omitted}
+        if omitted and self.restore is None:
+            raise ValueError(f"{name}: {omitted[0]} was left out")
+        return kind(**known, **{key: self.restore(known) for key in omitted if self.restore})

@@ -27,6 +27,8 @@ class Status(Enum):
     """The matcher gives no fix, and says why."""
     FAILED = "failed"
     """It has raised an exception, or its fix is not finite (`isogal.matching.failures`)."""
+    REJECTED = "rejected"
+    """The matcher gives one, which the navigator does not believe (`isogal.fusion.gate`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

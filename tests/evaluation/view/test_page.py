@@ -11,11 +11,11 @@ import pytest
 pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
 
 from helpers.browser import CHROMIUM, Browser, chromium
-from helpers.studies import small_scenario, wavy_map
+from helpers.studies import outcomes, small_scenario, wavy_map
 from isogal.evaluation.records import RunDetail
 from isogal.evaluation.view.page import Frame, write_view
 from isogal.evaluation.view.projection import Projection
-from isogal.evaluation.view.record import Event, ViewedRun, one_run
+from isogal.evaluation.view.record import Event, ViewedRun
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: chromium)")
 
@@ -27,7 +27,7 @@ def viewed(make_runs) -> ViewedRun:
         detail=True,
         latitude=np.radians(np.linspace(-38.0, -37.7, 121)),
         longitude=np.radians(np.linspace(144.5, 144.9, 121)),
-        fix_reason=((None,) * 20 + ("the posterior has several peaks",) * 4,),
+        **outcomes([[""] * 20 + ["the posterior has several peaks"] * 4]),
     )
     events = [
         Event(60.0, "WARN", "pmht_mm_node", "</script> late"),
@@ -74,7 +74,7 @@ def test_the_numbers_are_those_of_the_run(page, viewed) -> None:
 
 def test_what_is_not_recorded_is_said(viewed, make_runs) -> None:
     assert [text.split(" ")[0] for text in viewed.missing] == ["The"]
-    study = ViewedRun(one_run(make_runs(runs=3, detail=True), 2), small_scenario(), "")
+    study = ViewedRun(make_runs(runs=3, detail=True).part([2]), small_scenario(), "")
     assert study.runs.detail is None
     assert any("Readings and candidates were not recorded" in text for text in study.missing)
     assert any("/diagnostics" in text for text in study.missing)
@@ -83,7 +83,7 @@ def test_what_is_not_recorded_is_said(viewed, make_runs) -> None:
         for name in RunDetail.__slots__
     }
     runs = make_runs(runs=1, detail=False)
-    silent = ViewedRun(one_run(runs, 0), small_scenario(), "", events=[])
+    silent = ViewedRun(runs, small_scenario(), "", events=[])
     object.__setattr__(silent.runs, "detail", RunDetail(**none))
     assert "pmht-paper published none" in silent.missing[0]
 

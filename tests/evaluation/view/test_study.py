@@ -6,10 +6,10 @@ pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
 
 from helpers.command_line import answer, refusal
 from helpers.studies import small_scenario, wavy_map
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.results import write_json
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.chunks import Case, divide
-from isogal.montecarlo.store import Store, take
+from isogal.montecarlo.store import Store
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def study(tmp_path_factory, make_runs):
     scenario = small_scenario(map={"source": str(folder / "map.nc")})
     store, runs = Store(folder / "out" / "runs"), make_runs(runs=3, detail=True)
     for chunk in divide(Case("montecarlo", scenario, 3, wavy_map()), [0, 1, 2], 2):
-        store.put(chunk, take(runs, list(chunk.runs)))
+        store.put(chunk, runs.part(chunk.runs))
     document = {"scenario": scenario.model_dump(mode="json"), "runs": 3}
     write_json(folder / "out" / "results.json", document)
     return folder / "out"

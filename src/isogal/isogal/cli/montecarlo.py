@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,7 @@ from isogal.cli.options import ScenarioChoice, StudyResults, Workers
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
+    from isogal.evaluation.results import Summary
     from isogal.montecarlo.chunks import Case
     from isogal.montecarlo.store import Store
     from isogal.scenario import Scenario
@@ -36,7 +37,7 @@ def montecarlo(
     figures of merit.
 
     Finished runs are kept in DIR/runs: Ctrl-C loses at most the chunks being computed, the same
-    command goes on, and more runs compute only the new ones. Results do not depend on the number
+    command goes on, and more runs compute only the new ones. Summary do not depend on the number
     or kind of workers."""
     from isogal.files import make_folder
     from isogal.montecarlo.progress import LiveProgress
@@ -78,11 +79,12 @@ def _checked_case(settings: "Scenario", runs: int) -> "Case":
 
 def _evaluate(
     case: "Case", store: "Store", out: Path, wall_seconds: float
-) -> tuple[dict[str, Any], Path]:
+) -> "tuple[Summary, Path]":
     """Write results.json, the report and its figures; return the results and the report's path."""
     from isogal.evaluation.bound import posterior_cramer_rao
+    from isogal.evaluation.results import write_json
     from isogal.evaluation.run_report import run_report
-    from isogal.evaluation.summary import summarise, write_json
+    from isogal.evaluation.summary import summarise
     from isogal.sensors.trajectory import build_trajectory
 
     settings, field_map = case.scenario, case.field_map
@@ -98,8 +100,8 @@ def _evaluate(
 def ending_well(kept_in: Path) -> Iterator[None]:
     """Where the computation is interrupted or fails, end the command with one line that says which
     runs are kept."""
+    from isogal.montecarlo.chunks import WorkerError
     from isogal.montecarlo.study import Interrupted
-    from isogal.montecarlo.workers import WorkerError
 
     try:
         yield
@@ -110,7 +112,7 @@ def ending_well(kept_in: Path) -> Iterator[None]:
         fail(f"{error}; finished runs are kept in {kept_in}", 1)
 
 
-def _print(summary: dict[str, Any], page: Path) -> None:
+def _print(summary: "Summary", page: Path) -> None:
     from isogal.evaluation.run_report import key_figures
 
     table, fixes = key_figures(summary), summary["fixes"]

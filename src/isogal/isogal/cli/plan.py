@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -16,6 +16,7 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.evaluation.planning.planner import Plan, RouteRequest
+    from isogal.maps.axes import Window
 
 _MARGIN = 10_000.0  # m of map around the lattice
 
@@ -141,7 +142,7 @@ def _place(option: str, text: str) -> tuple[float, float]:
     return math.radians(latitude), math.radians(longitude)
 
 
-def _around(request: "RouteRequest") -> Any:
+def _around(request: "RouteRequest") -> "Window":
     """Return the window of all routes."""
     import numpy as np
 
@@ -161,7 +162,7 @@ def _show(found: "Plan", files: list[str], as_json: bool) -> None:
     import numpy as np
 
     route, straight = found.route, found.straight
-    result: dict[str, Any] = {
+    result = {
         "length_m": route.length,
         "error_on_arrival_m": route.error,
         "largest_error_m": float(route.bound.rms.max()),

@@ -1,24 +1,20 @@
 """How good a navigator was: errors, consistency, the bound, figures, reports.
 
 records            what runs leave behind, as arrays; files of them
-summary            figures of merit of a set of runs: results.json, summary.json
+results            what results.json and summary.json hold, and how they are written
+summary            figures of merit of a set of runs
 judgement          is a run worse than without aiding, or not what it claims?
 integrity          is the error within its protection level? exceedances, Poisson intervals
 consistency        NEES, and the chi-square intervals that it must lie in
 bound              posterior Cramér–Rao bound; covariance of the unaided navigator
-bound_several      the joint bound of several fields
-bound_recursion    its linear model and its compiled recursion
-beam_model         an altimeter with several beams in the bound
-tensor_map_error   map errors of the gradient tensor, of one potential, in the bound
-gravimeter_states  states of the bound for the slow errors of a gravimeter; its white noise
+reading_errors     what the bound takes of the errors of readings
 navigability       how good can it be over an area, by heading?
 planning           which route lets the navigator arrive with the least error?
-aids_model         sensors of height and velocity in the bound
 ins_error_model    the navigator's linear error model along a trajectory
 figures            figures of runs
 run_report         the report of `isogal run` and of `isogal montecarlo`
 view               the page of `isogal view`
 comparison         runs or studies side by side: `isogal compare`
 html_report        HTML reports in general: sections, tables, figures, numbers as text
-report_template    the report's page
+                   (their page: report.html)
 """

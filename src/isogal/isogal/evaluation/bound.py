@@ -250,7 +250,7 @@ def posterior_cramer_rao(
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
     """Return the error covariance of the navigator without any reading, by the same linear
     model, in the scenario's true world."""
-    return _result(scenario.informed, trajectory, _model(scenario, trajectory, []).bound())
+    return _result(scenario.informed, trajectory, linear_model(scenario, trajectory, []).bound())
 
 
 def _result(world: Scenario, trajectory: Trajectory, covariance: Array) -> BoundResult:
@@ -267,14 +267,20 @@ def bound_model(
     batchwise: bool = False,
     map_share: Array | None = None,
 ) -> BoundModel:
-    """Return the linear model whose recursion `posterior_cramer_rao` is, which see. Measurements
-    of aids come first, then those of each field."""
+    """Return the linear model whose recursion `posterior_cramer_rao` is. Measurements of aids come
+    first, then those of each field.
+
+    Parameters
+    ----------
+    scenario, trajectory, field_map, batchwise, map_share
+        See `posterior_cramer_rao`.
+    """
     worlds = [one.informed for one in scenario.each_field]
     fields = [
         _FieldReadings.of(one, trajectory, its_map, map_share if len(worlds) == 1 else None)
         for one, its_map in zip(worlds, each_map(field_map), strict=True)
     ]
-    model = _model(scenario, trajectory, fields)
+    model = linear_model(scenario, trajectory, fields)
     if not batchwise:
         return model
     lead = Rhythm.of(worlds).lead
@@ -425,7 +431,7 @@ def _height_slope(scenario: Scenario, trajectory: Trajectory, scans: Integers) -
     return np.asarray(measured_field(scenario).reduction(scenario).height_slope(at))
 
 
-def _model(
+def linear_model(
     scenario: Scenario, trajectory: Trajectory, fields: Sequence[_FieldReadings]
 ) -> BoundModel:
     """Return the model of a navigator with the aids of a scenario and readings of some fields."""

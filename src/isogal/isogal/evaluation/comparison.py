@@ -1,10 +1,8 @@
 """Runs or studies side by side: `isogal compare`."""
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +10,8 @@ from isogal.errors import InputError
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.ensemble import Curve, rms_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
+from isogal.evaluation.results import read_object
+from isogal.files import Json
 
 FILES = ("results.json", "summary.json")
 """What `isogal montecarlo` and `isogal run` write."""
@@ -23,23 +23,26 @@ _LINES = (
     style.Line(style.ORANGE, "-", 1.0),
     style.Line(style.SKY, (0, (5, 2)), 1.0),
 )
-_MERITS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("runs", ("runs",)),
-    ("mean position error (m)", ("position_error", "mean")),
-    ("RMS position error (m)", ("position_error", "rms")),
-    ("RMS after 1 h (m)", ("position_error", "rms_after_1h")),
-    ("bound, RMS after 1 h (m)", ("bound", "rms_after_1h")),
-    ("unaided INS, RMS (m)", ("unaided", "rms")),
-    ("NEES per axis", ("nees_per_axis", "mean")),
-    ("NEES per axis, all scans", ("nees_all_scans", "mean")),
-    ("protection level, median (m)", ("integrity", "level", "median")),
-    ("diverged", ("diverged",)),
-    ("fixes published", ("fixes", "published")),
-    ("fixes declined", ("fixes", "declined")),
-    ("of these the matcher failed", ("fixes", "failed")),
-    ("of these the navigator rejected", ("fixes", "rejected")),
-    ("computing time of a fix (ms)", ("time", "fix_ms_median")),
-)
+_MERITS = {
+    "runs": "runs",
+    "mean position error (m)": "position_error.mean",
+    "RMS position error (m)": "position_error.rms",
+    "RMS after 1 h (m)": "position_error.rms_after_1h",
+    "bound, RMS after 1 h (m)": "bound.rms_after_1h",
+    "unaided INS, RMS (m)": "unaided.rms",
+    "NEES per axis": "nees_per_axis.mean",
+    "NEES per axis, all scans": "nees_all_scans.mean",
+    "protection level, median (m)": "integrity.level.median",
+    "diverged": "diverged",
+    "fixes published": "fixes.published",
+    "fixes declined": "fixes.declined",
+    "of these the matcher failed": "fixes.failed",
+    "of these the navigator rejected": "fixes.rejected",
+    "computing time of a fix (ms)": "time.fix_ms_median",
+}
+"""Dotted keys of the results."""
+
+Document = Mapping[str, Json]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class Comparison:
     """What differs between runs, and their figures of merit; a value for each run."""
 
     names: list[str]
-    settings: dict[str, list[Any]]
+    settings: dict[str, list[Json]]
     """Keys of the scenarios that are not the same in all."""
     merits: dict[str, list[float | None]]
 
@@ -57,25 +60,12 @@ class Comparison:
         merits = [(name, *map(_number, values)) for name, values in self.merits.items()]
         return settings + merits
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return it as JSON can say it."""
         return {"runs": self.names, "settings": self.settings, "merits": self.merits}
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object; raises InputError where it is none."""
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not JSON: {error}") from None
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: must be a JSON object")
-    return document
-
-
-def read_results(sources: Sequence[Path]) -> dict[str, dict[str, Any]]:
+def read_results(sources: Sequence[Path]) -> dict[str, Document]:
     """Read the results of runs or studies, from their folders or files.
 
     Returns
@@ -92,14 +82,14 @@ def read_results(sources: Sequence[Path]) -> dict[str, dict[str, Any]]:
     if len(set(files)) < 2 or len(set(files)) < len(files):
         raise InputError("compare needs two or more different runs or studies")
     names = _names([file.parent if file.name in FILES else file for file in files])
-    results = {name: read_json(file) for name, file in zip(names, files, strict=True)}
+    results = {name: read_object(file) for name, file in zip(names, files, strict=True)}
     for file, result in zip(files, results.values(), strict=True):
         if not {"scenario", "position_error", "runs"} <= result.keys():
             raise InputError(f"{file}: not the results of a run or a study")
     return results
 
 
-def comparison(results: dict[str, dict[str, Any]]) -> Comparison:
+def comparison(results: dict[str, Document]) -> Comparison:
     """Compare results by name."""
     every = [dict(_flat(result["scenario"])) for result in results.values()]
     keys = dict.fromkeys(key for settings in every for key in settings)
@@ -107,22 +97,26 @@ def comparison(results: dict[str, dict[str, Any]]) -> Comparison:
     return Comparison(
         list(results),
         {key: values for key, values in settings.items() if any(v != values[0] for v in values)},
-        {name: [_value(result, path) for result in results.values()] for name, path in _MERITS},
+        {
+            name: [_value(result, path) for result in results.values()]
+            for name, path in _MERITS.items()
+        },
     )
 
 
-def write_comparison(out_dir: Path, results: dict[str, dict[str, Any]], found: Comparison) -> Path:
+def write_comparison(out_dir: Path, results: dict[str, Document], found: Comparison) -> Path:
     """Write report.html and its figure into a folder; return the page's path."""
     curves = []
     for index, (name, result) in enumerate(results.items()):
-        over_time = result.get("rms_over_time") or {}
-        if not over_time.get("time"):
+        flat = dict(_flat(result))
+        time, aided, unaided = (
+            np.array(flat.get(f"rms_over_time.{key}") or [], dtype=np.float64)
+            for key in ("time", "aided", "unaided")
+        )
+        if not time.size:
             continue
-        time = np.array(over_time["time"], dtype=np.float64)
         if index == 0:
-            unaided = np.array(over_time["unaided"], dtype=np.float64)
             curves.append(Curve(f"unaided INS of {name}", time, unaided, _UNAIDED))
-        aided = np.array(over_time["aided"], dtype=np.float64)
         curves.append(Curve(name, time, aided, _LINES[index % len(_LINES)]))
     pictures = []
     if curves:
@@ -160,22 +154,21 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def _flat(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(value: Json, prefix: str = "") -> Iterator[tuple[str, Json]]:
     """Yield dotted keys and their values."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
     else:
         yield prefix, value
 
 
-def _value(result: Any, path: Sequence[str]) -> float | None:
-    for key in path:
-        result = result.get(key) if isinstance(result, dict) else None
-    return result if isinstance(result, int | float) else None
+def _value(result: Document, key: str) -> float | None:
+    value = dict(_flat(result)).get(key)
+    return value if isinstance(value, int | float) else None
 
 
-def _text(value: Any) -> str:
+def _text(value: Json) -> str:
     return "–" if value is None else str(value)
 
 

@@ -4,15 +4,14 @@ it."""
 import base64
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import count
+from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import isogal
 from isogal.evaluation.figures import style
-from isogal.evaluation.report_template import PAGE
 from isogal.files import write_atomic
 
 if TYPE_CHECKING:
@@ -112,37 +111,26 @@ def write_report(
     from jinja2 import Environment, StrictUndefined
 
     folder = Path(out_dir)
-    names = [picture.name for section in sections for picture in section.illustrations]
+    pictures = [picture for section in sections for picture in section.illustrations]
+    names = [picture.name for picture in pictures]
     if len(set(names)) != len(names):
         raise ValueError(f"two figures of a report have the same name: {sorted(names)}")
-    numbers = count(1)
-    bodies = []
-    for section in sections:
-        pictures = [_picture(picture, folder, numbers) for picture in section.illustrations]
-        bodies.append({"section": section, "pictures": pictures})
+    drawn = {picture.name: style.png(picture.figure) for picture in pictures}
+    for name, data in drawn.items():
+        write_atomic(folder / f"{name}.png", data)
     in_order = [*tables, *(table for section in sections for table in section.tables)]
-    page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False).from_string(
-        PAGE
-    )
-    html = page.render(
+    page = (files(__package__) / "report.html").read_text("utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    html = environment.from_string(page).render(
         title=title,
         subtitle=subtitle,
         tables=tables,
-        bodies=bodies,
+        sections=sections,
+        data={name: base64.b64encode(data).decode("ascii") for name, data in drawn.items()},
+        figure_numbers={name: index for index, name in enumerate(names, start=1)},
         numbers={table: index for index, table in enumerate(in_order, start=1)},
         footer=f"Isogal {isogal.__version__}. An isogal is a line of equal gravity.",
     )
     path = folder / "report.html"
     write_atomic(path, html)
     return path
-
-
-def _picture(illustration: Illustration, folder: Path, numbers: Iterator[int]) -> dict[str, Any]:
-    """Write the PNG file of a figure; return what the page needs of it."""
-    data = style.png(illustration.figure)
-    write_atomic(folder / f"{illustration.name}.png", data)
-    return {
-        "data": base64.b64encode(data).decode("ascii"),
-        "caption": illustration.caption,
-        "number": next(numbers),
-    }

@@ -3,13 +3,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.evaluation.records import Runs
+from isogal.evaluation.results import Alerts, Events, IntegritySummary, finite
 from isogal.fusion.protection_level import HOUR, axes, protection_level
 from isogal.scenario import Integrity
 
@@ -46,7 +47,7 @@ class Rate:
         low, high = self.interval
         return "rarer" if high < allowed else "more often" if low > allowed else "consistent"
 
-    def as_json(self) -> dict[str, Any]:
+    def figures(self) -> Events:
         """Return count, rate and interval."""
         return {"events": self.events, "rate": self.per_hour, "interval": list(self.interval)}
 
@@ -92,20 +93,9 @@ class Solution:
         return Rate(int(count), self.hours)
 
 
-def integrity(runs: Runs, settings: Integrity) -> dict[str, Any]:
-    """Return `integrity` of results.json.
-
-    Returns
-    -------
-    dict
-        `risk` (per hour), `run_hours`, `correlation_time` (s: `assumed`, and `measured` in these
-        runs), `level` (`median`, m, over states and runs; `median_sigmas`, in the navigator's
-        1-sigma along the major axis), `exceedances` (of the level at each of `RISKS` and at the
-        scenario's own risk: `risk`, `events`, `rate` per hour, its Poisson `interval`, `verdict`)
-        and `alert_limit` (None, or `limit`, m, `available`, share of states whose level is within
-        it, and `hazardous`: events, rate and interval of an error beyond it while the level is
-        within).
-    """
+def integrity(runs: Runs, settings: Integrity) -> IntegritySummary:
+    """Return `integrity` of results.json, with the exceedances of the level at each of `RISKS` and
+    at the scenario's own risk."""
     solution = Solution.of(runs)
     level = solution.level(settings)
     rates = {risk: exceedances(solution, settings, risk) for risk in (*RISKS, settings.risk)}
@@ -114,14 +104,14 @@ def integrity(runs: Runs, settings: Integrity) -> dict[str, Any]:
         "run_hours": solution.hours,
         "correlation_time": {
             "assumed": settings.correlation_time,
-            "measured": correlation_time(solution),
+            "measured": finite(correlation_time(solution)),
         },
         "level": {
-            "median": float(np.median(level)),
-            "median_sigmas": float(np.median(solution.sigmas(level))),
+            "median": finite(np.median(level)),
+            "median_sigmas": finite(np.median(solution.sigmas(level))),
         },
         "exceedances": [
-            {"risk": risk, **rate.as_json(), "verdict": rate.verdict(risk)}
+            {"risk": risk, **rate.figures(), "verdict": rate.verdict(risk)}
             for risk, rate in rates.items()
         ],
         "alert_limit": _alerts(solution, settings, level),
@@ -134,7 +124,7 @@ def exceedances(solution: Solution, settings: Integrity, risk: float) -> Rate:
     return solution.rate(outside, settings)
 
 
-def _alerts(solution: Solution, settings: Integrity, level: Array) -> dict[str, Any] | None:
+def _alerts(solution: Solution, settings: Integrity, level: Array) -> Alerts | None:
     limit = settings.alert_limit
     if limit is None:
         return None
@@ -143,7 +133,7 @@ def _alerts(solution: Solution, settings: Integrity, level: Array) -> dict[str, 
     return {
         "limit": limit,
         "available": float(available.mean()),
-        "hazardous": hazardous.as_json(),
+        "hazardous": hazardous.figures(),
     }
 
 

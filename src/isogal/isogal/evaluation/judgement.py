@@ -1,8 +1,6 @@
 """Runs judged by what their user loses (docs/mathematics.md, section 11.4): is a run better than
 without aiding, and is its error what the navigator claims?"""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from isogal.arrays import Array, Booleans
@@ -24,48 +22,24 @@ KINDS = {
     "overconfident": "beyond 5 claimed sigmas for 10 min",
     "diverged": "diverged (2 km at the end)",
 }
-"""Ways in which a run lets its user down, in words."""
+"""Ways in which a run lets its user down, in words: no fix was published at all, which is no
+success of the matcher; the RMS error after the first hour is above that of the unaided navigator
+in spite of fixes, or rather because of them; the error is outside of `CLAIMED_SIGMAS` for
+`CLAIM_WINDOW` at a stretch; the paper's 2 km (`isogal.evaluation.summary.diverged`)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
-    """Whether each of R runs has let its user down, and how."""
-
-    unaided: Booleans
-    """(R,) no fix was published at all: such a run is no success of the matcher."""
-    worse_than_unaided: Booleans
-    """(R,) RMS horizontal error after the first hour above that of the unaided navigator with the
-    same inertial data, in spite of fixes, or rather because of them."""
-    overconfident: Booleans
-    """(R,) error outside of `CLAIMED_SIGMAS` for `CLAIM_WINDOW` at a stretch."""
-    diverged: Booleans
-    """(R,) `isogal.evaluation.summary.diverged`, the paper's 2 km."""
-
-    @property
-    def good(self) -> Booleans:
-        """(R,) none of them."""
-        return ~(self.unaided | self.worse_than_unaided | self.overconfident | self.diverged)
-
-    def as_json(self) -> dict[str, dict[str, object]]:
-        """Return the share of runs, and the indices of the runs, of each kind; without the indices
-        of good ones."""
-        kinds: dict[str, Booleans] = {kind: getattr(self, kind) for kind in KINDS}
-        shares = {"good": self.good} | kinds
-        return {
-            "share": {name: float(which.mean()) for name, which in shares.items()},
-            "runs": {name: np.flatnonzero(which) for name, which in kinds.items()},
-        }
-
-
-def judge(runs: Runs, diverged: Booleans) -> Judgement:
-    """Judge each run of a record, given which have diverged."""
+def judge(runs: Runs, diverged: Booleans) -> dict[str, Booleans]:
+    """Return which of R runs are `good` and which have let their user down, by `KINDS`, (R,) each,
+    given which have diverged."""
     unaided = np.asarray(~runs.published.any(axis=1))
-    return Judgement(
-        unaided=unaided,
-        worse_than_unaided=~unaided & ~_better_than_unaided(runs),
-        overconfident=_beyond_claim(runs),
-        diverged=diverged,
-    )
+    worse, overconfident = ~unaided & ~_better_than_unaided(runs), _beyond_claim(runs)
+    return {
+        "good": ~(unaided | worse | overconfident | diverged),
+        "unaided": unaided,
+        "worse_than_unaided": worse,
+        "overconfident": overconfident,
+        "diverged": diverged,
+    }
 
 
 def all_scans_nees(runs: Runs) -> Array:

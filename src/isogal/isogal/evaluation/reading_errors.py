@@ -71,7 +71,17 @@ def beam_channels(
 
     The map's errors under the beams are taken to be correlated as they are where the clearance is
     its mean, and from scan to scan as under one beam; the scale of the ranges is taken to be
-    known. Both make the bound smaller."""
+    known. Both make the bound smaller.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trajectory : Trajectory
+    field_map : ScalarMap
+        Of heights, m.
+    scans : (S,) array of int
+        Of each scan in the trajectory.
+    """
     foot = Footprints(scenario.altimeter, trajectory, field_map, scans)
     _, north, east = field_map.value_and_gradient(*foot.places(foot.range))
     across = foot.body * foot.range.mean(axis=0)[:, None]
@@ -188,9 +198,18 @@ def map_errors(
 def map_steps(
     scenario: Scenario, trajectory: Trajectory, scans: Integers, turn: Array
 ) -> MapSteps | None:
-    """Return how map errors of one potential go on from scan to scan together, for channels that
-    are the components of a scenario's gradiometer turned by (C, C), whose columns they are; None
-    where they are independent Gauss-Markov processes (docs/mathematics.md, section 11.1)."""
+    """Return how map errors of one potential go on from scan to scan together; None where they are
+    independent Gauss-Markov processes (docs/mathematics.md, section 11.1).
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trajectory : Trajectory
+    scans : (S,) array of int
+        Of each scan in the trajectory.
+    turn : (C, C) array
+        Its columns are the channels, by the components of the scenario's gradiometer.
+    """
     components = scenario.gradiometer.of_one_potential
     sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
     if components is None or sigma == 0.0:

@@ -5,10 +5,10 @@ One type serves a single run (R = 1) and a Monte Carlo. Chunks of runs are joine
 
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,27 +16,29 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.files import atomic_path
-from isogal.matching.interfaces import Candidates
+from isogal.fix import Candidates, Status
 
-Reasons = tuple[tuple[str | None, ...], ...]
+Texts = NDArray[np.str_]
 
-FORMAT = 1
+FORMAT = 2
 """Version of the file layout; a file of another version is refused."""
 _DETAIL_PREFIX = "detail_"
 
 
-PER_RUN = (
-    "error",
-    "covariance",
-    "unaided_error",
-    "fix_error",
-    "fix_covariance",
-    "fix_reason",
-    "posterior_error",
-    "posterior_covariance",
-    "fix_seconds",
-)
-"""Arrays of a record that every run has one of; others are kept of one run only, or shared."""
+def _shape(*lengths: int | str) -> dict[str, tuple[int | str, ...]]:
+    """Say, as metadata of a field, which shape its array has: lengths, or letters for lengths that
+    all arrays of a record share."""
+    return {"shape": lengths}
+
+
+class CandidateFields(TypedDict):
+    """The fields of `RunDetail` about candidates."""
+
+    candidate_latitude: Array
+    candidate_longitude: Array
+    candidate_weight: Array
+    candidate_batch: Integers
+    candidate_scan: Integers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,59 +48,46 @@ class RunDetail:
     Candidates of all batches are in one list of N, each with its batch, its scan within the batch
     and its weight."""
 
-    scan_time: Array
+    scan_time: Array = field(metadata=_shape("S"))
     """(S,) s."""
-    reading: Array
+    reading: Array = field(metadata=_shape("S"))
     """(S,) reduced readings, map's unit; NaN = none."""
-    map_value: Array
+    map_value: Array = field(metadata=_shape("S"))
     """(S,) the map's value at the true position of the scan, known offset included: the signal
     without noise."""
-    map_value_navigator: Array
+    map_value_navigator: Array = field(metadata=_shape("S"))
     """(S,) the same at the navigator's position."""
-    feature_variability: Array
+    feature_variability: Array = field(metadata=_shape("S"))
     """(S,) map feature variability as the matcher reported it, in its own unit, at the last scan
     of a batch; NaN elsewhere."""
-    candidate_latitude: Array
+    candidate_latitude: Array = field(metadata=_shape("N"))
     """(N,) rad."""
-    candidate_longitude: Array
+    candidate_longitude: Array = field(metadata=_shape("N"))
     """(N,) rad."""
-    candidate_weight: Array
+    candidate_weight: Array = field(metadata=_shape("N"))
     """(N,) association probability within its scan."""
-    candidate_batch: Integers
+    candidate_batch: Integers = field(metadata=_shape("N"))
     """(N,) index into the record's fix_time."""
-    candidate_scan: Integers
+    candidate_scan: Integers = field(metadata=_shape("N"))
     """(N,) index of the scan in its batch."""
 
     def __post_init__(self) -> None:
-        scans, candidates = self.scan_time.shape, self.candidate_batch.shape
-        for name in ("reading", "map_value", "map_value_navigator", "feature_variability"):
-            _expect(name, getattr(self, name), scans)
-        for name in (
-            "candidate_latitude",
-            "candidate_longitude",
-            "candidate_weight",
-            "candidate_scan",
-        ):
-            _expect(name, getattr(self, name), candidates)
+        _check_shapes(self)
 
     @staticmethod
-    def flatten(candidates: Sequence[Candidates | None]) -> dict[str, Any]:
+    def flatten(candidates: Sequence[Candidates | None]) -> CandidateFields:
         """Return the five candidate fields from the candidates of each batch in turn (None = the
         batch has none)."""
         present = [(batch, c) for batch, c in enumerate(candidates) if c is not None]
-        kinds = {"latitude": float, "longitude": float, "weight": float, "scan": np.int64}
-        found: dict[str, Any] = {
-            f"candidate_{name}": np.concatenate(
-                [
-                    np.empty(0, dtype=kind),
-                    *(np.asarray(getattr(c, name), kind) for _, c in present),
-                ]
-            )
-            for name, kind in kinds.items()
-        }
         batches = np.array([batch for batch, _ in present], dtype=np.int64)
-        found["candidate_batch"] = np.repeat(batches, [c.latitude.size for _, c in present])
-        return found
+        none = np.empty(0)
+        return {
+            "candidate_latitude": np.concatenate([none, *(c.latitude for _, c in present)]),
+            "candidate_longitude": np.concatenate([none, *(c.longitude for _, c in present)]),
+            "candidate_weight": np.concatenate([none, *(c.weight for _, c in present)]),
+            "candidate_batch": np.repeat(batches, [c.latitude.size for _, c in present]),
+            "candidate_scan": np.concatenate([batches[:0], *(c.scan for _, c in present)]),
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,61 +95,41 @@ class Runs:
     """R runs of one scenario: K navigation states and B batch ends each. Errors are estimate minus
     truth, north and east, m."""
 
-    time: Array
+    time: Array = field(metadata=_shape("K"))
     """(K,) s, increasing."""
-    latitude: Array
+    latitude: Array = field(metadata=_shape("K"))
     """(K,) rad, truth."""
-    longitude: Array
+    longitude: Array = field(metadata=_shape("K"))
     """(K,) rad, truth."""
-    error: Array
+    error: Array = field(metadata=_shape("R", "K", 2))
     """(R, K, 2) m, the aided navigator."""
-    covariance: Array
+    covariance: Array = field(metadata=_shape("R", "K", 2, 2))
     """(R, K, 2, 2) m², the aided navigator's covariance of its error."""
-    unaided_error: Array
+    unaided_error: Array = field(metadata=_shape("R", "K", 2))
     """(R, K, 2) m, the same inertial data without aiding."""
-    fix_time: Array
+    fix_time: Array = field(metadata=_shape("B"))
     """(B,) s, last scan of each batch."""
-    fix_error: Array
+    fix_error: Array = field(metadata=_shape("R", "B", 2))
     """(R, B, 2) m, fix minus truth; NaN where the batch gave none."""
-    fix_covariance: Array
+    fix_covariance: Array = field(metadata=_shape("R", "B", 2, 2))
     """(R, B, 2, 2) m², of the measurements alone; NaN where the batch gave none."""
-    fix_reason: Reasons
-    """Per run, per batch: None = published, else why not."""
-    posterior_error: Array
+    fix_status: Texts = field(metadata=_shape("R", "B"))
+    """(R, B) values of `isogal.fix.Status`."""
+    fix_reason: Texts = field(metadata=_shape("R", "B"))
+    """(R, B) why the batch gave no fix, or the navigator did not use it; empty where it did."""
+    posterior_error: Array = field(metadata=_shape("R", "B", 2))
     """(R, B, 2) m, the navigator right after each batch end."""
-    posterior_covariance: Array
+    posterior_covariance: Array = field(metadata=_shape("R", "B", 2, 2))
     """(R, B, 2, 2) m²."""
-    fix_seconds: Array
+    fix_seconds: Array = field(metadata=_shape("R", "B"))
     """(R, B) s, computing time of each batch."""
     detail: RunDetail | None = None
     """Extras for the figures of run 0."""
 
     def __post_init__(self) -> None:
-        if self.error.ndim != 3:
-            raise ValueError(f"error must have shape (R, K, 2), has {self.error.shape}")
-        runs, states, batches = self.error.shape[0], self.time.size, self.fix_time.size
-        shapes: dict[str, tuple[int, ...]] = {
-            "time": (states,),
-            "latitude": (states,),
-            "longitude": (states,),
-            "error": (runs, states, 2),
-            "covariance": (runs, states, 2, 2),
-            "unaided_error": (runs, states, 2),
-            "fix_time": (batches,),
-            "fix_error": (runs, batches, 2),
-            "fix_covariance": (runs, batches, 2, 2),
-            "posterior_error": (runs, batches, 2),
-            "posterior_covariance": (runs, batches, 2, 2),
-            "fix_seconds": (runs, batches),
-        }
-        for name, shape in shapes.items():
-            _expect(name, getattr(self, name), shape)
-        if len(self.fix_reason) != runs or any(
-            len(reasons) != batches for reasons in self.fix_reason
-        ):
-            raise ValueError(f"fix_reason must hold {runs} tuples of {batches} reasons")
-        if any(reason == "" for reasons in self.fix_reason for reason in reasons):
-            raise ValueError("fix_reason: a reason must not be empty (None = published)")
+        _check_shapes(self)
+        if ((self.fix_reason == "") != self.published).any():
+            raise ValueError("fix_reason must be empty where a fix was published, and only there")
 
     def __len__(self) -> int:
         return self.error.shape[0]
@@ -182,9 +151,20 @@ class Runs:
 
     @property
     def published(self) -> Booleans:
-        """(R, B) whether the batch gave a fix."""
-        flags = [[reason is None for reason in reasons] for reasons in self.fix_reason]
-        return np.array(flags, dtype=np.bool_).reshape(len(self), self.fix_time.size)
+        """(R, B) whether the batch gave a fix that the navigator used."""
+        return np.asarray(self.fix_status == Status.FIX.value)
+
+    @property
+    def fix_place(self) -> tuple[Array, Array]:
+        """(B,) rad, true latitude and longitude at the batch ends, the longitude unwrapped."""
+        longitude = np.interp(self.fix_time, self.time, np.unwrap(self.longitude))
+        return np.interp(self.fix_time, self.time, self.latitude), longitude
+
+    def part(self, which: Sequence[int]) -> "Runs":
+        """Return some of the runs, by their places in the record; the detail stays only where the
+        first of them is the first here."""
+        own = {name: getattr(self, name)[list(which)] for name in _PER_RUN}
+        return replace(self, **own, detail=self.detail if list(which[:1]) == [0] else None)
 
     @staticmethod
     def concatenate(parts: Sequence["Runs"]) -> "Runs":
@@ -199,38 +179,20 @@ class Runs:
         if not parts:
             raise ValueError("no runs to join")
         first = parts[0]
-        shared = ("time", "latitude", "longitude", "fix_time")
-        for part in parts[1:]:
-            for name in shared:
-                if not np.array_equal(getattr(first, name), getattr(part, name)):
-                    raise ValueError(
-                        f"runs of different scenarios cannot be joined: {name} differs"
-                    )
-        joined: dict[str, Any] = {name: getattr(first, name) for name in shared}
-        for item in fields(Runs):
-            if item.name not in (*shared, "fix_reason", "detail"):
-                joined[item.name] = np.concatenate([getattr(part, item.name) for part in parts])
-        reasons = tuple(reasons for part in parts for reasons in part.fix_reason)
-        return Runs(**joined, fix_reason=reasons, detail=first.detail)
+        for name in _OF_RUNS.keys() - set(_PER_RUN):
+            if not all(np.array_equal(getattr(first, name), getattr(p, name)) for p in parts):
+                raise ValueError(f"runs of different scenarios cannot be joined: {name} differs")
+        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in _PER_RUN}
+        return replace(first, **joined, detail=first.detail)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz. The file appears whole or not at all, even if the writer
         dies."""
-        arrays: dict[str, Any] = {"format": np.array(FORMAT)}
-        for item in fields(self):
-            if item.name not in ("fix_reason", "detail"):
-                arrays[item.name] = getattr(self, item.name)
-        texts = [[reason or "" for reason in reasons] for reasons in self.fix_reason]
-        arrays["fix_reason"] = np.array(texts, dtype=np.str_).reshape(
-            len(self), self.fix_time.size
-        )
+        arrays = {name: getattr(self, name) for name in _OF_RUNS}
         if self.detail is not None:
-            arrays |= {
-                _DETAIL_PREFIX + item.name: getattr(self.detail, item.name)
-                for item in fields(self.detail)
-            }
+            arrays |= {_DETAIL_PREFIX + name: getattr(self.detail, name) for name in _OF_DETAIL}
         with atomic_path(path) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)
+            np.savez_compressed(stream, format=np.array(FORMAT), **arrays)
 
     @staticmethod
     def load(path: str | Path) -> "Runs":
@@ -243,8 +205,14 @@ class Runs:
         """
         try:
             with np.load(path, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            return _from_arrays(arrays)
+                if (version := int(stored["format"])) != FORMAT:
+                    raise ValueError(f"it has format {version}")
+                detail = None
+                if _DETAIL_PREFIX + "scan_time" in stored:
+                    detail = RunDetail(
+                        **{name: stored[_DETAIL_PREFIX + name] for name in _OF_DETAIL}
+                    )
+                return Runs(**{name: stored[name] for name in _OF_RUNS}, detail=detail)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         except (
@@ -258,24 +226,24 @@ class Runs:
             raise InputError(f"{path}: not a record of runs of format {FORMAT}: {error}") from None
 
 
-def _from_arrays(arrays: Mapping[str, Any]) -> Runs:
-    version = int(arrays["format"])
-    if version != FORMAT:
-        raise ValueError(f"it has format {version}")
-    reasons = tuple(tuple(str(text) or None for text in row) for row in arrays["fix_reason"])
-    detail = None
-    if _DETAIL_PREFIX + "scan_time" in arrays:
-        detail = RunDetail(
-            **{item.name: arrays[_DETAIL_PREFIX + item.name] for item in fields(RunDetail)}
-        )
-    plain = {
-        item.name: arrays[item.name]
-        for item in fields(Runs)
-        if item.name not in ("fix_reason", "detail")
-    }
-    return Runs(**plain, fix_reason=reasons, detail=detail)
+def _check_shapes(record: RunDetail | Runs) -> None:
+    """Raise ValueError unless all arrays have the shapes that their fields say."""
+    lengths: dict[int | str, int] = {}
+    for name, shape in _shapes(type(record)).items():
+        found: tuple[int, ...] = getattr(record, name).shape
+        if len(found) == len(shape):
+            for letter, length in zip(shape, found, strict=True):
+                lengths.setdefault(letter, length if isinstance(letter, str) else letter)
+        expected = tuple(lengths.get(length, length) for length in shape)
+        if found != expected:
+            raise ValueError(f"{name} must have shape {expected}, has {found}")
 
 
-def _expect(name: str, value: NDArray[Any], shape: tuple[int, ...]) -> None:
-    if value.shape != shape:
-        raise ValueError(f"{name} must have shape {shape}, has {value.shape}")
+def _shapes(record: type[RunDetail] | type[Runs]) -> dict[str, tuple[int | str, ...]]:
+    """Return names and shapes of the arrays of a record."""
+    return {one.name: one.metadata["shape"] for one in fields(record) if one.metadata}
+
+
+_OF_DETAIL, _OF_RUNS = _shapes(RunDetail), _shapes(Runs)
+_PER_RUN = [name for name, (first, *_) in _OF_RUNS.items() if first == "R"]
+"""Arrays of a record that every run has one of; others are shared."""

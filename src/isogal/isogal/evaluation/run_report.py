@@ -3,12 +3,14 @@ runs."""
 
 import math
 import re
+from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
 
+from isogal.arrays import Array
 from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures.ensemble import ensemble_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
@@ -19,6 +21,7 @@ from isogal.evaluation.html_report import Illustration, Section, Table, number, 
 from isogal.evaluation.integrity import Solution
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
+from isogal.evaluation.results import IntegritySummary, Summary
 from isogal.fields.measured import reading_sigma
 from isogal.maps.channels import channels_of
 from isogal.maps.several import each_map, first_map
@@ -35,7 +38,7 @@ def run_report(
     field_map: "RunMap",
     bound: BoundResult,
     out_dir: str | Path,
-    summary: dict[str, Any],
+    summary: Summary,
 ) -> Path:
     """Write `report.html` and its PNG figures for one run or many.
 
@@ -51,7 +54,7 @@ def run_report(
         `posterior_cramer_rao` of the scenario.
     out_dir : path
         Folder to write into.
-    summary : dict
+    summary : Summary
         `summarise` of the runs.
 
     Returns
@@ -69,13 +72,20 @@ def run_report(
         _scenario(scenario, field_map),
     ]
     what = f"{len(runs)} runs" if many else "Run"
-    subtitle = (
-        f"Matcher {shown.matcher.name}, batches of {shown.matcher.batch_length} scans, "
-        f"{scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed}, "
-        f"{runs.elapsed[-1] / 3600:.2f} h"
-    )
     title = f"{what}: {' and '.join(_measured(scenario, field_map))}"
-    return write_report(out_dir, title, sections, [key_figures(summary)], subtitle)
+    return write_report(
+        out_dir, title, sections, [key_figures(summary)], subtitle_of(runs, scenario)
+    )
+
+
+def subtitle_of(runs: Runs, scenario: Scenario) -> str:
+    """Return a line that says what was run."""
+    matcher = scenario.each_field[0].matcher
+    return (
+        f"Matcher {matcher.name}, batches of {matcher.batch_length} scans,"
+        f" {scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed},"
+        f" {runs.elapsed[-1] / 3600:.2f} h"
+    )
 
 
 def _measured(scenario: Scenario, field_map: "RunMap") -> list[str]:
@@ -109,7 +119,7 @@ def _scenario(scenario: Scenario, field_map: "RunMap") -> Section:
     )
 
 
-def key_figures(summary: dict[str, Any]) -> Table:
+def key_figures(summary: Summary) -> Table:
     """Return the table of the figures of merit, given `summarise` of runs."""
     error, bound = summary["position_error"], summary["bound"]
     nees, fixes, time = summary["nees_per_axis"], summary["fixes"], summary["time"]
@@ -129,7 +139,10 @@ def key_figures(summary: dict[str, Any]) -> Table:
         ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
         (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
         ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"]), ""),
-        *_judgement(summary),
+        *(
+            (f"Runs {text}", f"{len(summary['judgement']['runs'][kind])} of {summary['runs']}", "")
+            for kind, text in KINDS.items()
+        ),
         (
             f"Protection level, {level['risk']:g} per hour (m; in sigmas)",
             f"{number(level['level']['median'])}; {number(level['level']['median_sigmas'])}",
@@ -144,16 +157,11 @@ def key_figures(summary: dict[str, Any]) -> Table:
     return Table("Key figures.", ("", "whole run", "after the first hour"), rows)
 
 
-def _judgement(summary: dict[str, Any]) -> list[tuple[str, str, str]]:
-    runs, total = summary["judgement"]["runs"], summary["runs"]
-    return [(f"Runs {text}", f"{len(runs[kind])} of {total}", "") for kind, text in KINDS.items()]
-
-
 def _ratio(value: float | None, reference: float | None) -> str:
     return "–" if not value or not reference else number(value / reference)
 
 
-def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
+def _accuracy(runs: Runs, bound_rms: Array, many: bool) -> Section:
     whose = "RMS over the runs" if many else "Of one run"
     pictures = [
         Illustration(
@@ -183,7 +191,7 @@ def _accuracy(runs: Runs, bound_rms: Any, many: bool) -> Section:
     return Section("Accuracy and consistency", illustrations=pictures)
 
 
-def _integrity(runs: Runs, settings: Integrity, found: dict[str, Any]) -> Section:
+def _integrity(runs: Runs, settings: Integrity, found: IntegritySummary) -> Section:
     """Return the section of the Stanford diagram and the table of exceedances, given `integrity`
     of the summary."""
     caption = (
@@ -211,7 +219,7 @@ def _integrity(runs: Runs, settings: Integrity, found: dict[str, Any]) -> Sectio
     )
 
 
-def exceedance_table(found: dict[str, Any]) -> Table:
+def exceedance_table(found: IntegritySummary) -> Table:
     """Return the table of exceedances of `integrity`."""
     rows = [
         (
@@ -275,18 +283,17 @@ def _single(runs: Runs, scenario: Scenario, field_map: "ScalarMap", many: bool) 
 def _batches(runs: Runs) -> Section:
     rows = []
     for batch, time in enumerate(runs.fix_time):
-        reason = runs.fix_reason[0][batch]
         sigma = np.sqrt(np.diagonal(runs.fix_covariance[0, batch]))
         rows.append(
             (
                 f"{(time - runs.time[0]) / 60:.1f}",
-                number(_length(runs.fix_error[0, batch])),
+                number(math.hypot(*runs.fix_error[0, batch])),
                 number(float(sigma[0])),
                 number(float(sigma[1])),
-                number(_length(runs.posterior_error[0, batch])),
+                number(math.hypot(*runs.posterior_error[0, batch])),
                 number(1e3 * float(runs.fix_seconds[0, batch])),
                 number(_variability(runs, float(time))),
-                reason or "published",
+                str(runs.fix_reason[0, batch]) or "published",
             )
         )
     header = (
@@ -310,23 +317,15 @@ def _variability(runs: Runs, time: float) -> float | None:
 
 
 def _declined(runs: Runs) -> Section:
-    counts: dict[str, int] = {}
-    for reasons in runs.fix_reason:
-        for reason in reasons:
-            if reason is not None:
-                # without its figures, which differ from batch to batch
-                kind = re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", reason)
-                counts[kind] = counts.get(kind, 0) + 1
+    # without the figures of each batch
+    counts = Counter(
+        re.sub(r"\d[\d.]*(e[-+]?\d+)?", "…", reason)
+        for reason in runs.fix_reason[~runs.published].tolist()
+    )
     if not counts:
         return Section("Fixes", ["Every batch of every run gave a fix."])
-    rows = [
-        (reason, str(n))
-        for reason, n in sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    ]
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    rows = [(reason, str(count)) for reason, count in ordered]
     return Section(
         "Fixes", tables=[Table("Why batches gave no fix.", ("reason", "batches"), rows)]
     )
-
-
-def _length(vector: Any) -> float:
-    return math.hypot(float(vector[0]), float(vector[1]))

@@ -1,20 +1,18 @@
-"""The figures of merit of a set of runs, in the format of `results.json` and `summary.json`."""
+"""The figures of merit of a set of runs."""
 
-import json
 import math
-from pathlib import Path
-from typing import Any, cast
+from collections import Counter
+from typing import cast
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.integrity import integrity
-from isogal.evaluation.judgement import SETTLED_AFTER, all_scans_nees, judge
+from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, all_scans_nees, judge
 from isogal.evaluation.records import Runs
-from isogal.files import write_atomic
-from isogal.fusion.gate import REJECTED
-from isogal.matching.failures import FAILED
+from isogal.evaluation.results import Nees, Number, Summary, finite, finite_list
+from isogal.fix import Status
 from isogal.scenario import Scenario
 
 DIVERGENCE_LIMIT = 2000.0
@@ -32,8 +30,8 @@ def summarise(
     bound_rms: Array,
     *,
     wall_seconds: float = math.nan,
-) -> dict[str, Any]:
-    """Figures of merit of the runs, plain JSON numbers (None where there is none).
+) -> Summary:
+    """Return the figures of merit of runs.
 
     Parameters
     ----------
@@ -46,16 +44,6 @@ def summarise(
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
 
-    Returns
-    -------
-    dict
-        Keys `scenario`, `matcher`, `runs`, `diverged` (count), `position_error` (horizontal, m:
-        mean and RMS over time and runs, both also after the first hour), `unaided`, `bound`,
-        `nees_per_axis` (navigator right after the published fixes; chi-square interval for as
-        many independent values as they are worth; docs/mathematics.md, section 11.3),
-        `nees_all_scans` (at every recorded state but the start), `judgement` (of runs that let
-        their user down), `integrity` (protection level), `fixes`, `time`, `rms_over_time`.
-
     Raises
     ------
     ValueError
@@ -67,7 +55,8 @@ def summarise(
         raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
-    result = {
+    judgement = judge(runs, astray)
+    return {
         "scenario": scenario.model_dump(mode="json"),
         "matcher": scenario.matcher.name,
         "runs": len(runs),
@@ -80,46 +69,47 @@ def summarise(
         },
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
-        **_consistency(runs, astray, scenario),
+        "nees_per_axis": _nees(posterior_nees(runs)),
+        "nees_all_scans": _nees(all_scans_nees(runs)),
+        "judgement": {
+            "share": {kind: float(which.mean()) for kind, which in judgement.items()},
+            "runs": {kind: np.flatnonzero(judgement[kind]).tolist() for kind in KINDS},
+        },
+        "integrity": integrity(runs, scenario.integrity),
         "fixes": _fixes(runs),
-        "time": {"wall_s": wall_seconds, "fix_ms_median": _median(runs.fix_seconds) * 1e3},
+        "time": {
+            "wall_s": finite(wall_seconds),
+            "fix_ms_median": finite(1e3 * _median(runs.fix_seconds)),
+        },
         "rms_over_time": _rms_over_time(runs, bound_rms),
     }
-    return cast(dict[str, Any], plain(result))
 
 
-def _consistency(runs: Runs, astray: Booleans, scenario: Scenario) -> dict[str, Any]:
-    after_fixes, all_scans = mean_nees(posterior_nees(runs)), mean_nees(all_scans_nees(runs))
-    return {
-        "nees_per_axis": {"mean": after_fixes.mean, "interval": list(after_fixes.interval)},
-        "nees_all_scans": {"mean": all_scans.mean, "interval": list(all_scans.interval)},
-        "judgement": judge(runs, astray).as_json(),
-        "integrity": integrity(runs, scenario.integrity),
-    }
+def _nees(values: Array) -> Nees:
+    found = mean_nees(values)
+    return {"mean": finite(found.mean), "interval": [finite(end) for end in found.interval]}
 
 
 def _fixes(runs: Runs) -> dict[str, int]:
-    """Return how many batches gave a fix and how many did not; on how many of these the matcher
-    has failed (`isogal.matching.failures`) or the navigator rejected the fix (`fusion.gate`)."""
-    every = [reason for reasons in runs.fix_reason for reason in reasons]
-    published = sum(reason is None for reason in every)
+    count = Counter(runs.fix_status.ravel().tolist())
+    published = count[Status.FIX.value]
     return {
         "published": published,
-        "declined": len(every) - published,
-        "failed": sum(reason is not None and reason.startswith(FAILED) for reason in every),
-        "rejected": sum(reason is not None and reason.startswith(REJECTED) for reason in every),
+        "declined": runs.fix_status.size - published,
+        "failed": count[Status.FAILED.value],
+        "rejected": count[Status.REJECTED.value],
     }
 
 
-def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, Array]:
+def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, list[Number]]:
     step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
     entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
     aided, unaided = runs.horizontal_error[:, entries], runs.unaided_horizontal_error[:, entries]
     return {
-        "time": runs.elapsed[entries],
-        "aided": np.sqrt(np.mean(aided**2, axis=0)),
-        "unaided": np.sqrt(np.mean(unaided**2, axis=0)),
-        "bound": bound_rms[entries],
+        "time": finite_list(runs.elapsed[entries]),
+        "aided": finite_list(np.sqrt(np.mean(aided**2, axis=0))),
+        "unaided": finite_list(np.sqrt(np.mean(unaided**2, axis=0))),
+        "bound": finite_list(bound_rms[entries]),
     }
 
 
@@ -138,52 +128,12 @@ def posterior_nees(runs: Runs) -> Array:
     )
 
 
-def plain(value: Any) -> Any:
-    """Convert arrays, NumPy scalars and tuples to the types of JSON; a number that is not finite
-    becomes None."""
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+def _mean(values: Array) -> Number:
+    return finite(values.mean()) if values.size else None
 
 
-def canonical_json(value: Any) -> str:
-    """Format a document so that equal content gives equal bytes: order of keys as given, two
-    spaces, lists of numbers in a line."""
-    return _format(plain(value), "") + "\n"
-
-
-def write_json(path: str | Path, value: Any) -> None:
-    """Write `canonical_json` of the value; the file appears whole or not at all."""
-    write_atomic(path, canonical_json(value))
-
-
-def _format(value: Any, indent: str) -> str:
-    inner = indent + "  "
-    if isinstance(value, dict) and value:
-        items = (
-            f"{inner}{json.dumps(key, ensure_ascii=False)}: {_format(item, inner)}"
-            for key, item in value.items()
-        )
-        return "{\n" + ",\n".join(items) + f"\n{indent}}}"
-    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
-        return "[\n" + ",\n".join(inner + _format(item, inner) for item in value) + f"\n{indent}]"
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
-
-
-def _mean(values: Array) -> float:
-    return float(values.mean()) if values.size else math.nan
-
-
-def _rms(values: Array) -> float:
-    return math.sqrt(float(np.mean(values**2))) if values.size else math.nan
+def _rms(values: Array) -> Number:
+    return finite(math.sqrt(np.mean(values**2))) if values.size else None
 
 
 def _median(values: Array) -> float:

@@ -3,19 +3,21 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Sequence
+import time
+import traceback
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 import isogal
+from isogal.errors import InputError
 from isogal.evaluation.records import FORMAT, Runs
 from isogal.fields.scenario_map import true_map
 from isogal.maps.channels import AnyMap, channels_of
-from isogal.maps.field_map import FieldMap
 from isogal.maps.several import RunMap, each_map
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.montecarlo.engine import Progress, simulate
@@ -27,6 +29,8 @@ MEMORY = 256_000_000
 MOST_RUNS = 25
 """Runs of a chunk at most: an interruption loses no more than that, and at the end of a study the
 last worker does not keep the others idle for longer than that."""
+REPORT_EVERY = 0.2
+"""s between a worker's reports of progress."""
 _CODE = (
     "earth",
     "inertial",
@@ -41,7 +45,7 @@ _CODE = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Case:
     """Runs 0 to `runs` - 1 of a scenario on a map."""
 
@@ -52,13 +56,13 @@ class Case:
     aided: bool = True
     """False: no fix is ever taken; shows the inertial navigator and its filter by themselves."""
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """Simulated time of a run, s; raises InputError where the route is shorter than the
         scenario asks for."""
         return float(build_trajectory(self.scenario).time[-1])
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Hash of everything that the runs' numbers depend on: scenario, map, format of the
         records, and the library's source."""
@@ -82,23 +86,42 @@ class Case:
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Chunk:
-    """Some runs of a case, as they are sent to a worker; the map is sent separately."""
+    """Some runs of a case."""
 
-    case: str
-    key: str
+    case: Case
+    runs: tuple[int, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time of its runs together, s."""
+        return self.case.duration * len(self.runs)
+
+    @property
+    def task(self) -> "Task":
+        """What a worker needs to know of it."""
+        case = self.case
+        return Task(map_digest(case.field_map), case.scenario, self.runs, case.aided)
+
+    def __str__(self) -> str:
+        first, last = self.runs[0], self.runs[-1]
+        which = f"run {first}" if first == last else f"runs {first} to {last}"
+        return f"{self.case.name}, {which}"
+
+
+class Task(NamedTuple):
+    """A chunk as it is sent to a worker; maps are sent once, under their digests."""
+
     map_key: str
     scenario: Scenario
-    aided: bool
     runs: tuple[int, ...]
-    duration: float
-    """Simulated time of each run, s."""
+    aided: bool
 
-    def text(self) -> str:
-        """Return which runs these are, for messages."""
-        first, last = self.runs[0], self.runs[-1]
-        return f"run {first}" if first == last else f"runs {first} to {last}"
+    def compute(self, field_map: RunMap, progress: Progress | None = None) -> Runs:
+        """Compute the runs; raises InputError where the scenario cannot be used."""
+        matcher = None if self.aided else Unaided()
+        return simulate(self.scenario, self.runs, field_map, matcher, progress)
 
 
 class Unaided:
@@ -108,34 +131,79 @@ class Unaided:
     context = 0
     takes_channels = True
 
-    def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: AnyMap, memory: None) -> tuple[Fix, None]:
         """Decline (see `isogal.matching.interfaces.Matcher`)."""
         return declined(batch, "unaided"), None
 
 
-def compute(chunk: Chunk, field_map: RunMap, progress: Progress | None = None) -> Runs:
-    """Compute the runs of a chunk; raises InputError where the scenario cannot be used."""
-    return simulate(
-        chunk.scenario, chunk.runs, field_map, None if chunk.aided else Unaided(), progress
-    )
+class WorkerError(RuntimeError):
+    """A chunk cannot be computed; one line says which and why."""
+
+
+class Failure(NamedTuple):
+    """What a worker says where it has no runs."""
+
+    text: str
+    trace: str | None = None
+    """Of a defect; None = the scenario cannot be used."""
+
+
+Answer = Runs | Failure
+
+
+def attempt(task: Task, field_map: RunMap, progress: Progress) -> Answer:
+    """Compute a task in a worker."""
+    try:
+        return task.compute(field_map, progress)
+    except ConnectionError:  # nobody waits for it any more
+        raise
+    except InputError as error:
+        return Failure(str(error))
+    except Exception as error:
+        return Failure(f"{type(error).__name__}: {error}", traceback.format_exc())
+
+
+def runs_of(answer: Answer, chunk: Chunk) -> Runs:
+    """Return the runs of a chunk that a worker has computed.
+
+    Raises
+    ------
+    InputError
+        Its scenario cannot be used.
+    WorkerError
+        Anything else has gone wrong; a note holds the worker's traceback.
+    """
+    if isinstance(answer, Runs):
+        return answer
+    if answer.trace is None:
+        raise InputError(answer.text)
+    error = WorkerError(f"{chunk}: {answer.text}")
+    error.add_note(answer.trace)
+    raise error
+
+
+def throttled(send: Progress) -> Progress:
+    """Wrap a progress function so that it is called every `REPORT_EVERY` seconds at most."""
+    last = 0.0
+
+    def report(seconds: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= REPORT_EVERY:
+            last = now
+            send(seconds)
+
+    return report
 
 
 def divide(case: Case, missing: Sequence[int], share: int) -> list[Chunk]:
-    """Cut the missing runs of a case into chunks of at most `share` runs (see `fair_share`) that
-    fit into memory."""
+    """Cut the missing runs of a case, in increasing order, into chunks of at most `share` runs
+    (see `fair_share`) that fit into memory and have no gaps."""
     size = min(share, fitting(case.scenario, case.duration))
-    key, map_key = case.key, map_digest(case.field_map)
+    gaps = np.flatnonzero(np.diff(missing) > 1) + 1
     return [
-        Chunk(
-            case.name,
-            key,
-            map_key,
-            case.scenario,
-            case.aided,
-            tuple(part[i : i + size]),
-            case.duration,
-        )
-        for part in consecutive(missing)
+        Chunk(case, tuple(part[i : i + size].tolist()))
+        for part in np.split(np.array(missing, dtype=np.int64), gaps)
         for i in range(0, len(part), size)
     ]
 
@@ -161,18 +229,7 @@ def fitting(scenario: Scenario, duration: float) -> int:
     return max(1, int((MEMORY - shared) / each))
 
 
-def consecutive(numbers: Iterable[int]) -> list[list[int]]:
-    """Group increasing numbers into stretches without gaps."""
-    parts: list[list[int]] = []
-    for number in numbers:
-        if parts and parts[-1][-1] + 1 == number:
-            parts[-1].append(number)
-        else:
-            parts.append([number])
-    return parts
-
-
-@lru_cache(maxsize=1)
+@cache
 def source_digest() -> str:
     """Return a hash of the source files that results depend on, so that results of other source
     code are not taken for those of this one."""
@@ -191,32 +248,16 @@ def _python_files(path: Path) -> list[Path]:
     return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
-_DIGESTS: dict[int, tuple[RunMap, str]] = {}
-"""By the id of the map. Maps do not change; they are kept here so that no other gets the same
-id."""
-
-
+@cache
 def map_digest(field_map: RunMap) -> str:
-    """Return a hash of a map's numbers, which identifies it to workers."""
-    known = _DIGESTS.get(id(field_map))
-    if known is None:
-        digest = hashlib.sha256()
-        for channel in (one for each in each_map(field_map) for one in channels_of(each)):
-            for part in channel.parts():
-                _digest(part, digest)
-        known = _DIGESTS[id(field_map)] = (field_map, digest.hexdigest()[:16])
-    return known[1]
-
-
-def _digest(field_map: FieldMap, digest: Any) -> None:
-    sigma = np.asarray(field_map.sigma)
-    for array in (field_map.latitude, field_map.longitude, sigma, field_map.values):
-        digest.update(f"{array.shape} {array.dtype}".encode())
-        digest.update(np.ascontiguousarray(array).data)
-    rest = (
-        field_map.unit,
-        field_map.quantity,
-        field_map.correlation_length,
-        field_map.quantisation,
-    )
-    digest.update(repr(rest).encode())
+    """Return a hash of a map's numbers, which identifies it to workers. Maps do not change."""
+    digest = hashlib.sha256()
+    for channel in (one for each in each_map(field_map) for one in channels_of(each)):
+        for part in channel.parts():
+            sigma = np.asarray(part.sigma)
+            for array in (part.latitude, part.longitude, sigma, part.values):
+                digest.update(f"{array.shape} {array.dtype}".encode())
+                digest.update(np.ascontiguousarray(array).data)
+            rest = (part.unit, part.quantity, part.correlation_length, part.quantisation)
+            digest.update(repr(rest).encode())
+    return digest.hexdigest()[:16]

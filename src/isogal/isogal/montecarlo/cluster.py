@@ -2,35 +2,54 @@
 
 import os
 from collections.abc import Generator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 from isogal.errors import InputError
-from isogal.evaluation.records import Runs
 from isogal.maps.several import RunMap
-from isogal.montecarlo.chunks import Chunk, compute, source_digest
-from isogal.montecarlo.workers import Report, WorkerError, throttled
+from isogal.montecarlo.chunks import (
+    Answer,
+    Chunk,
+    Failure,
+    Task,
+    attempt,
+    source_digest,
+    throttled,
+)
+from isogal.montecarlo.workers import Report
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 TIMEOUT = 10.0
 """s to wait for the scheduler."""
 
 
-def remote(chunk: Chunk, field_map: RunMap, topic: str) -> Runs:
-    """Compute a chunk on a Dask worker, which reports its progress under a topic."""
+def remote(task: Task, field_map: RunMap, topic: str, number: int) -> Answer:
+    """Compute a task on a Dask worker.
+
+    Parameters
+    ----------
+    task : Task
+    field_map : RunMap
+        That of its key.
+    topic : str
+        Under which the worker reports its progress.
+    number : int
+        Of the chunk, in these reports.
+    """
     from distributed import get_worker
 
     worker = get_worker()
-    return compute(
-        chunk,
+    return attempt(
+        task,
         field_map,
-        throttled(
-            lambda seconds: worker.log_event(topic, {"chunk": _name(chunk), "seconds": seconds})
-        ),
+        throttled(lambda seconds: worker.log_event(topic, {"chunk": number, "seconds": seconds})),
     )
 
 
 def cluster_results(
     chunks: Sequence[Chunk], maps: Mapping[str, RunMap], address: str, report: Report
-) -> Generator[tuple[Chunk, Runs], None, None]:
+) -> Generator[tuple[Chunk, Answer], None, None]:
     """Compute chunks by the workers of a Dask cluster; yields them as they are finished.
 
     If a worker dies, Dask gives its chunk to another one,
@@ -46,45 +65,38 @@ def cluster_results(
     Raises
     ------
     InputError
-        No scheduler answers there, its workers run other source code, or the scenario of a chunk
-        cannot be used.
-    WorkerError
-        A chunk failed, or its workers died too often.
+        No scheduler answers there, or its workers run other source code.
     """
     from distributed import as_completed
 
     client = _connected(address)
     topic = f"isogal-{os.getpid()}"
-    named = {_name(chunk): chunk for chunk in chunks}
-    futures: dict[Any, Chunk] = {}
+    futures: dict[Future, Chunk] = {}
 
-    def take(event: tuple[Any, Any]) -> None:
-        message = event[1]
-        if isinstance(message, dict) and message.get("chunk") in named:
-            report(named[message["chunk"]], float(message["seconds"]))
+    def take(event: tuple[float, dict[str, float]]) -> None:
+        _, said = event
+        report(chunks[int(said["chunk"])], said["seconds"])
 
     try:
-        _check_code(client, address)
+        check_code(client, address, source_digest())
         client.subscribe_topic(topic, take)
         spread = {
             key: client.scatter(field_map, broadcast=True, hash=False)
             for key, field_map in maps.items()
         }
-        for priority, chunk in enumerate(chunks):
-            future = client.submit(
-                remote, chunk, spread[chunk.map_key], topic, pure=False, priority=-priority
-            )
-            futures[future] = chunk
+        for number, chunk in enumerate(chunks):
+            task = chunk.task
+            arguments = task, spread[task.map_key], topic, number
+            futures[client.submit(remote, *arguments, pure=False, priority=-number)] = chunk
         for future in as_completed(futures, loop=client.loop):
-            chunk = futures.pop(future)
-            yield chunk, _result(future, chunk)
+            yield futures.pop(future), _answer(future)
     finally:
         if futures:
             client.cancel(list(futures))
         client.close()
 
 
-def _connected(address: str) -> Any:
+def _connected(address: str) -> "Client":
     from distributed import Client
     from distributed.comm.addressing import parse_address, parse_host_port
 
@@ -99,27 +111,22 @@ def _connected(address: str) -> Any:
         ) from None
 
 
-def _result(future: Any, chunk: Chunk) -> Runs:
+def _answer(future: "Future") -> Answer:
     from distributed import KilledWorker
 
     try:
-        runs: Runs = future.result()
-    except InputError:
-        raise
+        answer: Answer = future.result()
     except KilledWorker as error:
-        raise WorkerError(
-            f"{chunk.case}, {chunk.text()}: its workers died too often ({error})"
-        ) from None
-    except Exception as error:
-        raise WorkerError(
-            f"{chunk.case}, {chunk.text()}: {type(error).__name__}: {error}"
-        ) from error
+        return Failure(f"its workers died too often ({error})", str(error))
+    except Exception as error:  # the cluster's own
+        return Failure(f"{type(error).__name__}: {error}", str(error))
     finally:
         future.release()
-    return runs
+    return answer
 
 
-def _check_code(client: Any, address: str) -> None:
+def check_code(client: "Client", address: str, mine: str) -> None:
+    """Raise InputError unless all workers run the source code with this digest."""
     try:
         digests = client.run(source_digest)
     except Exception as error:
@@ -129,17 +136,9 @@ def _check_code(client: Any, address: str) -> None:
         ) from None
     if not digests:
         raise InputError(f"--scheduler {address}: has no workers")
-    other = sorted(worker for worker, digest in digests.items() if digest != _my_digest())
+    other = sorted(worker for worker, digest in digests.items() if digest != mine)
     if other:
         raise InputError(
             f"--scheduler {address}: {len(other)} of {len(digests)} workers run another Isogal"
             f" than this one, for example {other[0]}"
         )
-
-
-def _my_digest() -> str:
-    return source_digest()
-
-
-def _name(chunk: Chunk) -> str:
-    return f"{chunk.key}/{chunk.runs[0]}"

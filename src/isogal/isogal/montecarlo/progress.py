@@ -4,8 +4,6 @@
 import sys
 import time
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any
 
 from isogal.montecarlo.chunks import Chunk
 
@@ -23,93 +21,79 @@ class LiveProgress:
     """
 
     def __init__(self, what: str) -> None:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+
         self.what = what
         self._reached: dict[Chunk, float] = {}
         self._total = self._done = 0.0
         self._runs = self._finished = 0
         self._start = self._last = time.monotonic()
-        self._bar: Any = None
-        self._task: Any = None
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[runs]}"),
+            TextColumn("{task.fields[speed]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(elapsed_when_finished=False),
+            console=Console(stderr=True),
+            transient=True,
+            disable=not sys.stderr.isatty(),
+        )
+        self._task = self._bar.add_task(what, runs="", speed="")
 
     def __enter__(self) -> "LiveProgress":
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import (
-                BarColumn,
-                Progress,
-                TextColumn,
-                TimeElapsedColumn,
-                TimeRemainingColumn,
-            )
-
-            self._bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TextColumn("{task.fields[runs]}"),
-                TextColumn("{task.fields[speed]}"),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(elapsed_when_finished=False),
-                console=Console(stderr=True),
-                transient=True,
-            )
-            self._bar.start()
+        self._bar.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
 
     def begin(self, todo: Sequence[Chunk], kept: int) -> None:
-        """Take note of the work (see `study.Display`)."""
+        """Take note of the chunks to compute, and of how many runs were there already."""
         self._start = self._last = time.monotonic()
-        self._total = sum(chunk.duration * len(chunk.runs) for chunk in todo)
+        self._total = sum(chunk.seconds for chunk in todo)
         self._runs = kept + sum(len(chunk.runs) for chunk in todo)
         self._finished = kept
         self._done = 0.0
         self._reached = {}
         if kept and todo:
             self.say(f"{kept} of {self._runs} runs are there already")
-        if self._bar is not None:
-            if self._task is not None:
-                self._bar.remove_task(self._task)
-            self._task = self._bar.add_task(self.what, total=self._total, runs="", speed="")
+        self._bar.reset(self._task, total=self._total)
         self._show()
 
     def reached(self, chunk: Chunk, seconds: float) -> None:
-        """Take note of progress within a chunk."""
+        """Take note that a chunk's runs have reached this simulated time (s)."""
         if not self._reached and self._done == 0.0:
             self._start = time.monotonic()  # starting the workers is not part of their speed
         self._reached[chunk] = seconds * len(chunk.runs)
         self._show()
 
     def finished(self, chunk: Chunk) -> None:
-        """Take note of a chunk's end."""
+        """Take note that a chunk is computed and kept."""
         self._reached.pop(chunk, None)
-        self._done += chunk.duration * len(chunk.runs)
+        self._done += chunk.seconds
         self._finished += len(chunk.runs)
         self._show()
 
     def say(self, text: str) -> None:
         """Print a line above the bar."""
-        if self._bar is not None:
-            self._bar.console.print(text, highlight=False)
-        else:
-            print(text, file=sys.stderr)
+        self._bar.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def _show(self) -> None:
         now = time.monotonic()
         done = self._done + sum(self._reached.values())
         elapsed = max(now - self._start, 1e-9)
         runs, speed = f"{self._finished}/{self._runs} runs", f"{done / elapsed:,.0f} x real time"
-        if self._bar is not None:
-            self._bar.update(self._task, completed=done, runs=runs, speed=speed)
-        elif now - self._last >= LINE_EVERY and done > 0.0:
+        self._bar.update(self._task, completed=done, runs=runs, speed=speed)
+        if self._bar.disable and now - self._last >= LINE_EVERY and done > 0.0:
             self._last = now
             left = elapsed * (self._total - done) / done
-            print(f"{self.what}: {runs}, {speed}, {left:.0f} s left", file=sys.stderr, flush=True)
+            self.say(f"{self.what}: {runs}, {speed}, {left:.0f} s left")

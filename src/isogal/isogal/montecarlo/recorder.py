@@ -5,10 +5,10 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
+from isogal.fix import Candidates, Status
 from isogal.fusion.gate import REJECTED
 from isogal.fusion.measurements import Outcome
 from isogal.maps.channels import RouteMap, channels_of
-from isogal.matching.interfaces import Candidates
 from isogal.navigator import Applied
 from isogal.sensors.trajectory import Trajectory
 
@@ -37,7 +37,8 @@ class Recorder:
         self._fix_place = np.full((2, runs, batches), np.nan)
         self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
         self._fix_seconds = np.zeros((runs, batches))
-        self._reasons: list[list[str | None]] = [[] for _ in range(runs)]
+        self._status = np.full((runs, batches), Status.DECLINED.value, dtype=np.object_)
+        self._reason = np.full((runs, batches), "", dtype=np.object_)
         # for the figures of the first run
         self._candidates: list[Candidates | None] = []
         self._variability = np.full(scans, np.nan)
@@ -58,11 +59,13 @@ class Recorder:
         self._seen[scans] = track[:, :2]
 
     def write_fix(self, run: int, batch: int, applied: Applied) -> None:
-        """Write a run's fix of a batch; batches in order."""
+        """Write a run's fix of a batch, and whether the navigator rejected it or a share of it."""
         fix, end = applied.fix, self.ends[batch]
         rejected = [one for one in applied.innovations if one.outcome is Outcome.REJECTED]
+        status = Status.REJECTED if rejected else fix.status
+        reason = f"{REJECTED}{rejected[-1].reason}" if rejected else fix.reason
         self._fix_seconds[run, batch] = applied.seconds
-        self._reasons[run].append(f"{REJECTED}{rejected[-1].reason}" if rejected else fix.reason)
+        self._status[run, batch], self._reason[run, batch] = status.value, reason or ""
         if fix.published:
             self._fix_place[:, run, batch] = fix.latitude, fix.longitude
             self._fix_covariance[run, batch] = fix.covariance
@@ -89,7 +92,8 @@ class Recorder:
             fix_time=self.time[self.ends],
             fix_error=fix_error,
             fix_covariance=self._fix_covariance,
-            fix_reason=tuple(tuple(reasons) for reasons in self._reasons),
+            fix_status=self._status.astype(np.str_),
+            fix_reason=self._reason.astype(np.str_),
             posterior_error=self._error[:, self.ends],
             posterior_covariance=self._covariance[:, self.ends],
             fix_seconds=self._fix_seconds,

@@ -2,13 +2,12 @@
 chunk, named by its runs. A study that was interrupted goes on with them."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 from isogal.errors import InputError
-from isogal.evaluation.records import PER_RUN, Runs
-from isogal.evaluation.summary import write_json
+from isogal.evaluation.records import Runs
+from isogal.evaluation.results import write_json
 from isogal.montecarlo.chunks import Case, Chunk
 
 _NAME = re.compile(r"(\d{6,})-(\d{6,})\.npz")
@@ -25,17 +24,12 @@ class Store:
 
     def put(self, chunk: Chunk, runs: Runs) -> None:
         """Keep the runs of a chunk; of the details only those of run 0, which the figures show."""
-        place = self.folder / chunk.key
+        case = chunk.case
+        place = self.folder / case.key
         note = place / "case.json"
         if not note.exists():
-            write_json(
-                note,
-                {
-                    "case": chunk.case,
-                    "aided": chunk.aided,
-                    "scenario": chunk.scenario.model_dump(mode="json"),
-                },
-            )
+            scenario = case.scenario.model_dump(mode="json")
+            write_json(note, {"case": case.name, "aided": case.aided, "scenario": scenario})
         if chunk.runs[0] != 0:
             runs = replace(runs, detail=None)
         runs.save(place / f"{chunk.runs[0]:06d}-{chunk.runs[-1]:06d}.npz")
@@ -43,7 +37,7 @@ class Store:
     def missing(self, case: Case) -> list[int]:
         """Return which runs of a case are not there yet; a damaged file is removed."""
         there: set[int] = set()
-        for path, first, last in self._files(case):
+        for path, first, last in chunk_files(self.folder / case.key):
             try:
                 _read(path, last - first + 1)
             except InputError as error:
@@ -58,15 +52,14 @@ class Store:
         missing or damaged."""
         parts: list[Runs] = []
         next_run = 0
-        for path, first, last in self._files(case):
+        for path, first, last in chunk_files(self.folder / case.key):
             if next_run >= case.runs or last < next_run:
                 continue
             if first > next_run:
                 break
             parts.append(
-                take(
-                    _read(path, last - first + 1),
-                    range(next_run - first, min(last + 1, case.runs) - first),
+                _read(path, last - first + 1).part(
+                    range(next_run - first, min(last + 1, case.runs) - first)
                 )
             )
             next_run = last + 1
@@ -76,13 +69,15 @@ class Store:
             )
         return Runs.concatenate(parts)
 
-    def _files(self, case: Case) -> list[tuple[Path, int, int]]:
-        place = self.folder / case.key
-        found = []
-        for path in place.iterdir() if place.is_dir() else ():
-            if match := _NAME.fullmatch(path.name):
-                found.append((path, int(match[1]), int(match[2])))
-        return sorted(found, key=lambda item: item[1:])
+
+def chunk_files(place: Path) -> list[tuple[Path, int, int]]:
+    """Return the files in the folder of a case, in order, each with its first and last run."""
+    found = [
+        (path, int(match[1]), int(match[2]))
+        for path in place.glob("*.npz")
+        if (match := _NAME.fullmatch(path.name))
+    ]
+    return sorted(found, key=lambda item: item[1:])
 
 
 def _read(path: Path, count: int) -> Runs:
@@ -90,19 +85,3 @@ def _read(path: Path, count: int) -> Runs:
     if len(runs) != count:
         raise InputError(f"{path}: holds {len(runs)} runs, its name says {count}")
     return runs
-
-
-def take(runs: Runs, which: Sequence[int]) -> Runs:
-    """Return some of the runs of a record; the detail stays only with the first of them."""
-    if list(which) == list(range(len(runs))):
-        return runs
-    values = {item.name: getattr(runs, item.name) for item in fields(Runs)}
-    for name in PER_RUN:
-        values[name] = (
-            tuple(values[name][i] for i in which)
-            if name == "fix_reason"
-            else values[name][list(which)]
-        )
-    if list(which[:1]) != [0]:
-        values["detail"] = None
-    return Runs(**values)

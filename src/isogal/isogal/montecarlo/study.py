@@ -1,15 +1,15 @@
 """From cases to results: what is on disk is taken from there, and the rest, of all cases, goes
 through one queue to the workers."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Protocol
 
 from isogal.errors import InputError
-from isogal.montecarlo.chunks import Case, Chunk, divide, fair_share, map_digest
+from isogal.montecarlo.chunks import Answer, Case, Chunk, divide, fair_share, map_digest, runs_of
+from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
-from isogal.montecarlo.workers import available_cores, local_results
+from isogal.montecarlo.workers import Report, available_cores, local_results
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,21 +32,17 @@ class Backend:
         """Number of workers that the work is divided for."""
         return self.workers or (8 if self.scheduler else available_cores())
 
+    def map_chunks(
+        self, chunks: Sequence[Chunk], report: Report
+    ) -> Generator[tuple[Chunk, Answer], None, None]:
+        """Yield chunks and what has become of them, as they are finished; see `local_results` and
+        `cluster_results`."""
+        maps = {map_digest(chunk.case.field_map): chunk.case.field_map for chunk in chunks}
+        if self.scheduler is None:
+            return local_results(chunks, maps, min(self.count, len(chunks)), report)
+        from isogal.montecarlo.cluster import cluster_results
 
-class Display(Protocol):
-    """What shows the progress; see `isogal.montecarlo.progress`."""
-
-    def begin(self, todo: Sequence[Chunk], kept: int) -> None:
-        """Take note of the chunks to compute, and of how many runs were there already."""
-
-    def reached(self, chunk: Chunk, seconds: float) -> None:
-        """Take note that a chunk's runs have reached this simulated time (s)."""
-
-    def finished(self, chunk: Chunk) -> None:
-        """Take note that a chunk is computed and kept."""
-
-    def say(self, text: str) -> None:
-        """Show a line."""
+        return cluster_results(chunks, maps, self.scheduler, report)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -57,7 +53,9 @@ class Interrupted(KeyboardInterrupt):
         self.kept, self.total = kept, total
 
 
-def compute_cases(cases: Sequence[Case], store: Store, backend: Backend, display: Display) -> None:
+def compute_cases(
+    cases: Sequence[Case], store: Store, backend: Backend, display: LiveProgress
+) -> None:
     """Compute what the store does not hold yet of some cases, and keep it there.
 
     Parameters
@@ -67,45 +65,35 @@ def compute_cases(cases: Sequence[Case], store: Store, backend: Backend, display
     store : Store
         `Store.load` reads the results.
     backend : Backend
-    display : Display
+    display : LiveProgress
 
     Raises
     ------
     InputError, WorkerError
-        See `local_results` and `cluster_results`; what was finished is kept.
+        See `Backend.map_chunks` and `runs_of`; what was finished is kept.
     Interrupted
         Ctrl-C.
     """
-    distinct: dict[str, Case] = {}
+    largest: dict[str, Case] = {}
     for case in cases:
-        known = distinct.setdefault(case.key, case)
-        if case.runs > known.runs:
-            distinct[case.key] = case
-    missing = {key: store.missing(case) for key, case in distinct.items()}
-    total, left = (
-        sum(case.runs for case in distinct.values()),
-        sum(len(runs) for runs in missing.values()),
-    )
+        if case.key not in largest or case.runs > largest[case.key].runs:
+            largest[case.key] = case
+    missing = {key: store.missing(case) for key, case in largest.items()}
+    total = sum(case.runs for case in largest.values())
+    left = sum(map(len, missing.values()))
     share, kept = fair_share(left, backend.count), total - left
     chunks = [
-        chunk for key, case in distinct.items() for chunk in divide(case, missing[key], share)
+        chunk for key, case in largest.items() for chunk in divide(case, missing[key], share)
     ]
     for damage in store.damaged:
         display.say(f"computed again: {damage}")
     display.begin(chunks, kept)
     if not chunks:
         return
-    maps = {map_digest(case.field_map): case.field_map for case in distinct.values()}
     try:
-        if backend.scheduler is None:
-            results = local_results(chunks, maps, min(backend.count, len(chunks)), display.reached)
-        else:
-            from isogal.montecarlo.cluster import cluster_results
-
-            results = cluster_results(chunks, maps, backend.scheduler, display.reached)
-        with closing(results):
-            for chunk, runs in results:
-                store.put(chunk, runs)
+        with closing(backend.map_chunks(chunks, display.reached)) as answers:
+            for chunk, answer in answers:
+                store.put(chunk, runs_of(answer, chunk))
                 kept += len(chunk.runs)
                 display.finished(chunk)
     except KeyboardInterrupt:

@@ -1,21 +1,21 @@
 """A run of a finished study, as `isogal view` shows it."""
 
-import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from isogal.errors import InputError
-from isogal.evaluation.comparison import read_json
 from isogal.evaluation.records import Runs
-from isogal.evaluation.view.record import ViewedRun, one_run, subtitle_of
+from isogal.evaluation.results import read_object
+from isogal.evaluation.run_report import subtitle_of
+from isogal.evaluation.view.record import ViewedRun
 from isogal.fields.scenario_map import map_for_scenario
+from isogal.files import Json
+from isogal.montecarlo.store import chunk_files
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
-
-_CHUNK = re.compile(r"(\d{6,})-(\d{6,})\.npz")
 
 
 def open_study(folder: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
@@ -26,12 +26,15 @@ def open_study(folder: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
     InputError
         The folder holds no finished study, or the study no such run.
     """
-    results = read_json(folder / "results.json")
-    total = results.get("runs", 0)
+    path = folder / "results.json"
+    results = read_object(path)
+    total, document = results.get("runs"), results.get("scenario")
+    if not isinstance(total, int) or not isinstance(document, dict):
+        raise InputError(f"{path}: not the results of a study")
     if run >= total:
         raise InputError(f"--run: {run}: {folder} has runs 0 to {total - 1}")
-    scenario = validate_scenario(results.get("scenario", {}), str(folder / "results.json"))
-    runs = _run_of(_case_folder(folder, results["scenario"]), run)
+    scenario = validate_scenario(document, str(path))
+    runs = _run_of(_case_folder(folder, document), run)
     trajectory = build_trajectory(scenario)
     viewed = ViewedRun(
         runs,
@@ -42,16 +45,16 @@ def open_study(folder: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
     return viewed, map_for_scenario(scenario, trajectory)
 
 
-def _case_folder(folder: Path, scenario: dict[str, Any]) -> Path:
+def _case_folder(folder: Path, scenario: Json) -> Path:
     for note in sorted((folder / "runs").glob("*/case.json")):
-        case = read_json(note)
+        case = read_object(note)
         if case.get("scenario") == scenario and case.get("aided", True):
             return note.parent
     raise InputError(f"{folder / 'runs'}: holds no runs of the scenario of results.json")
 
 
 def _run_of(case: Path, run: int) -> Runs:
-    for path in sorted(case.iterdir()):
-        if (match := _CHUNK.fullmatch(path.name)) and int(match[1]) <= run <= int(match[2]):
-            return one_run(Runs.load(path), run - int(match[1]))
+    for path, first, last in chunk_files(case):
+        if first <= run <= last:
+            return Runs.load(path).part([run - first])
     raise InputError(f"{case}: run {run} is not there")

@@ -222,7 +222,7 @@ def windows(results: Results) -> str:
 def overconfident(results: Results) -> str:
     """Why more precise readings do not make the paper's matcher more accurate."""
     nees = [
-        float(results.row(row).summary["nees_per_axis"]["mean"])
+        results.row(row).summary["nees_per_axis"]["mean"] or np.nan
         for row in ROWS
         if row.sigma == LOW[row.quantity]
     ]
@@ -235,7 +235,7 @@ def overconfident(results: Results) -> str:
 
 def method(results: Results) -> str:
     """Why the mean error differs from the paper's."""
-    bounds = [float(results.row(row).summary["bound"]["rms"]) for row in TABLE_4[:2]]
+    bounds = [results.row(row).summary["bound"]["rms"] or np.nan for row in TABLE_4[:2]]
     return (
         f"The bound is {metres(max(bounds))} RMS: errors of this size come from the method and not"
         " from the sensor, and depend on what the paper leaves open (candidates' covariance,"

@@ -5,7 +5,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao, unaided_covariance
 from isogal.evaluation.consistency import spread_test
 from isogal.evaluation.records import RunDetail, Runs
+from isogal.evaluation.results import Summary
 from isogal.evaluation.summary import summarise
 from isogal.fields.simulator import scan_index
 from isogal.maps.variability import feature_variability, normalised_variability
@@ -40,7 +40,7 @@ class Outcome:
     """Errors and figures of merit of a case of R runs, at K instants."""
 
     setting: Setting
-    summary: dict[str, Any]
+    summary: Summary
     """In the format of results.json."""
     time: Array
     """(K,) s since the start."""

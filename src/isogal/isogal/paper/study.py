@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from pydantic import JsonValue
-
 import isogal
-from isogal.evaluation.summary import write_json
-from isogal.files import make_folder
+from isogal.evaluation.results import plain, write_json
+from isogal.files import Json, make_folder
+from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
-from isogal.montecarlo.study import Backend, Display, compute_cases
+from isogal.montecarlo.study import Backend, compute_cases
 from isogal.paper.cases import MATCHERS, SETTINGS, Plan, Setting
 from isogal.paper.claims import Claim, judge, quantum_gain
 from isogal.paper.document import write_page
@@ -20,7 +19,7 @@ from isogal.paper.published import QUANTUM_GAIN, TABLE_4, TABLE_6, PublishedRow
 
 
 def reproduce(
-    plan: Plan, out: str | Path, backend: Backend, display: Display
+    plan: Plan, out: str | Path, backend: Backend, display: LiveProgress
 ) -> tuple[Results, tuple[Claim, ...], Path]:
     """Simulate what is not there yet, and write results.json, report.html and the figures.
 
@@ -31,7 +30,7 @@ def reproduce(
         Folder; finished runs are kept in its folder ``runs``.
     backend : Backend
         Processes or machines that compute.
-    display : Display
+    display : LiveProgress
         Shows the progress.
 
     Returns
@@ -56,9 +55,7 @@ def reproduce(
     return results, claims, page
 
 
-def as_json(
-    results: Results, claims: Sequence[Claim], wall_seconds: float
-) -> dict[str, JsonValue]:
+def as_json(results: Results, claims: Sequence[Claim], wall_seconds: float) -> dict[str, Json]:
     """Return all numbers as one document.
 
     The figures of merit of each case are in the format of results.json of a Monte Carlo, without
@@ -97,7 +94,7 @@ def as_json(
         ],
         "claims": [asdict(claim) for claim in claims],
         "cases": {
-            name: {key: value for key, value in summary.items() if key != "time"}
+            name: {key: plain(value) for key, value in summary.items() if key != "time"}
             for name, summary in summaries.items()
         },
         "time": {
@@ -109,7 +106,7 @@ def as_json(
     }
 
 
-def _row(results: Results, row: PublishedRow) -> dict[str, JsonValue]:
+def _row(results: Results, row: PublishedRow) -> dict[str, Json]:
     return {
         "batch_length": row.batch_length,
         "sigma": row.sigma,
@@ -123,15 +120,15 @@ def _row(results: Results, row: PublishedRow) -> dict[str, JsonValue]:
     }
 
 
-def _brief(outcome: Outcome) -> dict[str, JsonValue]:
+def _brief(outcome: Outcome) -> dict[str, Json]:
     summary = outcome.summary
     return {
         "mean": outcome.mean,
         "mean_standard_error": outcome.mean_uncertainty,
         "rms": summary["position_error"]["rms"],
         "rms_after_1h": summary["position_error"]["rms_after_1h"],
-        "bound": summary["bound"],
-        "nees_per_axis": summary["nees_per_axis"],
+        "bound": plain(summary["bound"]),
+        "nees_per_axis": plain(summary["nees_per_axis"]),
         "declined": summary["fixes"]["declined"],
         "divergence_rate": outcome.diverged / len(outcome.run_means),
     }

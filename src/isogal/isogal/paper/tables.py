@@ -63,8 +63,8 @@ def comparison_table(results: Results, rows: Sequence[PublishedRow], name: str) 
 def _measured(outcome: Outcome) -> dict[str, str]:
     summary = outcome.summary
     error, bound, nees = summary["position_error"], summary["bound"], summary["nees_per_axis"]
-    known = error["rms_after_1h"] and bound["rms_after_1h"]
-    ratio = error["rms_after_1h"] / bound["rms_after_1h"] if known else None
+    reached, least = error["rms_after_1h"], bound["rms_after_1h"]
+    ratio = reached / least if reached and least else None
     declined, published = summary["fixes"]["declined"], summary["fixes"]["published"]
     return {
         "from": _whole(outcome.setting.matcher),

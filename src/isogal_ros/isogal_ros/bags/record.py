@@ -10,10 +10,11 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
+from isogal.fix import Candidates, Status
 from isogal.maps.channels import channels_of
 from isogal.maps.several import RunMap, first_map
 from isogal.maps.tiled_map import ScalarMap
-from isogal.matching.interfaces import Candidates
+from isogal.matching.failures import FAILED
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.places import Places
@@ -81,14 +82,15 @@ def _fix_record(
     count = len(ends)
     error, posterior = np.full((count, 2), np.nan), np.full((count, 2), np.nan)
     covariance = np.full((count, 2, 2), np.nan)
-    reasons: list[str | None] = []
+    statuses, reasons = [Status.FIX.value] * count, [""] * count
     places, nav = truth.at(ends), last_nav.at(ends)
     for i, ns in enumerate(ends):
         message = deserialize_message(collector.fixes[ns], topics.FIX.type)
         if message.status.status == NavSatStatus.STATUS_NO_FIX:
-            reasons.append(collector.batches.get(ns, {}).get("message") or "not said")
+            reasons[i] = collector.batches.get(ns, {}).get("message") or "not said"
+            failed = reasons[i].startswith(FAILED)  # a message has no other word for it
+            statuses[i] = (Status.FAILED if failed else Status.DECLINED).value
         else:
-            reasons.append(None)
             found = read_position(message)
             error[i] = horizontal_difference(found[0], found[1], *places[i])
             covariance[i] = read_covariance(message)[:2, :2]
@@ -98,7 +100,8 @@ def _fix_record(
         "fix_time": np.array([to_seconds(ns) for ns in ends]),
         "fix_error": error[None],
         "fix_covariance": covariance[None],
-        "fix_reason": (tuple(reasons),),
+        "fix_status": np.array([statuses], dtype=np.str_),
+        "fix_reason": np.array([reasons], dtype=np.str_),
         "posterior_error": posterior[None],
         "posterior_covariance": posterior_covariance.reshape(1, count, 2, 2),
         "fix_seconds": _figures(collector, ends, "seconds")[None],

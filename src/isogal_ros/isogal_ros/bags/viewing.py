@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isogal.errors import InputError
-from isogal.evaluation.view.record import Event, ViewedRun, subtitle_of
+from isogal.evaluation.run_report import subtitle_of
+from isogal.evaluation.view.record import Event, ViewedRun
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import first_map
 from isogal.sensors.trajectory import build_trajectory

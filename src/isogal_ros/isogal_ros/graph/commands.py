@@ -12,6 +12,7 @@ import typer
 
 from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
+from isogal.evaluation.results import Summary
 from isogal.evaluation.run_report import key_figures, run_report
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
@@ -35,8 +36,6 @@ FAILED = 1
 NO_FIXES = f"no fixes in the recording ({topics.FIX.name}) to compare with"
 TOLERANCE = 1.0
 """m, by which the fixes of a replay may differ where the user has changed nothing."""
-Summary = dict[str, Any]
-"""``summary.json``, whose form `isogal.evaluation.summary` gives."""
 
 
 @dataclass(frozen=True)
@@ -235,7 +234,8 @@ def _evaluate(
     """Write summary.json, report.html and figures; return the summary, or None where there is
     nothing to evaluate."""
     from isogal.evaluation.bound import posterior_cramer_rao
-    from isogal.evaluation.summary import summarise, write_json
+    from isogal.evaluation.results import write_json
+    from isogal.evaluation.summary import summarise
 
     runs, scenario = record_of(collector, field_map), collector.scenario
     if runs is None:

@@ -42,17 +42,15 @@ class BatchEnd:
 
     @classmethod
     def of(cls, runs: Runs, batch: int) -> "BatchEnd":
-        """Interpolate the true place."""
-        time = float(runs.fix_time[batch])
-        latitude = float(np.interp(time, runs.time, runs.latitude))
-        longitude = float(np.interp(time, runs.time, np.unwrap(runs.longitude)))
+        """Return the end of a batch, by its index."""
+        latitude, longitude = (float(axis[batch]) for axis in runs.fix_place)
         metres = np.array([float(m) for m in metres_per_radian(latitude)])
-        return cls(runs, batch, time, latitude, longitude, metres)
+        return cls(runs, batch, float(runs.fix_time[batch]), latitude, longitude, metres)
 
     @property
     def published(self) -> bool:
         """Whether the batch gave a fix."""
-        return self.runs.fix_reason[0][self.batch] is None
+        return bool(self.runs.published[0, self.batch])
 
     @property
     def claims(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -96,7 +94,16 @@ class BatchEnd:
 
 
 def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) -> None:
-    """Draw one batch end."""
+    """Draw one batch end.
+
+    Parameters
+    ----------
+    panel : Axes
+    end : BatchEnd
+    field_map : ScalarMap
+    letter : str
+        By which the picture of the whole route names it.
+    """
     runs = end.runs
     candidates, weights = end.candidates()
     half = _half_width(end, candidates)

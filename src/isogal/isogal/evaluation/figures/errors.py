@@ -86,8 +86,7 @@ def nees_figure(runs: Runs) -> "Figure":
     values = posterior_nees(runs)
     counts = np.sum(~np.isnan(values), axis=0)
     known = counts > 0
-    total = np.where(np.isnan(values), 0.0, values).sum(axis=0)
-    mean = np.divide(total, counts, out=np.full(counts.shape, np.nan), where=known)
+    mean = np.ma.masked_array(values, np.isnan(values)).mean(axis=0).filled(np.nan)
     if known.any():
         band = np.array([chi_square_interval(float(n), 2, CONFIDENCE) for n in counts[known]])
         label = f"{CONFIDENCE:.0%} of consistent navigators"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from isogal.maps.tiled_map import ScalarMap
 
-_DOTS = {"linestyle": "none", "marker": ".", "markersize": 2.0, "color": style.VERMILION}
+_DOTS = style.Options(linestyle="none", marker=".", markersize=2.0, color=style.VERMILION)
 """Of readings."""
 
 

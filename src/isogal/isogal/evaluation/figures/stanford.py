@@ -24,6 +24,7 @@ def stanford_figure(solution: Solution, settings: Integrity) -> "Figure":
     """Draw how many states have which error and which protection level, with the diagonal and the
     numbers of the regions that it, and the alert limit if there is one, make."""
     from matplotlib.colors import LogNorm
+    from matplotlib.ticker import FuncFormatter, NullFormatter
 
     level = solution.level(settings)
     error = np.where(np.isfinite(solution.distance), solution.distance, np.inf)
@@ -43,8 +44,11 @@ def stanford_figure(solution: Solution, settings: Integrity) -> "Figure":
     )
     figure.colorbar(mesh, ax=panel, label="states in a cell (1)", pad=0.02)
     panel.plot(edges[[0, -1]], edges[[0, -1]], **style.TRUTH.options())
+    panel.set_xscale("log")
+    panel.set_yscale("log")
     for axis in (panel.xaxis, panel.yaxis):
-        _plain_logarithmic(panel, axis.axis_name)
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     panel.set_xlim(edges[0], edges[-1])
     panel.set_ylim(edges[0], edges[-1])
     panel.set_aspect("equal")
@@ -81,15 +85,6 @@ def _regions(panel: "Axes", solution: Solution, settings: Integrity, level: Arra
             bbox=style.LABEL_BOX,
         )
     panel.set_title("\n".join(lines), loc="left")
-
-
-def _plain_logarithmic(panel: "Axes", name: str) -> None:
-    from matplotlib.ticker import FuncFormatter, NullFormatter
-
-    getattr(panel, f"set_{name}scale")("log")
-    axis = getattr(panel, f"{name}axis")
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _largest(error: Array, level: Array, limit: float | None) -> float:

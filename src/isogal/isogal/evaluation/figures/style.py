@@ -5,15 +5,17 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypedDict, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
     from isogal.maps.tiled_map import ScalarMap
 
@@ -35,15 +37,32 @@ FIELD_COLOURS = "cividis"
 """Colour map of fields: even in lightness, the same to all colour vision, rising grey in print."""
 
 
+Dashes = str | tuple[float, tuple[float, ...]]
+"""As matplotlib takes them."""
+
+
+class Options(TypedDict, total=False):
+    """Keyword arguments of matplotlib's drawing functions."""
+
+    color: str
+    alpha: float
+    linestyle: Dashes
+    linewidth: float
+    marker: str
+    markersize: float
+    markeredgecolor: str
+    markeredgewidth: float
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """Colour, dashes and width, so that two lines differ in more than colour."""
 
     colour: str
-    dashes: Any
+    dashes: Dashes
     width: float = 1.3
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> Options:
         """Keyword arguments of Axes.plot."""
         return {"color": self.colour, "linestyle": self.dashes, "linewidth": self.width}
 
@@ -58,18 +77,18 @@ SERIES = (
     Line(GREEN, (0, (5, 1.5, 1, 1.5))),
 )
 """Lines for curves side by side, in order."""
-FIX_DOT: dict[str, Any] = {
+FIX_DOT: Options = {
     "color": SKY,
     "markeredgecolor": "black",
     "markeredgewidth": 0.5,
     "markersize": 3.5,
 }
 """Of a fix on a map."""
-BAND: dict[str, Any] = {"color": SKY, "alpha": 0.35, "linewidth": 0}
+BAND: Options = {"color": SKY, "alpha": 0.35, "linewidth": 0}
 """Of an area behind lines."""
 
 
-_JOURNAL: dict[str, Any] = {
+_JOURNAL: dict[str, str | float | list[str]] = {
     "font.family": "sans-serif",
     # comes with matplotlib, so a figure looks the same on every machine
     "font.sans-serif": ["DejaVu Sans"],
@@ -173,19 +192,26 @@ class FieldScale:
 
     offset: float
     unit: float
-    label: str
+    name: str
+    """Of what is written, with the offset."""
+    unit_name: str
 
     @property
     def unit_label(self) -> str:
         """The unit alone, in brackets."""
-        return "(" + self.label.rsplit("(", 1)[1]
+        return f"({self.unit_name})"
+
+    @property
+    def label(self) -> str:
+        """Name and unit in a line."""
+        return f"{self.name} {self.unit_label}"
 
     @property
     def two_lines(self) -> str:
         """The label with its unit on a second line, for low panels."""
-        return self.label.removesuffix(self.unit_label).rstrip() + "\n" + self.unit_label
+        return f"{self.name}\n{self.unit_label}"
 
-    def __call__(self, values: Any) -> Array:
+    def __call__(self, values: ArrayLike) -> Array:
         """Scale values of the map."""
         return (np.asarray(values, dtype=np.float64) - self.offset) / self.unit
 
@@ -200,14 +226,14 @@ def field_scale(field_map: "ScalarMap") -> FieldScale:
     gradients in Eötvös, others as they are."""
     name = _NAMES.get(field_map.quantity, field_map.quantity.replace("_", " ")).capitalize()
     if field_map.unit == "1/s²":
-        return FieldScale(0.0, 1e-9, f"{name} (E)")
+        return FieldScale(0.0, 1e-9, name, "E")
     if field_map.unit != "m/s²":
-        return FieldScale(0.0, 1.0, f"{name} ({field_map.unit})")
+        return FieldScale(0.0, 1.0, name, field_map.unit)
     middle = float(np.nanmedian(field_map.overview(_MEDIAN_OF).values))
     if abs(middle) < 0.1:
-        return FieldScale(0.0, MGAL, f"{name} ($10^{{-5}}$ m/s²)")
+        return FieldScale(0.0, MGAL, name, "$10^{-5}$ m/s²")
     offset = round(middle, 2)
-    return FieldScale(offset, MGAL, f"{name} − {offset:.2f} m/s² ($10^{{-5}}$ m/s²)")
+    return FieldScale(offset, MGAL, f"{name} − {offset:.2f} m/s²", "$10^{-5}$ m/s²")
 
 
 def ellipse(covariance: Array, sigmas: float) -> Array:
@@ -237,12 +263,14 @@ def logarithmic(axis: "Axes") -> None:
     axis.grid(True, which="minor", axis="y", linewidth=0.25)
 
 
-def legend_below(figure: Any, columns: int = 4, panels: "Sequence[Axes] | None" = None) -> None:
+def legend_below(
+    figure: "Figure | SubFigure", columns: int = 4, panels: "Sequence[Axes] | None" = None
+) -> None:
     """Put one legend for all panels under a figure or subfigure, where it hides nothing.
 
     A label that panels share is listed once; there are as many columns as fit, up to
     `columns`."""
-    entries: dict[str, Any] = {}
+    entries: dict[str, Artist] = {}
     for panel in panels or figure.axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
@@ -250,11 +278,7 @@ def legend_below(figure: Any, columns: int = 4, panels: "Sequence[Axes] | None" 
         legend = figure.legend(
             list(entries.values()), list(entries), loc="outside lower center", ncols=count
         )
-        if (
-            count == 1
-            or legend.get_window_extent(figure.canvas.get_renderer()).width
-            < 0.98 * figure.bbox.width
-        ):
+        if count == 1 or legend.get_window_extent().width < 0.98 * figure.bbox.width:
             break
         legend.remove()
 

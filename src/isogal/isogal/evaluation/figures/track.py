@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -119,7 +119,6 @@ class Frame:
         south, north = image_edges(np.degrees(part.latitude))
         west, east = image_edges(np.degrees(part.longitude + turn))
         low, high = np.nanpercentile(values, [percent, 100.0 - percent])
-        figure: Any = panel.figure
         image = panel.imshow(
             values,
             extent=(west, east, south, north),
@@ -130,7 +129,7 @@ class Frame:
             interpolation="bilinear",
             aspect=self.stretch,
         )
-        figure.colorbar(
+        panel.figure.colorbar(
             image, ax=panel, label=label or scale.label, shrink=0.9, pad=0.02, extend="both"
         )
         panel.grid(False)
@@ -157,11 +156,8 @@ def _overview(
         **style.UNAIDED.options(),
         label="unaided INS",
     )
-    batch_end = (
-        np.interp(runs.fix_time, runs.time, latitude),
-        np.interp(runs.fix_time, runs.time, longitude),
-    )
-    metres = metres_per_radian(np.radians(batch_end[0]))
+    batch_end = [np.degrees(axis) for axis in runs.fix_place]
+    metres = metres_per_radian(runs.fix_place[0])
     fix_latitude, fix_longitude = (
         batch_end[axis] + np.degrees(runs.fix_error[0, :, axis] / metres[axis])
         for axis in range(2)

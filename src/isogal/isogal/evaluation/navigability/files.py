@@ -1,7 +1,7 @@
 """Navigability as a file: NetCDF, or GeoTIFF with a band for each layer."""
 
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -46,12 +46,14 @@ def _netcdf(found: Navigability, path: Path) -> None:
             coordinate = dataset.createVariable(name, "f8", (name,))
             coordinate.long_name, coordinate.units = text, unit
             coordinate[:] = np.degrees(axis)
-        options: dict[str, Any] = {"zlib": True, "complevel": 4, "fill_value": np.nan}
+        packed = partial(
+            dataset.createVariable, datatype="f4", zlib=True, complevel=4, fill_value=np.nan
+        )
         for name, (grid, unit, text) in found.layers().items():
-            layer = dataset.createVariable(name, "f4", ("lat", "lon"), **options)
+            layer = packed(name, dimensions=("lat", "lon"))
             layer.units, layer.long_name = unit.replace("m/s²", "m s-2"), text
             layer[:] = grid
-        error = dataset.createVariable("error", "f4", ("heading", "lat", "lon"), **options)
+        error = packed("error", dimensions=("heading", "lat", "lon"))
         error.units, error.long_name = "m", "RMS horizontal error on arrival by heading"
         error[:] = found.error
 

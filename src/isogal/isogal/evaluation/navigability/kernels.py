@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans, Integers, Values
 from isogal.compiled import kernel
 from isogal.maps.interpolation import Grid, value_and_gradient
 
@@ -67,7 +67,7 @@ class Approach(NamedTuple):
 class _Node(NamedTuple):
     """A node at the end of a leg: what `_white` takes besides a place."""
 
-    values: Array
+    values: Values
     """(n, m) of the map."""
     row: int
     column: int
@@ -90,7 +90,9 @@ class _Node(NamedTuple):
 
 
 @kernel(error_model="numpy")
-def _filter(ground, approach, i, j, known, gain, weight):  # type: ignore[no-untyped-def]
+def _filter(
+    ground: Ground, approach: Approach, i: int, j: int, known: Booleans, gain: Array, weight: Array
+) -> float:
     """Write gain (T,) and 1 / innovation variance (T,) of the scalar filter of the map's error at
     node (i, j), for readings of which some are known (T,); return that error's correlation from
     reading to reading."""
@@ -105,9 +107,93 @@ def _filter(ground, approach, i, j, known, gain, weight):  # type: ignore[no-unt
 
 
 @kernel(error_model="numpy")
-def errors_on_arrival(  # type: ignore[no-untyped-def]
-    rows, columns, ground, approach, position, reduction, rest
-):
+def _weights(between: float, weight: Array) -> None:
+    """Write by how much each of the four nodes about a place counts in its value, and in its
+    derivative per node (2, 4), `between` the second and the third by a share.
+
+    They are what the map's interpolation makes of grids that are 1 along one line of nodes."""
+    values = np.zeros((4, 4))
+    for k in range(4):
+        values[:] = 0.0
+        values[k] = 1.0
+        grid = Grid(values, 4, 0.0, 1.0, 0.0, 1.0)
+        weight[0, k], weight[1, k], _ = value_and_gradient(grid, 1.0 + between, 1.0)
+
+
+@kernel(error_model="numpy")
+def _slopes_along(
+    ground: Ground,
+    offset: Array,
+    i: int,
+    columns: Integers,
+    known: Booleans,
+    slope: Array,
+    lines: Array,
+) -> None:
+    """Write the map's slopes to the north and to the east (2, M), per m, at an offset (2,) from
+    nodes in row i and some columns (M,), and where it has them. `lines` (2, m) is work space."""
+    values = ground.grid.values
+    n, m = values.shape
+    north, east = ground.cell[i]
+    row, right = i + offset[0] / north, offset[1] / east
+    k, j = math.floor(row), math.floor(right)
+    by_row, by_column = np.empty((2, 4)), np.empty((2, 4))
+    _weights(row - k, by_row)
+    _weights(right - j, by_column)
+    inside = 1 <= k <= n - 3
+    for c in range(m):
+        for d in range(2):
+            lines[d, c] = 0.0
+            for p in range(4):
+                if inside:
+                    lines[d, c] += by_row[d, p] * values[k - 1 + p, c]
+    for b in range(columns.size):
+        c = columns[b] + j
+        on_map = inside and 1 <= c <= m - 3
+        slope[0, b] = slope[1, b] = 0.0
+        for q in range(4):
+            if on_map:
+                slope[0, b] += by_column[0, q] * lines[1, c - 1 + q] / north
+                slope[1, b] += by_column[1, q] * lines[0, c - 1 + q] / east
+        known[b] = on_map and not math.isnan(slope[0, b] + slope[1, b])
+        if not known[b]:
+            slope[0, b] = slope[1, b] = 0.0
+
+
+@kernel(error_model="numpy")
+def _invert(A: Array, pivot: Array) -> None:
+    """Invert symmetric, positive matrices (m, m, M) of M nodes side by side in place, by sweeps of
+    Gauss and Jordan; only what is below or on the diagonal is read and written. `pivot` (m, M) is
+    work space."""
+    m, M = pivot.shape
+    for k in range(m):
+        for p in range(m):
+            for b in range(M):
+                pivot[p, b] = A[max(p, k), min(p, k), b]
+        for p in range(m):
+            for q in range(p + 1):
+                for b in range(M):
+                    A[p, q, b] -= pivot[p, b] * pivot[q, b] / pivot[k, b]
+        for p in range(m):
+            for b in range(M):
+                swept = -1.0 if p == k else pivot[p, b]
+                A[max(p, k), min(p, k), b] = swept / pivot[k, b]
+    for p in range(m):
+        for q in range(p + 1):
+            for b in range(M):
+                A[p, q, b] = -A[p, q, b]
+
+
+@kernel(error_model="numpy")
+def errors_on_arrival(
+    rows: Integers,
+    columns: Integers,
+    ground: Ground,
+    approach: Approach,
+    position: Array,
+    reduction: Array,
+    rest: float,
+) -> Array:
     """Return (N, M) the RMS horizontal error (m) at nodes; NaN where the map has no value.
 
     Parameters
@@ -121,46 +207,57 @@ def errors_on_arrival(  # type: ignore[no-untyped-def]
     rest : float
         See `isogal.evaluation.navigability.leg.Leg`.
     """
-    T, m = reduction.shape
-    grid = ground.grid
-    rows_of_map, columns_of_map = grid.values.shape
-    out = np.full((rows.size, columns.size), math.nan)
-    h, forecast = np.empty((m, T)), np.empty(m)
-    gain, weight, known = np.empty(T), np.empty(T), np.empty(T, dtype=np.bool_)
-    slope = np.empty((2, T))
-    arrival = np.ascontiguousarray(position[T - 1].T)
+    (T, m), M = reduction.shape, columns.size
+    out = np.full((rows.size, M), math.nan)
+    slope, known = np.empty((T, 2, M)), np.empty((T, M), dtype=np.bool_)
+    gain, weight, correlation = np.empty((M, T)), np.empty((M, T)), np.empty(M)
+    h, forecast, root = np.empty((m, M)), np.empty((m, M)), np.empty(M)
+    P, lines = np.empty((m, m, M)), np.empty((2, ground.sigma.shape[1]))
+    arrival = np.dot(position[T - 1].T, position[T - 1])
     for a in range(rows.size):
-        i = rows[a]
-        north_cell, east_cell = ground.cell[i]
-        for b in range(columns.size):
-            j = columns[b]
-            if math.isnan(grid.values[i, j]):
-                continue
-            for t in range(T):
-                row = i + approach.offset[t, 0] / north_cell
-                column = j + approach.offset[t, 1] / east_cell
-                value, by_row, by_column = value_and_gradient(grid, row, column)
-                on_map = row < rows_of_map - 2 and 1.0 <= column < columns_of_map - 2
-                known[t] = on_map and not math.isnan(value)
-                slope[0, t], slope[1, t] = by_row / north_cell, by_column / east_cell
-            correlation = _filter(ground, approach, i, j, known, gain, weight)
-            forecast[:] = 0.0
-            for t in range(T):
-                root = math.sqrt(weight[t]) if known[t] else 0.0
+        for t in range(T):
+            _slopes_along(ground, approach.offset[t], rows[a], columns, known[t], slope[t], lines)
+        for b in range(M):
+            correlation[b] = _filter(
+                ground, approach, rows[a], columns[b], known[:, b], gain[b], weight[b]
+            )
+        forecast[:], P[:] = 0.0, 0.0
+        for p in range(m):
+            P[p, p] = 1.0
+        for t in range(T):
+            for b in range(M):
+                root[b] = math.sqrt(weight[b, t]) if known[t, b] else 0.0
+            for p in range(m):
+                north, east = position[t, 0, p], position[t, 1, p]
+                for b in range(M):
+                    by_map = slope[t, 0, b] * north + slope[t, 1, b] * east
+                    h[p, b] = reduction[t, p] - by_map - forecast[p, b]
+                    forecast[p, b] = correlation[b] * (forecast[p, b] + gain[b, t] * h[p, b])
+                    h[p, b] *= root[b]
+                for q in range(p + 1):
+                    for b in range(M):
+                        P[p, q, b] += h[p, b] * h[q, b]
+        _invert(P, h)
+        for b in range(M):
+            if not math.isnan(ground.grid.values[rows[a], columns[b]]):
+                variance = rest
                 for p in range(m):
-                    by_map = slope[0, t] * position[t, 0, p] + slope[1, t] * position[t, 1, p]
-                    innovation = reduction[t, p] - by_map - forecast[p] if known[t] else 0.0
-                    forecast[p] = correlation * (forecast[p] + gain[t] * innovation)
-                    h[p, t] = innovation * root
-            information = np.eye(m) + np.dot(h, h.T)
-            out[a, b] = math.sqrt(rest + (arrival * np.linalg.solve(information, arrival)).sum())
+                    for q in range(p + 1):
+                        variance += arrival[p, q] * P[p, q, b] * (2.0 if q < p else 1.0)
+                out[a, b] = math.sqrt(variance)
     return out
 
 
 @kernel(error_model="numpy")
-def second_places(  # type: ignore[no-untyped-def]
-    rows, columns, ground, approach, prior, separation, places
-):
+def second_places(
+    rows: Integers,
+    columns: Integers,
+    ground: Ground,
+    approach: Approach,
+    prior: float,
+    separation: float,
+    places: Array,
+) -> Array:
     """Return (N, M) the probability that a second place is likelier than the true one.
 
     Parameters
@@ -200,12 +297,12 @@ def second_places(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _of_node(node, own, places, fit, apart):  # type: ignore[no-untyped-def]
+def _of_node(node: _Node, own: Array, places: Array, fit: Array, apart: float) -> float:
     """Return the probability at one node, from the chi-square (K, K) at places; `own` (T,) is
     what `_white` writes of the node, `apart` the square of the separation."""
     K, size = places.shape[0], places[1] - places[0]
     found = np.empty((_MOST + 1, 6))  # north, east, chi-square, Hessian
-    w, slopes, hessian = np.empty(own.shape), np.empty((2, own.shape[0])), np.empty(3)
+    w, slopes, hessian = np.empty(own.size), np.empty((2, own.size)), np.empty(3)
     _slopes(node, 0.0, 0.0, w, slopes, hessian)
     found[0, :3], found[0, 3:] = 0.0, hessian
     count = 1
@@ -250,11 +347,10 @@ def _of_node(node, own, places, fit, apart):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _fits(node, own, places, before, fit):  # type: ignore[no-untyped-def]
+def _fits(node: _Node, own: Array, places: Array, before: Array, fit: Array) -> None:
     """Write the chi-square (K, K) of all places: `_misfit` of `_white`, for many places at a time.
     `before` (K, K) is work space."""
     values, offset, cell, K = node.values, node.offset, node.cell, places.shape[0]
-    n, m = values.shape
     for p in range(K):
         for q in range(K):
             fit[p, q] = (places[p] ** 2 + places[q] ** 2) / node.prior**2
@@ -263,15 +359,8 @@ def _fits(node, own, places, before, fit):  # type: ignore[no-untyped-def]
         gain, root = node.gain[t], math.sqrt(node.weight[t])
         for p in range(K):
             row = node.row + (offset[t, 0] + places[p]) / cell[0]
-            k = min(max(math.floor(row), 0), n - 2)
-            v = row - k if 0.0 <= row < n - 1 else math.nan
             for q in range(K):
-                column = node.column + (offset[t, 1] + places[q]) / cell[1]
-                c = min(max(math.floor(column), 0), m - 2)
-                u = column - c if 0.0 <= column < m - 1 else math.nan
-                value = (1.0 - v) * ((1.0 - u) * values[k, c] + u * values[k, c + 1]) + v * (
-                    (1.0 - u) * values[k + 1, c] + u * values[k + 1, c + 1]
-                )
+                value = _linear(values, row, node.column + (offset[t, 1] + places[q]) / cell[1])
                 expected = node.correlation * before[p, q]
                 more = node.by_place[0] * places[p] + node.by_place[1] * places[q]
                 difference = value - more - expected
@@ -280,7 +369,16 @@ def _fits(node, own, places, before, fit):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _worse_between(node, w, own, north, east, d_n, d_e, least):  # type: ignore[no-untyped-def]
+def _worse_between(
+    node: _Node,
+    w: Array,
+    own: Array,
+    north: float,
+    east: float,
+    d_n: float,
+    d_e: float,
+    least: float,
+) -> bool:
     """Whether the chi-square is above `least` somewhere between a place and that (d_n, d_e) before
     it; `w` is work space."""
     for part in _BETWEEN:
@@ -292,7 +390,7 @@ def _worse_between(node, w, own, north, east, d_n, d_e, least):  # type: ignore[
 
 
 @kernel(error_model="numpy")
-def _misfit(node, w, own, north, east):  # type: ignore[no-untyped-def]
+def _misfit(node: _Node, w: Array, own: Array, north: float, east: float) -> float:
     """Return the chi-square of a place, by whitened readings (T,) there and at the true one; NaN,
     which is not less than anything, where one is missing."""
     out = (north**2 + east**2) / node.prior**2
@@ -302,7 +400,7 @@ def _misfit(node, w, own, north, east):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _probability(found):  # type: ignore[no-untyped-def]
+def _probability(found: Array) -> float:
     """Return the probability that any but the first of places (K, 6) is the likeliest."""
     odds = 0.0
     size_0 = math.log(found[0, 3] * found[0, 5] - found[0, 4] ** 2)
@@ -315,7 +413,7 @@ def _probability(found):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _least(fit, p, q):  # type: ignore[no-untyped-def]
+def _least(fit: Array, p: int, q: int) -> bool:
     """Whether a point of a grid is not above its neighbours."""
     for d in range(-1, 2):
         for e in range(-1, 2):
@@ -325,7 +423,7 @@ def _least(fit, p, q):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _below(fit, p, q):  # type: ignore[no-untyped-def]
+def _below(fit: Array, p: int, q: int) -> float:
     """Return by how much parabolas through a point's neighbours go below it."""
     out = 0.0
     for d, e in ((1, 0), (0, 1)):
@@ -337,7 +435,7 @@ def _below(fit, p, q):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _spread(hessian, north, east):  # type: ignore[no-untyped-def]
+def _spread(hessian: Array, north: float, east: float) -> float:
     """Return the variance of a place along a direction, which need not be of length one."""
     determinant = hessian[0] * hessian[2] - hessian[1] ** 2
     square = hessian[2] * north**2 - 2.0 * hessian[1] * north * east + hessian[0] * east**2
@@ -345,7 +443,9 @@ def _spread(hessian, north, east):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _slopes(node, north, east, w, slopes, hessian):  # type: ignore[no-untyped-def]
+def _slopes(
+    node: _Node, north: float, east: float, w: Array, slopes: Array, hessian: Array
+) -> None:
     """Write the whitened readings (T,) at a place, their slopes (2, T) to north and east, and half
     the Hessian of the chi-square (north north, north east, east east)."""
     h = node.step
@@ -365,24 +465,29 @@ def _slopes(node, north, east, w, slopes, hessian):  # type: ignore[no-untyped-d
 
 
 @kernel(error_model="numpy")
-def _white(node, north, east, out):  # type: ignore[no-untyped-def]
+def _white(node: _Node, north: float, east: float, out: Array) -> None:
     """Write the readings (T,) of a leg that ends some way (m) off a node, linear between nodes of
-    the map, in units of the noise and without what the ones before say of it; NaN off the map."""
-    values, offset, cell = node.values, node.offset, node.cell
-    n, m = values.shape
+    the map, in units of the noise and without what the ones before say of it; NaN off the map
+    and from there on."""
+    offset, cell = node.offset, node.cell
     before, more = 0.0, node.by_place[0] * north + node.by_place[1] * east
     for t in range(offset.shape[0]):
         row = node.row + (offset[t, 0] + north) / cell[0]
         column = node.column + (offset[t, 1] + east) / cell[1]
-        k, c = math.floor(row), math.floor(column)
-        if k < 0 or k + 1 > n - 1 or c < 0 or c + 1 > m - 1:
-            out[:] = math.nan
-            return
-        v, u = row - k, column - c
-        value = (1.0 - v) * ((1.0 - u) * values[k, c] + u * values[k, c + 1]) + v * (
-            (1.0 - u) * values[k + 1, c] + u * values[k + 1, c + 1]
-        )
         expected = node.correlation * before
-        difference = value - more - expected
+        difference = _linear(node.values, row, column) - more - expected
         before = expected + node.gain[t] * difference
         out[t] = math.sqrt(node.weight[t]) * difference
+
+
+@kernel(error_model="numpy")
+def _linear(values: Values, row: float, column: float) -> float:
+    """Return the value at a place between nodes of a map, linear in either direction; NaN off the
+    map."""
+    n, m = values.shape
+    k, c = min(max(math.floor(row), 0), n - 2), min(max(math.floor(column), 0), m - 2)
+    v = row - k if 0.0 <= row < n - 1 else math.nan
+    u = column - c if 0.0 <= column < m - 1 else math.nan
+    return (1.0 - v) * ((1.0 - u) * values[k, c] + u * values[k, c + 1]) + v * (
+        (1.0 - u) * values[k + 1, c] + u * values[k + 1, c + 1]
+    )

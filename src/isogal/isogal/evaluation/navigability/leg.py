@@ -14,19 +14,10 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.evaluation.bound import bias_and_drift
-from isogal.evaluation.ins_error_model import (
-    divide,
-    initial_covariance,
-    noise_density,
-    transitions,
-)
+from isogal.evaluation.bound import bias_and_drift, linear_model
 from isogal.evaluation.navigability.kernels import Approach
 from isogal.evaluation.reading_errors import effective_noise_variance
-from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
-from isogal.fusion.assumed import filter_model
-from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -69,7 +60,7 @@ def leg_to(
     trajectory = build_trajectory(scenario)
     stride = scenario.steps_per_scan
     scans = np.arange(stride, len(trajectory) + 1, stride)
-    stacked = _covariance(scenario.informed, trajectory)
+    stacked = _covariance(scenario, trajectory)
     T = len(scans)
     north, east = metres_per_radian(latitude, trajectory.height[-1])
     end = scans[-1]
@@ -108,7 +99,16 @@ def leg_to(
 def leg_scenario(
     scenario: Scenario, latitude: float, longitude: float, heading: float
 ) -> Scenario:
-    """Return the scenario with a straight route that ends at a place (rad)."""
+    """Return the scenario with a straight route.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    latitude, longitude : float
+        Where it ends, rad.
+    heading : float
+        rad.
+    """
     count = scenario.matcher.batch_length
     if scenario.route.duration is not None:
         count = min(count, int(scenario.route.duration / scenario.gravimeter.interval + 1e-9))
@@ -135,33 +135,27 @@ def leg_scenario(
     return scenario.model_copy(update={"route": route})
 
 
-def _covariance(world: Scenario, trajectory: Trajectory) -> Array:
+def _covariance(scenario: Scenario, trajectory: Trajectory) -> Array:
     """Return (5 T, 5 T) the covariance of position, velocity (north, east) and of the readings'
     offset at all readings."""
-    segments = divide(world, trajectory)
-    gravity = true_residual_gravity(world.true, trajectory)
-    offset = [
-        AuxiliaryState(name, "none", 0, sigma)
-        for name, sigma in zip(("bias", "drift"), bias_and_drift(world, trajectory), strict=True)
-    ]
-    states = [*filter_model(world, gravity).auxiliary, *offset]
-    P = initial_covariance(world, states)
-    chosen = np.zeros((5, len(P)))
-    chosen[:4, :4], chosen[4, -2] = np.eye(4), 1.0
+    model = linear_model(scenario, trajectory, [])
+    P, per_scan = model.start, model.segments.per_scan
     crosses, rows = np.zeros((0, len(P))), []
-    steps = transitions(segments, noise_density(world), states)
-    for stretch, (transition, half) in enumerate(steps, 1):
+    for stretch, (transition, half) in enumerate(model.transitions(), 1):
         P = transition @ (P + half) @ transition.T + half
         crosses = crosses @ transition.T
-        if stretch % segments.per_scan == 0:
-            chosen[4, -1] = stretch * segments.dt
-            crosses = np.concatenate([crosses, chosen @ P])
-            rows.append(crosses @ chosen.T)
+        if stretch % per_scan == 0:
+            crosses = np.concatenate([crosses, P[:4]])
+            rows.append(crosses[:, :4])
     T = len(rows)
-    stacked = np.zeros((5 * T, 5 * T))
+    elapsed = np.arange(1, T + 1) * per_scan * model.segments.dt
+    bias, drift = bias_and_drift(scenario.informed, trajectory)
+    stacked = np.zeros((T, 5, T, 5))
+    stacked[:, 4, :, 4] = bias**2 + drift**2 * np.outer(elapsed, elapsed)
     for k, row in enumerate(rows):
-        stacked[: len(row), 5 * k : 5 * (k + 1)] = row
-    return np.triu(stacked) + np.triu(stacked, 1).T
+        stacked[: k + 1, :4, k, :4] = row.reshape(k + 1, 4, 4)
+    upper = np.triu(stacked.reshape(5 * T, 5 * T))
+    return upper + np.triu(upper, 1).T
 
 
 def _basis(stacked: Array, jacobian: Array) -> Array:

@@ -1,6 +1,5 @@
 """Areas that a route must keep out of: polygons of a GeoJSON file (RFC 7946)."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
+from isogal.evaluation.results import read_json
 
 Rings = list[Array]
 """Outer ring and holes of a polygon, (K, 2) longitude and latitude, deg."""
@@ -21,12 +21,7 @@ def read_areas(path: Path) -> list[Rings]:
     InputError
         The file cannot be read, is not GeoJSON or has no polygon.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: is not JSON: {error}") from None
+    data = read_json(path)
     try:
         polygons = [
             [np.array(ring, dtype=np.float64)[:, :2] for ring in rings]

@@ -87,10 +87,34 @@ def start_covariance(scenario: Scenario, own_variance: float) -> Array:
 
 
 @kernel(error_model="numpy")
-def along_edge(  # type: ignore[no-untyped-def]
-    P, latitude, longitude, length, direction, edges, grid: Grid, sigma
-):
-    """Return the covariance at the end of an edge that begins at a place (rad)."""
+def along_edge(
+    P: Array,
+    latitude: float,
+    longitude: float,
+    length: float,
+    direction: int,
+    edges: Edges,
+    grid: Grid,
+    sigma: Array,
+) -> Array:
+    """Return the covariance at the end of an edge.
+
+    Parameters
+    ----------
+    P : (SIZE, SIZE) array
+        At its beginning.
+    latitude, longitude : float
+        rad, where it begins.
+    length : float
+        m.
+    direction : int
+        Of the lattice, counted as in `edges`.
+    edges : Edges
+    grid : Grid
+        The map.
+    sigma : (n, m) array
+        1-sigma of its error.
+    """
     velocity, rotation, jacobian, white, map_error, constants = edges
     vn, ve = velocity[direction]
     interval, noise, height, gravity = constants

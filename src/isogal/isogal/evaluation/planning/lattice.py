@@ -61,8 +61,19 @@ def lattice_between(
     areas: list[Rings],
     columns: int = COLUMNS,
 ) -> Lattice:
-    """Return the lattice of all routes that are longer than the straight one by a share `detour`
-    at most; start and goal (latitude, longitude) in rad."""
+    """Return the lattice of all routes that are not much longer than the straight one.
+
+    Parameters
+    ----------
+    start, goal : pair of float
+        Latitude and longitude, rad.
+    detour : float
+        By which share a route may be longer.
+    areas : list of Rings
+        That edges keep out of.
+    columns : int
+        Edges of a route.
+    """
     middle = 0.5 * (start[0] + goal[0])
     north_scale, east_scale = (float(scale) for scale in metres_per_radian(middle))
     ahead = np.array([(goal[0] - start[0]) * north_scale, (goal[1] - start[1]) * east_scale])

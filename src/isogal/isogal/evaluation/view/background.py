@@ -4,9 +4,10 @@ import base64
 import io
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans
 from isogal.evaluation.figures.style import FieldScale, nice_limit
@@ -14,8 +15,9 @@ from isogal.evaluation.view.projection import Projection
 from isogal.maps.axes import Window
 
 if TYPE_CHECKING:
-    from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
+
+Bytes = NDArray[np.uint8]
 
 DOTS = 900
 """Rows and columns of the picture at most."""
@@ -58,8 +60,17 @@ def background(
     field_map: "ScalarMap", projection: Projection, latitude: Array, longitude: Array,
     scale: FieldScale,
 ) -> Background:  # fmt: skip
-    """Return the map about a route (rad), with a margin of a tenth of its length, 10 km at
-    least."""
+    """Return the map about a route, with a margin of a tenth of its length, 10 km at least.
+
+    Parameters
+    ----------
+    field_map : ScalarMap
+    projection : Projection
+    latitude, longitude : (K,) arrays
+        Of the route, rad.
+    scale : FieldScale
+        Of the map's values.
+    """
     x, y = projection(latitude, longitude)
     margin = max(10.0, 0.15 * math.hypot(np.ptp(x), np.ptp(y)))
     window = Window(
@@ -67,7 +78,7 @@ def background(
         float(longitude.max()),
     ).grown(1e3 * margin)  # fmt: skip
     part = field_map.overview(DOTS, window)
-    east, north = _axes(part, projection)
+    east, north = projection.axes(part.latitude, part.longitude)
     values = scale(part.values)
     low, high = (float(v) for v in np.nanpercentile(values, [1.0, 99.0]))
     if not high > low:
@@ -87,18 +98,9 @@ def background(
     )
 
 
-def _axes(part: "FieldMap", projection: Projection) -> tuple[Array, Array]:
-    """Return the nodes' km east, unwrapped, and north."""
-    middle = projection(part.latitude[:1], part.longitude[:1])[0][0]
-    east = middle + (part.longitude - part.longitude[0]) * projection.east
-    if projection.east > 0.0 and abs(east.mean()) > math.pi * projection.east:
-        east = east - 2.0 * math.pi * projection.east * round(
-            float(east.mean()) / (2.0 * math.pi * projection.east)
-        )
-    return east, projection(part.latitude, np.full_like(part.latitude, part.longitude[0]))[1]
-
-
-def _shaded(values: Array, east: Array, north: Array, low: float, high: float) -> Array:
+def _shaded(
+    values: Array, east: Array, north: Array, low: float, high: float
+) -> NDArray[np.uint8]:
     """Return RGBA bytes (n, m, 4), first row in the north: colour by value, lit from the
     north-west as relief is on maps; nothing where there is no map."""
     from bokeh.palettes import Cividis256
@@ -115,7 +117,7 @@ def _shaded(values: Array, east: Array, north: Array, low: float, high: float) -
     return np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)])[::-1]
 
 
-def _png(pixels: Any) -> str:
+def _png(pixels: Bytes) -> str:
     from PIL import Image
 
     buffer = io.BytesIO()
@@ -139,7 +141,7 @@ def _near_lines(
 
     if not isinstance(field_map, FieldMap):
         return Lines(np.empty(0), np.empty(0), step)
-    east, north = _axes(field_map, projection)
+    east, north = projection.axes(field_map.latitude, field_map.longitude)
     rows = _about(north, route[1])
     columns = _about(east, route[0])
     values = scale(field_map.values[rows, columns])

@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures.style import FieldScale, field_scale
 from isogal.evaluation.view.background import background
-from isogal.evaluation.view.figures import drawings
+from isogal.evaluation.view.figures import MAPS, drawings
 from isogal.evaluation.view.payload import payload
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import ViewedRun
@@ -21,10 +21,10 @@ from isogal.files import write_atomic
 from isogal.maps.channels import channels_of
 
 if TYPE_CHECKING:
+    from jinja2 import Template
+
     from isogal.arrays import Array
     from isogal.maps.channels import RouteMap
-
-MAPS = ("overview", "close_up")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +67,24 @@ class Frame:
         latitude, longitude = route[0], np.unwrap(route[1])
         shown = channels_of(field_map)[0]
         projection, scale = Projection.of(latitude, longitude), field_scale(shown)
-        label = _plain(scale.label)
+        # the page has no mathematics
+        unit = scale.unit_name.replace("$10^{-5}$ m/s²", "mGal")
         back = background(shown, projection, latitude, longitude, scale)
-        drawn = drawings(back, label, end, chi_square_interval(1, 2))
+        drawn = drawings(back, (scale.name, unit), end, chi_square_interval(1, 2))
         script, divisions = components({drawing.name: drawing.plot for drawing in drawn})
         lines = f"Lines of equal value every {back.coarse.step:g}"
         if back.fine.x.size:
             lines += f", near the route {back.fine.step:g}"
-        html = _page(
+        html = _template().render(
             title=title,
             subtitle=subtitle,
             script=script,
             drawings=drawn,
             divisions=divisions,
+            maps=MAPS,
             live=live,
-            lines=f"{lines} {_unit(label)}.",
+            lines=f"{lines} {unit}.",
+            version=isogal.__version__,
         )
         return Frame(projection, scale, html)
 
@@ -125,31 +128,13 @@ def require_bokeh() -> None:
         raise InputError("the page needs the Python package bokeh: pip install 'isogal[view]'")
 
 
-def _page(**values: Any) -> str:
+def _template() -> "Template":
+    """Return the page, with everything in it that is the same in all."""
     from bokeh.resources import Resources
     from jinja2 import Environment
 
     own = files(__package__)
-    text = {kind: (own / f"view.{kind}").read_text("utf-8") for kind in ("html", "css", "js")}
+    html, css, js = ((own / f"view.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
     library = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
-    return (
-        Environment(autoescape=True)
-        .from_string(text["html"])
-        .render(
-            library=library,
-            style=text["css"],
-            own_script=text["js"],
-            version=isogal.__version__,
-            maps=MAPS,
-            **values,
-        )
-    )
-
-
-def _plain(label: str) -> str:
-    """Return a label for matplotlib without its mathematics."""
-    return label.replace("$10^{-5}$ m/s²", "mGal")
-
-
-def _unit(label: str) -> str:
-    return label[label.rindex("(") + 1 : -1]
+    shared = {"library": library, "style": css, "own_script": js}
+    return Environment(autoescape=True).from_string(html, globals=shared)

@@ -1,169 +1,186 @@
 """The numbers of the page, as its script takes them: written into the page, and sent anew while a
 run is watched."""
 
-from typing import Any
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures.style import FieldScale
 from isogal.evaluation.integrity import Solution
 from isogal.evaluation.records import Runs
+from isogal.evaluation.results import finite
 from isogal.evaluation.view.projection import Projection
-from isogal.evaluation.view.record import ViewedRun
+from isogal.evaluation.view.record import Event, ViewedRun
+from isogal.files import Json
 
 MOST_STATES = 6000
 """States that a page shows at most; of more, evenly some."""
 MOST_CANDIDATES = 400
 """Of a batch at most: those of the greatest weight."""
+AGAIN = 60.0
+"""s after which the same words are shown again."""
 _OF_TRUTH = ("error", "north", "east", "nees", "unaided")
 """Columns that nobody knows without the truth."""
 
 
-def payload(viewed: ViewedRun, projection: Projection, scale: FieldScale) -> dict[str, Any]:
+Column = Sequence[float | str | None]
+Table = dict[str, Column]
+"""Columns by name."""
+_DIGITS = {"t": 7, "latitude": 9, "longitude": 9, "east_scale": 6, "north_scale": 6,
+           "milliseconds": 3, "weight": 3, "difference": 4}  # fmt: skip
+"""Significant ones; of places on the map there are eight, of others five."""
+
+
+def payload(viewed: ViewedRun, projection: Projection, scale: FieldScale) -> dict[str, Json]:
     """Return the numbers: lists, with None where a number is not known.
 
     Lengths on the map are in km, errors in m, times in hours since the start; covariances are
     given as north-north, north-east, east-east, m²."""
-    runs = viewed.runs
-    kept = slice(None, None, -(-runs.time.size // MOST_STATES))
     return {
         "is_true": viewed.is_true,
-        "states": _states(viewed, projection, kept),
+        "states": _states(viewed, projection),
         "batches": _batches(viewed, projection),
-        "candidates": _candidates(runs, projection),
+        "candidates": _candidates(viewed.runs, projection),
         "readings": _readings(viewed, scale),
         "events": _events(viewed),
         "missing": viewed.missing,
     }
 
 
-def _states(viewed: ViewedRun, projection: Projection, kept: slice) -> dict[str, Any]:
-    runs = viewed.runs
-    error, covariance = runs.error[0], runs.covariance[0]
-    unaided = runs.unaided_error[0]
-    x, y = projection(runs.latitude, runs.longitude)
-    east, north = projection.stretch(runs.latitude)
-    level = Solution.of(runs).level(viewed.scenario.integrity)[0]
-    columns = {
-        "t": _numbers(runs.elapsed / 3600.0, 7),
-        "latitude": _numbers(np.degrees(runs.latitude), 9),
-        "longitude": _numbers(np.degrees(runs.longitude), 9),
-        "x": _numbers(x, 8),
-        "y": _numbers(y, 8),
-        "east_scale": _numbers(east, 6),
-        "north_scale": _numbers(north, 6),
-        "aided_x": _numbers(x + east * error[:, 1], 8),
-        "aided_y": _numbers(y + north * error[:, 0], 8),
-        "unaided_x": _numbers(x + east * unaided[:, 1], 8),
-        "unaided_y": _numbers(y + north * unaided[:, 0], 8),
-        "north": _numbers(error[:, 0]),
-        "east": _numbers(error[:, 1]),
-        "error": _numbers(runs.horizontal_error[0]),
-        "unaided": _numbers(runs.unaided_horizontal_error[0]),
-        "nn": _numbers(covariance[:, 0, 0]),
-        "ne": _numbers(covariance[:, 0, 1]),
-        "ee": _numbers(covariance[:, 1, 1]),
-        "level": _numbers(level),
-        "nees": _numbers(nees_per_axis(error, covariance)),
-    }
-    if not viewed.is_true:
-        columns |= {name: [None] * runs.time.size for name in _OF_TRUTH}
-    return {name: column[kept] for name, column in columns.items()}
-
-
-def _batches(viewed: ViewedRun, projection: Projection) -> dict[str, Any]:
-    """Fixes, and the navigator right after each batch."""
-    runs = viewed.runs
-    latitude = np.interp(runs.fix_time, runs.time, runs.latitude)
-    longitude = np.interp(runs.fix_time, runs.time, np.unwrap(runs.longitude))
+def _places(
+    projection: Projection, latitude: Array, longitude: Array, **errors: Array
+) -> dict[str, Array]:
+    """Return the columns of true places (K,) on the map, and of those that errors (K, 2) lead to
+    from there, by prefixes of theirs."""
     x, y = projection(latitude, longitude)
     east, north = projection.stretch(latitude)
-    fix, after = runs.fix_error[0], runs.posterior_error[0]
-    columns: dict[str, Any] = {
-        "t": _numbers((runs.fix_time - runs.time[0]) / 3600.0, 7),
-        "x": _numbers(x + east * fix[:, 1], 8),
-        "y": _numbers(y + north * fix[:, 0], 8),
-        "after_x": _numbers(x + east * after[:, 1], 8),
-        "after_y": _numbers(y + north * after[:, 0], 8),
-        "east_scale": _numbers(east, 6),
-        "north_scale": _numbers(north, 6),
-        "north": _numbers(fix[:, 0]),
-        "east": _numbers(fix[:, 1]),
-        "nees": _numbers(nees_per_axis(after, runs.posterior_covariance[0])),
-        "milliseconds": _numbers(1e3 * runs.fix_seconds[0], 3),
-        "reason": list(runs.fix_reason[0]),
+    found = {"x": x, "y": y, "east_scale": east, "north_scale": north}
+    for prefix, error in errors.items():
+        found[f"{prefix}_x"], found[f"{prefix}_y"] = (
+            x + east * error[:, 1],
+            y + north * error[:, 0],
+        )
+    return found
+
+
+def _covariances(covariance: Array, prefix: str = "") -> dict[str, Array]:
+    entries = {"nn": (0, 0), "ne": (0, 1), "ee": (1, 1)}
+    return {prefix + name: covariance[:, i, j] for name, (i, j) in entries.items()}
+
+
+def _states(viewed: ViewedRun, projection: Projection) -> Table:
+    runs = viewed.runs
+    error, covariance, unaided = runs.error[0], runs.covariance[0], runs.unaided_error[0]
+    columns = {
+        "t": runs.elapsed / 3600.0,
+        "latitude": np.degrees(runs.latitude),
+        "longitude": np.degrees(runs.longitude),
+        **_places(projection, runs.latitude, runs.longitude, aided=error, unaided=unaided),
+        "north": error[:, 0],
+        "east": error[:, 1],
+        "error": runs.horizontal_error[0],
+        "unaided": runs.unaided_horizontal_error[0],
+        **_covariances(covariance),
+        "level": Solution.of(runs).level(viewed.scenario.integrity)[0],
+        "nees": nees_per_axis(error, covariance),
     }
-    for name, values in (("", runs.fix_covariance[0]), ("after_", runs.posterior_covariance[0])):
-        for suffix, (i, j) in (("nn", (0, 0)), ("ne", (0, 1)), ("ee", (1, 1))):
-            columns[name + suffix] = _numbers(values[:, i, j])
     if not viewed.is_true:
-        columns["nees"] = [None] * runs.fix_time.size
-    return columns
+        columns |= {name: np.full(runs.time.size, np.nan) for name in _OF_TRUTH}
+    kept = slice(None, None, -(-runs.time.size // MOST_STATES))
+    return _table({name: column[kept] for name, column in columns.items()})
 
 
-def _candidates(runs: Runs, projection: Projection) -> list[dict[str, Any]]:
+def _batches(viewed: ViewedRun, projection: Projection) -> Table:
+    """Fixes, and the navigator right after each batch."""
+    runs = viewed.runs
+    fix, after = runs.fix_error[0], runs.posterior_error[0]
+    places = _places(projection, *runs.fix_place, fix=fix, after=after)
+    places |= {"x": places.pop("fix_x"), "y": places.pop("fix_y")}  # shown are those of the fixes
+    nees = nees_per_axis(after, runs.posterior_covariance[0])
+    return {
+        **_table(
+            {
+                "t": (runs.fix_time - runs.time[0]) / 3600.0,
+                **places,
+                "north": fix[:, 0],
+                "east": fix[:, 1],
+                "nees": nees if viewed.is_true else np.full_like(nees, np.nan),
+                "milliseconds": 1e3 * runs.fix_seconds[0],
+                **_covariances(runs.fix_covariance[0]),
+                **_covariances(runs.posterior_covariance[0], "after_"),
+            }
+        ),
+        "reason": [reason or None for reason in runs.fix_reason[0].tolist()],
+    }
+
+
+def _candidates(runs: Runs, projection: Projection) -> list[Table]:
     """Candidates of each batch, of all its scans."""
     detail = runs.detail
     if detail is None:
         return [{"x": [], "y": [], "weight": [], "scan": []} for _ in runs.fix_time]
     x, y = projection(detail.candidate_latitude, detail.candidate_longitude)
+    weight = detail.candidate_weight
     found = []
     for batch in range(runs.fix_time.size):
         mine = np.flatnonzero(detail.candidate_batch == batch)
-        mine = mine[np.argsort(-detail.candidate_weight[mine], kind="stable")[:MOST_CANDIDATES]]
-        found.append(
-            {
-                "x": _numbers(x[mine], 8),
-                "y": _numbers(y[mine], 8),
-                "weight": _numbers(detail.candidate_weight[mine], 3),
-                "scan": detail.candidate_scan[mine].tolist(),
-            }
-        )
+        mine = mine[np.argsort(-weight[mine], kind="stable")[:MOST_CANDIDATES]]
+        table = _table({"x": x[mine], "y": y[mine], "weight": weight[mine]})
+        found.append({**table, "scan": detail.candidate_scan[mine].tolist()})
     return found
 
 
-def _readings(viewed: ViewedRun, scale: FieldScale) -> dict[str, Any]:
+def _readings(viewed: ViewedRun, scale: FieldScale) -> Table:
     detail, start = viewed.runs.detail, viewed.runs.time[0]
     if detail is None:
         return {"t": [], "reading": [], "truth": [], "navigator": [], "difference": []}
-    reading = scale(detail.reading)
+    reading, navigator = scale(detail.reading), scale(detail.map_value_navigator)
     true = detail.map_value if viewed.is_true else np.full_like(detail.map_value, np.nan)
-    kept = slice(None, None, -(-detail.scan_time.size // MOST_STATES))
     columns = {
-        "t": _numbers((detail.scan_time - start) / 3600.0, 7),
-        "reading": _numbers(reading),
-        "truth": _numbers(scale(true)),
-        "navigator": _numbers(scale(detail.map_value_navigator)),
-        "difference": _numbers(reading - scale(detail.map_value_navigator), 4),
+        "t": (detail.scan_time - start) / 3600.0,
+        "reading": reading,
+        "truth": scale(true),
+        "navigator": navigator,
+        "difference": reading - navigator,
     }
-    return {name: column[kept] for name, column in columns.items()}
+    kept = slice(None, None, -(-detail.scan_time.size // MOST_STATES))
+    return _table({name: column[kept] for name, column in columns.items()})
 
 
-def _events(viewed: ViewedRun) -> dict[str, Any]:
+def _events(viewed: ViewedRun) -> Table:
     """What nodes said; of the same words again and again, the first and how often."""
     start = viewed.runs.time[0]
-    rows: list[list[Any]] = []
-    last: dict[tuple[str, str, str], int] = {}
+    first: list[Event] = []
+    times: list[int] = []
+    last: dict[tuple[str, str, str], tuple[int, float]] = {}
     for event in viewed.events or ():
         key = (event.level, event.source, event.text)
-        hours = float(f"{(event.time - start) / 3600.0:.5f}")
-        if key in last and event.time - rows[last[key]][5] <= 60.0:
-            rows[last[key]][4] += 1
-            rows[last[key]][5] = event.time
+        row, before = last.get(key, (0, -math.inf))
+        if event.time - before <= AGAIN:
+            times[row] += 1
         else:
-            last[key] = len(rows)
-            rows.append([hours, *key, 1, event.time])
-    names = ("t", "level", "source", "text", "times")
-    return {name: [row[i] for row in rows] for i, name in enumerate(names)}
+            row = len(first)
+            first.append(event)
+            times.append(1)
+        last[key] = row, event.time
+    return {
+        "t": [float(f"{(event.time - start) / 3600.0:.5f}") for event in first],
+        "level": [event.level for event in first],
+        "source": [event.source for event in first],
+        "text": [event.text for event in first],
+        "times": times,
+    }
 
 
-def _numbers(values: ArrayLike, digits: int = 5) -> list[float | None]:
-    """Return numbers of so many significant digits; None for what is not finite."""
-    array: Array = np.asarray(values, dtype=np.float64)
-    return [
-        float(f"{value:.{digits}g}") if finite else None
-        for value, finite in zip(array.tolist(), np.isfinite(array).tolist(), strict=True)
-    ]
+def _table(columns: Mapping[str, Array]) -> Table:
+    """Return columns of numbers of so many significant digits as `_DIGITS` says; None for what is
+    not finite."""
+    found: Table = {}
+    for name, column in columns.items():
+        digits = _DIGITS.get(name, 8 if name.endswith(("x", "y")) else 5)
+        rounded = (float(f"{value:.{digits}g}") for value in column.tolist())
+        found[name] = [finite(value) for value in rounded]
+    return found

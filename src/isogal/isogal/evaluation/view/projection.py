@@ -38,6 +38,13 @@ class Projection:
         turn = np.remainder(np.asarray(longitude) - self.longitude + np.pi, 2.0 * np.pi) - np.pi
         return cast(Array, turn * self.east), (np.asarray(latitude) - self.latitude) * self.north
 
+    def axes(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
+        """Return km east and north of the columns and rows of a map, whose longitudes may be
+        counted from another turn."""
+        turn = longitude - self.longitude
+        turn = turn - 2.0 * np.pi * np.round(turn.mean() / (2.0 * np.pi))
+        return turn * self.east, (latitude - self.latitude) * self.north
+
     def stretch(self, latitude: ArrayLike) -> tuple[Array, Array]:
         """Return km on the map per metre east and north, at latitudes (rad)."""
         north, east = metres_per_radian(latitude)

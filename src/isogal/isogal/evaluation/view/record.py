@@ -1,12 +1,9 @@
 """What the page shows."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
-import numpy as np
-
-from isogal.evaluation.records import PER_RUN, Runs
+from isogal.evaluation.records import Runs
 from isogal.scenario import Scenario
 
 
@@ -64,20 +61,3 @@ class ViewedRun:
             " navigator's Gaussian posterior after it."
         )
         return said
-
-
-def one_run(runs: Runs, which: int) -> Runs:
-    """Return one run of a record, by its place in it; the details stay only with the first."""
-    values: dict[str, Any] = {item.name: getattr(runs, item.name) for item in fields(Runs)}
-    values |= {name: values[name][which : which + 1] for name in PER_RUN}
-    return Runs(**(values | {"detail": runs.detail if which == 0 else None}))
-
-
-def subtitle_of(runs: Runs, scenario: Scenario) -> str:
-    """Return a line that says what was run."""
-    hours = float(np.ptp(runs.time)) / 3600.0
-    return (
-        f"Matcher {scenario.matcher.name}, batches of {scenario.matcher.batch_length} scans,"
-        f" {scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed},"
-        f" {hours:.2f} h"
-    )
