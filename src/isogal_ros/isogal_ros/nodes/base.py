@@ -23,8 +23,7 @@ from isogal_ros.nodes.listening import Listening
 from isogal_ros.nodes.memory import Memory
 from isogal_ros.nodes.publishing import Published
 from isogal_ros.parameters.declaration import declare, on_change
-from isogal_ros.parameters.from_model import parameter_specs
-from isogal_ros.parameters.spec import ParameterSpec
+from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import scenario_from, settings_from
 from isogal_ros.topics import LOSSLESS, Topic
 
@@ -152,7 +151,7 @@ class GraphNode(ManagedNode):
             self.settings_model, {spec.name: values[spec.name] for spec in own}, name
         )
         told = {spec.name: values[spec.name] for spec in of_scenario}
-        if "truth" in told:  # a file of parameters that all nodes share says it of all sections
+        if isinstance(told.get("truth"), dict):  # a file of parameters that all nodes share says it of all sections
             told["truth"] = truth_of(told["truth"], self.sections)
         self.scenario = scenario_from(told, name)
         return own + of_scenario
