@@ -12,6 +12,7 @@ import numpy as np
 
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Scenario
+from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
 MAP, ODOM, BASE, GEODETIC = "map", "odom", "base_link", "wgs84"
@@ -33,8 +34,9 @@ def map_frame(scenario: Scenario) -> LocalFrame:
     return LocalFrame(math.radians(first[0]), math.radians(first[1]), route.height)
 
 
-def framed(topic: Topic, frame: str) -> Any:
-    """Return an empty message of a topic, in a frame."""
+def framed(topic: Topic, frame: str, ns: int = 0) -> Any:
+    """Return an empty message of a topic, in a frame and of a stamp."""
     message = topic.type()
     message.header.frame_id = frame
+    set_stamp(message.header.stamp, ns)
     return message

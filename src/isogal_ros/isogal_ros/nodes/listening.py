@@ -8,16 +8,23 @@ Where a topic is of one publisher (`Topic.single`), that is the first one heard,
 others are dropped (`isogal_ros.nodes.sources`)."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
+from isogal_ros import topics
 from isogal_ros.nodes.sources import NAMELESS, Sources
 from isogal_ros.nodes.taking import foretell, take_next
 from isogal_ros.topics import LOSSLESS, Topic
+
+if TYPE_CHECKING:
+    from isogal_ros.nodes.base import GraphNode
+
+Take = Callable[[topics.Message], None]
+"""Takes a message of a topic; or a serialised one, as the subscription says."""
 
 _BEST_EFFORT = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT
@@ -42,9 +49,9 @@ class Listening:
 
     def __init__(
         self,
-        node: Any,
+        node: "GraphNode",
         topic: Topic,
-        take: Callable[[Any], object],
+        take: Take,
         raw: bool = False,
         single: bool = False,
     ) -> None:
@@ -53,7 +60,7 @@ class Listening:
         self._sources = Sources(self._look) if single else None
         self._subscription = self._subscribe(LOSSLESS)
 
-    def _subscribe(self, profile: QoSProfile) -> Any:
+    def _subscribe(self, profile: QoSProfile) -> Subscription:
         topic, events = self._topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
         made = self._node.create_subscription(
             topic.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
@@ -93,7 +100,7 @@ class Listening:
             else:
                 self._take(data if self._raw else deserialize_message(data, self._topic.type))
 
-    def _refuse(self, _event: Any) -> None:
+    def _refuse(self, _event: QoSRequestedIncompatibleQoSInfo) -> None:
         """Note that a publisher offers less than is asked for."""
         self._refused = True
 
