@@ -10,20 +10,19 @@ of their definitions (m/s², T, m). Readers raise `BadMessageError` for what can
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from isogal import plugins
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.topics import Topic
+from isogal_ros.topics import Message, Topic
 
 Reading = float | Array
 """A number, or an array (C,) of several channels; its variance, or their covariance (C, C)."""
 Place = tuple[float, float] | None
 """Latitude and longitude (rad) where the navigator took a reading to be; None = not known."""
-Write = Callable[[int, Reading, Reading, Place], Any]
+Write = Callable[[int, Reading, Reading, Place], Message]
 """Returns the message of a stamp (ns), a reading (NaN = nothing in range), its variance and the
 place, which instruments do not know."""
 
@@ -36,12 +35,12 @@ class Adapter:
     """What the instrument publishes."""
     write_raw: Write
     """Of the simulated instrument."""
-    read_raw: Callable[[Any], tuple[Reading, Reading | None]]
+    read_raw: Callable[[Message], tuple[Reading, Reading | None]]
     """Returns (what was sensed, NaN = nothing in range; its variance, None = unknown)."""
     reduced: Topic
     """What is matched."""
     write_reduced: Write
-    read_reduced: Callable[[Any], tuple[Reading, Reading]]
+    read_reduced: Callable[[Message], tuple[Reading, Reading]]
     """Returns (reduced reading, NaN = the instrument had none in range; variance)."""
 
 

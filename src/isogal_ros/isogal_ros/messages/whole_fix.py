@@ -13,9 +13,9 @@ down, m/s), `from_attitude` (quaternion w, x, y, z; body forward, right, down to
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from sensor_msgs.msg import PointCloud2
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES, Estimate
@@ -35,7 +35,7 @@ class WholeFix:
     """None = the navigator's estimate of that stamp, as it is when the fix comes."""
 
 
-def fill_whole_fix(message: Any, ns: int, whole: WholeFix) -> None:
+def fill_whole_fix(message: PointCloud2, ns: int, whole: WholeFix) -> None:
     """Write a fix, or that there is none, into a PointCloud2."""
     fix = whole.fix
     values: dict[str, Array | float] = {
@@ -65,7 +65,7 @@ def fill_whole_fix(message: Any, ns: int, whole: WholeFix) -> None:
     fill_point(message, ns, values)
 
 
-def read_whole_fix(message: Any) -> WholeFix:
+def read_whole_fix(message: PointCloud2) -> WholeFix:
     """Return what a message of `fill_whole_fix` says.
 
     Raises

@@ -18,8 +18,8 @@ from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
-from isogal_ros.nodes import nav_buffer
-from isogal_ros.nodes.nav_buffer import NavBuffer
+from isogal_ros.nodes import nav_queue
+from isogal_ros.nodes.nav_queue import NavBuffer
 
 S = 10**9
 SCENARIO = load_scenario()
@@ -117,7 +117,7 @@ def test_old_states_are_dropped() -> None:
 
 
 def test_a_flood_is_not_kept(monkeypatch) -> None:
-    monkeypatch.setattr(nav_buffer, "REPEATED", 8)
+    monkeypatch.setattr(nav_queue, "REPEATED", 8)
     buffer = Buffer()
     with pytest.raises(BadMessageError, match=r"more than 8 messages of 5\.000 s"):
         for k in range(20):
