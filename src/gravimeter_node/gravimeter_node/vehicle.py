@@ -39,7 +39,7 @@ class Vehicle:
 
     @property
     def has_scalar(self) -> bool:
-        """Whether there is a scalar instrument beside the vector one."""
+        """Whether there is a scalar instrument as well as the vector one."""
         if not self._heard:
             self._heard = self._node.count_publishers(topics.SCALAR_FIELD.name) > 0
         return self._heard

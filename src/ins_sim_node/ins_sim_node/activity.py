@@ -19,12 +19,12 @@ class Activity:
     ----------
     node : GraphNode
         The one that wants to know.
-    told : callable
+    changed : callable
         Called with the name of a node and whether it is active, when that changes.
     """
 
-    def __init__(self, node: GraphNode, told: Callable[[str, bool], None]) -> None:
-        self._node, self._told = node, told
+    def __init__(self, node: GraphNode, changed: Callable[[str, bool], None]) -> None:
+        self._node, self._changed = node, changed
         self._events: dict[str, str] = {}
         self._inactive: dict[str, frozenset[bytes]] = {}
         for name in node.settings.peers:
@@ -53,7 +53,7 @@ class Activity:
     def _hear(self, name: str, event: TransitionEvent) -> None:
         if event.goal_state.id == State.PRIMARY_STATE_ACTIVE:
             if self._inactive.pop(name, None) is not None:
-                self._told(name, True)
+                self._changed(name, True)
         elif event.start_state.id == State.PRIMARY_STATE_ACTIVE:
             self._inactive[name] = self._process(name)
-            self._told(name, False)
+            self._changed(name, False)

@@ -108,7 +108,7 @@ DISTURBANCE = Topic("gravimeter/disturbance", AccelWithCovarianceStamped)
 MAGNETIC_FIELD = Topic("magnetometer/data_raw", MagneticField)
 """A vector; its length is the reading, unless there is a scalar instrument, too."""
 SCALAR_FIELD = Topic("magnetometer/scalar", MagneticField)
-"""Of a scalar instrument beside a vector one: the total field on z."""
+"""Of a scalar instrument next to a vector one: the total field on z."""
 ANOMALY = Topic("magnetometer/anomaly", MagneticField)
 TERMS = Topic("magnetometer/terms", PointCloud2)
 """In place of the anomaly where the matcher estimates what the vehicle adds: a reading with what

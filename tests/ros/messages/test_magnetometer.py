@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import MagneticField
 
+from isogal.scenario import load_scenario
+from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.magnetometer import read_total, write_anomaly
+from isogal_ros.messages.magnetometer import read_total
 
 
 def magnetic(*vector, covariance=(0.0,) * 9, frame="anything"):
@@ -52,7 +54,7 @@ def test_magnetic_fields_that_cannot_be_used(message, words) -> None:
 
 
 def test_an_anomaly_is_reported_along_the_main_field_only() -> None:
-    message = write_anomaly(0, 100.0, 4.0, None)
+    message = adapter_of(load_scenario(), "magnetic").write_reduced(0, 100.0, 4.0, None)
     assert math.isnan(message.magnetic_field.x)
     assert math.isnan(message.magnetic_field.y)
     assert message.magnetic_field.z == pytest.approx(1e-7)

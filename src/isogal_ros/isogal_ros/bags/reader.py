@@ -49,7 +49,7 @@ class BagReader:
 
     path: Path
     texts: dict[str, str] = field(default_factory=dict)
-    """What the recorder kept beside the messages."""
+    """What the recorder kept besides the messages."""
     cut: str | None = None
     """Why the reading ended early; None = the file is whole. Known after reading."""
     types: dict[str, str] = field(default_factory=dict)

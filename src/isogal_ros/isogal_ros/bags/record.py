@@ -112,7 +112,7 @@ def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
 
 
 def _scans(collector: Collector) -> Iterable[int]:
-    """Return the stamps of scans; those of several fields are together in one rhythm."""
+    """Return the stamps of scans; those of several fields have one schedule."""
     if not collector.others:
         return collector.readings
     interval = from_seconds(collector.scenario.scan_interval)

@@ -108,7 +108,16 @@ class BagWriter:
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         """Write one serialised message; raises OSError where the disk is full. Nothing more can be
-        written then, and `close` ends the file where it was whole."""
+        written then, and `close` ends the file where it was whole.
+
+        Parameters
+        ----------
+        topic : str
+            Made known by `add_topic`.
+        data : bytes
+        log_ns, publish_ns : int
+            When it was received and sent, ns.
+        """
         entry = self._contents.topics[topic]
         self._writer.add_message(entry.channel, log_ns, data, publish_ns, entry.count)
         self._contents.count(entry, log_ns)

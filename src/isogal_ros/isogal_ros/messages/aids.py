@@ -24,7 +24,17 @@ _NOT_MEASURED = -1.0
 
 
 def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Height) -> None:
-    """Write the pressure of a height (m) into a FluidPressure; its variance is unknown, zero."""
+    """Write the pressure of a height into a FluidPressure; its variance is unknown, zero.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    height : float
+        m.
+    settings : scenario.Height
+        Of the sensor.
+    """
     set_stamp(message.header.stamp, ns)
     message.fluid_pressure = float(pressure_of(height, settings))
 

@@ -43,21 +43,21 @@ def terrain(scenario: Scenario) -> Adapter:
     instrument; a real one that looks straight down says its own in each message."""
     settings = scenario.altimeter
     if not settings.sounds:
-        raw = topics.CLEARANCE, partial(write_range, settings), read_range
-        return Adapter(*raw, topics.TERRAIN, write_terrain, read_terrain)
+        raw = topics.CLEARANCE, partial(_write_range, settings), read_range
+        return Adapter(*raw, topics.TERRAIN, _write_terrain, _read_terrain)
     footprints = (
         topics.FOOTPRINTS,
-        partial(write_footprints, settings.count),
-        partial(read_footprints, settings.count),
+        partial(_write_footprints, settings.count),
+        partial(_read_footprints, settings.count),
     )
     if settings.message == "points":
-        points = topics.SOUNDINGS, write_points, partial(read_points, settings)
+        points = topics.SOUNDINGS, _write_points, partial(_read_points, settings)
         return Adapter(*points, *footprints)
-    scan = topics.FAN, partial(write_scan, settings), partial(read_scan, settings)
+    scan = topics.FAN, partial(_write_scan, settings), partial(_read_scan, settings)
     return Adapter(*scan, *footprints)
 
 
-def write_range(
+def _write_range(
     settings: Altimeter, ns: int, value: Reading, variance: Reading, place: Place
 ) -> Range:
     """Return a message of a clearance, m; NaN becomes infinity, which REP 117 has for nothing in
@@ -88,7 +88,7 @@ def read_range(message: Range) -> tuple[float, float | None]:
     return (value if in_range else math.nan), variance or None
 
 
-def write_terrain(ns: int, value: Reading, variance: Reading, place: Place) -> NavSatFix:
+def _write_terrain(ns: int, value: Reading, variance: Reading, place: Place) -> NavSatFix:
     """Return a message of a terrain height, m; NaN = no altitude, as the definition of the message
     has it."""
     message, height = framed(topics.TERRAIN, GROUND), float(value)
@@ -98,7 +98,7 @@ def write_terrain(ns: int, value: Reading, variance: Reading, place: Place) -> N
     return message
 
 
-def read_terrain(message: NavSatFix) -> tuple[float, float]:
+def _read_terrain(message: NavSatFix) -> tuple[float, float]:
     """Return the terrain height (m), NaN where there was nothing in range, and its variance
     (m²)."""
     value, variance = message.altitude, float(message.position_covariance[8])
@@ -107,7 +107,7 @@ def read_terrain(message: NavSatFix) -> tuple[float, float]:
     return value, variance
 
 
-def write_footprints(
+def _write_footprints(
     count: int, ns: int, value: Reading, variance: Reading, place: Place
 ) -> PointCloud2:
     """Return a message of terrain heights with footprints (count, 4); NaN = none."""
@@ -117,7 +117,7 @@ def write_footprints(
     return fill_point(message, ns, {"terrain": found, "variance": variance})
 
 
-def read_footprints(count: int, message: PointCloud2) -> tuple[Array, float]:
+def _read_footprints(count: int, message: PointCloud2) -> tuple[Array, float]:
     """Return terrain heights with footprints (count, 4), NaN = none, and their variance."""
     require_frame(message, BASE)
     content = read_point(message)
@@ -128,7 +128,7 @@ def read_footprints(count: int, message: PointCloud2) -> tuple[Array, float]:
     return heights.reshape(-1, PARTS), float(variance[0])
 
 
-def write_points(ns: int, value: Reading, variance: Reading, place: Place) -> PointCloud2:
+def _write_points(ns: int, value: Reading, variance: Reading, place: Place) -> PointCloud2:
     """Return a message of soundings (B, 3) m, forward, right, down, NaN = none, as points x
     forward, y left, z up."""
     points = (value * FRD_FLU).astype(np.float32)
@@ -136,7 +136,7 @@ def write_points(ns: int, value: Reading, variance: Reading, place: Place) -> Po
     return fill_cloud(framed(topics.SOUNDINGS, BASE), ns, columns)
 
 
-def read_points(settings: Altimeter, message: PointCloud2) -> tuple[Array, None]:
+def _read_points(settings: Altimeter, message: PointCloud2) -> tuple[Array, None]:
     """Return soundings (B, 3) m, forward, right, down, NaN = none in range; and no variance."""
     require_frame(message, BASE)
     found = read_cloud(message, _AXES.__contains__, ("f4", "f8"))
@@ -146,7 +146,7 @@ def read_points(settings: Altimeter, message: PointCloud2) -> tuple[Array, None]
     return _in_range(points * FRD_FLU, settings), None
 
 
-def write_scan(
+def _write_scan(
     settings: Altimeter, ns: int, value: Reading, variance: Reading, place: Place
 ) -> LaserScan:
     """Return a message of soundings (B, 3) m, forward, right, down, as ranges of the fan by their
@@ -162,7 +162,7 @@ def write_scan(
     return message
 
 
-def read_scan(settings: Altimeter, message: LaserScan) -> tuple[Array, None]:
+def _read_scan(settings: Altimeter, message: LaserScan) -> tuple[Array, None]:
     """Return soundings (B, 3) m, forward, right, down, NaN = none in range; and no variance."""
     require_frame(message, FAN)
     length = np.asarray(message.ranges, dtype=np.float64)

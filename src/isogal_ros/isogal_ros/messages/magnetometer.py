@@ -1,9 +1,9 @@
 """Messages of a magnetometer: MagneticField, in tesla.
 
 Of a raw vector only the length counts, so that its frame may be any, but for what a magnetic
-vehicle adds: that is told in the axes that the messages have. The simulated instrument measures
+vehicle adds: that is in the axes that the messages have. The simulated instrument measures
 the total field alone, as optically pumped ones do: it is on z. That on a magnetic vehicle has a
-vector instrument beside it, in axes forward, right, down. The anomaly is the component along the
+vector instrument as well, in axes forward, right, down. The anomaly is the component along the
 main field, the other two are not reported (NaN, as the definition of the message has it).
 
 Where the matcher estimates what the vehicle adds, a point (`isogal_ros.messages.point`) takes the
@@ -44,11 +44,11 @@ def magnetic(scenario: Scenario) -> Adapter:
     """Return the adapter of the field magnetic."""
     raw = topics.MAGNETIC_FIELD
     if scenario.magnetometer.online:
-        return Adapter(raw, write_total, read_total, topics.TERMS, write_terms, read_terms)
-    return Adapter(raw, write_total, read_total, topics.ANOMALY, write_anomaly, read_anomaly)
+        return Adapter(raw, _write_total, read_total, topics.TERMS, _write_terms, _read_terms)
+    return Adapter(raw, _write_total, read_total, topics.ANOMALY, _write_anomaly, _read_anomaly)
 
 
-def write_total(ns: int, value: Reading, variance: Reading, place: Place) -> MagneticField:
+def _write_total(ns: int, value: Reading, variance: Reading, place: Place) -> MagneticField:
     """Return a message of a total field, nT."""
     return write_vector(ns, (0.0, 0.0, float(value)), float(variance))
 
@@ -98,7 +98,7 @@ def read_total(message: MagneticField) -> tuple[float, float | None]:
     return total, variance or None
 
 
-def write_anomaly(ns: int, value: Reading, variance: Reading, place: Place) -> MagneticField:
+def _write_anomaly(ns: int, value: Reading, variance: Reading, place: Place) -> MagneticField:
     """Return a message of an anomaly, nT, with nothing across the main field."""
     message = framed(topics.ANOMALY, MAIN_FIELD, ns)
     field = message.magnetic_field
@@ -107,7 +107,7 @@ def write_anomaly(ns: int, value: Reading, variance: Reading, place: Place) -> M
     return message
 
 
-def read_anomaly(message: MagneticField) -> tuple[float, float]:
+def _read_anomaly(message: MagneticField) -> tuple[float, float]:
     """Return the anomaly (nT) and its variance (nT²)."""
     value = message.magnetic_field.z / TESLA
     variance = float(message.magnetic_field_covariance[8]) / TESLA**2
@@ -115,14 +115,14 @@ def read_anomaly(message: MagneticField) -> tuple[float, float]:
     return value, variance
 
 
-def write_terms(ns: int, value: Reading, variance: Reading, place: Place) -> PointCloud2:
+def _write_terms(ns: int, value: Reading, variance: Reading, place: Place) -> PointCloud2:
     """Return a message of an anomaly, nT, and its terms (1 + C,); NaN = none."""
     found = np.broadcast_to(value, COUNT + 1)
     content = dict(zip(FIELDS, (found[0], variance, found[1:]), strict=True))
     return fill_point(framed(topics.TERMS, MAIN_FIELD), ns, content)
 
 
-def read_terms(message: PointCloud2) -> tuple[Array, float]:
+def _read_terms(message: PointCloud2) -> tuple[Array, float]:
     """Return the anomaly with its terms (1 + C,), and its variance (nT²)."""
     require_frame(message, MAIN_FIELD)
     content = read_point(message)

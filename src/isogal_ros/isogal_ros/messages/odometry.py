@@ -63,7 +63,14 @@ def read_velocity(
     message: Odometry, frame: LocalFrame, latitude: float, longitude: float
 ) -> tuple[Array, Array, Array]:
     """Return (velocity (3,), its covariance (3, 3), attitude (3, 3) FRD to NED) of an Odometry,
-    NED at a point (rad).
+    NED at a point.
+
+    Parameters
+    ----------
+    frame : LocalFrame
+        The frame ``map``.
+    latitude, longitude : float
+        Of the point, rad.
 
     Raises
     ------

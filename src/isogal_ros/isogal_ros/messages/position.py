@@ -23,7 +23,19 @@ def fill_fix(
     covariance: Array | None = None,
     status: int = NavSatStatus.STATUS_FIX,
 ) -> None:
-    """Write a position (rad, m) and its (3, 3) covariance (NED, m²; None = not known)."""
+    """Write a position.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    latitude, longitude, height : float
+        rad, rad, m.
+    covariance : (3, 3) array, optional
+        NED, m²; None = not known.
+    status : int
+        Of NavSatStatus.
+    """
     set_stamp(message.header.stamp, ns)
     message.latitude = math.degrees(latitude)
     message.longitude = math.degrees(math.remainder(longitude, 2.0 * math.pi))

@@ -239,8 +239,16 @@ class GraphNode(LifecycleNode):
         return self.hear(topic, guarded, raw, topic.single)
 
     def hear(self, topic: Topic, take: Take, raw: bool = False, single: bool = False) -> Listening:
-        """Subscribe, to all publishers or a single one; what `take` raises is raised, and it has
-        to look whether the node is active itself."""
+        """Subscribe; what `take` raises is raised, and it has to look whether the node is active
+        itself.
+
+        Parameters
+        ----------
+        take : callable
+            Takes a message, serialised if `raw`.
+        single : bool, optional
+            Whether to use one publisher only, see `Listening`.
+        """
         self._listening[topic.name] = Listening(self, topic, take, raw, single)
         return self._listening[topic.name]
 

@@ -26,6 +26,17 @@ class Health:
     What it says is logged as well, where it is another than before but for its numbers.
 
     A drop raises the level to WARN until a whole period has passed without one; the counts stay.
+
+    Parameters
+    ----------
+    name : str
+        Of the status.
+    publisher : Publisher
+        Of /diagnostics.
+    period_ns : int
+        Time of the data between publications.
+    log : callable
+        Called with level and text of what is new.
     """
 
     def __init__(
@@ -68,7 +79,7 @@ class Health:
             self.publish()
 
     def concern(self, name: str, text: str | None, level: bytes = WARN) -> None:
-        """Set what is wrong beside the node's own state, until it is cleared (None)."""
+        """Set what is wrong apart from the node's own state, until it is cleared (None)."""
         known = self._concerns.get(name)
         if text is None:
             if known is not None:
@@ -147,7 +158,17 @@ class Health:
 def status(
     name: str, level: bytes, message: str, figures: Mapping[str, Figure]
 ) -> DiagnosticStatus:
-    """Return one diagnostic status."""
+    """Return one diagnostic status.
+
+    Parameters
+    ----------
+    name, message : str
+        What it is about, and how that is.
+    level : bytes
+        Of DiagnosticStatus.
+    figures : mapping
+        Shown as key-value pairs.
+    """
     values = [KeyValue(key=key, value=_text(value)) for key, value in figures.items()]
     return DiagnosticStatus(
         level=level, name=name, message=message, hardware_id="isogal", values=values

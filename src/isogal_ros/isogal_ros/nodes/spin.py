@@ -38,8 +38,17 @@ def make_executor(context: Context | None = None) -> Executor:
 
 
 def drain(node: GraphNode, executor: Executor, quiet: float = 0.3, limit: float = DRAIN) -> None:
-    """Let a node that counts its messages (`GraphNode.received`) take those that are under way,
-    until none has come for `quiet` s, for at most `limit` s."""
+    """Let a node that counts its messages (`GraphNode.received`) take those that are under way.
+
+    Parameters
+    ----------
+    executor : Executor
+        That the node is on.
+    quiet : float
+        s without a message after which none is under way.
+    limit : float
+        s that it lasts at most.
+    """
     if node.received() is None:
         return
     count, changed = node.received(), time.monotonic()
