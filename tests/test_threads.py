@@ -32,7 +32,7 @@ def after(code: str, **given: str) -> str:
 
 def test_importing_the_library_sets_nothing() -> None:
     assert after(
-        "import isogal, isogal.matching.pmht.matcher, isogal.fusion.navigator, isogal.cli.main"
+        "import isogal, isogal.matching.pmht.matcher, isogal.navigator, isogal.cli.main"
     ) == str([None] * 3)
 
 

@@ -4,11 +4,12 @@ strapdown and the filter."""
 import numpy as np
 import pytest
 
+from helpers.navigators import start_of
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import unaided_covariance
 from isogal.evaluation.consistency import spread_test
-from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import propagate as propagate_filter
+from isogal.fusion.assumed import filter_model
+from isogal.fusion.prediction import propagate as propagate_filter
 from isogal.fusion.state import FilterState
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario, validate_scenario
@@ -53,10 +54,11 @@ def test_the_unaided_filter_has_the_same_covariance(grade):
     settings = validate_scenario({"imu": {"grade": grade}, "route": {"duration": 3600.0}})
     trajectory = build_trajectory(settings)
     imu = simulate_imu(settings, trajectory, [0])
-    model = FilterModel.from_scenario(settings)
-    state = FilterState.start(draw_initial_state(settings, trajectory, [0]), model)
-    propagate_filter(state, model, imu.specific_force, imu.angular_rate, trajectory.height[1:])
-    claimed = state.covariance[0, :2, :2]
+    model = filter_model(settings)
+    state = FilterState.start(start_of(settings, trajectory), model)
+    samples = imu.specific_force[0], imu.angular_rate[0], trajectory.height[1:]
+    propagate_filter(state, model, *samples)
+    claimed = state.covariance[:2, :2]
     expected = unaided_covariance(settings, trajectory).covariance[-1]
     np.testing.assert_allclose(np.sqrt(np.diag(claimed)), np.sqrt(np.diag(expected)), rtol=0.01)
 

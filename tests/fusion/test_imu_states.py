@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from helpers.navigators import start_of
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import unaided_covariance
+from isogal.fusion.assumed import filter_model
 from isogal.fusion.imu_states import states
-from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import propagate
+from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
 from isogal.scenario import Imu, Scenario, load_scenario
 from isogal.scenario.imu_grades import PAPER_GRADES
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.imu_model import bias_sigma, noise_density
-from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 
 ROUND = (
@@ -70,16 +70,15 @@ def test_rounded_angles_are_noise_of_the_accelerometers():
 def unaided(scenario, model):
     """Sum of the NEES of all runs at the end of the route, without aiding, and the RMS error."""
     trajectory, runs = build_trajectory(scenario), list(range(RUNS))
-    state = FilterState.start(draw_initial_state(scenario, trajectory, runs), model)
     imu = simulate_imu(scenario, trajectory, runs)
-    propagate(state, model, imu.specific_force, imu.angular_rate, trajectory.height[1:])
-    error = horizontal_difference(
-        state.position[:, 0],
-        state.position[:, 1],
-        trajectory.latitude[-1],
-        trajectory.longitude[-1],
-    )
-    P = state.covariance[:, :2, :2]
+    place, errors, covariances = (trajectory.latitude[-1], trajectory.longitude[-1]), [], []
+    for run in runs:
+        state = FilterState.start(start_of(scenario, trajectory, run), model)
+        samples = imu.specific_force[run], imu.angular_rate[run], trajectory.height[1:]
+        propagate(state, model, *samples)
+        errors.append(horizontal_difference(*state.position[:2], *place))
+        covariances.append(state.covariance[:2, :2])
+    error, P = np.array(errors), np.array(covariances)
     nees = np.einsum("ri,ri->", error, np.linalg.solve(P, error[..., None])[..., 0])
     return nees, np.sqrt((error**2).sum(axis=-1).mean()), np.sqrt(np.trace(P.mean(axis=0)))
 
@@ -101,7 +100,7 @@ def test_consistent_where_the_vehicle_turns():
          "gravity.field=normal"],
     )  # fmt: skip
     low, high = chi2.ppf([0.0005, 0.9995], 2 * RUNS)
-    model = FilterModel.from_scenario(scenario)
+    model = filter_model(scenario)
     nees, rms, claimed = unaided(scenario, model)
     assert low < nees < high, nees / 2 / RUNS
     assert claimed == pytest.approx(rms, rel=0.25)
@@ -123,7 +122,7 @@ def test_consistent_with_biases_that_change():
     ]  # fmt: skip
     scenario = load_scenario(None, keys)
     low, high = chi2.ppf([0.0005, 0.9995], 2 * RUNS)
-    model = FilterModel.from_scenario(scenario)
+    model = filter_model(scenario)
     nees, rms, claimed = unaided(scenario, model)
     assert low < nees < high, nees / 2 / RUNS
     assert claimed == pytest.approx(rms, rel=0.25)

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, wavy
-from helpers.navigators import ROUTE, error_between, fly
-from isogal.fusion import reference, ukf
-from isogal.fusion.navigator import FilterDivergenceError, propagate
+from helpers.navigators import ROUTE
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Fusion, Gravimeter, InitialError, MapError, Matcher, Scenario
 
@@ -50,25 +48,3 @@ def test_an_aided_flight(gravity, tolerance):
     )
     np.testing.assert_allclose(sigma, expected, rtol=0.0, atol=tolerance)
     assert not np.array_equal(by_filterpy.error, compiled.error)  # two filters, not one
-
-
-def test_a_covariance_that_is_not_positive_definite_is_refused():
-    flight = fly(range(2), fusion=Fusion(filter="reference"))
-    flight.start.covariance[1, 4, 4] = -1.0
-    force, rate = flight.imu.specific_force[:, :2], flight.imu.angular_rate[:, :2]
-    with pytest.raises(FilterDivergenceError, match=r"run\(s\) \[1\]"):
-        propagate(flight.start, flight.model, force, rate, flight.trajectory.height[1:3])
-
-
-def test_a_fix_that_cannot_be_applied_changes_nothing():
-    flight = fly()
-    flight.start.covariance[0, 0, 0] = -1e6
-    place = flight.fix(0, 10.0, 20.0)
-    for filters in (ukf, reference):
-        state = flight.start.copy()
-        *_, nis = filters.update_position(
-            state.nominal_of(0), state.covariance[0], *place, np.eye(2), flight.model.assumptions
-        )
-        assert np.isnan(nis)
-        assert not error_between(state, flight.start).any()
-        np.testing.assert_array_equal(state.covariance, flight.start.covariance)

@@ -4,14 +4,14 @@ import numpy as np
 
 from helpers.navigators import SIGMA, error_between, fly, random_covariance
 from isogal.earth.ellipsoid import EARTH_RATE
-from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import update_information
+from isogal.fusion.assumed import filter_model
+from isogal.fusion.measurements.information import update_information
 from isogal.inertial.error_state import batch_difference
-from isogal.scenario import Imu, InitialError, Scenario
+from isogal.scenario import Fusion, Imu, InitialError, Scenario
 
 
 def test_model_agrees_with_what_the_scenario_draws_from():
-    model = FilterModel.from_scenario(
+    model = filter_model(
         Scenario(imu=Imu(rate=2.0), initial_error=InitialError(position=70.0, heading=0.0))
     )
     assert model.dt == 0.5
@@ -25,28 +25,28 @@ def test_model_agrees_with_what_the_scenario_draws_from():
 
 def test_turn_rate_is_relative_to_the_earth():
     """Level on a meridian, nose north: the Earth's rate is along the nose and upwards."""
-    state = fly(range(2)).start
-    state.attitude[1], state.gyroscope_bias[1] = [1.0, 0.0, 0.0, 0.0], [1e-6, 2e-6, 3e-6]
-    latitude = state.position[1, 0]
+    state = fly().start
+    state.attitude[:], state.gyroscope_bias[:] = [1.0, 0.0, 0.0, 0.0], [1e-6, 2e-6, 3e-6]
+    latitude = state.position[0]
     of_earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
     measured = np.array([0.1, 0.2, 0.3]) + of_earth + [1e-6, 2e-6, 3e-6]
-    np.testing.assert_allclose(state.turn_rate_of(1, measured), [0.1, 0.2, 0.3], rtol=1e-12)
+    np.testing.assert_allclose(state.turn_rate(measured), [0.1, 0.2, 0.3], rtol=1e-12)
 
 
 def test_difference_of_estimates():
-    before = fly().start
-    before.covariance[0] = random_covariance(SIGMA)
-    before.position[0, 1] = np.pi - 1e-6  # the update crosses the date line
+    flight = fly(fusion=Fusion(false_rejection=0.0))
+    before = flight.start
+    before.covariance[:] = random_covariance(SIGMA)
+    before.position[1] = np.pi - 1e-6  # the update crosses the date line
     after = before.copy()
-    update_information(
-        after, 0, np.array([-3e-3, -4e-3, -2.0, 1.0]), np.diag([1e-5, 1e-5, 10.0, 10.0])
-    )
-    after.position[0, 1] -= 2.0 * np.pi
-    difference = batch_difference(after.estimate_of(0), before.estimate_of(0))
-    after.position[0, 1] += 2.0 * np.pi
+    told = np.array([-3e-3, -4e-3, -2.0, 1.0]), np.diag([1e-5, 1e-5, 10.0, 10.0])
+    update_information(after, flight.model, *told)
+    after.position[1] -= 2.0 * np.pi
+    difference = batch_difference(after.estimate, before.estimate)
+    after.position[1] += 2.0 * np.pi
     expected = error_between(after, before)[[0, 1, 3, 4, 6, 7, 8]]
     assert np.abs(expected[:2]).max() > 30.0
     # on the ellipsoid, not 100 m above it
     np.testing.assert_allclose(difference, expected, rtol=2e-5, atol=1e-9)
-    assert before.batch_prior.shape == (1, 7, 7)
-    np.testing.assert_array_equal(before.batch_prior[0, 4:, 4:], before.covariance[0, 6:9, 6:9])
+    assert before.batch_prior.shape == (7, 7)
+    np.testing.assert_array_equal(before.batch_prior[4:, 4:], before.covariance[6:9, 6:9])

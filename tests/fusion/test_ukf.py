@@ -6,7 +6,8 @@ import pytest
 from filterpy.kalman import MerweScaledSigmaPoints
 
 from helpers.navigators import SIGMA, error_between, filterpy_update, fly, random_covariance
-from isogal.fusion import sigma_points, ukf
+from isogal.fusion import sigma_points
+from isogal.fusion.measurements import PositionFix
 
 SIZE = len(SIGMA)
 
@@ -27,27 +28,19 @@ def test_sigma_points_equal_filterpy(parameters):
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (250.0, -400.0)])
 def test_position_fix_equals_filterpy(offset):
-    flight = fly()
+    flight = fly(fusion={"false_rejection": 0.0})
     state = flight.start
-    state.covariance[0] = random_covariance(SIGMA)
-    before = state.copy()
-    latitude, longitude = state.position[0, :2] + np.array(offset) / 6.4e6
-    z = error_between(moved_to(before, latitude, longitude), before)[:2]
+    state.covariance[:] = random_covariance(SIGMA)
+    before, moved = state.copy(), state.copy()
+    moved.position[:2] += np.array(offset) / 6.4e6
+    z = error_between(moved, before)[:2]
     R = np.array([[120.0**2, 3000.0], [3000.0, 80.0**2]])
-    error, covariance = filterpy_update(before.covariance[0], np.eye(2, 15), R, z)
-    y0, y1, nis = ukf.update_position(
-        state.nominal_of(0), state.covariance[0], latitude, longitude, R, flight.model.assumptions
-    )
-    np.testing.assert_allclose([y0, y1], z, atol=1e-9)
-    assert nis == pytest.approx(
-        z @ np.linalg.solve(before.covariance[0, :2, :2] + R, z), rel=1e-9, abs=1e-12
-    )
-    np.testing.assert_allclose(error_between(state, before) / SIGMA, error / SIGMA, atol=1e-7)
+    error, covariance = filterpy_update(before.covariance, np.eye(2, 15), R, z)
+    result = PositionFix(*moved.position[:2], R).update(state, flight.model)
+    np.testing.assert_allclose(result.innovation, z, rtol=1e-4, atol=1e-9)
+    expected = z @ np.linalg.solve(before.covariance[:2, :2] + R, z)
+    assert result.nis == pytest.approx(expected, rel=1e-3, abs=1e-12)
+    apart = error_between(state, before) - error
+    np.testing.assert_allclose(apart / SIGMA, 0.0, atol=1e-3)
     scale = SIGMA * SIGMA[:, None]
-    np.testing.assert_allclose(state.covariance[0] / scale, covariance / scale, atol=1e-9)
-
-
-def moved_to(state, latitude, longitude):
-    state = state.copy()
-    state.position[0, :2] = latitude, longitude
-    return state
+    np.testing.assert_allclose(state.covariance / scale, covariance / scale, atol=1e-9)

@@ -9,10 +9,12 @@ from numpy.typing import ArrayLike
 
 from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fusion.assumed import filter_model
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import Estimate
 from isogal.scenario import Gravity, Route, Scenario
-from isogal.sensors.imu import ImuData, simulate_imu
+from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -26,9 +28,21 @@ ROUTE = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.3, 147.4), duration=600.
 @dataclass(frozen=True)
 class Flight:
     trajectory: Trajectory
-    imu: ImuData
+    force: np.ndarray
+    """(K, 3) m/s²."""
+    rate: np.ndarray
+    """(K, 3) rad/s."""
     model: FilterModel
     start: FilterState
+
+    @property
+    def height(self) -> np.ndarray:
+        """(K,) m, at the end of each interval."""
+        return self.trajectory.height[1:]
+
+    def samples(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Specific force, angular rate and height of some intervals, as `propagate` takes them."""
+        return self.force[first:last], self.rate[first:last], self.height[first:last]
 
     def fix(self, stamp: int, north: float, east: float) -> tuple[float, float]:
         """Latitude and longitude (rad) of a place some metres from the truth at a stamp of a 1 Hz
@@ -40,20 +54,32 @@ class Flight:
         )
 
 
-def fly(runs=(0,), **keys) -> Flight:
+def start_of(scenario: Scenario, trajectory: Trajectory, run: int = 0) -> Estimate:
+    """Where the navigator of a run starts."""
+    drawn = draw_initial_state(scenario, trajectory, [run])
+    return Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
+
+
+def fly(run: int = 0, **keys) -> Flight:
     scenario = Scenario(**({"route": ROUTE, "gravity": Gravity(field="normal")} | keys))
     trajectory = build_trajectory(scenario)
-    model = FilterModel.from_scenario(scenario)
-    start = FilterState.start(draw_initial_state(scenario, trajectory, list(runs)), model)
-    return Flight(trajectory, simulate_imu(scenario, trajectory, list(runs)), model, start)
+    model = filter_model(scenario)
+    start = FilterState.start(start_of(scenario, trajectory, run), model)
+    imu = simulate_imu(scenario, trajectory, [run])
+    return Flight(trajectory, imu.specific_force[0], imu.angular_rate[0], model, start)
 
 
-def error_between(after: FilterState, before: FilterState, run: int = 0) -> np.ndarray:
+def identical(a: FilterState, b: FilterState) -> bool:
+    same = all(np.array_equal(x, y) for x, y in zip(a.arrays(), b.arrays(), strict=True))
+    return same and a.contradicted == b.contradicted
+
+
+def error_between(after: FilterState, before: FilterState) -> np.ndarray:
     """(15 + M,) error state that leads from one state to another, small angles."""
-    latitude, _, height = before.position[run]
+    latitude, _, height = before.position
     north, east = metres_per_radian(latitude, height)
-    w, x, y, z = before.attitude[run]
-    a = after.attitude[run]
+    w, x, y, z = before.attitude
+    a = after.attitude
     turn = [
         -a[0] * x + a[1] * w - a[2] * z + a[3] * y,
         -a[0] * y + a[1] * z + a[2] * w - a[3] * x,
@@ -61,12 +87,12 @@ def error_between(after: FilterState, before: FilterState, run: int = 0) -> np.n
     ]
     return np.concatenate(
         [
-            (after.position[run] - before.position[run]) * [north, east, -1.0],
-            after.velocity[run] - before.velocity[run],
+            (after.position - before.position) * [north, east, -1.0],
+            after.velocity - before.velocity,
             2.0 * np.array(turn),
-            after.accelerometer_bias[run] - before.accelerometer_bias[run],
-            after.gyroscope_bias[run] - before.gyroscope_bias[run],
-            after.auxiliary[run] - before.auxiliary[run],
+            after.accelerometer_bias - before.accelerometer_bias,
+            after.gyroscope_bias - before.gyroscope_bias,
+            after.auxiliary - before.auxiliary,
         ]
     )
 

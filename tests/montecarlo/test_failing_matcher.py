@@ -33,9 +33,9 @@ class Raising:
 
 
 def test_a_matcher_that_raises_costs_one_batch_of_one_run():
-    matcher = Raising(4)  # the second batch of the second run
+    matcher = Raising(6)  # the second batch of the second run
     runs = simulate(SCENARIO, [0, 1], field_map_of(wavy), matcher)
-    assert matcher.memories == [None, None, 1, 1, 2, 1, 3, 2]  # as before the batch
+    assert matcher.memories == [None, 1, 2, 3, None, 1, 1, 2]  # as before the batch
     assert runs.fix_reason[0] == ("nothing",) * 4
     first, failed, *others = runs.fix_reason[1]
     assert [first, *others] == ["nothing"] * 3
@@ -54,7 +54,7 @@ class Wrong:
 
     def match(self, batch, field_map, memory):
         self.calls += 1
-        if self.calls != 4:
+        if self.calls != 6:
             return declined(batch, "nothing"), None
         return Fix(batch.time[-1], batch.latitude[-1] + 0.0122, batch.longitude[-1], np.eye(2)), 0
 

@@ -1,20 +1,18 @@
 """Map matching: batches of reduced readings in, position fixes out."""
 
 import math
-import time
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, ClassVar
 
-from isogal.errors import InputError
+import numpy as np
+
+from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import each_map
-from isogal.matching.failures import match_or_decline
-from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.matching.joint_batches import JointBatches
+from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
-from isogal.matching.scans import Collected
-from isogal.matching.several import Rhythm
+from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
@@ -50,17 +48,16 @@ class PmhtMmNode(GraphNode):
         self.taken = 0
         """Readings received, whatever became of them."""
         self._report = Report(self)
-        self._each = self.scenario.each_field
-        self._lead = Rhythm.of(self._each).lead
-        self._matcher, self._memory = build_run_matcher(self.scenario), None
-        self._maps = each_map(maps_for_scenario(self.scenario))
-        self._batches = JointBatches.of(self.scenario, self._matcher)
-        warm_up(self._each, self._maps)
+        each = self.scenario.each_field
+        maps = each_map(maps_for_scenario(self.scenario))
+        self._matching = MapMatching(self.scenario, maps)
+        self._reductions = [measured_field(one).reduction(one) for one in each]
+        warm_up(each, maps)
         self.outputs = Outputs(self)
         self.scans = Scans(self, self.scenario, self._first, self._scan)
-        self._survival = Survival(self, self._maps[self._lead], self._matcher)
+        self._survival = Survival(self, maps[self._matching.lead], self._matching.matcher)
         self.offer_reset(self._reset)
-        for field, one in enumerate(self._each):
+        for field, one in enumerate(each):
             adapter = adapter_of(one)
             self.listen(adapter.reduced, partial(self._take, field, adapter))
 
@@ -73,7 +70,7 @@ class PmhtMmNode(GraphNode):
             document[section][key] = value
         scenario = scenario_from(document, self.get_name())
         if scenario.matcher != self.scenario.matcher:
-            self._matcher, self._memory = build_run_matcher(scenario), None
+            self._matching.use(build_run_matcher(scenario))
             self.scenario = scenario
 
     def _take(self, field: int, adapter: Adapter, message: Any) -> None:
@@ -81,65 +78,58 @@ class PmhtMmNode(GraphNode):
         ns = to_ns(message.header.stamp)
         self.scans.begin(ns, field)
         try:
-            reading, _ = adapter.read_reduced(message)
+            reading, variance = adapter.read_reduced(message)
         except BadMessageError as error:
             self.health.drop(adapter.reduced.name, str(error))
-            reading = math.nan  # the batch is to know of the scan
-        self.scans.add(ns, reading, field)
+            reading, variance = math.nan, 0.0  # the batch is to know of the scan
+        self.scans.add(ns, (reading, variance), field)
 
     def _first(self, nav: NavSample) -> None:
         """Go on from what an earlier process has left, or begin."""
         kept = self._survival.take(nav.ns)
         if kept is not None:
-            collected, self._memory, last = kept
-            self._batches.restore(collected)
+            collected, self._matching.memory, last = kept
+            self._matching.batches.restore(collected)
             self.scans.go_on(last)
 
     def _reset(self) -> str:
         self._survival.forget()
-        self._batches.restore([Collected((), 0, 0)] * len(self._each))
-        self._memory = None
-        self.scans.go_on([-1] * len(self._each))
+        self._matching.begin_anew()
+        self.scans.go_on([-1] * len(self._reductions))
         return "begins with the next scan"
 
-    def _scan(self, field: int, nav: NavSample, reading: Any) -> None:
-        self.scans.correct(self._batches, nav.ns)
-        latitude, longitude, height = nav.position
-        velocity, sigma = nav.velocity[:2], self._each[field].gravimeter.sigma
-        place = to_seconds(nav.ns), latitude, longitude, velocity
-        builder = self._batches.builders[field]
-        builder.begin(self.scans.before(nav.ns, field))
-        builder.add_scan(*place, reading, sigma, height=height)
-        if field == self._lead and self._batches.ready:
+    def _scan(self, field: int, nav: NavSample, reading: Any, variance: Any) -> None:
+        matching = self._matching
+        self.scans.correct(matching.batches, nav.ns)
+        matching.batches.builders[field].begin(self.scans.before(nav.ns, field))
+        white = self._white(field, nav, variance)
+        matching.add(field, to_seconds(nav.ns), nav.position, nav.velocity, reading, white)
+        if field == matching.lead and matching.ready:
             self._match(nav)
-        self._survival.keep(nav.ns, self._batches.collected, self._memory, self.scans.last)
+        collected = matching.batches.collected
+        self._survival.keep(nav.ns, collected, matching.memory, self.scans.last)
 
-    def _near(self, field: int, batch: Batch) -> Any:
-        return self._maps[field].near(batch.latitude, batch.longitude)
+    def _white(self, field: int, nav: NavSample, variance: Any) -> float:
+        """Return the variance of a reading's own noise: that of its message less what the
+        navigator's error adds by the reduction, which the batch has of its own; 0 = not known."""
+        if np.ndim(variance) > 0:
+            return 0.0  # of several channels the scenario says it
+        latitude, longitude, height = nav.position
+        north, east, _ = nav.velocity
+        at = State(latitude, longitude, height, north, east, nav.attitude)
+        by_navigator = reduction_variance(
+            self._reductions[field], at, nav.covariance[:4, :4], nav.height_variance
+        )
+        own = variance - float(by_navigator)
+        return own if own > 0.0 else float(variance)
 
     def _match(self, nav: NavSample) -> None:
         self.scans.ended = nav.ns
-        collected = self._batches.collected
-        batch = self._batches.build(nav.covariance, self._near)
-        begun = time.perf_counter()
-        if self.scans.guessed:
-            fix = declined(batch, "the navigator said nothing of the batch's end")
-            self._batches.restore(collected)  # the next batch is to use its readings
-        else:
-            fix = self._fix_of(batch)
-        self._report.say(nav.ns, fix, time.perf_counter() - begun)
+        # the next batch is to use the readings of one whose end is not known
+        why = "the navigator said nothing of the batch's end" if self.scans.guessed else None
+        batch, fix, seconds = self._matching.match(nav.covariance, why)
+        self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)
-
-    def _fix_of(self, batch: Batch) -> Fix:
-        if not self._batches.whole:
-            return declined(batch, f"the first batch is not whole: it has {len(batch)} scans")
-        try:
-            near = self._near(self._lead, batch)
-        except InputError as error:
-            return declined(batch, f"no map around the batch: {error}")
-        fix, self._memory = match_or_decline(self._matcher, batch, near, self._memory)
-        self._batches.learn(fix)
-        return fix
 
 
 main = main_of(PmhtMmNode, topics.PMHT_MM)

@@ -54,9 +54,9 @@ class Scans:
     first : callable
         Called with the navigator's state of the first scan before it is taken; may set `last`.
     taken : callable
-        Called with the field's place in the list of fields, the navigator's state and the reading
-        (NaN = none) of each scan, in order of time; at one stamp with the field that says when
-        batches end last.
+        Called with the field's place in the list of fields, the navigator's state, the reading
+        (NaN = none) and its variance of each scan, in order of time; at one stamp with the field
+        that says when batches end last.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Scans:
         node: GraphNode,
         scenario: Scenario,
         first: Callable[[NavSample], None],
-        taken: Callable[[int, NavSample, Any], None],
+        taken: Callable[[int, NavSample, Any, Any], None],
     ) -> None:
         self._health, self._first, self._taken = node.health, first, taken
         each = scenario.each_field
@@ -124,8 +124,8 @@ class Scans:
             self._release()
             raise BadMessageError("it comes after the end of its batch")
 
-    def add(self, ns: int, reading: Any, field: int = 0) -> None:
-        """Take a reading; NaN = the scan took place and gave nothing."""
+    def add(self, ns: int, reading: tuple[Any, Any], field: int = 0) -> None:
+        """Take a reading and its variance; NaN = the scan took place and gave nothing."""
         self._fields[field].pending.append((ns, reading))
         self._release()
 
@@ -193,9 +193,9 @@ class Scans:
                 nav = None
             # without a reading it does not matter much where the navigator was
             self.guessed = nav is None
-            self._scan(k, nav or moved(now, stamp), math.nan)
+            self._scan(k, nav or moved(now, stamp), (math.nan, 0.0))
         self.guessed = False
 
-    def _scan(self, k: int, nav: NavSample, reading: Any) -> None:
+    def _scan(self, k: int, nav: NavSample, reading: tuple[Any, Any]) -> None:
         self._fields[k].last = nav.ns
-        self._taken(k, nav, reading)
+        self._taken(k, nav, *reading)

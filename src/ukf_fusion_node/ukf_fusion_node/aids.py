@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from isogal.arrays import Array
-from isogal.fusion.aiding import Innovation, update_height, update_velocity
-from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.gate import beyond
-from isogal.fusion.state import FilterState
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import HeightReading, Innovation, Measurement, VelocityReading
 from isogal.scenario import Height
 from isogal.sensors.barometer import height_of
 from isogal_ros import topics
@@ -20,11 +17,12 @@ from isogal_ros.messages.aids import read_pressure, read_velocity
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Topic
-from ukf_fusion_node.rejections import Rejections
+from ukf_fusion_node.measuring import Measuring
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
-Apply = Callable[[FilterState], Innovation | None]
+_Read = tuple[Measurement | None, Callable[[Innovation], str]]
+"""A reading, None = it has no number, and what to say of one that cannot be right."""
 
 
 @dataclass
@@ -37,7 +35,7 @@ class _Source:
     publishers: Callable[[], int]
     newest: int = -1
     """Stamp of the newest reading; -1 = none yet."""
-    waiting: dict[int, tuple[Apply, Callable[[Innovation], str]]] = field(default_factory=dict)
+    waiting: dict[int, _Read] = field(default_factory=dict)
 
     def is_due(self, ns: int, begin: int) -> bool:
         """Whether a reading of a stamp up to `ns` is still to come; it is waited for as long as
@@ -61,10 +59,9 @@ class Aids:
     """
 
     def __init__(self, node: GraphNode, advance: Callable[[], None]) -> None:
-        self._scenario, self._health, self._advance = node.scenario, node.health, advance
+        self._scenario, self._advance = node.scenario, advance
         self._frame = node.settings.velocity_frame
-        self._rejections = Rejections(node.health)
-        self._counts: dict[str, int] = {}
+        self._measuring = Measuring(node.health)
         self._sources: list[_Source] = []
         self._first = sys.maxsize
         """Stamp of the first IMU sample."""
@@ -75,13 +72,13 @@ class Aids:
             self._add(node, topics.VELOCITY, velocity.interval, self._velocity)
 
     def _add(
-        self, node: GraphNode, topic: Topic, interval: float, read: Callable[[Any], Any]
+        self, node: GraphNode, topic: Topic, interval: float, read: Callable[[Any], _Read]
     ) -> None:
         def take(message: Any) -> None:
-            apply, describe = read(message)
+            reading = read(message)
             ns = to_ns(message.header.stamp)
             source.newest = max(source.newest, ns)
-            source.waiting[ns] = apply, describe
+            source.waiting[ns] = reading
             self._advance()
 
         subscription = node.listen(topic, take)
@@ -94,68 +91,26 @@ class Aids:
         begin = self._first - from_seconds(1.0 / self._scenario.imu.rate)
         return any(source.is_due(ns, begin) for source in self._sources)
 
-    def apply(self, navigator: BufferedNavigator | None, ns: int) -> None:
+    def apply(self, navigator: InertialNavigator | None, ns: int) -> None:
         """Apply the readings up to a stamp, which the navigator has reached."""
         for source in self._sources:
             for stamp in sorted(stamp for stamp in source.waiting if stamp <= ns):
-                apply, describe = source.waiting.pop(stamp)
-                if navigator is not None:
-                    self._apply(navigator, source.topic.name, stamp, apply, describe)
+                reading, describe = source.waiting.pop(stamp)
+                if navigator is not None and reading is not None:
+                    result = navigator.measure(to_seconds(stamp), reading)
+                    self._measuring.reading(source.topic.name, result, describe)
 
-    def _apply(
-        self,
-        navigator: BufferedNavigator,
-        name: str,
-        stamp: int,
-        apply: Apply,
-        describe: Callable[[Innovation], str],
-    ) -> None:
-        seen: list[Innovation] = []
-
-        def update(state: FilterState) -> tuple[Array, float]:
-            found = apply(state)
-            if found is None:
-                return np.zeros(2), 0.0
-            seen[:] = [found]
-            return np.zeros(2), found.nis
-
-        result = navigator.update(to_seconds(stamp), update)
-        if not result.accepted:
-            self._health.drop(name, result.reason or "refused")
-            return
-        rejected = bool(seen) and not (seen[0].accepted or seen[0].contradicted)
-        self._rejections.note(name, rejected)
-        if rejected:
-            gate = beyond(seen[0].nis, seen[0].allowed)
-            self._health.drop(name, f"{describe(seen[0])} ({gate})")
-        elif seen and seen[0].contradicted:
-            self._health.drop(name, describe(seen[0]))
-        else:
-            self._counts[name] = self._counts.get(name, 0) + 1
-            self._health.figures[f"{name} used"] = self._counts[name]
-
-    def _pressure(self, message: Any) -> tuple[Apply, Callable[[Innovation], str]]:
+    def _pressure(self, message: Any) -> _Read:
         settings = self._scenario.height
         pressure, height, variance = read_pressure(message, settings)
+        reading = HeightReading(height, variance or settings.sigma**2)
+        return reading, lambda seen: _unlikely_pressure(pressure, seen, settings)
 
-        def apply(state: FilterState) -> Innovation:
-            return update_height(state, self._model, 0, height, variance)
-
-        return apply, lambda seen: _unlikely_pressure(pressure, seen, settings)
-
-    def _velocity(self, message: Any) -> tuple[Apply, Callable[[Innovation], str]]:
+    def _velocity(self, message: Any) -> _Read:
         settings = self._scenario.velocity
         velocity, covariance = read_velocity(message, self._frame)
         velocity[[axis for axis in range(3) if axis not in settings.axes]] = np.nan
-
-        def apply(state: FilterState) -> Innovation | None:
-            return update_velocity(state, self._model, 0, settings, velocity, covariance)
-
-        return apply, _unlikely_velocity
-
-    def use(self, model: Any) -> None:
-        """Take the model of the filter."""
-        self._model = model
+        return VelocityReading.of(settings, velocity, covariance), _unlikely_velocity
 
 
 def _unlikely_pressure(pressure: float, seen: Innovation, settings: Height) -> str:
@@ -171,9 +126,7 @@ def _unlikely_pressure(pressure: float, seen: Innovation, settings: Height) -> s
 
 
 def _unlikely_velocity(seen: Innovation) -> str:
-    """Say what is wrong with a velocity that cannot be right, or is not used."""
-    if seen.contradicted:
-        return "fixes contradicted the navigator: the velocity aid is not used any more"
+    """Say what is wrong with a velocity that cannot be right."""
     size, expected = (float(np.linalg.norm(one)) for one in (seen.measured, seen.expected))
     text = f"speed of {size:.2f} m/s where {expected:.2f} m/s was expected"
     if abs(size / max(expected, 1e-3) / _KNOTS - 1.0) < 0.05:

@@ -6,17 +6,16 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import NavSatStatus
 
-from isogal.fix import apply_fix
-from isogal.fusion.belief import UpdateResult
-from isogal.fusion.buffered import BufferedNavigator
-from isogal.matching.interfaces import Fix
+from isogal.fix import Fix
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import Innovation, Outcome, measurements_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.messages.whole_fix import WholeFix
 from isogal_ros.nodes.health import Health
 from isogal_ros.topics import FIX
-from ukf_fusion_node.rejections import Rejections
+from ukf_fusion_node.measuring import Measuring
 
 IMPROBABLE = 23.0
 """Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
@@ -42,11 +41,11 @@ class Corrections:
         self, health: Health, log: Any = None, unfit: Callable[[], None] = lambda: None
     ) -> None:
         self._health, self._log, self._unfit = health, log, unfit
-        self._rejections = Rejections(health)
+        self._measuring = Measuring(health)
         self._odd = 0
         self._accepted = self._refused = 0
 
-    def apply(self, navigator: BufferedNavigator | None, content: Any) -> None:
+    def apply(self, navigator: InertialNavigator | None, content: Any) -> None:
         """Correct the filter (None = it has not started) with a whole fix, or with a NavSatFix
         that is all there is.
 
@@ -59,45 +58,46 @@ class Corrections:
         fix = whole.fix
         if fix.reset:
             self._unfit()
-        corrects = fix.published or fix.widening is not None
-        if not corrects and (fix.map_error is None or navigator is None):
-            return
-        if navigator is None:
+        parts = [(fix.time, part) for part in measurements_of(fix, whole.relative_to)]
+        if navigator is None and (fix.published or fix.widening is not None):
             raise BadMessageError("came before the first IMU sample")
-        result = apply_fix(fix, navigator.at(fix.time, whole.relative_to))
-        if result is None:
+        if navigator is None or not parts:
             return
-        self._accepted += result.accepted
-        self._refused += not result.accepted
+        late = navigator.time - fix.time
+        result = navigator.measure_all(parts)[-1]
+        if not fix.published:
+            return
+        self._accepted += result.used
+        self._refused += not result.used
         self._health.figures |= {
             "fixes accepted": self._accepted,
             "fixes refused": self._refused,
             "innovation north": float(result.innovation[0]),
             "innovation east": float(result.innovation[1]),
             "normalised innovation squared": float(result.nis),
-            "age of the last fix": float(result.late),
+            "age of the last fix": float(late),
         }
-        self._judge(result)
-        if not result.accepted:
+        self._judge(result, late)
+        if not result.used:
             raise BadMessageError(result.reason or "refused")
 
-    def _judge(self, result: UpdateResult) -> None:
+    def _judge(self, result: Innovation, late: float) -> None:
         """Say where the fixes do not fit the navigator, one after the other."""
-        if result.accepted or result.rejected:
-            self._rejections.note(FIX.name, result.rejected)
-        odd = result.rejected or (result.accepted and result.nis > IMPROBABLE)
+        rejected = result.outcome is Outcome.REJECTED
+        if result.used or rejected:
+            self._measuring.note(FIX.name, result)
+        odd = rejected or (result.used and result.nis > IMPROBABLE)
         self._odd = self._odd + 1 if odd else 0
         if odd:
             self._unfit()
         text = f"{self._odd} fixes in a row are improbable for the navigator"
         self._health.concern("improbable", text if self._odd >= 2 else None)
-        if result.accepted:
+        if result.used and self._log is not None:
             moved = float(np.hypot(*result.innovation))
-            if self._log is not None:
-                self._log.info(
-                    f"{result.late:.0f} s old fix taken; {moved:.0f} m from the estimate",
-                    throttle_duration_sec=LOG_EVERY,
-                )
+            self._log.info(
+                f"{late:.0f} s old fix taken; {moved:.0f} m from the estimate",
+                throttle_duration_sec=LOG_EVERY,
+            )
 
 
 def read_fix(message: Any) -> Fix:

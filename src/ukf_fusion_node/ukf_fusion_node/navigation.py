@@ -8,10 +8,11 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fields.known_gravity import known_gravity
-from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import FilterDivergenceError
+from isogal.fusion.assumed import filter_model
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import PositionFix
 from isogal.fusion.outage import HELD, UnknownMotion
+from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.state import FilterState
 from isogal.sensors.trajectory import build_trajectory
@@ -43,7 +44,7 @@ class Navigation:
         self._height = math.nan if measured else node.scenario.route.height
         self._log = node.get_logger()
         known = known_gravity(node.scenario.felt_field, build_trajectory(node.scenario))
-        self.model = FilterModel.from_scenario(node.scenario, known)
+        self.model = filter_model(node.scenario, known)
         self._sample = 1.0 / node.scenario.imu.rate
         of_step = node.scenario.samples_per_step
         self._stream = SampleStream(node.scenario.imu.rate, of_step) if of_step > 1 else None
@@ -62,7 +63,7 @@ class Navigation:
         self._doubt = Doubt(from_seconds(2.0 * batch))
         self._noted = -SAID_NS
         self._upright = Upright()
-        self.navigator: BufferedNavigator | None = None
+        self.navigator: InertialNavigator | None = None
         """None = it has no start yet."""
         self.ns = -1
         """Stamp of the newest state."""
@@ -74,10 +75,10 @@ class Navigation:
 
     def _warm_up(self) -> None:
         """Compile, or load, the filter's kernels before the first sample comes."""
-        navigator, dt = BufferedNavigator(self.model, self._start), self.model.dt
-        latitude, longitude, height = self._start.position[0].tolist()
-        navigator.propagate(dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
-        navigator.update_position(dt, latitude, longitude, np.eye(2) * 1e6)
+        navigator, dt = InertialNavigator(self.model, self._start), self.model.dt
+        latitude, longitude, height = self._start.position.tolist()
+        navigator.imu(dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
+        navigator.measure(dt, PositionFix(latitude, longitude, np.eye(2) * 1e6))
 
     @property
     def state(self) -> FilterState:
@@ -98,13 +99,7 @@ class Navigation:
         assert self.navigator is not None
         if ns <= self.ns:
             return self.state
-        sample = self.navigator.sample
-        ahead = BufferedNavigator(
-            self.model, self.state.copy(), to_seconds(self.ns), 0.0, self._motion, sample
-        )
-        missing = max(0.0, to_seconds(ns - self.ns) - self.model.dt)
-        ahead.propagate(to_seconds(ns), *sample, self._height, missing)
-        return ahead.state
+        return self.navigator.forecast(to_seconds(ns), self._height)
 
     def require_later(self, ns: int) -> None:
         """Raise BadMessageError unless a sample's stamp is later than the newest state's and than
@@ -166,11 +161,11 @@ class Navigation:
         return all(same) and finite
 
     def _set(self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None) -> None:
-        self.navigator = BufferedNavigator(
-            self.model, state.copy(), to_seconds(ns), self._settings.horizon, self._motion, sample
+        self.navigator = InertialNavigator(
+            self.model, state, to_seconds(ns), self._settings.horizon, self._motion, sample
         )
         self.ns, self._placed, self._upright = ns, None, Upright()
-        sigma = float(np.sqrt(np.trace(state.covariance[0, :2, :2])))
+        sigma = float(np.sqrt(np.trace(state.covariance[:2, :2])))
         self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
 
     def place(self, state: FilterState) -> None:
@@ -216,12 +211,12 @@ class Navigation:
     def _advance(self, ns: int, force: Array, rate: Array, missing: float) -> None:
         assert self.navigator is not None
         try:
-            self.navigator.propagate(to_seconds(ns), force, rate, self._height, missing)
+            self.navigator.imu(to_seconds(ns), force, rate, self._height, missing)
         except FilterDivergenceError as error:
             self._health.state(ERROR, str(error))
             raise BadMessageError(str(error)) from None
         self.ns, self.rate = ns, rate
-        said = self._upright.take(to_seconds(ns), force, self.state.attitude[0])
+        said = self._upright.take(to_seconds(ns), force, self.state.attitude)
         self._health.concern("upright", said, ERROR)
         if missing > HELD:
             self._doubt.begin(ns)
@@ -239,7 +234,7 @@ class Navigation:
     @property
     def doubt(self) -> str | None:
         """What is not known of the last long gap; None = nothing."""
-        return self._doubt.text(self.ns, self.navigator is not None and self.navigator.undecided)
+        return self._doubt.text(self.ns)
 
     def unfit(self) -> None:
         """Note that a fix did not agree with the filter."""

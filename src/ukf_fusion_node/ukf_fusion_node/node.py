@@ -50,7 +50,6 @@ class UkfFusionNode(GraphNode):
         noisy = np.array(self._navigation.model.noise) > 0.0
         self._watch, self._lone = Watch(*limits, self.monotonic, noisy), LoneSamples()
         self._aids = Aids(self, self._go_on)
-        self._aids.use(self._navigation.model)
         self._held: deque[Any] = deque()
         """IMU samples that wait for other sensors."""
         self.outputs = Outputs(self)
@@ -108,7 +107,7 @@ class UkfFusionNode(GraphNode):
 
     def _take_pose(self, message: Any) -> None:
         start = self._navigation.start_state()
-        speed = float(np.hypot(*start.velocity[0, :2]))
+        speed = float(np.hypot(*start.velocity[:2]))
         self._navigation.place(placed(start, message, self._frame, speed))
         if self._navigation.navigator is not None:
             self._publish()

@@ -45,12 +45,12 @@ class Outputs:
         self._m_odom.header.frame_id = self._m_path.header.frame_id = MAP
 
     def publish(self, ns: int, state: FilterState, angular_rate: Array) -> None:
-        """Publish a state (R = 1), and the angular rate (3,) FRD that the gyroscopes measured."""
+        """Publish a state, and the angular rate (3,) FRD that the gyroscopes measured."""
         self.reached = ns
-        covariance = state.covariance[0]
-        latitude, longitude, height = state.position[0].tolist()
-        nav = np.concatenate([state.position[0], state.velocity[0], state.attitude[0]])
-        turn_rate = state.turn_rate_of(0, angular_rate)
+        covariance = state.covariance
+        latitude, longitude, height = state.position.tolist()
+        nav = np.concatenate(state.estimate)
+        turn_rate = state.turn_rate(angular_rate)
         # odometry first: a lock-step simulation goes on with it while the rest is made
         fill_odom(self._m_odom, ns, self._frame, nav, turn_rate, covariance)
         self._odom.publish(self._m_odom)
@@ -59,7 +59,7 @@ class Outputs:
             protection_level(covariance[:2, :2], promise.risk, promise.correlation_time)
         )
         self._level.publish(self._m_level)
-        fill_numbers(self._m_covariance, ns, state.batch_prior[0])
+        fill_numbers(self._m_covariance, ns, state.batch_prior)
         self._covariance.publish(self._m_covariance)
         fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3])
         self._fix.publish(self._m_fix)

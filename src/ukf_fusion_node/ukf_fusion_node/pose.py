@@ -45,17 +45,17 @@ def placed(state: FilterState, message: Any, frame: LocalFrame, speed: float) ->
     to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T
     attitude = to_ned @ matrix(turn) * FRD_FLU
     new = state.copy()
-    new.position[0] = latitude, longitude, height
-    new.attitude[0] = from_matrix(attitude)
+    new.position[:] = latitude, longitude, height
+    new.attitude[:] = from_matrix(attitude)
     ahead = attitude[:2, 0] / max(math.hypot(*attitude[:2, 0]), 1e-9)
-    new.velocity[0] = [*(speed * ahead), 0.0]
+    new.velocity[:] = [*(speed * ahead), 0.0]
     _set_covariance(new, covariance, to_ned, max(SPEED_SHARE * speed, 0.1))
     return new
 
 
 def _set_covariance(state: FilterState, pose: Any, to_ned: Any, of_velocity: float) -> None:
     """Write a pose's covariance (6, 6; frame ``map``) and a velocity's 1-sigma (m/s)."""
-    P = state.covariance[0]
+    P = state.covariance
     variances = np.diag(P).copy()
     P[:9, :], P[:, :9] = 0.0, 0.0
     P[:3, :3] = to_ned @ pose[:3, :3] @ to_ned.T

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from isogal.errors import InputError
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_angles
-from isogal.inertial.strapdown import NavState
 from isogal.scenario import Scenario
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
@@ -14,7 +14,7 @@ from isogal_ros.messages.stamps import from_seconds
 from ukf_fusion_node.settings import UkfFusionSettings
 
 
-def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> NavState:
+def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> Estimate:
     """Return the first state: what the parameters give, and the rest as the scenario draws it,
     with errors as large as they really are.
 
@@ -34,18 +34,19 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> NavState:
     # two steps of the route are enough to know its start
     route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
     short = scenario.model_copy(update={"route": route})
-    state = draw_initial_state(scenario.world, build_trajectory(short), [settings.run])
+    drawn = draw_initial_state(scenario.world, build_trajectory(short), [settings.run])
+    state = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
     if "start_position" in given:
         latitude, longitude, height = given["start_position"]
         if not (abs(latitude) <= 89.0 and abs(longitude) <= 360.0 and math.isfinite(height)):
             raise InputError(
                 f"start_position: no such place: {latitude}, {longitude} deg, {height} m"
             )
-        state.position[0] = math.radians(latitude), math.radians(longitude), height
+        state.position[:] = math.radians(latitude), math.radians(longitude), height
     if "start_velocity" in given:
-        state.velocity[0] = given["start_velocity"]
+        state.velocity[:] = given["start_velocity"]
     if "start_attitude" in given:
-        state.attitude[0] = from_angles(*np.radians(given["start_attitude"]))
+        state.attitude[:] = from_angles(*np.radians(given["start_attitude"]))
     return state
 
 

@@ -96,8 +96,8 @@ def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) ->
             raise ZeroDivisionError("division by zero")
 
     node = matcher_bench.node
-    monkeypatch.setattr(node, "_matcher", Broken())
-    monkeypatch.setattr(node, "_memory", "of earlier batches")
+    monkeypatch.setattr(node._matching, "matcher", Broken())
+    monkeypatch.setattr(node._matching, "memory", "of earlier batches")
     for scan in range(1, 7):
         drive(scan)
     (fix,) = matcher_bench.heard["pmht_mm/fix"]
@@ -109,7 +109,7 @@ def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) ->
         if item.name.endswith("batch")
     ]
     assert batch[0].message.startswith("the matcher failed: ZeroDivisionError: division by zero (")
-    assert node._memory == "of earlier batches"
+    assert node._matching.memory == "of earlier batches"
     level, text, figures = matcher_bench.says()[-1]
     assert level == WARN and text.startswith("1 batches without a fix: the matcher failed: ")
     assert (figures["fixes declined"], figures["matcher failures"]) == ("1", "1")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from helpers.navigators import ROUTE, error_between, fly
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.known_gravity import KnownGravity, Residual
-from isogal.fusion.buffered import BufferedNavigator
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
 from isogal.matching.interfaces import Fix, Information
@@ -95,20 +95,19 @@ class Silent:
         """Take it."""
 
 
-def filter_of() -> BufferedNavigator:
-    return BufferedNavigator(FLIGHT.model, FLIGHT.start.copy(), horizon=HORIZON)
+def filter_of() -> InertialNavigator:
+    return InertialNavigator(FLIGHT.model, FLIGHT.start, horizon=HORIZON)
 
 
-def advance(it: BufferedNavigator) -> int:
+def advance(it: InertialNavigator) -> int:
     k = round(it.time)
-    imu, height = FLIGHT.imu, FLIGHT.trajectory.height[k + 1]
-    it.propagate(k + 1.0, imu.specific_force[0, k], imu.angular_rate[0, k], height)
+    it.imu(k + 1.0, *FLIGHT.samples(k, k + 1))
     return k + 1
 
 
-def fix_at(it: BufferedNavigator, stamp: int) -> WholeFix:
+def fix_at(it: InertialNavigator, stamp: int) -> WholeFix:
     """What a matcher says of a stamp: information, or with an even stamp also a position only."""
-    estimate = Estimate(*(part.copy() for part in it.state.estimate_of(0)))
+    estimate = Estimate(*(part.copy() for part in it.state.estimate))
     truth = FLIGHT.fix(stamp, 20.0, -30.0)
     covariance = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
     if stamp == 50:
@@ -169,8 +168,8 @@ def test_delays_orders_and_repetitions_change_nothing(data) -> None:
     assert not queue
     assert np.abs(error_between(it.state, end)).max() < 1e-6  # m, m/s, rad
     assert sum(repeated.values()) == sum(map(len, arrivals.values())) - 2 * len(STAMPS)
-    scale = np.sqrt(np.diag(end.covariance[0]))
-    unlike = (it.state.covariance[0] - end.covariance[0]) / scale / scale[:, None]
+    scale = np.sqrt(np.diag(end.covariance))
+    unlike = (it.state.covariance - end.covariance) / scale / scale[:, None]
     assert np.abs(unlike).max() < 1e-6
 
 
@@ -184,6 +183,6 @@ def test_the_map_error_of_a_batch_without_a_fix_counts_and_waits_for_no_navigato
     none = Fix(15.0, 0.0, 0.0, np.full((2, 2), np.nan), "nothing new", map_error=(8e-5, 3e3))
     corrections.apply(None, WholeFix(none))
     corrections.apply(it, WholeFix(none))
-    sigma, length = it.state.residual_gravity[0]
+    sigma, length = it.state.residual_gravity
     assert (sigma, length) == pytest.approx((np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 3e3))
     assert "fixes accepted" not in health.figures

@@ -104,7 +104,7 @@ def test_a_stuck_axis_is_an_outage(scenario) -> None:
             rate = NOISE[k, 3:] * (1.0 if not first <= k <= last else [1.0, 1.0, 0.0])
             made.imu(k, LEVEL + NOISE[k, :3], rate)
         made.wait(lambda: last + 5 in stamps(made, topics.NAV_FIX))
-        kept = [step.time for step in made.node._navigation.navigator._steps]
+        kept = [part.end for part in made.node._navigation.navigator._segments]
         assert kept[first - 1 : first + 1] == [first - 1, last + 2]  # one more: its stamp leaps
         assert made.told("gyroscope z stuck")
         assert made.told("whether there was a sharp manoeuvre")

@@ -49,8 +49,10 @@ from isogal.evaluation.reading_errors import (
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
 from isogal.fields.simulator import scan_index
-from isogal.fusion.aiding import velocity_reading
+from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.fusion.measurements.height import by_auxiliary
+from isogal.fusion.measurements.velocity import velocity_reading
 from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES
 from isogal.inertial.error_state import FILTER_STATES
@@ -355,10 +357,8 @@ class _FieldReadings:
         """Return them as rows of `size` states, the field's own from `first` on."""
         rows = np.zeros((*self.sensitivity.shape[:2], size))
         rows[..., :4] = self.sensitivity
-        reading = model.height_reading
-        rows[..., STATES : STATES + len(reading.offset)] = self.by_height[..., None] * (
-            reading.offset + reading.share * self.height[:, None, None]
-        )
+        contents = by_auxiliary(model, self.height)[:, None]
+        rows[..., STATES : STATES + contents.shape[-1]] = self.by_height[..., None] * contents
         for at, error in enumerate(self.errors, first):
             rows[..., at] = error.by
         return Measurements(rows, self.noise, every)
@@ -432,7 +432,7 @@ def _model(
     world = scenario.world
     segments = divide(world, trajectory)
     gravity = true_residual_gravity(scenario.felt_field.world, trajectory)
-    model = FilterModel.from_scenario(world, gravity)
+    model = filter_model(world, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)
     measurements, lags, jumps = [*_velocity_aid(world, model, segments, size)], [], []

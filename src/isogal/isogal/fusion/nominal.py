@@ -10,38 +10,25 @@ from isogal.inertial.rotations import INLINE, from_rotation_vector, multiply
 
 
 class Nominal(NamedTuple):
-    """Arrays of R runs, or rows of them: the state of one run."""
+    """The arrays of the mean; functions change them in place."""
 
     position: Array
-    """(R, 3) latitude rad, longitude rad, height m."""
+    """(3,) latitude rad, longitude rad, height m."""
     velocity: Array
-    """(R, 3) m/s NED."""
+    """(3,) m/s NED."""
     attitude: Array
-    """(R, 4) quaternion body to NED."""
+    """(4,) quaternion body to NED."""
     accelerometer_bias: Array
-    """(R, 3) m/s², body."""
+    """(3,) m/s², body."""
     gyroscope_bias: Array
-    """(R, 3) rad/s, body."""
+    """(3,) rad/s, body."""
     auxiliary: Array
-    """(R, M) of the auxiliary states (`isogal.fusion.auxiliary`)."""
-
-
-@kernel(**INLINE)
-def of_run(nominal, run):  # type: ignore[no-untyped-def]
-    """Return the state of one run; it shares the arrays."""
-    return Nominal(
-        nominal.position[run],
-        nominal.velocity[run],
-        nominal.attitude[run],
-        nominal.accelerometer_bias[run],
-        nominal.gyroscope_bias[run],
-        nominal.auxiliary[run],
-    )
+    """(M,) of the auxiliary states (`isogal.fusion.auxiliary`)."""
 
 
 @kernel(**INLINE)
 def move(nominal, error):  # type: ignore[no-untyped-def]
-    """Add an error state (15 + M,) to the state of one run, in place: position over the local
+    """Add an error state (15 + M,) to a state, in place: position over the local
     radii, attitude by the quaternion of the rotation vector on the left, the rest by addition."""
     position, attitude = nominal.position, nominal.attitude
     m, n = curvature(math.sin(position[0]))

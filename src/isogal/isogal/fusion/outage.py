@@ -11,11 +11,10 @@ changed its velocity by 2 v at most, so the sigma of the velocity does not grow 
 The samples at either side say whether the vehicle was moving steadily then. A manoeuvre that goes
 on beyond the gap shows as a change of the specific force or of the angular rate, and that change
 is the 1-sigma of the unknown motion. A manoeuvre inside the gap is not seen; of a gap as short as
-`HELD` none is expected, in a longer one there was one with the probability 1 - exp(-T / time
-between manoeuvres) of a Poisson process. Whether there was is for the fixes after the gap to say:
-the navigator goes on with both (`isogal.fusion.belief`). A level vehicle whose specific force is
-the same afterwards has the same tilt, unless it accelerates by just as much: its tilt grows no
-further than the change of the force divided by gravity."""
+`HELD` none is expected, in a longer one there may have been one: the covariance covers it, until
+fixes say more. A level vehicle whose specific force is the same afterwards has the same tilt,
+unless it accelerates by just as much: its tilt grows no further than the change of the force
+divided by gravity."""
 
 import math
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE, metres_per_radian
 from isogal.earth.gravity import normal_gravity_at
 from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import propagate
+from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import matrix
 
@@ -77,10 +76,6 @@ class UnknownMotion:
             lasts=MANOEUVRE if share * self.acceleration > force else math.inf,
         )
 
-    def log_probabilities(self, seconds: float) -> tuple[float, float]:
-        """Return the log probabilities that a gap has no manoeuvre, and that it has one."""
-        return -seconds / self.between, math.log(-math.expm1(-seconds / self.between))
-
 
 def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Array:
     """Return (9, 9) what an outage adds to the covariance of position (m), velocity (m/s) and
@@ -100,36 +95,38 @@ def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Ar
     return np.asarray(root @ root.T, dtype=np.float64)
 
 
-def grow(state: FilterState, run: int, seconds: float, motion: UnknownMotion) -> None:
-    """Add what an outage adds to the covariance of a run, in place. Vertical errors stay: the
-    height is known."""
-    speed = float(np.hypot(*state.velocity[run, :2]))
+def grow(state: FilterState, seconds: float, motion: UnknownMotion) -> None:
+    """Add what an outage adds to the covariance, in place. Vertical errors stay: the height is
+    known, or a sensor says it."""
+    speed = float(np.hypot(*state.velocity[:2]))
     added = outage_covariance(seconds, speed, motion)
     added[[2, 5], :] = added[:, [2, 5]] = 0.0
-    state.covariance[run, :9, :9] += added
+    state.covariance[:9, :9] += added
 
 
 def keep_going(state: FilterState, model: FilterModel, seconds: float, height: float) -> None:
-    """Advance a state of one run as if the vehicle kept its velocity and attitude, in place.
+    """Advance a state as if the vehicle kept its velocity and attitude, in place.
 
     Parameters
     ----------
+    state : FilterState
     model : FilterModel
-        Of the interval `STEP` or less; what the filter assumes.
+    seconds : float
+    height : float
+        Known height, m; NaN = not known.
     """
     steps = max(1, math.ceil(seconds / STEP))
-    of_step = replace(model, dt=seconds / steps)
     for _ in range(steps):
         force, rate = steady_sample(state)
-        propagate(state, of_step, force[None, None], rate[None, None], np.array([height]))
+        propagate(state, model, force[None], rate[None], np.array([height]), seconds / steps)
 
 
 def steady_sample(state: FilterState) -> tuple[Array, Array]:
     """Return the specific force and angular rate (3,), body axes, m/s² and rad/s, that the sensors
-    of the first run would measure if it kept its velocity and attitude, biases included (Groves
+    would measure if the vehicle kept its velocity and attitude, biases included (Groves
     2013, eqs. 5.53 and 5.64 set to zero)."""
-    latitude, _, height = state.position[0]
-    velocity = state.velocity[0] * [1.0, 1.0, 0.0]
+    latitude, _, height = state.position
+    velocity = state.velocity * [1.0, 1.0, 0.0]
     north, east = metres_per_radian(latitude, height)
     s, c = math.sin(latitude), math.cos(latitude)
     v_north, v_east = velocity[:2]
@@ -137,7 +134,7 @@ def steady_sample(state: FilterState) -> tuple[Array, Array]:
     earth = EARTH_RATE * np.array([c, 0.0, -s])
     transport = np.array([turn * c, -v_north / north, -turn * s])
     gravity = np.array([0.0, 0.0, normal_gravity_at(s, height)])
-    to_body = matrix(state.attitude[0]).T
+    to_body = matrix(state.attitude).T
     force = to_body @ (np.cross(2.0 * earth + transport, velocity) - gravity)
     rate = to_body @ (earth + transport)
-    return force + state.accelerometer_bias[0], rate + state.gyroscope_bias[0]
+    return force + state.accelerometer_bias, rate + state.gyroscope_bias

@@ -2,18 +2,16 @@
 compiled one is compared with.
 
 filterpy's state x is the error state, relative to a nominal state that goes through the strapdown
-beside it: zero before each step, and added to the nominal state after it. The functions take and
-return what those of `isogal.fusion.ukf` do."""
-
-from collections.abc import Callable
+beside it: zero before each step, and added to the nominal state after it. `advance` takes and
+returns what that of `isogal.fusion.ukf` does."""
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.auxiliary import Auxiliary, add_input, of_gravity
-from isogal.fusion.nominal import Nominal, move, of_run
+from isogal.fusion.nominal import Nominal, move
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.gravity import horizontal_gravity
@@ -22,88 +20,50 @@ from isogal.inertial.strapdown import step
 
 
 def advance(
-    nominal: Nominal,
+    state: Nominal,
     covariance: Array,
     residual_gravity: Array,
     force: Array,
     rate: Array,
     height: Array,
     assumptions: Assumptions,
-) -> Integers:
-    """Run prediction and the known-height update over S intervals for R runs, in place; return
-    (R,) steps done before a failure, as `ukf.advance` does."""
-    done = np.full(len(covariance), force.shape[1])
-    every = assumptions
-    for run, P in enumerate(covariance):
-        state = of_run(nominal, run)
-        assumptions = every._replace(auxiliary=of_gravity(every.auxiliary, residual_gravity[run]))
-        unscented = _unscented(P, assumptions)
-        for k, known in enumerate(height[run]):
-            try:
-                end = _predict(unscented, state, force[run, k], rate[run, k], assumptions)
-                if assumptions.height_sigma > 0.0 and not np.isnan(known):
-                    _take_height(unscented, float(known), end, assumptions)
-            except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
-                done[run] = k
-                break
-            move(end, unscented.x)
-            for array, new in zip(state, end, strict=True):
-                array[:] = new
-        P[:] = 0.5 * (unscented.P + unscented.P.T)
+    track: Array,
+) -> int:
+    """Run prediction and the known-height update over S intervals, in place; return the steps done
+    before a failure, as `ukf.advance` does.
+
+    Parameters
+    ----------
+    state : Nominal
+    covariance : (15 + M, 15 + M) array
+    residual_gravity : (2,) array
+        As `FilterState` has it.
+    force, rate : (S, 3) arrays
+        Body axes, m/s² and rad/s.
+    height : (S,) array
+        m, NaN = not known.
+    assumptions : Assumptions
+    track : (S, 13) array
+        Receives the track (`isogal.fusion.prediction.TRACK_COLUMNS`).
+    """
+    learnt = of_gravity(assumptions.auxiliary, residual_gravity)
+    assumptions = assumptions._replace(auxiliary=learnt)
+    unscented, done = _unscented(covariance, assumptions), len(force)
+    for k, known in enumerate(height):
+        try:
+            end = _predict(unscented, state, force[k], rate[k], assumptions)
+            if assumptions.height_sigma > 0.0 and not np.isnan(known):
+                up = float(end.position[2])
+                unscented.update([known], hx=lambda error, up=up: [up - error[2]])
+        except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
+            done = k
+            break
+        move(end, unscented.x)
+        for array, new in zip(state, end, strict=True):
+            array[:] = new
+        track[k] = np.concatenate([*end[:3], unscented.P[:2, :2].ravel()[[0, 1, 3]]])
+    covariance[:] = 0.5 * (unscented.P + unscented.P.T)
     return done
-
-
-def update_position(
-    nominal: Nominal,
-    covariance: Array,
-    latitude: float,
-    longitude: float,
-    fix_covariance: Array,
-    assumptions: Assumptions,
-) -> tuple[float, float, float]:
-    """Update one run with a horizontal position fix (rad; (2, 2) m²), in place; return (innovation
-    north, east, normalised innovation squared), NaN for the last where there is none, as
-    `ukf.update_position` does: nothing is changed then, nor beyond the gate."""
-    north, east = metres_per_radian(nominal.position[0], nominal.position[2])
-    turns = np.round((longitude - nominal.position[1]) / (2.0 * np.pi))
-    seen = np.array(
-        [
-            (latitude - nominal.position[0]) * north,
-            (longitude - nominal.position[1] - 2.0 * np.pi * turns) * east,
-        ]
-    )
-    unscented = _unscented(covariance, assumptions)
-    try:
-        unscented.sigmas_f = unscented.points_fn.sigma_points(unscented.x, unscented.P)
-        unscented.update(seen, R=0.5 * (fix_covariance + fix_covariance.T), hx=lambda x: x[:2])
-    except (np.linalg.LinAlgError, ValueError):
-        return float(seen[0]), float(seen[1]), np.nan
-    nis = float(seen @ unscented.SI @ seen)
-    if nis <= assumptions.position_gate:
-        covariance[:] = 0.5 * (unscented.P + unscented.P.T)
-        move(nominal, unscented.x)
-    return float(seen[0]), float(seen[1]), nis
-
-
-def _take_height(
-    unscented: UnscentedKalmanFilter, height: float, state: Nominal, assumptions: Assumptions
-) -> None:
-    """Update with a height (m), unless it is beyond the gate."""
-    x, P = unscented.x.copy(), unscented.P.copy()
-    unscented.update([height], hx=_height_reading(state, assumptions))
-    if float(unscented.y @ unscented.SI @ unscented.y) > assumptions.height_gate:
-        unscented.x, unscented.P = x, P
-
-
-def _height_reading(state: Nominal, assumptions: Assumptions) -> Callable[[Array], list[float]]:
-    """Return what a height sensor is expected to read at an error of the state."""
-    up, reading = float(state.position[2]), assumptions.height_reading
-    contents = reading.offset + reading.share * up
-
-    def seen(error: Array) -> list[float]:
-        return [up - error[2] + float(contents @ (state.auxiliary + error[FILTER_STATES:]))]
-
-    return seen
 
 
 def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:

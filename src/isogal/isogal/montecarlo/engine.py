@@ -1,50 +1,44 @@
-"""Runs of a scenario in closed loop: simulate, navigate, match, aid. The functions are those that
-the nodes call, with a run axis.
+"""Runs of a scenario in closed loop: simulate, navigate, match, aid (`isogal.navigator`).
 
-Every run goes through the full strapdown and the full unscented filter at the IMU's rate. A run's
-numbers depend on the scenario's seed and its own index only, not on which other runs are computed
-with it."""
+A run's numbers depend on the scenario's seed and its own index only, not on which other runs are
+computed with it."""
 
-import time as clock
 from collections.abc import Callable, Sequence
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import Runs
 from isogal.fields.gravity_vector import felt_gravity
 from isogal.fields.known_gravity import known_gravity
-from isogal.fields.scenario_map import maps_for_scenario
-from isogal.fix import apply_fix
-from isogal.fusion.gate import RejectedError
-from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import NavigatorRun
-from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import batch_difference
+from isogal.fields.scenario_map import maps_for_scenario, true_map
+from isogal.fields.simulator import ReadingSimulator, compensated
+from isogal.fusion.measurements import HeightReading, Measurement, VelocityReading
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import propagate as propagate_ins
+from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
-from isogal.matching.failures import match_or_decline
-from isogal.matching.interfaces import Batch, Fix, Matcher
-from isogal.matching.joint_batches import JointBatches
+from isogal.matching.interfaces import Matcher
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.several import Rhythm
-from isogal.montecarlo.aids import Aids
-from isogal.montecarlo.field_runs import FieldRuns
 from isogal.montecarlo.recorder import Recorder
+from isogal.navigator import Navigator
 from isogal.scenario import Scenario
+from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory, build_trajectory
+from isogal.sensors.velocity_aid import simulate_velocities
 
 Progress = Callable[[float], None]
-"""Called with the simulated time (s) after each scan."""
-Revised = Callable[[int, list[int], FilterState], None]
-"""Called by retrodiction with the index of a past state, the runs that were changed there, and
-their states."""
+"""Called with the simulated time (s), on the mean of all runs, after each fix."""
+Revised = Callable[[int, Integers, Array], None]
+"""Called with a run's place in the list of runs, the indices of past states that retrodiction has
+changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
 
 
 def simulate_unaided(
@@ -55,7 +49,17 @@ def simulate_unaided(
     compensation: Compensation | None = None,
 ) -> Array:
     """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
-    scan, of the world (`Scenario.world`) that the inertial data are of."""
+    scan, of the world (`Scenario.world`) that the inertial data are of.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    runs : sequence of int
+    trajectory : Trajectory
+    imu : ImuData
+    compensation : Compensation, optional
+        Horizontal gravity that the strapdown takes off.
+    """
     start = draw_initial_state(scenario, trajectory, runs)
     _, track = propagate_ins(
         start,
@@ -108,165 +112,149 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
-    loop = _ClosedLoop(scenario, runs, trajectory, field_map, matcher, revised)
-    for scan in range(1, loop.scans + 1):
-        loop.advance(scan)
-        if progress is not None:
-            progress(float(trajectory.time[loop.index[scan]]))
-    return loop.record()
+    simulation = _Simulation(scenario, runs, trajectory, field_map)
+    ends = simulation.batch_ends()
+    recorder = Recorder(trajectory, simulation.index, ends, len(runs))
+    elapsed = trajectory.time[-1] - trajectory.time[0]
+    stops = [0, *ends.tolist()]
+    stops += [] if stops[-1] == simulation.scans else [simulation.scans]
+    for run in range(len(runs)):
+        navigator = simulation.navigator(run, matcher)
+        recorder.write_track(run, 0, navigator.inertial.track(trajectory.time[:1]))
+        aids = simulation.measurements(run)
+        for batch, (before, scan) in enumerate(pairwise(stops)):
+            simulation.advance(navigator, run, before, scan, aids)
+            recorder.write_track(run, before + 1, simulation.track(navigator, before, scan))
+            simulation.read(navigator, run, before, scan, recorder)
+            applied = navigator.fix()
+            if applied is not None:
+                recorder.write_fix(run, batch, applied)
+                after = simulation.track(navigator, before, scan)
+                recorder.write_track(run, scan, after[-1:])
+                if revised is not None and applied.innovations:
+                    revised(run, np.arange(before + 1, scan + 1), after)
+            if progress is not None:
+                share = (run + scan / simulation.scans) / len(runs)
+                progress(float(trajectory.time[0] + share * elapsed))
+    return recorder.record(simulation.unaided, first_map(field_map))
 
 
-class _ClosedLoop:
-    """R navigators, their batches and what their matchers remember."""
+class _Simulation:
+    """What is simulated of R runs, and how it reaches their navigators."""
 
     def __init__(
-        self,
-        scenario: Scenario,
-        runs: Sequence[int],
-        trajectory: Trajectory,
-        field_map: RunMap,
-        matcher: Matcher,
-        revised: Revised | None,
+        self, scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, field_map: RunMap
     ) -> None:
-        self.scenario, self.trajectory = scenario, trajectory
-        self.field_map, self.matcher, self.revised = field_map, matcher, revised
+        self.scenario, self.trajectory, self.runs = scenario, trajectory, runs
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
+        """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
         world, of_gravity = scenario.world, scenario.felt_field
-        known = known_gravity(of_gravity, trajectory)
-        felt = felt_gravity(of_gravity.world, trajectory, runs)
-        self.imu = simulate_imu(world, trajectory, runs, felt)
-        self.unaided = simulate_unaided(world, runs, trajectory, self.imu, known.compensation)
-        each = scenario.each_field
-        own = scenario.steps_per_scan
-        self.fields = [
-            FieldRuns(one, trajectory, its_map, runs, one.steps_per_scan // own)
-            for one, its_map in zip(each, each_map(field_map), strict=True)
+        self._known = known_gravity(of_gravity, trajectory)
+        sensed = felt_gravity(of_gravity.world, trajectory, runs)
+        self._imu = simulate_imu(world, trajectory, runs, sensed)
+        compensation = self._known.compensation
+        self.unaided = simulate_unaided(world, runs, trajectory, self._imu, compensation)
+        self._start = draw_initial_state(world, trajectory, runs)
+        self._fields, self._maps = scenario.each_field, each_map(field_map)
+        self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]
+        """Scans of the record from one of each field to the next."""
+        self._readings = [
+            _readings(one, trajectory, its_map, runs)
+            for one, its_map in zip(self._fields, self._maps, strict=True)
         ]
-        self.model = FilterModel.from_scenario(scenario, known)
-        self.aids = Aids(scenario, trajectory, runs, self.model, self.imu)
-        self.state = FilterState.start(draw_initial_state(world, trajectory, runs), self.model)
-        self.anchor = (self.state.copy(), 0)
-        """The navigators at the last batch end, and its scan, for retrodiction."""
-        self.lead = Rhythm.of(each).lead
-        self.batches = [JointBatches.of(scenario, matcher, known) for _ in runs]
-        self.memories: list[Any] = [None for _ in runs]
-        due = self._due()
-        self.batch_at = {scan: batch for batch, scan in enumerate(due)}
-        ends = np.array(due, dtype=np.int64)
-        self.recorder = Recorder(trajectory, self.index, ends, len(self.batches))
-        self.recorder.write_state(0, self.state)
+        self._height: Array = trajectory.height[1:]
+        self._heights = self._velocities = None
+        if world.height.measured:
+            self._height = np.full(len(trajectory), np.nan)
+            self._heights = simulate_heights(world, trajectory, runs)
+        if world.velocity.kind != "none":
+            self._velocities = simulate_velocities(world, trajectory, runs)
 
-    def advance(self, scan: int) -> None:
-        """Propagate to a scan (counted from 1), take the reading, and match where a batch ends."""
-        self._propagate(self.state, slice(None), scan)
-        self._read(scan)
-        if scan in self.batch_at:
-            before = self.state.copy()
-            batch = self.batch_at[scan]
-            self._aid([self._match(run, batch) for run in range(len(self.batches))], scan)
-            self._correct_batches(before, scan)
-            self.anchor = (self.state.copy(), scan)
-        self.recorder.write_state(scan, self.state)
-
-    def record(self) -> Runs:
-        """Return the record of the runs."""
-        return self.recorder.record(self.unaided, first_map(self.field_map))
-
-    def _due(self) -> list[int]:
+    def batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
-        lead = self.fields[self.lead].scenario
-        every = lead.steps_per_scan // self.scenario.steps_per_scan
-        return [
-            scan
-            for scan in range(every, self.scans + 1, every)
-            if fix_due(scan // every, lead.matcher)
-        ]
+        lead = Rhythm.of(self._fields).lead
+        every, settings = self._every[lead], self._fields[lead].matcher
+        scans = range(every, self.scans + 1, every)
+        ends = [scan for scan in scans if fix_due(scan // every, settings)]
+        return np.array(ends, dtype=np.int64)
 
-    def _propagate(self, state: FilterState, which: Any, scan: int) -> None:
-        """Advance some of the runs from the scan before to this one."""
-        self.aids.advance(state, which, int(self.index[scan - 1]), int(self.index[scan]))
+    def navigator(self, run: int, matcher: Matcher) -> Navigator:
+        """Return the navigator of a run, by its place, at its start."""
+        start, begin = self._start, float(self.trajectory.time[0])
+        estimate = Estimate(start.position[run], start.velocity[run], start.attitude[run])
+        return Navigator(
+            self.scenario,
+            self._maps,
+            estimate,
+            begin,
+            gravity=self._known,
+            matcher=matcher,
+            horizon=float(np.diff(self._time([0, *self.batch_ends(), self.scans])).max()),
+        )
 
-    def _read(self, scan: int) -> None:
-        position, velocity = self.state.position, self.state.velocity
-        for k, field in enumerate(self.fields):
-            reading = field.reduced(scan, self.state)
-            if reading is None:
+    def measurements(self, run: int) -> dict[int, list[Measurement]]:
+        """Return the readings of aids, by the number of IMU intervals before each."""
+        found: dict[int, list[Measurement]] = {}
+        if self._heights is not None:
+            variance = self.scenario.height.sigma**2
+            for k in np.flatnonzero(np.isfinite(self._heights[run])).tolist():
+                found[k + 1] = [HeightReading(float(self._heights[run, k]), variance)]
+        if self._velocities is not None:
+            for k, velocity in enumerate(self._velocities[run], 1):
+                reading = VelocityReading.of(self.scenario.velocity, velocity)
+                if reading is not None:
+                    found.setdefault(k, []).append(reading)
+        return found
+
+    def advance(
+        self,
+        navigator: Navigator,
+        run: int,
+        before: int,
+        scan: int,
+        aids: dict[int, list[Measurement]],
+    ) -> None:
+        """Advance the navigator of a run from one scan to another."""
+        first, last = self.index[[before, scan]].tolist()
+        stops = [k for k in range(first + 1, last) if k in aids] if aids else []
+        for begin, end in pairwise([first, *stops, last]):
+            part = slice(begin, end)
+            navigator.imu(
+                self.trajectory.time[begin + 1 : end + 1],
+                self._imu.specific_force[run, part],
+                self._imu.angular_rate[run, part],
+                self._height[part],
+            )
+            if end in aids:
+                navigator.measure(navigator.time, *aids[end])
+
+    def read(
+        self, navigator: Navigator, run: int, before: int, scan: int, recorder: Recorder
+    ) -> None:
+        """Give the navigator of a run the readings after one scan and up to another."""
+        for field, every in enumerate(self._every):
+            scans = np.arange(before // every + 1, scan // every + 1) * every
+            if len(scans) == 0:
                 continue
-            for run, batches in enumerate(self.batches):
-                batches.builders[k].add_scan(
-                    self._time(scan),
-                    position[run, 0],
-                    position[run, 1],
-                    velocity[run, :2],
-                    reading[run],
-                    field.scenario.gravimeter.sigma,
-                    height=position[run, 2],
-                )
-            if k == 0:
-                self.recorder.write_reading(scan - 1, reading, self.state)
+            sensed = self._readings[field][run, scans // every - 1]
+            reduced = navigator.read(field, self._time(scans), sensed)
+            if field == 0 and run == 0:
+                seen = navigator.inertial.track(self._time(scans))
+                recorder.write_readings(scans - 1, reduced, seen)
 
-    def _match(self, run: int, batch: int) -> Fix:
-        task = self.batches[run].build(self.state.batch_prior[run], self._near)
-        start = clock.perf_counter()
-        near = self._near(self.lead, task)
-        memory = self.memories[run]
-        fix, self.memories[run] = match_or_decline(self.matcher, task, near, memory)
-        self.recorder.write_fix(run, batch, fix, clock.perf_counter() - start)
-        self.batches[run].learn(fix)
-        return fix
+    def track(self, navigator: Navigator, before: int, scan: int) -> Array:
+        """Return the navigator's track at the scans after one and up to another."""
+        return navigator.inertial.track(self._time(range(before + 1, scan + 1)))
 
-    def _near(self, field: int, batch: Batch) -> Any:
-        """Return the map of a field around a batch."""
-        return self.fields[field].field_map.near(batch.latitude, batch.longitude)
+    def _time(self, scans: Sequence[int] | Integers) -> Array:
+        return self.trajectory.time[self.index[np.asarray(scans, dtype=np.int64)]]
 
-    def _aid(self, fixes: list[Fix], scan: int) -> None:
-        """Apply the fixes of all runs: at the batch end, or in retrodiction those of each scan
-        where it was, if the matcher gives them."""
-        each_scan = [
-            run
-            for run, fix in enumerate(fixes)
-            if self.scenario.matcher.mode == "retrodiction"
-            and fix.published
-            and fix.widening is None
-            and fix.scan_position is not None
-        ]
-        for run, fix in enumerate(fixes):
-            if run not in each_scan:
-                self._apply(fix, self.state, run, run)
-        if each_scan:
-            self._retrodict(each_scan, fixes, scan)
 
-    def _apply(self, fix: Fix, state: FilterState, row: int, run: int) -> None:
-        """Apply a fix of a run, which is a row of the state."""
-        try:
-            apply_fix(fix, NavigatorRun(state, self.model, row))
-        except RejectedError as error:
-            self.recorder.write_rejection(run, str(error))
-
-    def _retrodict(self, runs: list[int], fixes: list[Fix], scan: int) -> None:
-        """Go back to the last batch end and take each scan's fix where it belongs."""
-        state, start = self.anchor
-        part = FilterState(*(array[runs].copy() for array in state.arrays()))
-        for past in range(start + 1, scan + 1):
-            self._propagate(part, runs, past)
-            for row, run in enumerate(runs):
-                fix = fixes[run]
-                count = 0 if fix.scan_position is None else len(fix.scan_position)
-                share = fix.of_scan(count - 1 - (scan - past))
-                if share is not None:
-                    self._apply(share, part, row, run)
-            if self.revised is not None:
-                self.revised(past, runs, part)
-        for target, source in zip(self.state.arrays(), part.arrays(), strict=True):
-            target[runs] = source
-
-    def _correct_batches(self, before: FilterState, scan: int) -> None:
-        """Carry what the fixes at a scan changed in the navigators back to their batches."""
-        for run, batches in enumerate(self.batches):
-            change = batch_difference(self.state.estimate_of(run), before.estimate_of(run))
-            if change.any():
-                batches.correct(self._time(scan), change)
-
-    def _time(self, scan: int) -> float:
-        return float(self.trajectory.time[self.index[scan]])
+def _readings(
+    scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
+) -> Array:
+    """Return (R, S) or (R, S, C) what the instrument of a field senses at its scans."""
+    source = true_map(scenario, trajectory, field_map)
+    simulated = ReadingSimulator(scenario.world, trajectory, source, runs)
+    return compensated(scenario, trajectory, simulated)

@@ -6,9 +6,10 @@ from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.fusion.gate import REJECTED
-from isogal.fusion.state import FilterState
+from isogal.fusion.measurements import Outcome
 from isogal.maps.channels import RouteMap, channels_of
-from isogal.matching.interfaces import Candidates, Fix
+from isogal.matching.interfaces import Candidates
+from isogal.navigator import Applied
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -43,24 +44,25 @@ class Recorder:
         self._reading = np.full(scans, np.nan)
         self._seen = np.full((scans, 2), np.nan)
 
-    def write_state(self, k: int, state: FilterState) -> None:
-        """Write the navigators at state k."""
-        latitude, longitude = state.position[:, 0], state.position[:, 1]
-        self._error[:, k] = horizontal_difference(
-            latitude, longitude, self.latitude[k], self.longitude[k]
+    def write_track(self, run: int, first: int, track: Array) -> None:
+        """Write a run's states from a state on (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
+        which = slice(first, first + len(track))
+        self._error[run, which] = horizontal_difference(
+            track[:, 0], track[:, 1], self.latitude[which], self.longitude[which]
         )
-        self._covariance[:, k] = state.covariance[:, :2, :2]
+        self._covariance[run, which] = track[:, [10, 11, 11, 12]].reshape(-1, 2, 2)
 
-    def write_reading(self, scan: int, reading: Array, state: FilterState) -> None:
-        """Write the first run's reading of a scan, and its navigator's position."""
-        self._reading[scan] = reading[0].flat[0]  # figures show the first channel
-        self._seen[scan] = state.position[0, :2]
+    def write_readings(self, scans: Integers, readings: Array, track: Array) -> None:
+        """Write the first run's readings (K,) or (K, C) of some scans, and its track there."""
+        self._reading[scans] = readings.reshape(len(readings), -1)[:, 0]  # the first channel
+        self._seen[scans] = track[:, :2]
 
-    def write_fix(self, run: int, batch: int, fix: Fix, seconds: float) -> None:
-        """Write a run's fix of a batch, and how long the matcher took (s); batches in order."""
-        end = self.ends[batch]
-        self._fix_seconds[run, batch] = seconds
-        self._reasons[run].append(fix.reason)
+    def write_fix(self, run: int, batch: int, applied: Applied) -> None:
+        """Write a run's fix of a batch; batches in order."""
+        fix, end = applied.fix, self.ends[batch]
+        rejected = [one for one in applied.innovations if one.outcome is Outcome.REJECTED]
+        self._fix_seconds[run, batch] = applied.seconds
+        self._reasons[run].append(f"{REJECTED}{rejected[-1].reason}" if rejected else fix.reason)
         if fix.published:
             self._fix_place[:, run, batch] = fix.latitude, fix.longitude
             self._fix_covariance[run, batch] = fix.covariance
@@ -68,10 +70,6 @@ class Recorder:
             self._candidates.append(fix.candidates)
             variability = fix.diagnostics.get("feature_variability", np.nan)
             self._variability[end - 1] = variability
-
-    def write_rejection(self, run: int, reason: str) -> None:
-        """Write that a run's navigator did not take its newest fix, or a share of it."""
-        self._reasons[run][-1] = f"{REJECTED}{reason}"
 
     def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao, unaided_covariance
 from isogal.evaluation.consistency import spread_test
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.summary import summarise
 from isogal.fields.simulator import scan_index
-from isogal.fusion.state import FilterState
 from isogal.maps.variability import feature_variability, normalised_variability
 from isogal.matching.paper.matcher import PaperOptions
 from isogal.montecarlo.chunks import Case
@@ -184,11 +183,9 @@ def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
     runs = range(min(TRACKS, plan.runs))
     revised = np.full((len(runs), len(states), 2), np.nan)
 
-    def keep(state: int, which: list[int], there: FilterState) -> None:
-        truth = trajectory.latitude[states[state]], trajectory.longitude[states[state]]
-        revised[which, state] = horizontal_difference(
-            there.position[:, 0], there.position[:, 1], *truth
-        )
+    def keep(run: int, which: Integers, track: Array) -> None:
+        truth = trajectory.latitude[states[which]], trajectory.longitude[states[which]]
+        revised[run, which] = horizontal_difference(track[:, 0], track[:, 1], *truth)
 
     record = simulate(scenario, runs, field_map, revised=keep)
     revised = np.where(np.isnan(revised), record.error, revised)

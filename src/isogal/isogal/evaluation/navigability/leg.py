@@ -25,8 +25,8 @@ from isogal.evaluation.navigability.kernels import Approach
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
+from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.model import FilterModel
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -144,7 +144,7 @@ def _covariance(world: Scenario, trajectory: Trajectory) -> Array:
         AuxiliaryState(name, "none", 0, sigma)
         for name, sigma in zip(("bias", "drift"), bias_and_drift(world, trajectory), strict=True)
     ]
-    states = [*FilterModel.from_scenario(world, gravity).auxiliary, *offset]
+    states = [*filter_model(world, gravity).auxiliary, *offset]
     P = initial_covariance(world, states)
     chosen = np.zeros((5, len(P)))
     chosen[:4, :4], chosen[4, -2] = np.eye(4), 1.0

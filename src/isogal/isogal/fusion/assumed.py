@@ -1,0 +1,61 @@
+"""What a filter assumes that agrees with what a scenario says of sensors and errors."""
+
+import math
+
+from isogal.fields.known_gravity import KnownGravity
+from isogal.fusion import gravity_states, imu_states
+from isogal.fusion.measurements.height import UNKNOWN_HEIGHT, height_error_states
+from isogal.fusion.measurements.velocity import velocity_error_states
+from isogal.fusion.model import FilterModel
+from isogal.scenario import Scenario
+from isogal.sensors.imu_model import bias_sigma, noise_density
+
+# Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive
+# definite covariance.
+_POSITION_FLOOR, _VELOCITY_FLOOR, _ATTITUDE_FLOOR = 1e-3, 1e-6, 1e-9
+
+UNKNOWN_GRAVITY = 1.6e-2
+"""Vertical white noise density (m/s²/sqrt(Hz)) that stands for the gravity disturbance, which the
+strapdown does not know: 36 mGal RMS over a correlation time of 1000 s, sqrt(2 sigma² tau). Without
+it the vertical accelerometer, with the height known, would measure the east velocity through the
+Eötvös term, to a precision that no vehicle has (docs/mathematics.md, section 3.7)."""
+
+
+KNOWN_HEIGHT = 0.1
+"""m, 1-sigma of a height that the scenario gives."""
+
+
+def filter_model(scenario: Scenario, gravity: KnownGravity | None = None) -> FilterModel:
+    """Return the model that agrees with a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    gravity : KnownGravity, optional
+        What the navigator knows of horizontal gravity; default: that there is none beside normal
+        gravity.
+    """
+    gravity = gravity or KnownGravity()
+    sensors, initial, height = scenario.imu.sensors, scenario.initial_error, scenario.height
+    noise = noise_density(sensors, 1.0 / scenario.imu.rate).tolist()
+    position = max(initial.position, _POSITION_FLOOR)
+    velocity = max(initial.velocity, _VELOCITY_FLOOR)
+    tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
+    up = UNKNOWN_HEIGHT if height.measured else KNOWN_HEIGHT
+    sigma = (position, position, up, velocity, velocity, 0.01, tilt, tilt, heading)
+    return FilterModel(
+        noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),
+        initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
+        dt=1.0 / scenario.navigation_rate,
+        filter=scenario.fusion.filter,
+        height_sigma=0.0 if height.measured else KNOWN_HEIGHT,
+        auxiliary=(
+            *gravity_states.states(gravity),
+            *imu_states.states(scenario),
+            *height_error_states(height),
+            *velocity_error_states(scenario.velocity),
+        ),
+        gravity=gravity,
+        preintegrated=scenario.samples_per_step > 1,
+        false_rejection=scenario.fusion.false_rejection,
+    )

@@ -1,0 +1,359 @@
+"""Strapdown and filter of one navigator, with a history: measurements of any age are applied where
+they belong.
+
+The history consists of segments: IMU samples, the state after them, and the measurements of that
+time. A measurement of within a segment divides it, also within a sample, whose means then hold for
+both parts. The state there is updated, and carried through all samples and measurements that came
+after: the result is exactly that of a measurement that had come on time."""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.measurements import Innovation, Measurement
+from isogal.fusion.model import FilterModel
+from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
+from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
+from isogal.fusion.state import FilterState
+from isogal.inertial.dead_reckoning import dead_reckoned
+
+AT_ONCE = 1e-6
+"""s by which two stamps may differ that are the same time."""
+
+
+@dataclass(slots=True, eq=False)
+class _Segment:
+    """IMU samples of equal intervals, and the state after them."""
+
+    time: Array
+    """(S,) s, ends of the intervals."""
+    force: Array
+    """(S, 3)."""
+    rate: Array
+    """(S, 3)."""
+    height: Array
+    """(S,) known height, m; NaN = none."""
+    dt: float
+    """s, the interval that a sample is of."""
+    state: FilterState
+    """After the last interval, and the measurements of then."""
+    track: Array
+    """(S, 13) before these measurements (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
+    missing: float = 0.0
+    """s before the first interval without data, or at its beginning up to `HELD`."""
+    change: tuple[Array, Array] | None = None
+    """Of specific force and angular rate, (3,) each, over that."""
+    measurements: list[Measurement] = field(default_factory=list)
+
+    @property
+    def end(self) -> float:
+        """s."""
+        return float(self.time[-1])
+
+    def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "_Segment":
+        """Return the samples from one to before another, less two times (s) at the beginning and
+        at the end, which may be of a single sample."""
+        part = replace(
+            self,
+            time=self.time[first:last] - cut[1],
+            force=self.force[first:last],
+            rate=self.rate[first:last],
+            height=self.height[first:last],
+            track=self.track[first:last],
+            dt=self.dt - sum(cut),
+            measurements=[],
+        )
+        if first > 0 or cut[0] > 0.0:
+            part.missing, part.change = 0.0, None
+        return part
+
+    def divided(self, time: float) -> "list[_Segment]":
+        """Return the parts of a segment that end at a time (s) within it, and those after it, all
+        of equal intervals; the last has the measurements."""
+        count = len(self.time)
+        k = int(np.searchsorted(self.time, time - AT_ONCE))
+        after = float(self.time[k]) - time
+        if after <= AT_ONCE:
+            parts = [self.part(0, k + 1)]
+        else:
+            before = self.dt - after
+            parts = [self.part(0, k)] if k > 0 else []
+            parts += [self.part(k, k + 1, (0.0, after)), self.part(k, k + 1, (before, 0.0))]
+        if k + 1 < count:
+            parts.append(self.part(k + 1, count))
+        parts[-1].measurements = self.measurements
+        return parts
+
+
+def _row(state: FilterState) -> Array:
+    """Return (13,) the track's row of a state."""
+    of_position = state.covariance[:2, :2].ravel()[[0, 1, 3]]
+    return np.concatenate([*state.estimate, of_position])
+
+
+class InertialNavigator:
+    """The filter of one navigator, fed with IMU samples and measurements.
+
+    Parameters
+    ----------
+    model : FilterModel
+    state : FilterState
+        At `time`.
+    time : float
+        s.
+    horizon : float
+        How old a measurement may be, s.
+    motion : UnknownMotion, optional
+        How the vehicle may move where samples are missing.
+    sample : (3,) and (3,) arrays, optional
+        Specific force and angular rate of the sample that ended at `time`; None = of a vehicle
+        that moves steadily.
+    """
+
+    def __init__(
+        self,
+        model: FilterModel,
+        state: FilterState,
+        time: float = 0.0,
+        horizon: float = 1200.0,
+        motion: UnknownMotion | None = None,
+        sample: tuple[Array, Array] | None = None,
+    ) -> None:
+        self.model = model
+        self.horizon = horizon
+        self.motion = motion or UnknownMotion()
+        force, rate = steady_sample(state) if sample is None else sample
+        self._segments = [
+            _Segment(
+                np.array([time], dtype=float),
+                np.array([force], dtype=float),
+                np.array([rate], dtype=float),
+                state.position[2:].copy(),
+                model.dt,
+                state.copy(),
+                _row(state)[None],
+            )
+        ]
+
+    @property
+    def time(self) -> float:
+        """Stamp of the newest state, s."""
+        return self._segments[-1].end
+
+    @property
+    def sample(self) -> tuple[Array, Array]:
+        """Specific force and angular rate of the newest sample; do not change them."""
+        return self._segments[-1].force[-1], self._segments[-1].rate[-1]
+
+    @property
+    def state(self) -> FilterState:
+        """The newest state; do not change it."""
+        return self._segments[-1].state
+
+    def imu(
+        self,
+        time: Array | float,
+        specific_force: Array,
+        angular_rate: Array,
+        height: Array | float = np.nan,
+        missing: float = 0.0,
+    ) -> Array:
+        """Advance over IMU samples, and return (S, 13) the track
+        (`isogal.fusion.prediction.TRACK_COLUMNS`).
+
+        Parameters
+        ----------
+        time : (S,) array or float
+            Ends of the intervals, s; of several samples the intervals are the model's.
+        specific_force, angular_rate : (S, 3) or (3,) arrays
+            Means over each interval, body axes, m/s², rad/s.
+        height : (S,) array or float
+            Known height at the end of each, m; NaN = not known.
+        missing : float
+            How much of the time before the first sample it does not cover, s; the covariance grows
+            by what may have happened meanwhile (`isogal.fusion.outage`).
+
+        Raises
+        ------
+        ValueError
+            A stamp is not later than the one before, or a value is not finite; nothing is changed.
+        FilterDivergenceError
+            The covariance is no longer positive definite; nothing is changed.
+        """
+        times = np.atleast_1d(np.asarray(time, dtype=float))
+        force, rate = (
+            np.array(part, dtype=float).reshape(-1, 3) for part in (specific_force, angular_rate)
+        )
+        if not times[0] > self.time:
+            raise ValueError(f"stamp {times[0]:.3f} s is not later than {self.time:.3f} s")
+        heights = np.broadcast_to(np.asarray(height, dtype=float), times.shape)
+        if not (np.isfinite(force).all() and np.isfinite(rate).all()) or np.isinf(heights).any():
+            raise ValueError("IMU sample is not finite")
+        dt = self.model.dt
+        if len(times) == 1:
+            # over a short gap the sample stands for the gap as well
+            interval = float(times[0]) - self.time - (missing if missing > HELD else 0.0)
+            dt = dt if abs(interval - dt) < AT_ONCE else interval
+        new = _Segment(times, force, rate, heights, dt, self.state, _EMPTY, missing)
+        if missing > 0.0:
+            before = self.sample
+            new.change = force[0] - before[0], rate[0] - before[1]
+        self._carry(self._segments[-1].state, new)
+        self._segments.append(new)
+        while len(self._segments) > 2 and self._segments[1].end < self.time - self.horizon:
+            del self._segments[0]
+        return new.track
+
+    def measure(self, time: float, *measurements: Measurement) -> Innovation:
+        """Apply measurements of one time within the horizon, one after the other; return what
+        became of the last."""
+        return self.measure_all([(time, one) for one in measurements])[-1]
+
+    def measure_all(self, measurements: Sequence[tuple[float, Measurement]]) -> list[Innovation]:
+        """Apply measurements, each with its time (s) within the horizon, in order of their times;
+        return what became of each.
+
+        One that is beyond the gate is kept: with an older one that comes later it may be within.
+        Where one cannot be used, none is."""
+        for time, _ in measurements:
+            reason = self._impossible(time)
+            if reason is not None:
+                return [Innovation.refused(reason)] * len(measurements)
+        marked = [(self._segment_at(time), one) for time, one in measurements]
+        first = min(self._segments.index(segment) for segment, _ in marked)
+        before = self._segments[first].state.copy()
+        try:
+            results = self._apply(first, marked)
+        except (ValueError, FilterDivergenceError) as error:
+            for segment, one in marked:
+                segment.measurements[:] = [
+                    kept for kept in segment.measurements if kept is not one
+                ]
+            self._segments[first].state = before
+            self._replay(first + 1)
+            return [Innovation.refused(str(error))] * len(measurements)
+        return results
+
+    def _apply(
+        self, first: int, marked: Sequence[tuple[_Segment, Measurement]]
+    ) -> list[Innovation]:
+        """Apply measurements to their segments, the earliest of which is given, and replay what
+        comes after."""
+        results: list[Innovation] = []
+        for index in range(first, len(self._segments)):
+            segment = self._segments[index]
+            if index > first:
+                self._redo(index)
+            for place, one in marked:
+                if place is segment:
+                    results.append(one.update(segment.state, self.model))
+                    segment.measurements.append(one)
+        return results
+
+    def back(self, samples: int) -> None:
+        """Forget the newest samples, which came one by one: they were not true. Up to one at which
+        there was a measurement, the last true one stands for them."""
+        first = max(1, len(self._segments) - samples)
+        while len(self._segments) > first and not self._segments[-1].measurements:
+            self._segments.pop()
+        true = self._segments[first - 1]
+        for segment in self._segments[first:]:
+            segment.force, segment.rate = true.force[-1:], true.rate[-1:]
+        self._replay(first)
+
+    def state_at(self, time: float) -> FilterState:
+        """Return the state at a time within the horizon, as it is known now; the newest after it.
+
+        Raises
+        ------
+        ValueError
+            It is older than the history.
+        """
+        if time >= self.time - AT_ONCE:
+            return self.state
+        if (reason := self._impossible(time)) is not None:
+            raise ValueError(reason)
+        return self._segment_at(time).state
+
+    def track(self, time: Array) -> Array:
+        """Return (K, 13) the track (`isogal.fusion.prediction.TRACK_COLUMNS`) at times (K,), s,
+        that the history covers; between samples by dead reckoning from the one before."""
+        used = self._segments[max(0, self._index(float(time[0])) - 1) :]
+        stamps = np.concatenate([segment.time for segment in used])
+        rows = np.concatenate([segment.track for segment in used])
+        ends = np.cumsum([len(segment.time) for segment in used]) - 1
+        rows[ends] = [_row(segment.state) for segment in used]
+        index = np.searchsorted(stamps, np.asarray(time) + AT_ONCE, side="right") - 1
+        found = rows[index]
+        for row, ahead in zip(found, np.asarray(time) - stamps[index], strict=True):
+            if ahead > AT_ONCE:
+                row[:3] = dead_reckoned(row[:3], row[3:6], ahead)
+        return found
+
+    def forecast(self, time: float, height: float = np.nan) -> FilterState:
+        """Return the state at a later time, if the vehicle goes on as it does (a known height, m,
+        or NaN)."""
+        ahead = InertialNavigator(self.model, self.state, self.time, 0.0, self.motion, self.sample)
+        missing = max(0.0, time - self.time - self.model.dt)
+        ahead.imu(time, *self.sample, height, missing)
+        return ahead.state
+
+    def _impossible(self, time: float) -> str | None:
+        """Return why there can be no measurement at a time; None = there can be."""
+        oldest = self._segments[0].end
+        if not np.isfinite(time) or time < oldest - AT_ONCE:
+            return f"fix of {time:.1f} s is older than the buffer ({oldest:.1f} s)"
+        if time > self.time + AT_ONCE:
+            return f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)"
+        segment = self._segments[self._index(time)]
+        if segment.missing > HELD and time < segment.time[0] - segment.dt - AT_ONCE:
+            return f"fix of {time:.1f} s: there are no inertial data of then"
+        return None
+
+    def _index(self, time: float) -> int:
+        """Return the first segment that ends at a time or later."""
+        if abs(time - self.time) <= AT_ONCE:
+            return len(self._segments) - 1
+        return bisect_left(self._segments, time - AT_ONCE, key=lambda segment: segment.end)
+
+    def _segment_at(self, time: float) -> _Segment:
+        """Return the segment that ends at a time, which is made if there is none."""
+        index = self._index(time)
+        segment = self._segments[index]
+        if segment.end - time <= AT_ONCE:
+            return segment
+        parts = segment.divided(time)
+        self._segments[index : index + 1] = parts
+        for k, part in enumerate(parts[:-1], index):
+            self._carry(self._segments[k - 1].state, part)
+        return next(part for part in parts if abs(part.end - time) <= AT_ONCE)
+
+    def _replay(self, index: int) -> None:
+        """Carry the state before a segment through it and all after it."""
+        for k in range(index, len(self._segments)):
+            self._redo(k)
+
+    def _redo(self, index: int) -> None:
+        """Carry the state before a segment through it and its measurements."""
+        segment = self._segments[index]
+        self._carry(self._segments[index - 1].state, segment)
+        for measurement in segment.measurements:
+            measurement.update(segment.state, self.model)
+
+    def _carry(self, before: FilterState, segment: _Segment) -> None:
+        """Set the state after a segment's samples from the one before them."""
+        state, model = before.copy(), self.model
+        if segment.change is not None:
+            long = segment.missing > HELD
+            if long:
+                keep_going(state, model, segment.missing, float(segment.height[0]))
+            grow(state, segment.missing, self.motion.seen(segment.change, manoeuvre=long))
+        samples = segment.force, segment.rate, segment.height
+        segment.track = propagate(state, model, *samples, segment.dt)
+        segment.state = state
+
+
+_EMPTY = np.empty((0, TRACK_COLUMNS))

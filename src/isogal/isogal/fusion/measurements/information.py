@@ -1,0 +1,136 @@
+"""What a batch of readings says, in information form (docs/mathematics.md, section 3.6):
+
+    log p(readings | x) = b' x - x' A x / 2
+
+of the navigator's error x at the batch end, in a batch's states (`isogal.inertial.error_state`),
+n = 7, or position and velocity, n = 4. Where A is negative the estimate becomes less certain, by a
+factor of four in variance at most."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.compiled import kernel
+from isogal.fusion.measurements.model import Innovation
+from isogal.fusion.model import FilterModel
+from isogal.fusion.nominal import move
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import BATCH, Estimate, batch_difference
+from isogal.matrices import eigen, inverse_of_lower, lower, product
+
+LEAST_INFORMATION = -4.0
+"""Least eigenvalue of a likelihood's information, in units of the navigator's own, that is
+accepted. A posterior has at most all of its prior's information less, -1; more than that is
+possible where the navigator has become less certain since the batch was matched."""
+LEAST_APPLIED = -0.75
+"""Least eigenvalue that is applied: no variance becomes more than four times as large."""
+
+
+@dataclass(slots=True, eq=False)
+class InformationUpdate:
+    """A likelihood in information form.
+
+    Where the navigator's estimate is another than the one that the error is that of, or becomes
+    another because an older fix comes later, the information is carried over to it."""
+
+    vector: Array
+    """(n,) b."""
+    matrix: Array
+    """(n, n) A."""
+    relative_to: Estimate | None = None
+    """The estimate that the error is that of; None = that of the state that it is first applied
+    to."""
+
+    def update(self, state: FilterState, model: FilterModel) -> Innovation:
+        """See `isogal.fusion.measurements.Measurement`; the innovation is the correction.
+
+        Raises
+        ------
+        ValueError
+            Not finite, or more negative than `LEAST_INFORMATION`.
+        """
+        if self.relative_to is None:
+            self.relative_to = Estimate(*(part.copy() for part in state.estimate))
+        moved = batch_difference(state.estimate, self.relative_to)[: len(self.vector)]
+        # with x = x_old + moved, b' x_old - x_old' A x_old / 2 has the vector b + A moved
+        vector = self.vector + self.matrix @ moved
+        return update_information(state, model, vector, self.matrix)
+
+
+def update_information(
+    state: FilterState, model: FilterModel, vector: Array, matrix: Array
+) -> Innovation:
+    """Update a state with the likelihood (n,), (n, n) of its own error, in place; see
+    `InformationUpdate`. The gate bounds the squared correction, in the navigator's own sigmas.
+
+    Parameters
+    ----------
+    state : FilterState
+    model : FilterModel
+    vector, matrix : (n,), (n, n) arrays
+        b and A, in the units of a batch's states.
+    """
+    if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
+        raise ValueError("information is not finite")
+    which, gate = BATCH[: len(vector)], model.gate(len(vector))
+    error, reduced, values, told = _informed(
+        state.covariance, which, np.ascontiguousarray(vector), np.ascontiguousarray(matrix)
+    )
+    if not np.isfinite(values[0]):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    if values[0] < LEAST_INFORMATION:
+        raise ValueError("information matrix is too negative")
+    size = float(((told / (1.0 + np.maximum(values, LEAST_APPLIED))) ** 2).sum())
+    if size > gate:
+        return Innovation.of(error[:2], size, gate).far_away()
+    state.covariance[:] = reduced
+    move(state.nominal, error)
+    up = (values > 0.0) & (told != 0.0)
+    nis = float((told[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
+    return Innovation.of(error[which][:2], nis, math.inf)
+
+
+@kernel
+def _informed(P, which, vector, matrix):  # type: ignore[no-untyped-def]
+    """Return what `update_information` adds to the state (N,), the covariance (N, N) after it, and
+    in the directions in which the navigator's own information is 1 that of the measurements, in
+    rising order, and their vector, (n,) each. NaN where P is not positive definite."""
+    n, size = vector.shape[0], P.shape[0]
+    scale, scaled = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        scale[i] = math.sqrt(P[which[i], which[i]])
+    for i in range(n):
+        for j in range(n):
+            scaled[i, j] = P[which[i], which[j]] / (scale[i] * scale[j])
+    factor = lower(scaled)
+    for i in range(n):
+        for j in range(n):
+            factor[i, j] *= scale[i]
+    # columns A of these directions: matrix = A diag(values) A', A' own A = 1
+    values, turn = eigen(product(product(factor.T, matrix), factor))
+    back = inverse_of_lower(factor)
+    largest = max(abs(values[0]), abs(values[n - 1]))
+    told, spread = np.zeros(n), np.zeros((size, n))
+    error, reduced = np.zeros(size), P.copy()
+    for k in range(n):
+        if abs(values[k]) > 1e-12 * largest:
+            for i in range(n):
+                for j in range(n):
+                    told[k] += turn[j, k] * factor[i, j] * vector[i]
+        for i in range(n):
+            along = 0.0
+            for j in range(n):
+                along += back[j, i] * turn[j, k]
+            for s in range(size):
+                spread[s, k] += P[s, which[i]] * along
+        applied = max(values[k], LEAST_APPLIED)
+        for s in range(size):
+            error[s] -= spread[s, k] * told[k] / (1.0 + applied)  # x is estimate minus truth
+            for t in range(s + 1):
+                reduced[s, t] -= spread[s, k] * spread[t, k] * applied / (1.0 + applied)
+    for s in range(size):
+        for t in range(s):
+            reduced[t, s] = reduced[s, t]
+    return error, reduced, values, told

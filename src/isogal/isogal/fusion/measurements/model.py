@@ -1,0 +1,162 @@
+"""A measurement, what became of it, and the update with one that is linear in the error state."""
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.compiled import kernel
+from isogal.fusion.gate import beyond
+from isogal.fusion.model import FilterModel
+from isogal.fusion.nominal import move
+from isogal.fusion.state import FilterState
+from isogal.matrices import inverse_of_lower, lower, product
+
+NOTHING = np.full(2, np.nan)
+
+
+class Outcome(Enum):
+    """What became of a measurement."""
+
+    USED = "used"
+    REJECTED = "rejected"
+    """It is beyond the gate: so far from what was expected that it cannot be right."""
+    UNTRUSTED = "untrusted"
+    """It was not used because fixes have contradicted the navigator (`Widening`)."""
+    REFUSED = "refused"
+    """It cannot be used: its time or its numbers are not possible."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Innovation:
+    """What a measurement said that was not expected, and what became of it."""
+
+    outcome: Outcome
+    innovation: Array = field(default_factory=NOTHING.copy)
+    """(m,) measured minus expected."""
+    nis: float = np.nan
+    """Normalised innovation squared; of information beyond the gate a lower bound of it."""
+    allowed: float = np.inf
+    """The largest that is used (`isogal.fusion.gate`)."""
+    expected: Array = field(default_factory=NOTHING.copy)
+    """(m,) what the navigator expected, in the measured axes."""
+    reason: str | None = None
+    """Why it was not used, in one line; None = it was."""
+
+    @property
+    def used(self) -> bool:
+        """Whether it was used."""
+        return self.outcome is Outcome.USED
+
+    @property
+    def measured(self) -> Array:
+        """(m,) what was measured."""
+        return self.expected + self.innovation
+
+    @classmethod
+    def of(
+        cls, innovation: Array, nis: float, allowed: float, expected: Array | None = None
+    ) -> "Innovation":
+        """Return that of a measurement which is used if it is within the gate.
+
+        Parameters
+        ----------
+        innovation : (m,) array
+        nis, allowed : float
+            Normalised innovation squared, and the largest that is used.
+        expected : (m,) array, optional
+            Default: zeros.
+        """
+        expected = np.zeros(len(innovation)) if expected is None else expected
+        if nis <= allowed:
+            return cls(Outcome.USED, innovation, nis, allowed, expected)
+        reason = beyond(nis, allowed)
+        return cls(Outcome.REJECTED, innovation, nis, allowed, expected, reason)
+
+    @classmethod
+    def refused(cls, reason: str) -> "Innovation":
+        """Return that of a measurement that cannot be used."""
+        return cls(Outcome.REFUSED, reason=reason)
+
+    def far_away(self) -> "Innovation":
+        """Return that of a position, whose reason says how far it is from the estimate."""
+        if self.outcome is not Outcome.REJECTED:
+            return self
+        away = float(np.hypot(*self.innovation[:2])) / 1e3
+        return replace(self, reason=f"{away:.1f} km from the estimate: {self.reason}")
+
+
+class Measurement(Protocol):
+    """What changes a state at one time."""
+
+    def update(self, state: FilterState, model: FilterModel) -> Innovation:
+        """Update a state, in place, unless the measurement is beyond the gate.
+
+        Raises
+        ------
+        ValueError
+            It cannot be used: not finite, or its covariance is none. The state is as it was.
+        """
+        ...
+
+
+class Rows(NamedTuple):
+    """A measurement that is linear in the error state."""
+
+    measured: Array
+    """(m,) z."""
+    expected: Array
+    """(m,) h(state)."""
+    H: Array
+    """(m, 15 + M)."""
+    R: Array
+    """(m, m)."""
+
+
+def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovation:
+    """Update a state with rows, in place, unless they are beyond the gate; see
+    `Measurement.update`."""
+    innovation = rows.measured - rows.expected
+    if not np.isfinite(innovation).all():
+        raise ValueError("measurement is not finite")
+    R = 0.5 * (rows.R + rows.R.T)
+    nis, correction, reduced = _posterior(state.covariance, rows.H, R, innovation)
+    if not np.isfinite(nis):
+        raise ValueError("covariance of the measurement is not positive definite")
+    result = Innovation.of(innovation, nis, model.gate(len(innovation)), rows.expected)
+    if result.used:
+        state.covariance[:] = reduced
+        move(state.nominal, correction)
+    return result
+
+
+@kernel(error_model="numpy")
+def _posterior(P, H, R, innovation):  # type: ignore[no-untyped-def]
+    """Return the normalised innovation squared of rows, NaN where R or the innovation's covariance
+    is not positive definite, the correction (N,) and the covariance (N, N) after them: with H P H'
+    + R = L L' and G = L^-1 H P, these are |L^-1 innovation|², G' L^-1 innovation and P - G' G."""
+    rows, size = H.shape
+    by_state = product(H, P)
+    S = product(by_state, H.T)
+    for a in range(rows):
+        for b in range(rows):
+            S[a, b] += R[a, b]
+    inverse = inverse_of_lower(lower(S))
+    gain = product(inverse, by_state)
+    nis = 0.0 * lower(R)[0, 0]
+    correction, reduced = np.zeros(size), P.copy()
+    for a in range(rows):
+        scaled = 0.0
+        for b in range(a + 1):
+            scaled += inverse[a, b] * innovation[b]
+        nis += scaled * scaled
+        for i in range(size):
+            correction[i] += gain[a, i] * scaled
+            for j in range(i + 1):
+                reduced[i, j] -= gain[a, i] * gain[a, j]
+    for i in range(size):
+        for j in range(i):
+            reduced[j, i] = reduced[i, j]
+    return nis, correction, reduced

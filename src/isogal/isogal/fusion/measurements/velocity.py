@@ -1,0 +1,147 @@
+"""A velocity aid, its errors and the water or air that it moves through as states of the filter
+(docs/mathematics.md, section 3.12):
+
+    z = (1 + s) (I - [m x]) C' (v - c) + noise
+
+with the velocity v and the current or wind c (NED, m/s), the attitude C (body to NED), mounting
+errors m about the right and the down axis (rad) and a scale factor error s."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.fusion.measurements.model import Innovation, Outcome, Rows, update_linear
+from isogal.fusion.model import FilterModel
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.rotations import cross_matrix, matrix
+from isogal.scenario import Velocity
+
+SCALE = "velocity_scale"
+PITCH, YAW = "velocity_pitch", "velocity_yaw"
+NORTH, EAST = "current_north", "current_east"
+UNTRUSTED = "fixes contradicted the navigator: the velocity aid is not used any more"
+
+
+def velocity_error_states(velocity: Velocity) -> tuple[AuxiliaryState, ...]:
+    """Return scale factor error, mounting errors about the right and the down axis, and the
+    current or wind to the north and east, those that are not zero."""
+    if velocity.kind == "none":
+        return ()
+    scale, misalignment, current = (
+        velocity.number(key) for key in ("scale", "misalignment", "current_sigma")
+    )
+    time, length = velocity.current_time, velocity.current_length
+    every = (
+        AuxiliaryState(SCALE, "none", 0, scale),
+        AuxiliaryState(PITCH, "none", 1, misalignment),
+        AuxiliaryState(YAW, "none", 2, misalignment),
+        AuxiliaryState(NORTH, "none", 0, current, time=time, length=length),
+        AuxiliaryState(EAST, "none", 1, current, time=time, length=length),
+    )
+    return tuple(state for state in every if state.sigma > 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VelocityReading:
+    """A reading of the velocity in body axes.
+
+    One that is slower than `standstill_speed` means that the vehicle stands still on the ground.
+    Others are not used once fixes have contradicted the navigator (`Widening`): its own velocity
+    has no error that fixes do not correct in time, an aid that is not what it says pulls it away
+    from the truth again and again."""
+
+    velocity: Array
+    """(3,) forward, right, down, m/s; NaN = not measured, but one of them is."""
+    covariance: Array
+    """(3, 3) of its white noise, (m/s)²."""
+    standstill_speed: float = 0.0
+    """m/s."""
+    standstill_sigma: float = 0.01
+    """m/s, 1-sigma of a velocity of zero."""
+
+    @classmethod
+    def of(
+        cls, settings: Velocity, velocity: Array, covariance: Array | None = None
+    ) -> "VelocityReading | None":
+        """Return a reading (3,) of a scenario's aid; None where it has no number.
+
+        Parameters
+        ----------
+        settings : scenario.Velocity
+        velocity : (3,) array
+            Forward, right, down, m/s; NaN = not measured.
+        covariance : (3, 3) array, optional
+            Of its white noise; None, or zero variances = as the settings have it.
+        """
+        if not np.isfinite(velocity).any():
+            return None
+        R = np.eye(3) * settings.number("sigma") ** 2
+        if covariance is not None:
+            known = np.flatnonzero(np.diag(covariance) > 0.0)
+            R[np.ix_(known, known)] = np.asarray(covariance)[np.ix_(known, known)]
+        return cls(velocity, R, settings.standstill_speed, settings.standstill_sigma)
+
+    def update(self, state: FilterState, model: FilterModel) -> Innovation:
+        """See `isogal.fusion.measurements.Measurement`."""
+        axes = np.flatnonzero(np.isfinite(self.velocity))
+        measured = np.asarray(self.velocity, dtype=float)[axes]
+        if np.linalg.norm(measured) < self.standstill_speed:
+            H = np.zeros((3, model.states))
+            H[:, 3:6] = np.eye(3)
+            R = np.eye(3) * self.standstill_sigma**2
+            return update_linear(state, model, Rows(np.zeros(3), state.velocity.copy(), H, R))
+        H, expected = _through(state, model)
+        if state.contradicted:
+            apart = measured - expected[axes]
+            allowed = model.gate(len(axes))
+            return Innovation(Outcome.UNTRUSTED, apart, 0.0, allowed, expected[axes], UNTRUSTED)
+        R = self.covariance[np.ix_(axes, axes)]
+        return update_linear(state, model, Rows(measured, expected[axes], H[axes], R))
+
+
+def _through(state: FilterState, model: FilterModel) -> tuple[Array, Array]:
+    """Return H (3, n) of a velocity aid, and what it is expected to read."""
+    names = [one.name for one in model.auxiliary]
+    values = dict(zip(names, state.auxiliary.tolist(), strict=True))
+    past = state.velocity.copy()
+    past[:2] -= values.get(NORTH, 0.0), values.get(EAST, 0.0)
+    return velocity_reading(model, matrix(state.attitude), past, values)
+
+
+def velocity_reading(
+    model: FilterModel, rotation: Array, past: Array, values: dict[str, float]
+) -> tuple[Array, Array]:
+    """Return d(reading)/d(error state) (3, 15 + M) of a velocity aid, and the reading.
+
+    Parameters
+    ----------
+    model : FilterModel
+    rotation : (3, 3) array
+        Body to NED.
+    past : (3,) array
+        Velocity relative to the ground, or to the water or air, NED, m/s.
+    values : dict
+        Of the auxiliary states, by name; those that are not there are zero.
+    """
+    body = rotation.T @ past
+    mounting = np.array([0.0, values.get(PITCH, 0.0), values.get(YAW, 0.0)])
+    factor = 1.0 + values.get(SCALE, 0.0)
+    turned = body + np.cross(body, mounting)
+    by_body = factor * (np.eye(3) - cross_matrix(mounting))
+    by_past = by_body @ rotation.T
+    H = np.zeros((3, model.states))
+    H[:, 3:6], H[:, 6:9] = by_past, by_past @ cross_matrix(past)
+    columns = {
+        SCALE: turned,
+        PITCH: factor * np.cross(body, [0.0, 1.0, 0.0]),
+        YAW: factor * np.cross(body, [0.0, 0.0, 1.0]),
+        NORTH: -by_past[:, 0],
+        EAST: -by_past[:, 1],
+    }
+    for j, one in enumerate(model.auxiliary):
+        if one.name in columns:
+            H[:, FILTER_STATES + j] = columns[one.name]
+    return H, factor * turned

@@ -1,0 +1,66 @@
+"""Prediction: a state is carried through IMU intervals by the unscented filter
+(docs/mathematics.md, section 3.5)."""
+
+from types import ModuleType
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion import ukf
+from isogal.fusion.model import FilterModel
+from isogal.fusion.state import FilterState
+
+TRACK_COLUMNS = 13
+"""Of a track: position (3; rad, rad, m), velocity (3; NED, m/s), attitude (4; quaternion body to
+NED), covariance of the position (north, north-east, east; m²)."""
+
+
+class FilterDivergenceError(RuntimeError):
+    """The covariance lost positive definiteness: the filter's numbers can no longer be trusted."""
+
+
+def _reference() -> ModuleType:
+    """Return `isogal.fusion.reference`, which takes some time to import."""
+    from isogal.fusion import reference
+
+    return reference
+
+
+def propagate(
+    state: FilterState,
+    model: FilterModel,
+    specific_force: Array,
+    angular_rate: Array,
+    height: Array,
+    dt: float | None = None,
+) -> Array:
+    """Advance a state over S intervals, in place; return (S, 13) the track.
+
+    Parameters
+    ----------
+    state : FilterState
+    model : FilterModel
+    specific_force, angular_rate : (S, 3) arrays
+        Means over each interval, body axes, m/s² and rad/s.
+    height : (S,) array
+        Known height after each interval, m, NaN = none.
+    dt : float, optional
+        The interval, s; default: the model's.
+
+    Raises
+    ------
+    FilterDivergenceError
+        The covariance is no longer positive definite; it is not repaired.
+    """
+    advance = _reference().advance if model.filter == "reference" else ukf.advance
+    assumed = model.assumptions if dt is None else model.assumptions._replace(dt=dt)
+    track = np.empty((len(specific_force), TRACK_COLUMNS))
+    # in one memory layout, whatever came: the filter is compiled anew for each, for ten seconds
+    samples = (
+        np.ascontiguousarray(part, float) for part in (specific_force, angular_rate, height)
+    )
+    mean, learnt = state.nominal, state.residual_gravity
+    done = advance(mean, state.covariance, learnt, *samples, assumed, track)
+    if done < len(track):
+        raise FilterDivergenceError("the filter's covariance is not positive definite")
+    return track

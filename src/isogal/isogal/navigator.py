@@ -1,0 +1,162 @@
+"""The navigator: strapdown and filter, batches and matcher, in one object.
+
+    IMU samples → strapdown and filter ──→ state of each time
+                        ↑        └→ readings, reduced with it → batch → matcher
+                        └──────────────────── fix ←──────────────────────┘
+
+The two halves, `isogal.fusion.inertial_navigator` and `isogal.matching.map_matching`, are what the
+nodes of the graph run by themselves; a simulation runs both here. A run through the graph and one
+through this object agree."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fields.known_gravity import KnownGravity
+from isogal.fields.measured import measured_field
+from isogal.fix import Fix
+from isogal.fusion.assumed import filter_model
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import Innovation, Measurement, measurements_of
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import Estimate, batch_difference
+from isogal.inertial.rotations import matrix
+from isogal.maps.channels import RouteMap
+from isogal.matching.interfaces import Matcher
+from isogal.matching.map_matching import MapMatching
+from isogal.scenario import Scenario
+from isogal.sensors.reduction import State
+
+
+class Applied(NamedTuple):
+    """A fix, and what became of it in the filter."""
+
+    fix: Fix
+    innovations: tuple[Innovation, ...]
+    """Of each of its measurements."""
+    seconds: float
+    """s that the matcher took."""
+
+
+class Navigator:
+    """Navigates one vehicle by inertial data and readings of one or several fields.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What is assumed of sensors, maps and errors.
+    maps : sequence of RouteMap
+        Of each field.
+    start : Estimate
+        Position, velocity and attitude at `time`, with the errors that the scenario says.
+    time : float
+        s.
+    gravity : KnownGravity, optional
+        What is known of horizontal gravity; default: as the scenario says.
+    matcher : Matcher, optional
+        Default: the scenario's.
+    horizon : float
+        How old a measurement may be, s.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        maps: Sequence[RouteMap],
+        start: Estimate,
+        time: float = 0.0,
+        *,
+        gravity: KnownGravity | None = None,
+        matcher: Matcher | None = None,
+        horizon: float = 1200.0,
+    ) -> None:
+        model = filter_model(scenario, gravity)
+        state = FilterState.start(start, model)
+        self.inertial = InertialNavigator(model, state, time, horizon)
+        self.matching = MapMatching(scenario, maps, matcher, gravity)
+        each = scenario.each_field
+        self._reductions = [measured_field(one).reduction(one) for one in each]
+        self._fixed = time
+        self._each_scan = scenario.matcher.mode == "retrodiction"
+
+    @property
+    def time(self) -> float:
+        """Of the newest state, s."""
+        return self.inertial.time
+
+    @property
+    def state(self) -> FilterState:
+        """The newest state; do not change it."""
+        return self.inertial.state
+
+    def imu(
+        self,
+        time: Array | float,
+        specific_force: Array,
+        angular_rate: Array,
+        height: Array | float = np.nan,
+    ) -> Array:
+        """Advance over IMU samples; see `InertialNavigator.imu`.
+
+        Parameters
+        ----------
+        time : (S,) array or float
+            Ends of the intervals, s.
+        specific_force, angular_rate : (S, 3) or (3,) arrays
+            Means over each interval, body axes, m/s² and rad/s.
+        height : (S,) array or float
+            Known height, m; NaN = not known.
+        """
+        return self.inertial.imu(time, specific_force, angular_rate, height)
+
+    def measure(self, time: float, *measurements: Measurement) -> Innovation:
+        """Apply measurements of one time (s); see `InertialNavigator.measure`."""
+        return self.inertial.measure(time, *measurements)
+
+    def read(self, field: int, time: Array, readings: Array) -> Array:
+        """Take readings of a field up to the newest IMU sample, oldest first, and return them
+        reduced with the navigator's states of then.
+
+        Parameters
+        ----------
+        field : int
+            Its place in the list of fields.
+        time : (K,) array
+            s.
+        readings : (K,) or (K, C) array
+            As sensed; NaN = none.
+        """
+        track = self.inertial.track(time)
+        position, velocity = track[:, :3], track[:, 3:6]
+        latitude, longitude, height = position.T
+        attitude = matrix(track[:, 6:10])
+        state = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1], attitude)
+        reduced = np.asarray(self._reductions[field].reduce(readings, state))
+        for stamp, place, speed, reading in zip(time, position, velocity, reduced, strict=True):
+            self.matching.add(field, float(stamp), place, speed, reading)
+        return reduced
+
+    def fix(self) -> Applied | None:
+        """Match the batch that the newest readings end, if they end one, and apply its fix."""
+        if not self.matching.ready:
+            return None
+        before = Estimate(*(part.copy() for part in self.state.estimate))
+        batch, fix, seconds = self.matching.match(self.state.batch_prior)
+        shares = [(self.time, fix)]
+        if self._each_scan and fix.widening is None and fix.scan_position is not None:
+            shares = self._shares(fix, batch.time[-len(fix.scan_position) :])
+        parts = [(time, part) for time, share in shares for part in measurements_of(share)]
+        innovations = self.inertial.measure_all(parts) if parts else []
+        self._fixed = self.time
+        jump = batch_difference(self.state.estimate, before)
+        if jump.any():
+            self.matching.batches.correct(self.time, jump)
+        return Applied(fix, tuple(innovations), seconds)
+
+    def _shares(self, fix: Fix, times: Array) -> list[tuple[float, Fix]]:
+        """Return the shares of a fix for each scan since the last fix, at the scans' times (T,):
+        for retrodiction."""
+        found = [(float(time), fix.of_scan(k)) for k, time in enumerate(times)]
+        return [(time, one) for time, one in found if one is not None and time > self._fixed]

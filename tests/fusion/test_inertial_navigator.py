@@ -1,0 +1,381 @@
+"""A late measurement equals one that came on time, in any order of arrival; what cannot be used
+changes nothing."""
+
+import re
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from helpers.navigators import ROUTE, error_between, fly, identical
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import (
+    InformationUpdate,
+    Innovation,
+    Outcome,
+    PositionFix,
+    Widening,
+)
+from isogal.fusion.outage import HELD
+from isogal.fusion.prediction import propagate
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import batch_covariance, batch_difference
+
+FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
+R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
+FIXES = {20: (30.0, -40.0), 50: (-25.0, 10.0), 90: (15.0, 20.0)}
+"""Stamp -> metres from the truth."""
+
+
+def navigator(**keys) -> InertialNavigator:
+    return InertialNavigator(FLIGHT.model, FLIGHT.start, **keys)
+
+
+def advance(it: InertialNavigator, until: int, at_once: int = 1) -> None:
+    for k in range(round(it.time), until, at_once):
+        last = min(k + at_once, until)
+        it.imu(np.arange(k + 1.0, last + 1.0), *FLIGHT.samples(k, last))
+
+
+def reference(until: int, fixes) -> FilterState:
+    """The same step by step, in order of the stamps."""
+    state = FLIGHT.start.copy()
+    for k in range(until):
+        propagate(state, FLIGHT.model, *FLIGHT.samples(k, k + 1))
+        for measurement in fixes.get(k + 1, []):
+            measurement.update(state, FLIGHT.model)
+    return state
+
+
+def position_fix(stamp: int) -> PositionFix:
+    return PositionFix(*FLIGHT.fix(stamp, *FIXES[stamp]), R)
+
+
+def information_at(state: FilterState, stamp: int, attitude: bool = False) -> InformationUpdate:
+    """The information that a fix holds on the error of a state; its attitude is compared with that
+    of an unaided one."""
+    metres = metres_per_radian(state.position[0], state.position[2])
+    error = (state.position[:2] - FLIGHT.fix(stamp, *FIXES[stamp])) * metres
+    M = np.zeros((4, 4))
+    M[:2, :2] = np.linalg.inv(R)
+    M[2:, 2:] = np.eye(2) / 0.1**2
+    slip = state.velocity[:2] - FLIGHT.trajectory.velocity[stamp, :2] - [0.02, -0.01]
+    error = np.append(error, slip)
+    if attitude:
+        turn = batch_difference(state.estimate, reference(stamp, {}).estimate)[4:]
+        M = np.block([[M, np.zeros((4, 3))], [np.zeros((3, 4)), np.eye(3) / 1e-4**2]])
+        M[4, 0] = M[0, 4] = 0.3 * np.sqrt(M[0, 0] * M[4, 4])
+        error = np.append(error, turn + np.array([2e-5, -1e-5, 1e-5]))
+    return InformationUpdate(M @ error, M)
+
+
+def close(a: FilterState, b: FilterState, tolerance: float = 1e-6) -> bool:
+    """Whether two states agree within a share of their sigmas."""
+    scale = np.sqrt(np.diag(b.covariance))
+    unlike = (a.covariance - b.covariance) / scale / scale[:, None]
+    apart = error_between(a, b) / scale
+    return max(np.abs(apart).max(), np.abs(unlike).max()) < tolerance
+
+
+@pytest.mark.parametrize("arrival", [20, 21, 50, 120])
+def test_a_late_position_equals_one_on_time(arrival):
+    it = navigator()
+    advance(it, arrival)
+    result = it.measure(20.0, position_fix(20))
+    assert result.outcome is Outcome.USED
+    advance(it, 120)
+    assert identical(it.state, reference(120, {20: [position_fix(20)]}))
+    on_time = position_fix(20).update(reference(20, {}), FLIGHT.model)
+    assert (result.innovation == on_time.innovation).all()
+    assert result.nis == on_time.nis
+
+
+@pytest.mark.parametrize("at_once", [7, 10, 120])
+def test_samples_that_come_at_once_equal_those_that_come_one_by_one(at_once):
+    """Also where measurements divide them afterwards."""
+    it = navigator()
+    advance(it, 120, at_once)
+    for stamp in (50, 20):
+        assert it.measure(float(stamp), position_fix(stamp)).used
+    expected = reference(120, {stamp: [position_fix(stamp)] for stamp in (20, 50)})
+    assert close(it.state, expected, 1e-9)
+
+
+@pytest.mark.parametrize("lost", [None, batch_covariance(3000.0, 0.5, 1e-4, 0.0)])
+@pytest.mark.parametrize("arrival", [50, 51, 120])
+def test_late_information_equals_that_on_time(arrival, lost):
+    told = information_at(reference(50, {}), 50)
+    parts = [told] if lost is None else [Widening(lost), told]
+    it = navigator()
+    advance(it, arrival)
+    assert it.measure(50.0, *parts).used
+    advance(it, 120)
+    assert identical(it.state, reference(120, {50: parts}))
+    assert it.state.contradicted == (lost is not None)
+
+
+@pytest.mark.parametrize("order", list(permutations(FIXES)))
+def test_positions_in_any_order_of_arrival(order):
+    it = navigator()
+    for arrival, stamp in zip((95, 100, 110), order, strict=True):
+        advance(it, arrival)
+        assert it.measure(float(stamp), position_fix(stamp)).used
+    advance(it, 120)
+    expected = reference(120, {stamp: [position_fix(stamp)] for stamp in FIXES})
+    assert identical(it.state, expected)
+    together = navigator()
+    advance(together, 120)
+    results = together.measure_all([(float(stamp), position_fix(stamp)) for stamp in order])
+    assert all(one.used for one in results)
+    assert identical(together.state, expected)
+
+
+@pytest.mark.parametrize("attitude", [False, True])
+@pytest.mark.parametrize("order", list(permutations(FIXES)))
+def test_information_in_any_order_of_arrival(order, attitude):
+    """Each piece refers to the estimate of its stamp when it comes, whatever older ones change
+    later."""
+    expected = navigator()
+    for stamp in FIXES:
+        advance(expected, stamp)
+        expected.measure(float(stamp), information_at(expected.state, stamp, attitude))
+    advance(expected, 120)
+    it = navigator()
+    advance(it, 95)
+    for stamp in order:
+        seen = it.state_at(float(stamp))
+        assert it.measure(float(stamp), information_at(seen, stamp, attitude)).used
+    advance(it, 120)
+    # the fix is linear in the error, metres are not quite linear in the place
+    assert close(it.state, expected.state, 1e-4)
+
+
+def test_two_fixes_of_one_stamp_in_either_order():
+    fixes = [position_fix(20), PositionFix(*FLIGHT.fix(20, 5.0, 8.0), np.diag([60.0**2, 100.0]))]
+    ends = []
+    for order in (fixes, fixes[::-1]):
+        it = navigator()
+        advance(it, 30)
+        for one in order:
+            it.measure(20.0, one)
+        ends.append(it.state)
+    assert close(*ends, 1e-4)
+
+
+@pytest.mark.parametrize("at_once", [1, 10])
+@pytest.mark.parametrize("stamp", [19.6, 20.3])
+def test_a_stamp_within_a_sample_divides_it(stamp, at_once):
+    """The vehicle is there at that time, not where it is at the next sample, 20 m further on."""
+    it = navigator()
+    advance(it, 40, at_once)
+    before = it.state_at(stamp).copy()
+    k = int(stamp)
+    truth = FLIGHT.trajectory
+    share = stamp - k
+    place = (1.0 - share) * truth.latitude[k] + share * truth.latitude[k + 1]
+    start = FLIGHT.start.position[0] - truth.latitude[0]
+    assert abs(before.position[0] - place - start) * 6.4e6 < 4.0
+    fix = PositionFix(before.position[0], before.position[1], R)
+    result = it.measure(stamp, fix)
+    assert result.used
+    np.testing.assert_allclose(result.innovation, 0.0, atol=1e-9)
+    state = FLIGHT.start.copy()
+    propagate(state, FLIGHT.model, *FLIGHT.samples(0, k))
+    part = FLIGHT.samples(k, k + 1)
+    propagate(state, FLIGHT.model, *part, dt=share)
+    fix.update(state, FLIGHT.model)
+    propagate(state, FLIGHT.model, *part, dt=1.0 - share)
+    propagate(state, FLIGHT.model, *FLIGHT.samples(k + 1, 40))
+    assert close(it.state, state, 1e-6)
+
+
+@pytest.mark.parametrize(("stamp", "covariance", "reason"), [
+    (41.0, R, r"fix of 41\.0 s is ahead of the navigator \(40\.0 s\)"),
+    (5.0, R, r"fix of 5\.0 s is older than the buffer \(\d+\.\d s\)"),
+    (np.nan, R, "older than the buffer"),
+    (20.0, np.full((2, 2), np.nan), "not positive definite"),
+    (20.0, -R, "covariance of the measurement is not positive definite"),
+])  # fmt: skip
+def test_a_refused_fix_changes_nothing(stamp, covariance, reason):
+    it, fresh = navigator(horizon=25.0), navigator(horizon=25.0)
+    other = PositionFix(*FLIGHT.fix(20, *FIXES[20]), R)
+    for one in (it, fresh):
+        advance(one, 35)
+        one.measure(30.0, other)
+        advance(one, 40)
+    result = it.measure(stamp, PositionFix(*FLIGHT.fix(20, 0.0, 0.0), covariance))
+    assert result.outcome is Outcome.REFUSED
+    assert np.isnan(result.nis)
+    assert np.isnan(result.innovation).all()
+    assert re.search(reason, result.reason or "")
+    assert identical(it.state, fresh.state)
+    for one in (it, fresh):
+        advance(one, 45)
+    assert identical(it.state, fresh.state)
+
+
+@pytest.mark.parametrize("stamp", [35, 40])
+def test_refused_information_changes_nothing_nor_does_what_comes_with_it(stamp):
+    it = navigator()
+    advance(it, 40)
+    before = it.state.copy()
+    wrong = InformationUpdate(np.ones(4), np.diag([1.0, 1.0, -1e6, 1.0]))
+    assert it.measure(float(stamp), Widening(np.eye(7)), wrong).outcome is Outcome.REFUSED
+    assert identical(it.state, before)
+
+
+def test_the_horizon_is_kept():
+    it = navigator(horizon=30.0)
+    advance(it, 100)
+    used = [
+        it.measure(t, PositionFix(*FLIGHT.fix(int(t), 1.0, 1.0), R)).used for t in (71.0, 60.0)
+    ]
+    assert used == [True, False]
+
+
+def test_late_a_fix_is_rejected_as_in_time_and_passes_if_an_older_reset_comes():
+    alone, it = navigator(), navigator()
+    for one in (alone, it):
+        advance(one, 100)
+    far = PositionFix(*FLIGHT.fix(60, 78e3, 0.0), np.eye(2))
+    result = it.measure(60.0, far)
+    assert result.outcome is Outcome.REJECTED
+    assert result.innovation[0] == pytest.approx(78e3, rel=0.01)
+    assert identical(it.state, alone.state)
+    widening = Widening(np.diag([30e3**2, 30e3**2, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    assert it.measure(30.0, widening).used
+    assert alone.measure(30.0, widening).used
+    assert alone.measure(60.0, far).used
+    np.testing.assert_array_equal(it.state.position, alone.state.position)
+
+
+@pytest.mark.parametrize(("time", "force", "height", "message"), [
+    (10.0, 0.0, 0.0, r"stamp 10\.000 s is not later than 10\.000 s"),
+    (np.nan, 0.0, 0.0, "not later"),
+    (11.0, np.nan, 0.0, "IMU sample is not finite"),
+    (11.0, 0.0, np.inf, "IMU sample is not finite"),
+])  # fmt: skip
+def test_samples_that_cannot_be_used_change_nothing(time, force, height, message):
+    it = navigator()
+    advance(it, 10)
+    before = it.state.copy()
+    with pytest.raises(ValueError, match=message):
+        it.imu(time, np.full(3, force), np.zeros(3), height)
+    assert it.time == 10.0
+    assert identical(it.state, before)
+
+
+def test_samples_that_were_not_true_are_forgotten():
+    """Up to one that a fix has been taken at: the last true one stands for those before it."""
+    it = navigator()
+    advance(it, 40)
+    before = it.state.copy()
+    wrong = np.array([0.0, 0.0, -9.0]), np.zeros(3)
+    fix = PositionFix(*FLIGHT.fix(42, 5.0, 5.0), R)
+    for k in range(41, 46):
+        it.imu(float(k), *wrong, FLIGHT.trajectory.height[k])
+    it.back(5)
+    assert it.time == 40.0
+    assert identical(it.state, before)
+    for k in range(41, 46):
+        it.imu(float(k), *wrong, FLIGHT.trajectory.height[k])
+        if k == 42:
+            assert it.measure(42.0, fix).used
+    it.back(5)
+    assert it.time == 42.0
+    held = navigator()
+    advance(held, 40)
+    for k in (41, 42):
+        held.imu(float(k), *held.sample, FLIGHT.trajectory.height[k])
+    held.measure(42.0, fix)
+    assert identical(it.state, held.state)
+    it.back(1000)
+    assert it.time == 42.0
+
+
+def test_the_track_is_that_of_the_states():
+    it = navigator()
+    advance(it, 60, 20)
+    it.measure(40.0, position_fix(20))
+    rows = it.track(np.array([33.0, 40.0, 47.0, 60.0, 60.5]))
+    for row, time in zip(rows, (33.0, 40.0, 47.0, 60.0), strict=False):
+        state = it.state_at(time)
+        np.testing.assert_allclose(row[:10], np.concatenate(state.estimate), atol=1e-9)
+        np.testing.assert_allclose(row[[10, 12]], np.diag(state.covariance)[:2], rtol=1e-6)
+    north, _ = metres_per_radian(rows[3, 0])
+    np.testing.assert_allclose((rows[4] - rows[3])[0] * north, 0.5 * rows[3, 3], rtol=1e-3)
+
+
+def test_a_forecast_goes_on_as_the_vehicle_did():
+    it = navigator()
+    advance(it, 60)
+    before = it.state.copy()
+    ahead = it.forecast(80.0, 100.0)
+    assert identical(it.state, before)
+    off = error_between(ahead, reference(80, {}))[:2]
+    sigma = np.sqrt(np.diag(ahead.covariance)[:2])
+    assert (sigma > np.sqrt(np.diag(before.covariance)[:2])).all()
+    assert (np.abs(off) < 3.0 * sigma).all()
+
+
+def flown(gap: int, until: int, wrong: tuple[float, float] = (0.0, 0.0)) -> InertialNavigator:
+    """A navigator without samples for a time after 300 s; then with a fix of 50 m each 60 s, of
+    a vehicle whose velocity changed by `wrong` (m/s, north and east) when the gap began."""
+    it = InertialNavigator(LONG.model, LONG.start)
+    for k in range(until):
+        if not 300 <= k < 300 + gap:
+            missing = float(gap) if k == 300 + gap else 0.0
+            it.imu(k + 1.0, LONG.force[k], LONG.rate[k], LONG.height[k], missing)
+        if k > 300 + gap and (k + 1) % 60 == 0:
+            away = np.array(wrong) * (k - 300)
+            assert it.measure(k + 1.0, long_fix(k + 1, away)).used
+    return it
+
+
+LONG = fly(route=ROUTE.model_copy(update={"duration": 900.0}))
+
+
+def long_fix(stamp: int, away=(0.0, 0.0)) -> PositionFix:
+    return PositionFix(*LONG.fix(stamp, *away), 50.0**2 * np.eye(2))
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 0.0), (4.0, 0.0), (-3.0, 3.0)])
+def test_fixes_tell_whether_there_was_a_manoeuvre_in_a_gap(wrong):
+    state, truth, k = flown(60, 660, wrong).state, LONG.trajectory, 660
+    metres = metres_per_radian(truth.latitude[k])
+    off = (state.position[:2] - [truth.latitude[k], truth.longitude[k]]) * metres
+    sigma = np.sqrt(np.diag(state.covariance))
+    assert (np.abs(off - np.array(wrong) * 360.0) < 3.0 * sigma[:2]).all()
+    assert np.hypot(*sigma[:2]) < 100.0
+    slip = state.velocity[:2] - truth.velocity[k, :2] - np.array(wrong)
+    assert (np.abs(slip) < 3.0 * sigma[3:5]).all()
+
+
+def test_a_fix_within_a_gap_is_refused_and_changes_nothing():
+    """It was once applied at the gap's end: 250 m off, and 80 km after half an hour."""
+    it = flown(60, 365)
+    before = it.state.copy()
+    result: Innovation = it.measure(330.0, long_fix(330))
+    assert result.outcome is Outcome.REFUSED
+    assert "no inertial data" in (result.reason or "")
+    assert identical(it.state, before)
+    assert it.measure(300.0, long_fix(300)).used
+    assert it.measure(361.0, long_fix(361)).used
+
+
+def test_a_fix_within_a_short_gap_is_where_the_vehicle_was():
+    """With every second sample missing it was once taken for one of a second later, 22 m off."""
+    it = InertialNavigator(LONG.model, LONG.start)
+    for k in range(1, 20, 2):
+        it.imu(k + 1.0, LONG.force[k], LONG.rate[k], LONG.height[k], 1.0 if k > 1 else 0.0)
+    assert HELD > 1.0
+    start = error_of(LONG.start, 0)
+    apart = it.measure(19.0, PositionFix(*LONG.fix(19, *start), 1e6 * np.eye(2))).innovation
+    assert np.abs(apart).max() < 5.0
+
+
+def error_of(state: FilterState, stamp: int) -> np.ndarray:
+    truth = LONG.trajectory
+    metres = metres_per_radian(truth.latitude[stamp])
+    return (state.position[:2] - [truth.latitude[stamp], truth.longitude[stamp]]) * metres

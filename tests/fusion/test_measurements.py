@@ -1,0 +1,346 @@
+"""Measurement models: against filterpy and differences; the gate; what cannot be used."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from helpers.navigators import (
+    ROUTE,
+    SIGMA,
+    error_between,
+    filterpy_update,
+    fly,
+    identical,
+    random_covariance,
+)
+from isogal.errors import InputError
+from isogal.fields.known_gravity import KnownGravity, Residual
+from isogal.fix import Fix, Information
+from isogal.fusion.gate import quantile
+from isogal.fusion.measurements import (
+    HeightReading,
+    InformationUpdate,
+    LearntMapError,
+    Outcome,
+    PositionFix,
+    VelocityReading,
+    Widening,
+    measurements_of,
+)
+from isogal.fusion.measurements.model import Rows, update_linear
+from isogal.fusion.measurements.velocity import velocity_reading
+from isogal.fusion.model import FilterModel
+from isogal.fusion.nominal import move
+from isogal.inertial.error_state import BATCH, HORIZONTAL_STATES, batch_covariance
+from isogal.inertial.rotations import matrix
+from isogal.scenario import Fusion, Height, Velocity, load_scenario
+
+FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
+FAR = 78e3
+"""m."""
+SCALE = SIGMA * SIGMA[:, None]
+HORIZONTAL = BATCH[:HORIZONTAL_STATES]
+BAROMETER = Height(source="barometer", bias=6.0, scale=0.02, weather_sigma=4.0)
+LOG = Velocity(kind="dvl", current_sigma=0.3)
+DVL = Velocity(kind="dvl", standstill_speed=0.1)
+
+
+def open_model() -> FilterModel:
+    """Without a gate."""
+    return fly(fusion=Fusion(false_rejection=0.0)).model
+
+
+def with_covariance(seed=0):
+    state = FLIGHT.start.copy()
+    state.covariance[:] = random_covariance(SIGMA, seed)
+    return state
+
+
+def horizontal(state) -> np.ndarray:
+    return state.covariance[np.ix_(HORIZONTAL, HORIZONTAL)]
+
+
+@pytest.mark.parametrize("states", [HORIZONTAL, BATCH], ids=["horizontal", "with attitude"])
+@pytest.mark.parametrize("rank", [1, 2, 4])
+def test_information_equals_filterpy(rank, states):
+    random = np.random.default_rng(rank)
+    state = with_covariance()
+    before = state.copy()
+    H = random.standard_normal((rank, len(states))) / SIGMA[states]
+    z = random.standard_normal(rank)  # unit noise
+    result = InformationUpdate(H.T @ z, H.T @ H).update(state, open_model())
+    full = np.zeros((rank, 15))
+    full[:, states] = H
+    # the error, estimate minus truth
+    xi, covariance = filterpy_update(before.covariance, full, np.eye(rank), z)
+    np.testing.assert_allclose(state.covariance / SCALE, covariance / SCALE, atol=1e-9)
+    np.testing.assert_allclose(error_between(state, before) / SIGMA, -xi / SIGMA, atol=1e-7)
+    np.testing.assert_allclose(result.innovation / SIGMA[:2], -xi[:2] / SIGMA[:2], atol=1e-9)
+    S = full @ before.covariance @ full.T + np.eye(rank)
+    assert result.nis == pytest.approx(z @ np.linalg.solve(S, z), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_negative_information_makes_less_certain(seed):
+    """Of a posterior wider than the prior in some directions: mean and covariance of (position,
+    velocity) become the posterior's."""
+    random = np.random.default_rng(seed)
+    state = with_covariance(seed)
+    before = state.copy()
+    prior = horizontal(before)
+    factor = np.linalg.cholesky(prior)
+    axes = factor @ np.linalg.qr(random.standard_normal((4, 4)))[0]
+    wanted = (axes * [0.1, 0.8, 1.5, 3.5]) @ axes.T
+    mean = factor @ random.standard_normal(4)
+    inverse = np.linalg.inv(wanted)
+    told = InformationUpdate(inverse @ mean, inverse - np.linalg.inv(prior))
+    result = told.update(state, open_model())
+    scale = SIGMA[HORIZONTAL]
+    unlike = (horizontal(state) - wanted) / scale / scale[:, None]
+    np.testing.assert_allclose(unlike, 0.0, atol=1e-8)
+    moved = error_between(state, before)[HORIZONTAL]
+    np.testing.assert_allclose(moved / scale, -mean / scale, atol=1e-6)
+    assert (np.linalg.eigvalsh(state.covariance / SCALE) > 0.0).all()
+    assert result.nis >= 0.0
+
+
+def test_negative_information_is_bounded():
+    """Nothing becomes more than twice as uncertain, though a navigator may know less by now than
+    when the batch was matched."""
+    state = with_covariance()
+    prior = horizontal(state).copy()
+    InformationUpdate(np.zeros(4), -1.2 * np.linalg.inv(prior)).update(state, FLIGHT.model)
+    np.testing.assert_allclose(horizontal(state) / prior, 4.0, rtol=1e-6)
+
+
+def test_rows_equal_the_kalman_filter():
+    model, state = open_model(), with_covariance()
+    before, random = state.copy(), np.random.default_rng(0)
+    H = random.standard_normal((2, 15)) / SIGMA
+    R, z = np.array([[1.0, 0.3], [0.3, 2.0]]), np.array([0.7, -1.2])
+    result = update_linear(state, model, Rows(z + 5.0, np.full(2, 5.0), H, R))
+    xi, covariance = filterpy_update(before.covariance, H, R, z)
+    np.testing.assert_allclose(error_between(state, before) / SIGMA, xi / SIGMA, atol=1e-6)
+    np.testing.assert_allclose(state.covariance / SCALE, covariance / SCALE, atol=1e-8)
+    S = H @ before.covariance @ H.T + R
+    assert result.nis == pytest.approx(float(z @ np.linalg.solve(S, z)))
+    np.testing.assert_allclose(result.measured, z + 5.0)
+
+
+@pytest.mark.parametrize(
+    ("measurement", "message"),
+    [
+        (PositionFix(np.nan, 0.0, np.eye(2)), "fix is not finite"),
+        (PositionFix(0.0, 0.0, np.full((2, 2), np.nan)), "not positive definite"),
+        (PositionFix(0.0, 0.0, np.array([[1.0, 2.0], [2.0, 1.0]])), "not positive definite"),
+        (PositionFix(0.0, 0.0, -np.eye(2)), "not positive definite"),
+        (InformationUpdate(np.full(4, np.nan), np.eye(4)), "information is not finite"),
+        (InformationUpdate(np.ones(4), np.diag([1.0, 1.0, 1.0, -1e6])), "too negative"),
+        (HeightReading(np.nan, 1.0), "not finite"),
+        (HeightReading(100.0, -1.0), "not positive definite"),
+        (LearntMapError(0.0, 5e3), "map error"),
+        (LearntMapError(np.nan, 5e3), "map error"),
+        (LearntMapError(1e-5, np.inf), "map error"),
+    ],
+)
+def test_what_cannot_be_used_changes_nothing(measurement, message):
+    state = with_covariance()
+    before = state.copy()
+    with pytest.raises(ValueError, match=message):
+        measurement.update(state, FLIGHT.model)
+    assert identical(state, before)
+
+
+def test_a_map_error_is_the_navigators_residual_gravity():
+    state = FLIGHT.start.copy()
+    LearntMapError(8e-5, 5e3).update(state, FLIGHT.model)  # has no map to take off
+    assert not state.residual_gravity.any()
+    model = replace(FLIGHT.model, gravity=KnownGravity(residual=Residual(0.0, 1.0)))
+    LearntMapError(8e-5, 5e3).update(state, model)
+    expected = (np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 5e3)
+    assert tuple(state.residual_gravity) == pytest.approx(expected)
+
+
+def test_widening_adds_to_a_batchs_states_alone():
+    state, before = FLIGHT.start.copy(), FLIGHT.start
+    assert Widening(batch_covariance(30e3, 0.5, 1e-4, 0.0)).update(state, FLIGHT.model).used
+    change = np.sqrt(np.diag(state.covariance - before.covariance))
+    expected = [30e3, 30e3, 0, 0.5, 0.5, 0, 1e-4, 1e-4, *[0] * 7]
+    np.testing.assert_allclose(change, expected, rtol=1e-9)
+    assert state.contradicted
+
+
+# The gate
+
+
+def sigma() -> float:
+    return float(np.sqrt(FLIGHT.start.covariance[0, 0]))
+
+
+def fix_away(metres: float, sigma: float = 1.0, whole: bool = False, **keys) -> Fix:
+    """A fix to the north of the navigator's own place at the start."""
+    place = FLIGHT.start.position.copy()
+    M = np.diag([sigma**-2, sigma**-2, 0.0, 0.0])
+    told = Information(M @ [-metres, 0.0, 0.0, 0.0], M) if whole else None
+    place[0] += metres / 6.36e6
+    return Fix(0.0, *place[:2], sigma**2 * np.eye(2), information=told, **keys)
+
+
+def applied(fix: Fix, state, model=FLIGHT.model):
+    return [one.update(state, model) for one in measurements_of(fix)][-1]
+
+
+@pytest.mark.parametrize("probability", [1e-2, 1e-9])
+def test_the_quantiles_are_those_of_chi_square(probability):
+    expected = [chi2.isf(probability, k) for k in range(1, 8)]
+    got = [quantile(probability, k) for k in range(1, 8)]
+    np.testing.assert_allclose(got, expected, rtol=1e-7)
+    assert quantile(0.0, 2) == math.inf
+    assert FLIGHT.model.gates == tuple(quantile(1e-9, k) for k in range(1, 8))
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["position", "information"])
+def test_a_fix_78_km_off_is_rejected_and_one_within_the_prior_is_not(whole):
+    state = FLIGHT.start.copy()
+    result = applied(fix_away(FAR, whole=whole), state)
+    assert result.outcome is Outcome.REJECTED
+    assert (result.reason or "").startswith("78.")
+    assert "km from the estimate: normalised innovation squared" in (result.reason or "")
+    assert identical(state, FLIGHT.start)
+    assert applied(fix_away(4.0 * sigma(), whole=whole), state).used
+    assert not identical(state, FLIGHT.start)
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["position", "information"])
+def test_no_gate(whole):
+    state = FLIGHT.start.copy()
+    assert applied(fix_away(FAR, whole=whole), state, open_model()).nis > 1e5
+    assert error_between(state, FLIGHT.start)[0] == pytest.approx(FAR, rel=0.01)
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["position", "information"])
+def test_what_the_matcher_widens_for_passes(whole):
+    state = FLIGHT.start.copy()
+    assert applied(fix_away(FAR, 50.0, whole, reset=True), state).used
+    assert error_between(state, FLIGHT.start)[0] == pytest.approx(FAR, rel=0.01)
+
+
+def test_weak_information_is_judged_by_what_it_does():
+    """A direction of which next to nothing is told implies a place far away."""
+    tiny = 1e-8 / sigma() ** 2
+    M = np.diag([tiny, tiny, 0.0, 0.0])
+    told = Information(np.array([1e-3 / sigma(), 0.0, 0.0, 0.0]), M)
+    state = FLIGHT.start.copy()
+    result = applied(Fix(0.0, 0.0, 0.0, np.eye(2), information=told), state)
+    assert result.used
+    assert result.nis > FLIGHT.model.gate(4)
+    assert np.hypot(*error_between(state, FLIGHT.start)[:2]) < 0.01 * sigma()
+
+
+@pytest.mark.parametrize("value", ["-1e-9", "0.5", "often"])
+def test_a_probability_that_is_none_is_refused(value):
+    with pytest.raises(InputError, match=r"fusion\.false_rejection"):
+        load_scenario(None, [f"fusion.false_rejection={value}"])
+
+
+# Height
+
+
+def test_one_reading_tells_the_height_to_the_size_of_its_errors():
+    """Before it nothing is known: the height follows the reading, its errors are as assumed, and
+    height and errors go together."""
+    it = fly(height=BAROMETER)
+    state = it.start
+    assert state.covariance[2, 2] == 1000.0**2
+    reading = HeightReading(112.0, BAROMETER.sigma**2)
+    assert reading.update(state, it.model).used
+    assert state.position[2] == pytest.approx(112.0, abs=0.01)
+    size = np.sqrt(6.0**2 + 2.0**2 + 4.0**2 + 0.5**2)
+    assert np.sqrt(state.covariance[2, 2]) == pytest.approx(size, rel=1e-3)
+    # the next reading is expected where the first one was
+    assert reading.update(state, it.model).nis < 0.1
+    assert HeightReading(10e3, 0.25).update(state, it.model).outcome is Outcome.REJECTED
+
+
+# Velocity
+
+
+def dvl(velocity, settings=DVL, covariance=None) -> VelocityReading:
+    reading = VelocityReading.of(settings, np.asarray(velocity, dtype=float), covariance)
+    assert reading is not None
+    return reading
+
+
+def test_the_derivative_of_a_velocity_reading():
+    """Against differences, in every state that it depends on."""
+    it = fly(velocity=LOG)
+    state, model = it.start, it.model
+    state.auxiliary[:] = [0.01, 0.003, -0.004, 0.5, -0.2]
+    names = [one.name for one in model.auxiliary]
+
+    def read(nominal):
+        values = dict(zip(names, nominal.auxiliary.tolist(), strict=True))
+        past = nominal.velocity - [values["current_north"], values["current_east"], 0.0]
+        return velocity_reading(model, matrix(nominal.attitude), past, values)
+
+    H, _ = read(state.nominal)
+    for column in (3, 4, 5, 6, 7, 8, *range(15, 20)):
+        step, ends = np.zeros(model.states), []
+        for sign in (1.0, -1.0):
+            moved = state.copy()
+            step[column] = sign * 1e-5
+            move(moved.nominal, step)
+            ends.append(read(moved.nominal)[1])
+        np.testing.assert_allclose(H[:, column], (ends[0] - ends[1]) / 2e-5, atol=1e-5)
+    assert not H[:, [0, 1, 2, 9, 10, 11, 12, 13, 14]].any()
+
+
+def test_a_dvl_tells_the_velocity_and_knots_are_rejected():
+    it = fly(velocity=DVL)
+    state, model = it.start.copy(), it.model
+    body = matrix(state.attitude).T @ it.trajectory.velocity[0]
+    knots = dvl(body * 1.94384).update(state, model)
+    assert knots.outcome is Outcome.REJECTED
+    assert identical(state, it.start)
+    share = np.linalg.norm(knots.measured) / np.linalg.norm(knots.expected)
+    assert share == pytest.approx(1.944, abs=0.01)
+    assert dvl(body).update(state, model).used
+    before = it.start.covariance[4, 4]
+    assert state.covariance[4, 4] < 0.64 * before
+    assert VelocityReading.of(DVL, np.full(3, np.nan)) is None
+
+
+def test_zero_variance_means_that_the_setting_counts():
+    def sigma_after(covariance):
+        it = fly(velocity=DVL)
+        body = matrix(it.start.attitude).T @ it.start.velocity
+        dvl(body, covariance=covariance).update(it.start, it.model)
+        return np.sqrt(it.start.covariance[3, 3])
+
+    default = sigma_after(None)
+    assert sigma_after(np.zeros((3, 3))) == default
+    assert sigma_after(np.eye(3) * DVL.number("sigma") ** 2) == pytest.approx(default)
+    assert sigma_after(np.eye(3) * 4.0) > 1.2 * default
+
+
+def test_a_vehicle_that_stands_still_has_no_velocity():
+    settings = Velocity(kind="odometer", standstill_speed=0.1)
+    it = fly(velocity=settings)
+    it.start.velocity[:] = [0.03, -0.02, 0.0]
+    assert dvl([0.02, 0.0, 0.0], settings).update(it.start, it.model).used
+    assert np.linalg.norm(it.start.velocity) < 0.01
+    assert np.sqrt(it.start.covariance[3, 3]) < 0.011
+
+
+def test_a_contradicted_aid_is_not_used_any_more_but_a_standstill_is():
+    it = fly(velocity=DVL)
+    state = it.start
+    Widening(np.diag([1e4, 1e4, 1.0, 1.0, 0.0, 0.0, 0.0])).update(state, it.model)
+    before = state.copy()
+    assert dvl([22.0, 0.0, 0.0]).update(state, it.model).outcome is Outcome.UNTRUSTED
+    assert identical(state, before)
+    state.velocity[:] = 0.0
+    assert dvl([0.0, 0.0, 0.0]).update(state, it.model).used
