@@ -46,6 +46,7 @@ import isogal
 from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import write_json
 from isogal.fields.scenario_map import maps_for_scenario
+from isogal.matching import map_matching
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.registry import build_run_matcher
 from isogal.montecarlo import engine
@@ -92,7 +93,7 @@ def simulated(scenario: Scenario, runs: range) -> tuple[Runs, Cost]:
     if key not in _warm:
         engine.simulate(scenario, runs[:1], maps)
         _warm.add(key)
-    with patch.object(engine, "clock", SimpleNamespace(perf_counter=time.thread_time)):
+    with patch.object(map_matching, "clock", SimpleNamespace(perf_counter=time.thread_time)):
         start, matcher = time.process_time(), Counting(build_run_matcher(scenario))
         record = engine.simulate(scenario, runs, maps, matcher)
         return record, Cost(time.process_time() - start, _peak(), matcher.resets)

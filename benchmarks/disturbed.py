@@ -3,43 +3,30 @@ late, in another order, twice.
 
     .venv/bin/python benchmarks/disturbed.py [--runs 16] [--duration 9000] [--set KEY=VALUE ...]
 
-The navigator is the one of the node (`isogal.fusion.buffered`), fed sample by sample; batches and
-matcher are those of the engine. Says what each disturbance costs beside the same runs without:
-RMS error after half an hour, of an outage over the last third, and NEES per axis. Of late fixes it
-also says what the delay alone costs, where matching knows nothing of it: what has not come yet
-cannot be used."""
+The navigator (`isogal.navigator`) is fed sample by sample. Says what each disturbance costs beside
+the same runs without: RMS error after half an hour, of an outage over the last third, and NEES per
+axis. Of late fixes it also says what the delay alone costs, where matching knows nothing of it:
+what has not come yet cannot be used."""
 
 import argparse
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import nees_per_axis
-from isogal.fields.gravity_vector import felt_gravity
-from isogal.fields.known_gravity import known_gravity
-from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import map_for_scenario, true_map
-from isogal.fields.simulator import ReadingSimulator, compensated
-from isogal.fix import apply_fix
-from isogal.fusion.buffered import BufferedNavigator
-from isogal.fusion.model import FilterModel
-from isogal.fusion.outage import HELD
-from isogal.fusion.state import FilterState
-from isogal.inertial.dead_reckoning import dead_reckoned
-from isogal.inertial.error_state import Estimate, batch_difference
-from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import Fix
-from isogal.matching.registry import load_matcher
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.fix import Fix
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import measurements_of
+from isogal.inertial.error_state import Estimate
+from isogal.matching.registry import build_run_matcher
+from isogal.montecarlo.engine import Simulation
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
-from isogal.sensors.imu import simulate_imu
-from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
 Delays = Callable[[int], Sequence[float]]
@@ -74,173 +61,102 @@ class Track:
         return float(np.mean(nees_per_axis(self.error[part], self.covariance[part])))
 
 
-class World:
-    """What a run of a scenario measures, whoever navigates with it."""
-
-    def __init__(self, scenario: Scenario, run: int) -> None:
-        self.scenario, self.run = scenario, run
-        self.trajectory = build_trajectory(scenario)
-        self.map = map_for_scenario(scenario, self.trajectory)
-        world = scenario.world
-        known = known_gravity(scenario, self.trajectory)
-        felt = felt_gravity(world, self.trajectory, [run])
-        self.imu = simulate_imu(world, self.trajectory, [run], felt)
-        source = true_map(scenario, self.trajectory, self.map)
-        readings = ReadingSimulator(world, self.trajectory, source, [run])
-        self.readings = compensated(scenario, self.trajectory, readings)[0]
-        self.model = FilterModel.from_scenario(scenario, known)
-        self.start = FilterState.start(
-            draw_initial_state(world, self.trajectory, [run]), self.model
-        )
-
-
 class Run:
-    """A navigator, its batches and what the matcher remembers."""
+    """A navigator whose IMU samples are missing for a time, and whose fixes come late."""
 
     def __init__(
         self,
-        world: World,
+        scenario: Scenario,
+        run: int,
         outages: Sequence[tuple[int, int]] = (),
         delays: Delays = in_time,
     ) -> None:
-        self._world, self._outages, self._delays = world, outages, delays
-        scenario = world.scenario
-        self._matcher = load_matcher(scenario.matcher, False)
-        field = measured_field(scenario)
-        self._reduction = field.reduction(scenario)
-        self._builder = BatchBuilder(
-            scenario.matcher,
-            self._reduction,
-            self._matcher.context,
-            field.covariance(scenario),
-            scenario.gravimeter,
-            scenario.height,
-        )
-        self._memory: Any = None
-        self._navigator = BufferedNavigator(world.model, world.start.copy())
+        self.scenario, self.run = scenario, run
+        self._truth = build_trajectory(scenario)
+        maps = maps_for_scenario(scenario, self._truth)
+        self._simulation = Simulation(scenario, [run], self._truth, maps)
+        self._navigator = self._simulation.navigator(0, build_run_matcher(scenario))
+        self._navigator.inertial.horizon = 1200.0
+        self._outages, self._delays = outages, delays
         self._under_way: list[tuple[float, int, Fix, Estimate]] = []
         self._taken: set[int] = set()
         self._fixes: list[tuple[float, Fix]] = []
 
     def fly(self) -> Track:
         """Navigate to the end."""
-        world, rows = self._world, []
-        of_scan = world.scenario.steps_per_scan
-        last = 0
-        for k in range(1, len(world.trajectory) + 1):
-            if not any(first <= k <= end for first, end in self._outages):
-                self._advance(k, k - 1 - last)
-                last = k
+        rows, last = [], 0
+        of_scan = self.scenario.steps_per_scan
+        for k in range(1, len(self._truth) + 1):
+            if any(first <= k <= end for first, end in self._outages):
+                continue
+            sample = self._simulation.samples(0, k - 1, k)
+            self._navigator.imu(float(k), *sample, missing=float(k - 1 - last))
+            scans = np.arange(last // of_scan + 1, k // of_scan + 1)
+            last = k
+            self._take_fixes(float(k))
+            if len(scans):
+                self._read(scans, k)
                 self._take_fixes(float(k))
-                rows.append(self._row(k))
-            if k % of_scan == 0:
-                self._scan(k, last)
-                self._take_fixes(float(k))
-                if last == k:
-                    rows[-1] = self._row(k)
+            rows.append(self._row(k))
         time, error, covariance = (np.array(part) for part in zip(*rows, strict=True))
         return Track(time, error, covariance, self._fixes)
 
-    def _advance(self, k: int, missing: int) -> None:
-        imu, before = self._world.imu, self._navigator
-        then = before.time, before.state.batch_prior[0]
-        before.propagate(
-            float(k),
-            imu.specific_force[0, k - 1],
-            imu.angular_rate[0, k - 1],
-            float(self._world.trajectory.height[k]),
-            float(missing),
-        )
-        if missing > HELD:
-            self._builder.bridge(*then, before.time, before.state.batch_prior[0])
-
     def _row(self, k: int) -> tuple[float, Array, Array]:
-        state, truth = self._navigator.state, self._world.trajectory
-        error = horizontal_difference(
-            *state.position[0, :2], truth.latitude[k], truth.longitude[k]
-        )
-        return float(k), np.array(error), state.covariance[0, :2, :2].copy()
+        state, truth = self._navigator.state, self._truth
+        error = horizontal_difference(*state.position[:2], truth.latitude[k], truth.longitude[k])
+        return float(k), np.array(error), state.covariance[:2, :2].copy()
 
-    def _scan(self, k: int, last: int) -> None:
-        """Take a scan; without a state of its stamp it has no reading."""
-        state, scenario = self._navigator.state, self._world.scenario
-        position, velocity = state.position[0], state.velocity[0]
-        reading = self._world.readings[k // scenario.steps_per_scan - 1]
-        estimate = State(*position, velocity[0], velocity[1])
-        reduced = float(self._reduction.reduce(np.array(reading), estimate))
-        if last < k:
-            position, reduced = dead_reckoned(position, velocity, float(k - last)), np.nan
-        self._builder.add_scan(
-            float(k),
-            position[0],
-            position[1],
-            velocity[:2],
-            reduced,
-            scenario.gravimeter.sigma,
-            height=position[2],
-        )
-        if self._builder.ready and last == k:
-            self._match(k)
+    def _read(self, scans: Integers, k: int) -> None:
+        """Take readings; one without a state of its stamp is none."""
+        times = scans * float(self.scenario.steps_per_scan)
+        readings = self._simulation.sensed(0, 0, scans)
+        readings = np.where(times < k - self.scenario.steps_per_scan, np.nan, readings)
+        self._navigator.read(0, times, readings)
+        matched = self._navigator.match()
+        if matched is None:
+            return
+        estimate = Estimate(*(part.copy() for part in self._navigator.state.estimate))
+        self._fixes.append((float(k), matched.fix))
+        self._send(len(self._fixes), float(k), matched.fix, estimate)
 
-    def _match(self, k: int) -> None:
-        state = self._navigator.state
-        batch = self._builder.build(state.batch_prior[0])
-        near = self._world.map.near(batch.latitude, batch.longitude)
-        fix, self._memory = self._matcher.match(batch, near, self._memory)
-        estimate = Estimate(*(part.copy() for part in state.estimate_of(0)))
-        self._fixes.append((float(k), fix))
-        number = len(self._fixes)
-        for late in self._delays(number):
-            self._under_way.append((k + late, number, fix, estimate))
+    def _send(self, number: int, time: float, fix: Fix, estimate: Estimate) -> None:
+        """Let a fix come when it comes."""
+        self._under_way += [(time + x, number, fix, estimate) for x in self._delays(number)]
         self._under_way.sort(key=lambda item: item[0])
 
     def _take_fixes(self, now: float) -> None:
-        while self._under_way and self._under_way[0][0] <= now <= self._navigator.time + 0.5:
+        while self._under_way and self._under_way[0][0] <= now:
             _, number, fix, estimate = self._under_way.pop(0)
-            if number in self._taken:
-                continue
-            self._taken.add(number)
-            before = self._navigator.state.copy()
-            apply_fix(fix, self._navigator.at(fix.time, estimate))
-            after = self._navigator.state
-            change = batch_difference(after.estimate_of(0), before.estimate_of(0))
-            if change.any():
-                self._builder.correct(now, change)
+            if number not in self._taken:
+                self._taken.add(number)
+                self._navigator.apply(fix, estimate)
 
 
 class Listener(Run):
-    """A run in time, and a second navigator that hears of the same fixes late: what became of
-    that one."""
+    """A run in time, and a second filter that hears of the same fixes late: what became of that
+    one."""
 
-    def __init__(self, world: World, delays: Delays) -> None:
-        super().__init__(world)
-        self._own = self._navigator
-        self._second = BufferedNavigator(world.model, world.start.copy())
-        self._heard_when = delays
-        self._unheard: list[tuple[float, Fix, Estimate]] = []
-
-    def _advance(self, k: int, missing: int) -> None:
-        super()._advance(k, missing)
-        self._navigator = self._second
-        super()._advance(k, missing)
-        self._navigator = self._own
+    def __init__(self, scenario: Scenario, run: int, delays: Delays) -> None:
+        super().__init__(scenario, run, delays=delays)
+        first = self._navigator.inertial
+        self._second = InertialNavigator(first.model, first.state, first.time)
 
     def _row(self, k: int) -> tuple[float, Array, Array]:
-        self._navigator = self._second
-        row = super()._row(k)
-        self._navigator = self._own
-        return row
+        self._second.imu(float(k), *self._simulation.samples(0, k - 1, k))
+        for item in [item for item in self._under_way if item[0] <= k]:
+            self._under_way.remove(item)
+            parts = [(item[2].time, part) for part in measurements_of(item[2], item[3])]
+            self._second.measure_all(parts)
+        state, truth = self._second.state, self._truth
+        error = horizontal_difference(*state.position[:2], truth.latitude[k], truth.longitude[k])
+        return float(k), np.array(error), state.covariance[:2, :2].copy()
 
-    def _match(self, k: int) -> None:
-        super()._match(k)
-        _, number, fix, estimate = self._under_way[-1]
-        self._unheard.append((k + min(self._heard_when(number)), fix, estimate))
+    def _send(self, number: int, time: float, fix: Fix, estimate: Estimate) -> None:
+        super()._send(number, time, fix, estimate)
+        self._navigator.apply(fix)
 
     def _take_fixes(self, now: float) -> None:
-        super()._take_fixes(now)
-        for item in [item for item in self._unheard if item[0] <= now]:
-            self._unheard.remove(item)
-            apply_fix(item[1], self._second.at(item[1].time, item[2]))
+        """They have been taken at once."""
 
 
 def late(scenario: Scenario, run: int, longest: float) -> Delays:
@@ -255,11 +171,6 @@ def late(scenario: Scenario, run: int, longest: float) -> Delays:
     return delays
 
 
-def late_of(world: World) -> Delays:
-    """Return the delays of a world's run."""
-    return late(world.scenario, world.run, 120.0)
-
-
 def outage(scenario: Scenario, run: int, seconds: int) -> list[tuple[int, int]]:
     """Return when samples are missing: for some seconds from a time on that is drawn."""
     rng = generator(scenario.seed, run, "outage")
@@ -267,12 +178,12 @@ def outage(scenario: Scenario, run: int, seconds: int) -> list[tuple[int, int]]:
     return [(first, first + seconds - 1)]
 
 
-CASES: dict[str, Callable[[World], Run]] = {
+CASES: dict[str, Callable[[Scenario, int], Run]] = {
     "undisturbed": Run,
-    "fixes up to 120 s late": lambda world: Run(world, delays=late_of(world)),
-    "as late, matched in time": lambda world: Listener(world, late_of(world)),
-    "no IMU samples for 60 s": lambda world: Run(world, outage(world.scenario, world.run, 60)),
-    "no IMU samples for 180 s": lambda world: Run(world, outage(world.scenario, world.run, 180)),
+    "fixes up to 120 s late": lambda it, run: Run(it, run, delays=late(it, run, 120.0)),
+    "as late, matched in time": lambda it, run: Listener(it, run, late(it, run, 120.0)),
+    "no IMU samples for 60 s": lambda it, run: Run(it, run, outage(it, run, 60)),
+    "no IMU samples for 180 s": lambda it, run: Run(it, run, outage(it, run, 180)),
 }
 
 
@@ -290,9 +201,8 @@ def main() -> None:
     found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in cases}
     last = options.duration * 2.0 / 3.0
     for run in range(options.runs):
-        world = World(scenario, run)
         for name, made in cases.items():
-            track = made(world).fly()
+            track = made(scenario, run).fly()
             # fixes that are late cost something all the time, an outage shows when it is over
             since = 1800.0 if "late" in name or name == "undisturbed" else last
             found[name].append((track.rms(since), track.nees(since), track.rms(last)))

@@ -21,13 +21,15 @@ from typing import Any
 
 import numpy as np
 
+from isogal import navigator
+from isogal.fusion import inertial_navigator
 from isogal.matching import joint_batches
 from isogal.matching.pmht import diverged, matcher, mixture_kernels
 from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.montecarlo import engine
+from isogal.montecarlo import engine, recorder
 from isogal.scenario import load_scenario
 
-_loop = engine._ClosedLoop
+_own = inertial_navigator.InertialNavigator
 STAGES: tuple[tuple[str, Any, str], ...] = (
     ("hypotheses carried along", Hypotheses, "carried"),
     ("rows", matcher, "rows_of"),
@@ -40,12 +42,12 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
     ("publish", matcher, "published"),
     ("the matcher's rest", matcher.Pmht, "match"),
     ("batch built", joint_batches.JointBatches, "build"),
-    ("batch corrected", _loop, "_correct_batches"),
-    ("fix taken", _loop, "_aid"),
-    ("strapdown and filter", _loop, "_propagate"),
-    ("reading taken", _loop, "_read"),
-    ("record", _loop, "_match"),
-    ("sensors and unaided INS", _loop, "__init__"),
+    ("batch corrected", joint_batches.JointBatches, "correct"),
+    ("fix applied", _own, "measure_all"),
+    ("strapdown and filter", _own, "imu"),
+    ("readings", navigator.Navigator, "read"),
+    ("record", recorder.Recorder, "write_track"),
+    ("sensors and unaided INS", engine.Simulation, "__init__"),
     ("rest of the engine", engine, "simulate"),
 )
 """Name, and where the function is looked up."""

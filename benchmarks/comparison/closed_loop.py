@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from isogal.fusion import inertial_navigator
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.matching.registry import load_matcher
@@ -49,13 +50,13 @@ def measure_closed_loop(
     """CPU seconds of a Monte Carlo, in all and by part; the batches of its first run."""
     clock = Clock()
     matcher = WatchedMatcher(load_matcher(scenario.matcher), clock)
-    kept = engine.propagate, engine.propagate_ins
-    engine.propagate = clock.watch("filter", engine.propagate)
+    kept = inertial_navigator.propagate, engine.propagate_ins
+    inertial_navigator.propagate = clock.watch("filter", inertial_navigator.propagate)
     engine.propagate_ins = clock.watch("strapdown", engine.propagate_ins)
     try:
         start = time.thread_time()
         engine.simulate(scenario, range(runs), field_map, matcher)
         clock.seconds["all"] = time.thread_time() - start
     finally:
-        engine.propagate, engine.propagate_ins = kept
+        inertial_navigator.propagate, engine.propagate_ins = kept
     return clock.seconds, matcher.batches

@@ -12,9 +12,11 @@ from numba import njit
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion import sigma_points
+from isogal.fusion.assumed import filter_model
 from isogal.fusion.model import FilterModel
-from isogal.fusion.navigator import propagate
+from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_rotation_vector, to_rotation_vector
 from isogal.inertial.strapdown import MEANS, step
 from isogal.scenario import Scenario
@@ -36,13 +38,13 @@ class FilterpyNavigator:
         self.filter = UnscentedKalmanFilter(
             15, 1, model.dt, hx=lambda x: x[2:3], fx=self.move, points=points
         )
-        north, east = metres_per_radian(state.position[0, 0], state.position[0, 2])
+        north, east = metres_per_radian(state.position[0], state.position[2])
         # error states in metres to states in rad
         scale = np.array([1 / north, 1 / east, -1.0, *np.ones(12)])
-        turn = to_rotation_vector(*state.attitude[0])
-        biases = np.concatenate([state.accelerometer_bias[0], state.gyroscope_bias[0]])
-        self.filter.x = np.concatenate([state.position[0], state.velocity[0], turn, biases])
-        self.filter.P = state.covariance[0] * scale * scale[:, None]
+        turn = to_rotation_vector(*state.attitude)
+        biases = np.concatenate([state.accelerometer_bias, state.gyroscope_bias])
+        self.filter.x = np.concatenate([state.position, state.velocity, turn, biases])
+        self.filter.P = state.covariance * scale * scale[:, None]
         self.filter.R = np.array([[model.height_sigma**2]])
         noise = np.square(model.noise) * model.dt
         self.filter.Q = np.diag(np.concatenate([np.zeros(3), noise, np.zeros(6)]))
@@ -65,30 +67,32 @@ def measure_filters(scenario: Scenario) -> dict[str, float]:
     trajectory = build_trajectory(scenario)
     steps = min(STEPS, len(trajectory))
     imu = simulate_imu(scenario, trajectory, [0])
-    force, rate = imu.specific_force[:, :steps], imu.angular_rate[:, :steps]
+    force, rate = imu.specific_force[0, :steps], imu.angular_rate[0, :steps]
     height = trajectory.height[1 : steps + 1]
-    model = FilterModel.from_scenario(scenario)
-    start = FilterState.start(draw_initial_state(scenario, trajectory, [0]), model)
+    model = filter_model(scenario)
+    drawn = draw_initial_state(scenario, trajectory, [0])
+    begin = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
+    start = FilterState.start(begin, model)
     ours, theirs = start.copy(), FilterpyNavigator(start, model)
     propagate(ours, model, force, rate, height)
     for _ in range(5):  # first calls compile
         theirs.move(theirs.filter.x, model.dt)
-    begin = time.thread_time()
+    since = time.thread_time()
     for k in range(steps):
-        theirs.advance(force[0, k], rate[0, k], float(height[k]))
-    seconds = time.thread_time() - begin
-    apart = (ours.position[0, :2] - theirs.filter.x[:2]) * np.array(
-        metres_per_radian(ours.position[0, 0])
+        theirs.advance(force[k], rate[k], float(height[k]))
+    seconds = time.thread_time() - since
+    apart = (ours.position[:2] - theirs.filter.x[:2]) * np.array(
+        metres_per_radian(ours.position[0])
     )
     if not np.hypot(*apart) < 1.0:
         raise SystemExit(
             f"filterpy's filter ends {np.hypot(*apart):.1f} m from ours: not the same work"
         )
-    begin = time.thread_time()
+    since = time.thread_time()
     for _ in range(REPEATS):
         propagate(start.copy(), model, force, rate, height)
-    mine = (time.thread_time() - begin) / REPEATS
-    sigma = strapdown_share(start, force[0, 0], rate[0, 0], model.dt)
+    mine = (time.thread_time() - since) / REPEATS
+    sigma = strapdown_share(start, force[0], rate[0], model.dt)
     simulated = steps * model.dt
     return {
         "filterpy": seconds / simulated,
@@ -115,7 +119,7 @@ def strapdown_share(
     state: FilterState, force: Array, rate: Array, dt: float, count: int = 20000
 ) -> float:
     """CPU seconds that the strapdown of all sigma points takes in one step of the filter."""
-    arguments = (state.nominal_of(0), force, rate, dt)
+    arguments = (state.nominal, force, rate, dt)
     _sigma_points_through_strapdown(1, *arguments)
     start = time.thread_time()
     _sigma_points_through_strapdown(count, *arguments)

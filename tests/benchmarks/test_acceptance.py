@@ -13,7 +13,7 @@ from acceptance_table import HEAD, cells_of, print_table
 
 from helpers.batches import ORIGIN
 from isogal.errors import InputError
-from isogal.montecarlo import engine
+from isogal.matching import map_matching
 from isogal.scenario import load_scenario
 
 KEPT = {
@@ -58,9 +58,9 @@ def measured(monkeypatch, place, runs=3, **more):
 
 
 def test_a_row_has_all_figures_and_cells(monkeypatch, place, capsys):
-    clock = engine.clock
+    clock = map_matching.clock
     row = measured(monkeypatch, place)
-    assert engine.clock is clock
+    assert map_matching.clock is clock
     assert (row["runs"], row["seed"], row["failed_fixes"]) == (3, 7, 0)
     assert len(row["rms_of_run"]) == len(row["nees_of_run"]) == 3
     assert row["rms"] == pytest.approx(rms(np.array(row["rms_of_run"])), rel=1e-3)

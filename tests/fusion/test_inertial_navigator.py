@@ -17,7 +17,7 @@ from isogal.fusion.measurements import (
     PositionFix,
     Widening,
 )
-from isogal.fusion.outage import HELD
+from isogal.fusion.outage import HELD, MANOEUVRE
 from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import batch_covariance, batch_difference
@@ -340,9 +340,25 @@ def long_fix(stamp: int, away=(0.0, 0.0)) -> PositionFix:
     return PositionFix(*LONG.fix(stamp, *away), 50.0**2 * np.eye(2))
 
 
-@pytest.mark.parametrize("wrong", [(0.0, 0.0), (4.0, 0.0), (-3.0, 3.0)])
-def test_fixes_tell_whether_there_was_a_manoeuvre_in_a_gap(wrong):
-    state, truth, k = flown(60, 660, wrong).state, LONG.trajectory, 660
+@pytest.mark.parametrize("gap", [60, 180])
+def test_fixes_tell_that_there_was_no_manoeuvre_in_a_gap(gap):
+    """A navigator that had to reckon with one for ever had twice the error for an hour."""
+    after, later = flown(gap, 301 + gap), flown(gap, 301 + gap + 400)
+    assert after.undecided
+    assert spread(after) > 0.5 * 0.1 * MANOEUVRE * gap
+    assert not later.undecided
+    assert spread(later) < 1.1 * spread(flown(0, 301 + gap + 400))
+
+
+def spread(it: InertialNavigator) -> float:
+    return float(np.sqrt(np.trace(it.state.covariance[:2, :2])))
+
+
+@pytest.mark.parametrize("wrong", [(4.0, 0.0), (-3.0, 3.0)])
+def test_fixes_tell_that_there_was_a_manoeuvre_in_a_gap(wrong):
+    it = flown(60, 660, wrong)
+    state, truth, k = it.state, LONG.trajectory, 660
+    assert not it.undecided
     metres = metres_per_radian(truth.latitude[k])
     off = (state.position[:2] - [truth.latitude[k], truth.longitude[k]]) * metres
     sigma = np.sqrt(np.diag(state.covariance))

@@ -56,6 +56,10 @@ def test_samples_at_either_side_say_how_steady_the_vehicle_was() -> None:
     assert (seen.acceleration, seen.turn_rate) == (0.3, 0.02)
     inside = unknown.seen((nothing, nothing), manoeuvre=True)
     assert (inside.acceleration, inside.turn_rate) == (0.1, 1e-3)
+    # after the time between manoeuvres one has come with 1 - 1/e
+    without, one = unknown.log_probabilities(600.0)
+    assert np.exp(one) == pytest.approx(1.0 - np.exp(-1.0))
+    assert np.exp(without) + np.exp(one) == pytest.approx(1.0)
 
 
 def test_a_steady_vehicle_is_where_it_would_be() -> None:

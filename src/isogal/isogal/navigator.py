@@ -20,12 +20,13 @@ from isogal.fix import Fix
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Measurement, measurements_of
+from isogal.fusion.outage import HELD
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
 from isogal.matching.interfaces import Matcher
-from isogal.matching.map_matching import MapMatching
+from isogal.matching.map_matching import MapMatching, Matched
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 
@@ -78,7 +79,9 @@ class Navigator:
         self.matching = MapMatching(scenario, maps, matcher, gravity)
         each = scenario.each_field
         self._reductions = [measured_field(one).reduction(one) for one in each]
-        self._fixed = time
+        self._ends = time, time
+        """Of the batch before the newest, and of the newest, s."""
+        self._scan_times = np.empty(0)
         self._each_scan = scenario.matcher.mode == "retrodiction"
 
     @property
@@ -97,6 +100,7 @@ class Navigator:
         specific_force: Array,
         angular_rate: Array,
         height: Array | float = np.nan,
+        missing: float = 0.0,
     ) -> Array:
         """Advance over IMU samples; see `InertialNavigator.imu`.
 
@@ -108,8 +112,14 @@ class Navigator:
             Means over each interval, body axes, m/s² and rad/s.
         height : (S,) array or float
             Known height, m; NaN = not known.
+        missing : float
+            How much of the time before the first sample it does not cover, s.
         """
-        return self.inertial.imu(time, specific_force, angular_rate, height)
+        before = self.time, self.state.batch_prior
+        track = self.inertial.imu(time, specific_force, angular_rate, height, missing)
+        if missing > HELD:
+            self.matching.batches.bridge(*before, self.time, self.state.batch_prior)
+        return track
 
     def measure(self, time: float, *measurements: Measurement) -> Innovation:
         """Apply measurements of one time (s); see `InertialNavigator.measure`."""
@@ -140,23 +150,46 @@ class Navigator:
 
     def fix(self) -> Applied | None:
         """Match the batch that the newest readings end, if they end one, and apply its fix."""
+        matched = self.match()
+        if matched is None:
+            return None
+        return Applied(matched.fix, self.apply(matched.fix), matched.seconds)
+
+    def match(self) -> Matched | None:
+        """Match the batch that the newest readings end; None where they end none."""
         if not self.matching.ready:
             return None
+        self._ends = self._ends[1], self.time
+        matched = self.matching.match(self.state.batch_prior)
+        self._scan_times = matched.batch.time
+        return matched
+
+    def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:
+        """Apply a fix of any time within the horizon, and carry what it changes back to the
+        readings; return what became of each of its measurements.
+
+        Parameters
+        ----------
+        fix : Fix
+        relative_to : Estimate, optional
+            The navigator's estimate that the batch was built with, of a fix that comes late.
+        """
         before = Estimate(*(part.copy() for part in self.state.estimate))
-        batch, fix, seconds = self.matching.match(self.state.batch_prior)
-        shares = [(self.time, fix)]
-        if self._each_scan and fix.widening is None and fix.scan_position is not None:
-            shares = self._shares(fix, batch.time[-len(fix.scan_position) :])
-        parts = [(time, part) for time, share in shares for part in measurements_of(share)]
+        shares = self._shares(fix) if self._each_scan else [(fix.time, fix)]
+        parts = [
+            (time, one) for time, part in shares for one in measurements_of(part, relative_to)
+        ]
         innovations = self.inertial.measure_all(parts) if parts else []
-        self._fixed = self.time
         jump = batch_difference(self.state.estimate, before)
         if jump.any():
             self.matching.batches.correct(self.time, jump)
-        return Applied(fix, tuple(innovations), seconds)
+        return tuple(innovations)
 
-    def _shares(self, fix: Fix, times: Array) -> list[tuple[float, Fix]]:
-        """Return the shares of a fix for each scan since the last fix, at the scans' times (T,):
-        for retrodiction."""
+    def _shares(self, fix: Fix) -> list[tuple[float, Fix]]:
+        """Return the shares of a fix for each scan since the last batch, with their times, for
+        retrodiction; the fix itself where it has none, or makes the navigator less certain."""
+        if fix.widening is not None or fix.scan_position is None:
+            return [(fix.time, fix)]
+        times = self._scan_times[-len(fix.scan_position) :]
         found = [(float(time), fix.of_scan(k)) for k, time in enumerate(times)]
-        return [(time, one) for time, one in found if one is not None and time > self._fixed]
+        return [(time, one) for time, one in found if one is not None and time > self._ends[0]]

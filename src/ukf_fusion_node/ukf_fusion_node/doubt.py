@@ -1,8 +1,8 @@
 """What is not known after a long gap in the IMU's samples.
 
-The filter covers a manoeuvre of the size that it assumes (`isogal.fusion.outage`). A sharper turn
-is not covered, and one heading error suits a few fixes as well as another: the first that
-contradict it may come after minutes."""
+The filter goes on as if the vehicle had made no manoeuvre in it, or one of the size that it was
+told to expect (`isogal.fusion.outage`). A sharper turn is neither, and one heading error suits a
+few fixes as well as another: the first that contradict it may come after minutes."""
 
 TEXT = "samples were missing for long: whether there was a sharp manoeuvre is for fixes to say"
 
@@ -29,8 +29,14 @@ class Doubt:
         if self._since is not None:
             self._since = ns
 
-    def text(self, ns: int) -> str | None:
-        """Say it, at a stamp; None = there is no doubt any more."""
-        if self._since is not None and ns - self._since > self._settles:
+    def text(self, ns: int, undecided: bool) -> str | None:
+        """Say it, at a stamp; None = there is no doubt any more.
+
+        Parameters
+        ----------
+        undecided : bool
+            Whether the filter itself leaves it open.
+        """
+        if self._since is not None and ns - self._since > self._settles and not undecided:
             self._since = None
         return None if self._since is None else TEXT

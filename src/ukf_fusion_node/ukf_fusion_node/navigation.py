@@ -234,7 +234,7 @@ class Navigation:
     @property
     def doubt(self) -> str | None:
         """What is not known of the last long gap; None = nothing."""
-        return self._doubt.text(self.ns)
+        return self._doubt.text(self.ns, self.navigator is not None and self.navigator.undecided)
 
     def unfit(self) -> None:
         """Note that a fix did not agree with the filter."""

@@ -19,13 +19,14 @@ GAP = 60.0
 def test_it_lasts_until_fixes_have_agreed_for_a_time() -> None:
     doubt = Doubt(100)
     doubt.renew(5)
-    assert doubt.text(6) is None  # there was no gap
+    assert doubt.text(6, False) is None  # there was no gap
     doubt.begin(10)
-    assert doubt.text(110)
+    assert doubt.text(110, False)
     doubt.renew(60)
-    assert doubt.text(160)
-    assert doubt.text(161) is None
-    assert doubt.text(50) is None
+    assert doubt.text(160, False)
+    assert doubt.text(161, True)  # the filter is not sure itself
+    assert doubt.text(161, False) is None
+    assert doubt.text(50, False) is None
 
 
 def elbow(degrees: float) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.measurements import Innovation, Measurement
+from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
@@ -38,7 +39,7 @@ class _Segment:
     """(S,) known height, m; NaN = none."""
     dt: float
     """s, the interval that a sample is of."""
-    state: FilterState
+    after: Mixture
     """After the last interval, and the measurements of then."""
     track: Array
     """(S, 13) before these measurements (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
@@ -133,7 +134,7 @@ class InertialNavigator:
                 np.array([rate], dtype=float),
                 state.position[2:].copy(),
                 model.dt,
-                state.copy(),
+                Mixture.of(state.copy()),
                 _row(state)[None],
             )
         ]
@@ -150,8 +151,14 @@ class InertialNavigator:
 
     @property
     def state(self) -> FilterState:
-        """The newest state; do not change it."""
-        return self._segments[-1].state
+        """The newest state; do not change it. While it is open whether there was a manoeuvre in a
+        gap, mean and covariance over both."""
+        return self._segments[-1].after.merged
+
+    @property
+    def undecided(self) -> bool:
+        """Whether it is open if there was a manoeuvre in a gap."""
+        return len(self._segments[-1].after.states) > 1
 
     def imu(
         self,
@@ -197,11 +204,11 @@ class InertialNavigator:
             # over a short gap the sample stands for the gap as well
             interval = float(times[0]) - self.time - (missing if missing > HELD else 0.0)
             dt = dt if abs(interval - dt) < AT_ONCE else interval
-        new = _Segment(times, force, rate, heights, dt, self.state, _EMPTY, missing)
+        new = _Segment(times, force, rate, heights, dt, self._segments[-1].after, _EMPTY, missing)
         if missing > 0.0:
             before = self.sample
             new.change = force[0] - before[0], rate[0] - before[1]
-        self._carry(self._segments[-1].state, new)
+        self._carry(self._segments[-1].after, new)
         self._segments.append(new)
         while len(self._segments) > 2 and self._segments[1].end < self.time - self.horizon:
             del self._segments[0]
@@ -224,7 +231,7 @@ class InertialNavigator:
                 return [Innovation.refused(reason)] * len(measurements)
         marked = [(self._segment_at(time), one) for time, one in measurements]
         first = min(self._segments.index(segment) for segment, _ in marked)
-        before = self._segments[first].state.copy()
+        before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
         except (ValueError, FilterDivergenceError) as error:
@@ -232,7 +239,7 @@ class InertialNavigator:
                 segment.measurements[:] = [
                     kept for kept in segment.measurements if kept is not one
                 ]
-            self._segments[first].state = before
+            self._segments[first].after = before
             self._replay(first + 1)
             return [Innovation.refused(str(error))] * len(measurements)
         return results
@@ -249,7 +256,7 @@ class InertialNavigator:
                 self._redo(index)
             for place, one in marked:
                 if place is segment:
-                    results.append(one.update(segment.state, self.model))
+                    results.append(segment.after.update(one, self.model))
                     segment.measurements.append(one)
         return results
 
@@ -276,7 +283,7 @@ class InertialNavigator:
             return self.state
         if (reason := self._impossible(time)) is not None:
             raise ValueError(reason)
-        return self._segment_at(time).state
+        return self._segment_at(time).after.merged
 
     def track(self, time: Array) -> Array:
         """Return (K, 13) the track (`isogal.fusion.prediction.TRACK_COLUMNS`) at times (K,), s,
@@ -285,7 +292,7 @@ class InertialNavigator:
         stamps = np.concatenate([segment.time for segment in used])
         rows = np.concatenate([segment.track for segment in used])
         ends = np.cumsum([len(segment.time) for segment in used]) - 1
-        rows[ends] = [_row(segment.state) for segment in used]
+        rows[ends] = [_row(segment.after.merged) for segment in used]
         index = np.searchsorted(stamps, np.asarray(time) + AT_ONCE, side="right") - 1
         found = rows[index]
         for row, ahead in zip(found, np.asarray(time) - stamps[index], strict=True):
@@ -328,7 +335,7 @@ class InertialNavigator:
         parts = segment.divided(time)
         self._segments[index : index + 1] = parts
         for k, part in enumerate(parts[:-1], index):
-            self._carry(self._segments[k - 1].state, part)
+            self._carry(self._segments[k - 1].after, part)
         return next(part for part in parts if abs(part.end - time) <= AT_ONCE)
 
     def _replay(self, index: int) -> None:
@@ -339,21 +346,40 @@ class InertialNavigator:
     def _redo(self, index: int) -> None:
         """Carry the state before a segment through it and its measurements."""
         segment = self._segments[index]
-        self._carry(self._segments[index - 1].state, segment)
+        self._carry(self._segments[index - 1].after, segment)
         for measurement in segment.measurements:
-            measurement.update(segment.state, self.model)
+            segment.after.update(measurement, self.model)
 
-    def _carry(self, before: FilterState, segment: _Segment) -> None:
-        """Set the state after a segment's samples from the one before them."""
-        state, model = before.copy(), self.model
+    def _carry(self, before: Mixture, segment: _Segment) -> None:
+        """Set what is known after a segment's samples from what was known before them."""
+        after = before.copy()
         if segment.change is not None:
-            long = segment.missing > HELD
-            if long:
-                keep_going(state, model, segment.missing, float(segment.height[0]))
-            grow(state, segment.missing, self.motion.seen(segment.change, manoeuvre=long))
+            after = self._bridged(after, segment.missing, segment.change, segment.height[0])
         samples = segment.force, segment.rate, segment.height
-        segment.track = propagate(state, model, *samples, segment.dt)
-        segment.state = state
+        tracks = [propagate(state, self.model, *samples, segment.dt) for state in after.states]
+        segment.track = tracks[int(np.argmax(after.log_weights))]
+        segment.after = after
+
+    def _bridged(
+        self, before: Mixture, missing: float, change: tuple[Array, Array], height: float
+    ) -> Mixture:
+        """Return what is known after a time (s) without samples, in which specific force and
+        angular rate have changed."""
+        steady, manoeuvre = (self.motion.seen(change, which) for which in (False, True))
+        if missing <= HELD:
+            for state in before.states:
+                grow(state, missing, steady)
+            return before
+        one = before.merged.copy()
+        keep_going(one, self.model, missing, float(height))
+        if manoeuvre == steady:
+            after, motions = Mixture.of(one), [steady]
+        else:
+            after = Mixture.of(one).divided(self.motion.log_probabilities(missing))
+            motions = [steady, manoeuvre]
+        for state, motion in zip(after.states, motions, strict=True):
+            grow(state, missing, motion)
+        return after
 
 
 _EMPTY = np.empty((0, TRACK_COLUMNS))

@@ -11,10 +11,11 @@ changed its velocity by 2 v at most, so the sigma of the velocity does not grow 
 The samples at either side say whether the vehicle was moving steadily then. A manoeuvre that goes
 on beyond the gap shows as a change of the specific force or of the angular rate, and that change
 is the 1-sigma of the unknown motion. A manoeuvre inside the gap is not seen; of a gap as short as
-`HELD` none is expected, in a longer one there may have been one: the covariance covers it, until
-fixes say more. A level vehicle whose specific force is the same afterwards has the same tilt,
-unless it accelerates by just as much: its tilt grows no further than the change of the force
-divided by gravity."""
+`HELD` none is expected, in a longer one there was one with the probability 1 - exp(-T / time
+between manoeuvres) of a Poisson process. Whether there was is for the fixes after the gap to say:
+the navigator goes on with both (`isogal.fusion.mixture`). A level vehicle whose specific force is
+the same afterwards has the same tilt, unless it accelerates by just as much: its tilt grows no
+further than the change of the force divided by gravity."""
 
 import math
 from dataclasses import dataclass, replace
@@ -75,6 +76,10 @@ class UnknownMotion:
             tilt=min(self.tilt, force / GRAVITY),
             lasts=MANOEUVRE if share * self.acceleration > force else math.inf,
         )
+
+    def log_probabilities(self, seconds: float) -> tuple[float, float]:
+        """Return the log probabilities that a gap has no manoeuvre, and that it has one."""
+        return -seconds / self.between, math.log(-math.expm1(-seconds / self.between))
 
 
 def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Array:

@@ -112,7 +112,7 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
-    simulation = _Simulation(scenario, runs, trajectory, field_map)
+    simulation = Simulation(scenario, runs, trajectory, field_map)
     ends = simulation.batch_ends()
     recorder = Recorder(trajectory, simulation.index, ends, len(runs))
     elapsed = trajectory.time[-1] - trajectory.time[0]
@@ -139,7 +139,7 @@ def simulate(
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
-class _Simulation:
+class Simulation:
     """What is simulated of R runs, and how it reaches their navigators."""
 
     def __init__(
@@ -219,15 +219,21 @@ class _Simulation:
         first, last = self.index[[before, scan]].tolist()
         stops = [k for k in range(first + 1, last) if k in aids] if aids else []
         for begin, end in pairwise([first, *stops, last]):
-            part = slice(begin, end)
-            navigator.imu(
-                self.trajectory.time[begin + 1 : end + 1],
-                self._imu.specific_force[run, part],
-                self._imu.angular_rate[run, part],
-                self._height[part],
-            )
+            stamps = self.trajectory.time[begin + 1 : end + 1]
+            navigator.imu(stamps, *self.samples(run, begin, end))
             if end in aids:
                 navigator.measure(navigator.time, *aids[end])
+
+    def samples(self, run: int, first: int, last: int) -> tuple[Array, Array, Array]:
+        """Return specific force (S, 3), angular rate (S, 3) and known height (S,) of some IMU
+        intervals."""
+        part, imu = slice(first, last), self._imu
+        return imu.specific_force[run, part], imu.angular_rate[run, part], self._height[part]
+
+    def sensed(self, field: int, run: int, scans: Integers) -> Array:
+        """Return (K,) or (K, C) what the instrument of a field senses at scans of its own, counted
+        from 1."""
+        return np.asarray(self._readings[field][run, scans - 1])
 
     def read(
         self, navigator: Navigator, run: int, before: int, scan: int, recorder: Recorder
@@ -237,7 +243,7 @@ class _Simulation:
             scans = np.arange(before // every + 1, scan // every + 1) * every
             if len(scans) == 0:
                 continue
-            sensed = self._readings[field][run, scans // every - 1]
+            sensed = self.sensed(field, run, scans // every)
             reduced = navigator.read(field, self._time(scans), sensed)
             if field == 0 and run == 0:
                 seen = navigator.inertial.track(self._time(scans))

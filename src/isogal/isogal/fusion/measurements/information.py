@@ -56,7 +56,18 @@ class InformationUpdate:
         moved = batch_difference(state.estimate, self.relative_to)[: len(self.vector)]
         # with x = x_old + moved, b' x_old - x_old' A x_old / 2 has the vector b + A moved
         vector = self.vector + self.matrix @ moved
-        return update_information(state, model, vector, self.matrix)
+        result = update_information(state, model, vector, self.matrix)
+        result.log_likelihood -= float(self.vector @ moved + 0.5 * moved @ self.matrix @ moved)
+        return result
+
+    def of_one_sign(self, sigma: Array) -> "InformationUpdate":
+        """Return the information without the directions in which A is negative, in units (n,) of
+        the states: how probable they make a wide state is an artefact."""
+        values, vectors = np.linalg.eigh(self.matrix * sigma * sigma[:, None])
+        up = values > 0.0
+        kept, across = vectors[:, up] / sigma[:, None], vectors[:, up] * sigma[:, None]
+        vector = kept @ (across.T @ self.vector)
+        return InformationUpdate(vector, (kept * values[up]) @ kept.T, self.relative_to)
 
 
 def update_information(
@@ -89,7 +100,10 @@ def update_information(
     move(state.nominal, error)
     up = (values > 0.0) & (told != 0.0)
     nis = float((told[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
-    return Innovation.of(error[which][:2], nis, math.inf)
+    result = Innovation.of(error[which][:2], nis, math.inf)
+    gained = told[up] ** 2 / (1.0 + values[up]) - np.log1p(values[up])
+    result.log_likelihood = 0.5 * float(gained.sum())
+    return result
 
 
 @kernel

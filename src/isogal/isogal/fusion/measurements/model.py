@@ -1,6 +1,7 @@
 """A measurement, what became of it, and the update with one that is linear in the error state."""
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
@@ -29,7 +30,7 @@ class Outcome(Enum):
     """It cannot be used: its time or its numbers are not possible."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Innovation:
     """What a measurement said that was not expected, and what became of it."""
 
@@ -44,6 +45,9 @@ class Innovation:
     """(m,) what the navigator expected, in the measured axes."""
     reason: str | None = None
     """Why it was not used, in one line; None = it was."""
+    log_likelihood: float = 0.0
+    """Log density of the measurement over the state as it was before, but for what is the same for
+    all states."""
 
     @property
     def used(self) -> bool:
@@ -81,11 +85,12 @@ class Innovation:
         return cls(Outcome.REFUSED, reason=reason)
 
     def far_away(self) -> "Innovation":
-        """Return that of a position, whose reason says how far it is from the estimate."""
+        """Say of a position that was rejected how far it is from the estimate; return itself."""
         if self.outcome is not Outcome.REJECTED:
             return self
         away = float(np.hypot(*self.innovation[:2])) / 1e3
-        return replace(self, reason=f"{away:.1f} km from the estimate: {self.reason}")
+        self.reason = f"{away:.1f} km from the estimate: {self.reason}"
+        return self
 
 
 class Measurement(Protocol):
@@ -122,10 +127,11 @@ def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovat
     if not np.isfinite(innovation).all():
         raise ValueError("measurement is not finite")
     R = 0.5 * (rows.R + rows.R.T)
-    nis, correction, reduced = _posterior(state.covariance, rows.H, R, innovation)
+    nis, correction, reduced, log_size = _posterior(state.covariance, rows.H, R, innovation)
     if not np.isfinite(nis):
         raise ValueError("covariance of the measurement is not positive definite")
     result = Innovation.of(innovation, nis, model.gate(len(innovation)), rows.expected)
+    result.log_likelihood = -0.5 * (nis + log_size)
     if result.used:
         state.covariance[:] = reduced
         move(state.nominal, correction)
@@ -135,8 +141,9 @@ def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovat
 @kernel(error_model="numpy")
 def _posterior(P, H, R, innovation):  # type: ignore[no-untyped-def]
     """Return the normalised innovation squared of rows, NaN where R or the innovation's covariance
-    is not positive definite, the correction (N,) and the covariance (N, N) after them: with H P H'
-    + R = L L' and G = L^-1 H P, these are |L^-1 innovation|², G' L^-1 innovation and P - G' G."""
+    S is not positive definite, the correction (N,) and the covariance (N, N) after them, and log
+    |S|: with S = H P H' + R = L L' and G = L^-1 H P, the first three are |L^-1 innovation|²,
+    G' L^-1 innovation and P - G' G."""
     rows, size = H.shape
     by_state = product(H, P)
     S = product(by_state, H.T)
@@ -145,13 +152,14 @@ def _posterior(P, H, R, innovation):  # type: ignore[no-untyped-def]
             S[a, b] += R[a, b]
     inverse = inverse_of_lower(lower(S))
     gain = product(inverse, by_state)
-    nis = 0.0 * lower(R)[0, 0]
+    nis, log_size = 0.0 * lower(R)[0, 0], 0.0
     correction, reduced = np.zeros(size), P.copy()
     for a in range(rows):
         scaled = 0.0
         for b in range(a + 1):
             scaled += inverse[a, b] * innovation[b]
         nis += scaled * scaled
+        log_size -= 2.0 * math.log(inverse[a, a])
         for i in range(size):
             correction[i] += gain[a, i] * scaled
             for j in range(i + 1):
@@ -159,4 +167,4 @@ def _posterior(P, H, R, innovation):  # type: ignore[no-untyped-def]
     for i in range(size):
         for j in range(i):
             reduced[j, i] = reduced[i, j]
-    return nis, correction, reduced
+    return nis, correction, reduced, log_size
