@@ -68,7 +68,7 @@ def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
 
 
 def _start(it):
-    return it.node._navigation._start.velocity[0]
+    return it.node._navigation._start.velocity
 
 
 def test_messages_there_and_back() -> None:
