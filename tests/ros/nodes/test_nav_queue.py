@@ -19,7 +19,7 @@ from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
 from isogal_ros.nodes import nav_queue
-from isogal_ros.nodes.nav_queue import NavBuffer
+from isogal_ros.nodes.nav_queue import NavQueue
 
 S = 10**9
 SCENARIO = load_scenario()
@@ -45,7 +45,7 @@ def nav_messages(
 
 
 class Buffer:
-    """A NavBuffer whose node is a stand-in."""
+    """A NavQueue whose node is a stand-in."""
 
     def __init__(self, publishers: int = 1) -> None:
         self.handlers = {}
@@ -57,7 +57,8 @@ class Buffer:
             self.handlers[topic.name] = handler
             return extra
 
-        self.buffer = NavBuffer(SimpleNamespace(listen=listen), SCENARIO, self.arrived)
+        node = SimpleNamespace(listen=listen, health=None)
+        self.buffer = NavQueue(node, SCENARIO, lambda *_: None, self.arrived)
 
     def arrived(self) -> None:
         self.arrivals += 1

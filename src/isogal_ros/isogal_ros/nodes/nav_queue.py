@@ -63,23 +63,37 @@ class _Stamp:
     pairs: int = 0
 
 
-class NavBuffer:
-    """Collects ``nav/fix``, ``nav/odom`` and ``nav/covariance`` for a node.
+class NavQueue(Generic[Item]):
+    """Collects ``nav/fix``, ``nav/odom`` and ``nav/covariance`` for a node, and hands on each of
+    its items, in the order they came, once the navigator's state of their stamp is there. Where
+    too many wait, the oldest is handed on without.
 
-    A further pair of the same stamp is the navigator after a fix. Messages are kept serialised,
-    since only one in ten is needed.
+    A further pair of fix and odometry of the same stamp is the navigator after a fix. Messages are
+    kept serialised, since only one in ten is needed.
 
     Parameters
     ----------
     node : GraphNode
-        Listens.
+        Listens to the navigator and tells its health.
     scenario : Scenario
         Says where the frame ``map`` is, and the navigator's rate.
+    handle : callable
+        Called with stamp (ns), item, and the navigator's state; None = it said nothing usable of
+        that stamp.
     arrived : callable
-        Called without arguments whenever another stamp may have become known.
+        Called without arguments when something of the navigator has come.
     """
 
-    def __init__(self, node: GraphNode, scenario: Scenario, arrived: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: GraphNode,
+        scenario: Scenario,
+        handle: Callable[[int, Item, NavSample | None], None],
+        arrived: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.waiting: list[tuple[int, Item]] = []
+        """Stamps and items."""
+        self._health, self._handle, self._arrived = node.health, handle, arrived
         self.jumps: deque[Jump] = deque(maxlen=REPEATED)
         """Jumps seen, oldest first; whoever uses them takes them out."""
         self._gaps: deque[tuple[int, int]] = deque(maxlen=REPEATED)
@@ -89,10 +103,32 @@ class NavBuffer:
         self._frame = map_frame(scenario)
         self._interval = from_seconds(1.0 / scenario.navigation_rate)
         self._stamps: dict[int, _Stamp] = {}
-        self._arrived = arrived
         node.listen(topics.NAV_FIX, lambda data: self._take(data, True), raw=True)
         node.listen(topics.NAV_ODOM, lambda data: self._take(data, False), raw=True)
         self._extra = node.listen(topics.NAV_COVARIANCE, self._take_covariance, raw=True)
+
+    def put(self, ns: int, item: Item) -> None:
+        """Take an item."""
+        self.waiting.append((ns, item))
+        self._process()
+
+    def _process(self) -> None:
+        """Deal with the waiting items as far as the navigator's states reach."""
+        self._arrived()
+        while self.waiting:
+            ns, item = self.waiting[0]
+            try:
+                nav = self.at(ns)
+                if nav is None and len(self.waiting) <= LONGEST:
+                    return
+                if nav is None:
+                    raise BadMessageError(f"more than {LONGEST} readings wait for the navigator")
+            except BadMessageError as error:
+                self._health.drop(topics.NAV_ODOM.name, str(error))
+                nav = None
+            del self.waiting[0]
+            self._handle(ns, item, nav)
+            self._health.tick(ns)
 
     def at(self, ns: int) -> NavSample | None:
         """Return the state at a stamp as it was before any fix of that stamp, or None while it may
@@ -159,7 +195,7 @@ class NavBuffer:
             if 0 <= self.newest < ns - self._interval - from_seconds(HELD):
                 self._gaps.append((self.newest, ns))
             self.newest = ns
-        self._arrived()
+        self._process()
 
     def _take_covariance(self, data: bytes) -> None:
         try:
@@ -170,7 +206,7 @@ class NavBuffer:
         if stamp.covariance is None:
             stamp.covariance = data
             self._newest_covariance = max(self._newest_covariance, ns)
-            self._arrived()
+            self._process()
 
     def _note_jump(self, ns: int, stamp: _Stamp) -> None:
         after, before = self._state(stamp, stamp.pairs - 1), self._state(stamp, stamp.pairs - 2)
@@ -189,59 +225,6 @@ class NavBuffer:
             return sample
         message = deserialize_message(stamp.covariance, topics.NAV_COVARIANCE.type)
         return replace(sample, covariance=read_nav_covariance(message))
-
-
-class NavQueue(Generic[Item]):
-    """Hands each item on, in the order they came, once the navigator's state is there. Where too
-    many wait, the oldest is handed on without.
-
-    Parameters
-    ----------
-    node : GraphNode
-        Listens to the navigator and tells its health.
-    scenario : Scenario
-        For `NavBuffer`.
-    handle : callable
-        Called with stamp (ns), item, and the navigator's state; None = it said nothing usable of
-        that stamp.
-    arrived : callable
-        Called without arguments when something of the navigator has come.
-    """
-
-    def __init__(
-        self,
-        node: GraphNode,
-        scenario: Scenario,
-        handle: Callable[[int, Item, NavSample | None], None],
-        arrived: Callable[[], None] = lambda: None,
-    ) -> None:
-        self.waiting: list[tuple[int, Item]] = []
-        """Stamps and items."""
-        self._health, self._handle, self._arrived = node.health, handle, arrived
-        self.nav = NavBuffer(node, scenario, self._process)
-
-    def put(self, ns: int, item: Item) -> None:
-        """Take an item."""
-        self.waiting.append((ns, item))
-        self._process()
-
-    def _process(self) -> None:
-        """Deal with the waiting items as far as the navigator's states reach."""
-        self._arrived()
-        while self.waiting:
-            ns, item = self.waiting[0]
-            try:
-                nav = self.nav.at(ns)
-                if nav is None and len(self.waiting) <= LONGEST:
-                    return
-                if nav is None:
-                    raise BadMessageError(f"more than {LONGEST} readings wait for the navigator")
-            except BadMessageError as error:
-                self._health.drop(topics.NAV_ODOM.name, str(error))
-                nav = None
-            del self.waiting[0]
-            self._handle(ns, item, nav)
-            self._health.tick(ns)
 
 
 def _taken(items: deque[Item], done: Callable[[Item], bool]) -> list[Item]:
