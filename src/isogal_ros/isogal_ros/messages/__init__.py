@@ -4,9 +4,8 @@ stamps           which time does a stamp say, in whole nanoseconds?
 frames           which frames and axes have messages, and which the library?
 checks           what makes a message unusable?
 imu              how is an inertial sample written and read?
-position         how is a position with its covariance?
+position         how is a position with its covariance, also as a pose?
 odometry         how is a navigation state?
-pose             how is a fix, for filters that take poses?
 aids             how are height and velocity?
 stamped_numbers  how is the covariance of the navigator's errors?
 point            how are named numbers with a stamp?
