@@ -80,7 +80,7 @@ def scenario_of(row: Row, kind: Kind, base: Sequence[str], maps: Maps) -> Scenar
         return untold
     if any(text.startswith("map.") for text in world):  # the map is still what it is
         return changed(untold, maps.put_in(row.told))
-    return changed(untold.world, maps.put_in(row.told))
+    return changed(untold.informed, maps.put_in(row.told))
 
 
 def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
@@ -118,7 +118,7 @@ def bound_of(row: Row, kind: Kind, scenario: Scenario, record: Runs, maps: Maps)
     known = (*row.bound, *(row.unknown if kind == "nothing told" else ()))
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
-    world = changed(scenario.world, maps.put_in(known)) if known else scenario
+    world = changed(scenario.informed, maps.put_in(known)) if known else scenario
     share = map_share(world, field_map, record)
     return posterior_cramer_rao(world, trajectory, field_map, map_share=share).rms_at(record.time)
 

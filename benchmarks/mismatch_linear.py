@@ -74,7 +74,7 @@ def differences(
     """Return (R, S) what each reading is beside the map at the place of the unaided INS, linear
     about the truth: by that INS's error, and the reading's own."""
     field_map = map_for_scenario(scenario, trajectory)
-    world, field = scenario.world, measured_field(scenario)
+    world, field = scenario.true, measured_field(scenario)
     source, index = true_map(scenario, trajectory, field_map), scan_index(scenario, trajectory)
     felt = ReadingSimulator(world, trajectory, source, range(len(record))).felt
     lag = Lag.of(world.gravimeter)
@@ -105,7 +105,7 @@ def line_of(row: Row, options: argparse.Namespace) -> str | None:
     record = Runs.concatenate([Runs.load(path) for path in parts])
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
-    world = changed(scenario.world, maps.put_in(row.bound)) if row.bound else scenario.world
+    world = changed(scenario.informed, maps.put_in(row.bound)) if row.bound else scenario.informed
     share = map_share(world, field_map, record)
     model = bound_model(world, trajectory, field_map, map_share=share)
     error, covariance = one_by_one(world, differences(scenario, trajectory, record, model), model)

@@ -271,7 +271,7 @@ def test_an_override_into_a_value(tmp_path):
 
 
 def test_known_keys_and_round_trip():
-    keys = known_keys()
+    keys = known_keys(Scenario)
     for key in ("seed", "route.waypoints", "imu.grade", "matcher.map_sigma", "map_error.sigma"):
         assert key in keys
     it = load_scenario(None, ["matcher.stride=5", "route.waypoints=[[0, 0, 5], [1, 1, 6]]"])

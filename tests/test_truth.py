@@ -6,68 +6,66 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isogal.errors import InputError
-from isogal.scenario import Scenario, load_scenario, truth_of, validate_scenario
+from isogal.scenario import Scenario, Truth, load_scenario, truth_of, validate_scenario
 from isogal.scenario.truth import SECTIONS, SHARED
 
 LARGE = ["gravimeter.bias=2e-5", "initial_error.hidden_position=1000"]
 
 
-def test_without_truth_the_world_is_the_scenario():
+def test_without_truth_all_is_as_assumed():
     it = load_scenario(None, ["seed=3"])
     assert it.truth == {}
-    assert it.world is it
+    assert dict(it.true) == {name: getattr(it, name) for name in Truth.model_fields}
+    assert it.informed == it
 
 
-def test_the_true_keys_stand_in_the_world_alone():
+def test_the_true_keys_stand_in_the_truth_alone():
     it = load_scenario(
         None, ["truth.imu.grade=quantum", "truth.gravimeter={sigma: 4e-5, bias: 1e-5}"]
     )
     assert (it.imu.grade, it.gravimeter.sigma, it.gravimeter.bias) == ("precision", 1e-5, 0.0)
-    world = it.world
-    assert (world.imu.grade, world.gravimeter.sigma, world.gravimeter.bias) == (
-        "quantum",
-        4e-5,
-        1e-5,
-    )
-    told = it.model_dump(exclude={"imu", "gravimeter", "truth"})
-    assert world.model_dump(exclude={"imu", "gravimeter", "truth"}) == told
-    assert world.truth == {} and world.world is world
+    true = it.true
+    assert (true.imu.grade, true.gravimeter.sigma, true.gravimeter.bias) == ("quantum", 4e-5, 1e-5)
+    assumed = it.model_dump(exclude={"imu", "gravimeter", "truth"})
+    assert true.model_dump(exclude={"imu", "gravimeter"}) == assumed
+    informed = it.informed
+    assert informed.truth == {} and informed.true == true and informed.informed == informed
 
 
 @given(st.floats(0.01, 100.0))
 def test_a_multiple_is_of_what_is_told(factor):
     it = load_scenario(None, ["gravimeter.sigma=2e-5", f"truth.gravimeter.sigma={factor!r}x"])
-    assert it.world.gravimeter.sigma == pytest.approx(factor * 2e-5, rel=1e-12)
+    assert it.true.gravimeter.sigma == pytest.approx(factor * 2e-5, rel=1e-12)
     assert it.gravimeter.sigma == 2e-5
 
 
 @pytest.mark.parametrize("text", ["3x", "3 x", " 3.0x", "0.3e1x"])
 def test_how_a_multiple_is_written(text):
     it = Scenario(truth={"initial_error": {"position": text}})
-    assert it.world.initial_error.position == pytest.approx(150.0)
+    assert it.true.initial_error.position == pytest.approx(150.0)
 
 
 def test_a_whole_section_may_be_a_multiple():
     it = load_scenario(None, [*LARGE, "truth.initial_error=3x", "truth.gravimeter=2x"])
-    before, after = it.initial_error, it.world.initial_error
+    before, after = it.initial_error, it.true.initial_error
     for key in ("position", "velocity", "tilt", "heading"):
         assert getattr(after, key) == pytest.approx(3.0 * getattr(before, key))
     assert after.hidden_position == 1000.0  # which nobody is told of anyway
-    assert it.world.gravimeter.sigma == pytest.approx(2e-5)
-    assert it.world.gravimeter.bias == pytest.approx(4e-5)
-    assert it.world.gravimeter.drift == 0.0
-    assert it.world.gravimeter.outlier_sigma == it.gravimeter.outlier_sigma
+    assert it.true.gravimeter.sigma == pytest.approx(2e-5)
+    assert it.true.gravimeter.bias == pytest.approx(4e-5)
+    assert it.true.gravimeter.drift == 0.0
+    assert it.true.gravimeter.outlier_sigma == it.gravimeter.outlier_sigma
 
 
 def test_a_file_keeps_it(tmp_path):
     path = tmp_path / "s.yaml"
     path.write_text("truth:\n  gravimeter: {sigma: 3x}\n  imu: {grade: quantum}\n")
     it = load_scenario(path, ["truth.gravimeter.bias=1e-5"])
-    assert it.world.gravimeter.sigma == pytest.approx(3e-5)
-    assert (it.world.gravimeter.bias, it.world.imu.grade) == (1e-5, "quantum")
+    assert it.true.gravimeter.sigma == pytest.approx(3e-5)
+    assert (it.true.gravimeter.bias, it.true.imu.grade) == (1e-5, "quantum")
     document = yaml.safe_load(yaml.safe_dump(it.model_dump(mode="json")))
     assert validate_scenario(document) == it
-    assert validate_scenario(document).world == it.world
+    assert validate_scenario(document).true == it.true
 
 
 @pytest.mark.parametrize(("override", "message"), [
@@ -103,7 +101,7 @@ def test_every_section_and_shared_key_is_one_of_the_scenario():
             value = section.resolved()
             for part in key.split("."):
                 value = value[part]
-        assert Scenario(truth={name: {}}).world == Scenario()
+        assert Scenario(truth={name: {}}).true == Scenario().true
     for key in SHARED:
         section, leaf = key.split(".")
         assert section in SECTIONS and leaf in type(getattr(Scenario(), section)).model_fields

@@ -66,11 +66,11 @@ def measure_filters(scenario: Scenario) -> dict[str, float]:
     """CPU seconds per simulated second of both filters, and how far they end apart (m)."""
     trajectory = build_trajectory(scenario)
     steps = min(STEPS, len(trajectory))
-    imu = simulate_imu(scenario, trajectory, [0])
+    imu = simulate_imu(scenario.true, trajectory, [0])
     force, rate = imu.specific_force[0, :steps], imu.angular_rate[0, :steps]
     height = trajectory.height[1 : steps + 1]
     model = filter_model(scenario)
-    drawn = draw_initial_state(scenario, trajectory, [0])
+    drawn = draw_initial_state(scenario.true, trajectory, [0])
     begin = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
     start = FilterState.start(begin, model)
     ours, theirs = start.copy(), FilterpyNavigator(start, model)

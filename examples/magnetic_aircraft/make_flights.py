@@ -71,7 +71,7 @@ def record(path: Path, flight: Flight, anomaly: Array, astray: float, seed: int)
     main_field = field_vector(*place, HEIGHT, YEAR)
     length = np.linalg.norm(main_field, axis=-1)
     body = flight.in_body(main_field * (1.0 + anomaly / length)[:, None])
-    felt = AIRCRAFT.feel(body, derivative(body, flight.time))
+    felt = AIRCRAFT.field_on_board(body, derivative(body, flight.time))
     scalar = np.linalg.norm(felt, axis=-1) + 0.1 * random.standard_normal(len(felt))
     rows = np.column_stack(
         [

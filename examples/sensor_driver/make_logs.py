@@ -30,7 +30,9 @@ def main() -> None:
     scenario = vehicle_scenario()
     vehicle = simulate_vehicle(scenario, 0)
     trajectory = vehicle.trajectory
-    readings = ReadingSimulator(scenario, trajectory, map_for_scenario(scenario, trajectory), [0])
+    readings = ReadingSimulator(
+        scenario.true, trajectory, map_for_scenario(scenario, trajectory), [0]
+    )
     time = DEPARTURE + trajectory.time
     folder.mkdir(parents=True, exist_ok=True)
     # velocity and angle increments since the sample before; x forward, y right, z down

@@ -27,7 +27,7 @@ def test_told_and_untold_are_one_world(row):
     assert untold.matcher.stride == told.matcher.stride == 5
     assert bool(untold.truth) or not row.untold or row.world[0].startswith("map_error.")
     worlds = [
-        it.world.model_dump(exclude={"matcher"} | ({"gravity"} if "left" in row.name else set()))
+        it.true.model_dump(exclude={"matcher"} | ({"gravity"} if "left" in row.name else set()))
         for it in (untold, told)
     ]
     assert worlds[0] == worlds[1]
@@ -42,7 +42,7 @@ def test_where_nothing_is_told_the_matcher_has_its_defaults(row):
         mismatch.scenario_of(row, kind, MGAL_3, MAPS) for kind in ("untold", "nothing told")
     )
     assert nothing.matcher == Scenario().matcher.model_copy(update={"stride": 5})
-    assert nothing.world.model_dump(exclude={"matcher"}) == untold.world.model_dump(
+    assert nothing.true.model_dump(exclude={"matcher"}) == untold.true.model_dump(
         exclude={"matcher"}
     )
     if row.world == ("gravity.field=map",):

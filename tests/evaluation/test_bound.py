@@ -320,5 +320,5 @@ def test_it_is_of_the_true_world() -> None:
         lambda one: posterior_cramer_rao(one, trajectory, field_map),
         lambda one: unaided_covariance(one, trajectory),
     ):
-        np.testing.assert_array_equal(function(it).covariance, function(it.world).covariance)
+        np.testing.assert_array_equal(function(it).covariance, function(it.informed).covariance)
         assert not np.array_equal(function(it).covariance, function(told).covariance)

@@ -9,7 +9,7 @@ from helpers.route_maps import field
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.maps.channels import ChannelMap
 from isogal.maps.error_model import displacements, tensor_covariance
-from isogal.maps.gradients import tensor_maps
+from isogal.maps.potential import tensor_maps
 from isogal.scenario import Gradiometer, MapError, validate_scenario
 from isogal.sensors.gradiometer_errors import tilt_effect
 from isogal.sensors.trajectory import build_trajectory

@@ -27,7 +27,7 @@ def scenario_of(*items):
 
 def readings_of(field_map, *items, runs=(0, 1)):
     scenario = scenario_of(*items)
-    return ReadingSimulator(scenario.world, build_trajectory(scenario), field_map, list(runs))
+    return ReadingSimulator(scenario.true, build_trajectory(scenario), field_map, list(runs))
 
 
 def test_directions():
@@ -52,7 +52,7 @@ def test_a_beam_of_a_slope_by_hand():
         "altimeter.directions=[[90, 45], [-90, 45]]",
     )  # fmt: skip
     trajectory = build_trajectory(scenario)
-    foot = Footprints(scenario, trajectory, plane, np.array([20]))
+    foot = Footprints(scenario.altimeter, trajectory, plane, np.array([20]))
     # r cos 45 = 100 - 0.2 r sin 45 to the east, + to the west
     expected = 100.0 * np.sqrt(2.0) / np.array([1.2, 0.8])
     np.testing.assert_allclose(foot.range[0], expected, rtol=1e-3)
@@ -69,7 +69,7 @@ def test_a_sounding_without_noise_is_the_map_at_its_footprint(floor):
             *trajectory.velocity[i, :2].T, matrix(trajectory.attitude[i]),
         )  # fmt: skip
         reduced = measured_field(scenario).reduction(scenario).reduce(found.felt[0], at)
-        foot = Footprints(scenario, trajectory, floor, i)
+        foot = Footprints(scenario.altimeter, trajectory, floor, i)
         np.testing.assert_allclose(
             reduced[..., 0], floor.value(*foot.places(foot.range)), atol=2e-3
         )
@@ -121,7 +121,7 @@ def test_out_of_range_and_missing(floor):
 )
 def test_bad_patterns_are_refused(items, said):
     with pytest.raises(InputError, match=said):
-        scenario_of(*items).world  # noqa: B018
+        scenario_of(*items).true  # noqa: B018
 
 
 def test_what_cannot_be_simulated_is_refused(floor):

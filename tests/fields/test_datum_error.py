@@ -6,7 +6,7 @@ import pytest
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.fields.datum_error import draw_datum_error
+from isogal.fields.map_error import draw_datum_error
 from isogal.fields.scenario_map import true_map
 from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -41,7 +41,7 @@ def drawn(runs=RUNS, channels=(), **datum):
         trajectory.latitude[0],
         trajectory.longitude[0],
     ).T
-    return draw_datum_error(it, trajectory, index, runs, channels), north, east
+    return draw_datum_error(it.true, trajectory, index, runs, channels), north, east
 
 
 def test_none_is_none():
@@ -75,7 +75,7 @@ def test_readings_have_it():
     field_map, plain = field_map_of(wavy), scenario()
     trajectory = build_trajectory(plain)
     wrong = scenario(map_error={"offset": 5e-5, "tilt": 1e-9})
-    felt = [ReadingSimulator(it, trajectory, field_map, [7]).felt for it in (plain, wrong)]
+    felt = [ReadingSimulator(it.true, trajectory, field_map, [7]).felt for it in (plain, wrong)]
     np.testing.assert_allclose(
         felt[1] - felt[0], drawn([7], offset=5e-5, tilt=1e-9)[0], atol=1e-14
     )
@@ -114,7 +114,7 @@ def test_readings_are_of_the_true_map(tmp_path):
     )
     trajectory = build_trajectory(it)
     assert true_map(it, trajectory, coarse).provenance != coarse.provenance
-    assert true_map(it.world, trajectory, fine) is fine
+    assert true_map(it.informed, trajectory, fine) is fine
     runs = simulate(it, [0], coarse)
     plain = simulate(scenario(gravity=normal), [0], fine)
     assert runs.detail is not None and plain.detail is not None

@@ -10,12 +10,12 @@ from helpers.batches import field_map_of, wavy
 from isogal.errors import InputError
 from isogal.fields import derived_maps as derived
 from isogal.fields.scenario_map import map_for_scenario
-from isogal.fields.source_map import source_map
+from isogal.fields.source_map import MapSource
 from isogal.maps.corridor import corridor_of
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.gradients import tensor_maps
 from isogal.maps.load import load_map
+from isogal.maps.potential import tensor_maps
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -56,7 +56,7 @@ def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance):
     )
     assert maps.channels[0].sigma > 0.0
     window = corridor_of(route.latitude, route.longitude).window
-    assert source_map(it, window).quantity == "disturbance"
+    assert MapSource.of(it)(window=window).quantity == "disturbance"
 
 
 def none_left(*_, **__):

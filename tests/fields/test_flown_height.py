@@ -1,7 +1,6 @@
 """The map at the flown height: what simulation and matcher get, against point masses."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from helpers.point_masses import MGAL, attraction, map_of, mountains, rms
 from isogal.earth.gravity import FREE_AIR, eotvos, normal_gravity
 from isogal.errors import InputError
 from isogal.fields import derived_maps, scenario_map
-from isogal.fields.flown_height import disturbance_for_gradients, read_at_flown_height
+from isogal.fields.flown_height import FlownMap, disturbance_for_gradients
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import true_readings
 from isogal.maps.axes import Window
@@ -59,7 +58,7 @@ def test_simulated_readings_are_what_the_masses_make_at_the_height(low, high):
     it = scenario(low)
     route = build_trajectory(it)
     field_map = map_for_scenario(it, route, 5000.0)
-    felt = true_readings(it, route, field_map)
+    felt = true_readings(it.true, route, field_map)
     i = np.arange(it.steps_per_scan, len(route) + 1, it.steps_per_scan)
     v = route.velocity[i]
     right = (
@@ -101,7 +100,7 @@ def test_what_continuing_adds_is_not_what_the_map_says_of_its_error(low, tmp_pat
     assert map_for_scenario(scenario(written(tmp_path / "told.nc", told))).states_error
     route = build_trajectory(it)
     points = route.latitude, route.longitude
-    tiles = TiledMap(partial(read_at_flown_height, it), corridor_of(*points, 5000.0))
+    tiles = TiledMap(FlownMap.of(it), corridor_of(*points, 5000.0))
     assert not tiles.states_error
 
 
@@ -168,9 +167,7 @@ def test_a_tiled_map_is_the_same(low):
     route = build_trajectory(it)
     whole = map_for_scenario(it, route, 5000.0)
 
-    tiled = TiledMap(
-        partial(read_at_flown_height, it), corridor_of(route.latitude, route.longitude, 5000.0)
-    )
+    tiled = TiledMap(FlownMap.of(it), corridor_of(route.latitude, route.longitude, 5000.0))
     difference = along(it, tiled) - along(it, whole)
     assert rms(difference) < 0.02 * MGAL
     near = tiled.near(route.latitude[:300], route.longitude[:300])
@@ -180,7 +177,7 @@ def test_a_tiled_map_is_the_same(low):
 def test_gradients_are_continued_from_the_level_that_is_told(low):
     it = scenario(low, "field=gradient", "map.level=400")
     disturbance = map_of(attraction(0.0))
-    assert disturbance_for_gradients(it, disturbance) == (disturbance, 600.0)
+    assert disturbance_for_gradients(it.map, it.route.height, disturbance) == (disturbance, 600.0)
 
 
 def test_fields_that_do_not_change_with_height_stay(tmp_path):
@@ -189,7 +186,7 @@ def test_fields_that_do_not_change_with_height_stay(tmp_path):
     )
     it = scenario(ground, "field=terrain", "gravimeter.sigma=5", "route.height=4000")
     window = Window(*np.radians([-36.55, -36.5, 146.95, 147.0]))
-    assert "continued" not in read_at_flown_height(it, window=window).provenance
+    assert "continued" not in FlownMap.of(it)(window=window).provenance
 
 
 def test_what_cannot_be_continued_names_the_way_out(low):

@@ -9,17 +9,15 @@ from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.fields import gravity_vector as vector
-from isogal.fields.gravity_vector import averaged, disturbance_of, felt_gravity, gravity_vector
+from isogal.fields.gravity_vector import averaged, felt_gravity, gravity_vector
 from isogal.fields.known_gravity import known_gravity, true_residual_gravity
-from isogal.fields.simulator import draw_map_error, scan_index
-from isogal.fields.vector_map_error import (
-    cross_covariance,
-    draw_horizontal_error,
-    horizontal_covariance,
-)
+from isogal.fields.map_error import draw_horizontal_error, draw_map_error
+from isogal.fields.simulator import scan_index
 from isogal.maps import tiled_map
+from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.potential import disturbance_of
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_imu
@@ -75,7 +73,7 @@ def made_by_the_mass(trajectory):
 
 def test_the_vehicle_feels_what_a_point_mass_does(world):
     trajectory = build_trajectory(world)
-    (felt,) = felt_gravity(world, trajectory, [0])
+    (felt,) = felt_gravity(world.true, trajectory, [0])
     expected = made_by_the_mass(trajectory)
     assert np.abs(expected[:, :2]).max() > 3e-5
     # what lies beyond the map is the transform's error: a per cent of the peak
@@ -88,16 +86,17 @@ def test_of_a_map_in_tiles_it_feels_the_same(world, monkeypatch):
     monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 5000)
     trajectory = build_trajectory(world)
     assert isinstance(gravity_vector(world, trajectory).disturbance, TiledMap)
-    (felt,) = felt_gravity(world, trajectory, [0])
+    (felt,) = felt_gravity(world.true, trajectory, [0])
     expected = made_by_the_mass(trajectory)
     np.testing.assert_allclose(felt, expected, atol=0.05 * np.abs(expected).max())
 
 
 def test_accelerometers_feel_its_negative(world):
     trajectory = build_trajectory(world)
-    felt = felt_gravity(world, trajectory, [0])
+    felt = felt_gravity(world.true, trajectory, [0])
     without, with_it = (
-        simulate_imu(world, trajectory, [0], gravity).specific_force for gravity in (None, felt)
+        simulate_imu(world.true, trajectory, [0], gravity).specific_force
+        for gravity in (None, felt)
     )
     np.testing.assert_allclose(
         np.linalg.norm(with_it - without, axis=-1), np.linalg.norm(felt, axis=-1), rtol=1e-6
@@ -108,7 +107,7 @@ def test_normal_gravity_is_no_vector(world):
     scenario = changed(world, gravity={"field": "normal"})
     trajectory = build_trajectory(scenario)
     assert gravity_vector(scenario, trajectory) is None
-    assert felt_gravity(scenario, trajectory, [0]) is None
+    assert felt_gravity(scenario.true, trajectory, [0]) is None
     assert known_gravity(scenario, trajectory).residual_sigma == 0.0
 
 
@@ -162,42 +161,29 @@ def test_what_is_believed_to_be_left(world, gravity, told, expected):
 
 def test_what_is_really_left_goes_by_the_true_map_error(world):
     scenario = changed(world, map_error={"sigma": 4e-5, "correlation_length": 9e3})
-    left = true_residual_gravity(scenario, build_trajectory(scenario))
+    left = true_residual_gravity(scenario.true, build_trajectory(scenario))
     assert left.residual_sigma == pytest.approx(np.hypot(4e-5 / np.sqrt(2.0), 1e-6))
     assert left.residual_length == pytest.approx(9e3)
-
-
-def test_covariances_of_the_vector_are_the_spectral_ones():
-    """Against the sums over wave vectors on a torus, for C = exp(-d / L)."""
-    length, n, step = 4e3, 1024, 400.0
-    axis = (np.arange(n) - n // 2) * step
-    distance = np.hypot(*np.meshgrid(axis, axis))
-    spectrum = np.fft.fft2(np.fft.ifftshift(np.exp(-distance / length))).real
-    k = 2.0 * np.pi * np.fft.fftfreq(n, step)
-    kn, ke = np.meshgrid(k, k, indexing="ij")
-    size = np.hypot(kn, ke)
-    size[0, 0] = np.inf
-    north = np.fft.ifft2(spectrum * (kn / size) ** 2).real
-    mixed = np.fft.ifft2(spectrum * kn * ke / size**2).real
-    # E dg(x) g_n(x + d): the transform of g_n is i kn / |k| times that of dg
-    cross = np.fft.ifft2(spectrum * 1j * kn / size).real
-    for i, j in ((0, 5), (7, 0), (6, 9), (20, -12)):
-        apart = np.array([i * step, j * step])
-        covariance = horizontal_covariance(apart, length)
-        assert covariance[0, 0] == pytest.approx(north[i, j], abs=0.01)
-        assert covariance[0, 1] == pytest.approx(mixed[i, j], abs=0.01)
-        assert cross_covariance(apart, length)[0] == pytest.approx(cross[i, j], abs=0.01)
 
 
 def test_drawn_errors_have_these_covariances(world):
     scenario = changed(world, map_error={"sigma": 3e-5})
     trajectory = build_trajectory(scenario)
     index, runs = scan_index(scenario, trajectory), range(400)
-    vertical = draw_map_error(scenario, trajectory, index, runs)
-    stations, errors = draw_horizontal_error(scenario, trajectory, index, runs, vertical)
+    vertical = draw_map_error(scenario.true, trajectory, index, runs)
+    stations, errors = draw_horizontal_error(scenario.true, trajectory, index, runs, vertical)
     variance = (errors**2).mean(axis=(0, 1)) / 3e-5**2
     np.testing.assert_allclose(variance, 0.5, atol=0.06)
-    alone = draw_horizontal_error(scenario, trajectory, index, [7], vertical[[7]])[1]
+    # that of the disturbance six scans, 1.3 km, after the stations, by the model for all tensors
+    later = vertical[:, np.searchsorted(index, stations[1:-3]) + 6]
+    found = (later[..., None] * errors[:, 1:-3]).mean(axis=(0, 1)) / 3e-5**2
+    rows = index[[6, 0]]
+    apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])[:1, 1:]
+    channels = np.zeros(1, int), np.array([1, 2])
+    expected = tensor_covariance(("dd", "nd", "ed"), channels[0], apart, 4e3, channels[1])
+    np.testing.assert_allclose(found, expected[0], atol=0.03)
+    assert np.abs(expected).max() > 0.15
+    alone = draw_horizontal_error(scenario.true, trajectory, index, [7], vertical[[7]])[1]
     np.testing.assert_array_equal(alone[0], errors[7])
     assert stations[-1] == index[-1]
 
@@ -227,8 +213,8 @@ def test_maps_of_the_deflection_come_before_the_transform(world, tmp_path):
     xarray.merge(parts).to_netcdf(tmp_path / "all.nc")
     scenario = changed(world, map={"source": str(tmp_path / "all.nc"), "continuation": "none"})
     trajectory = build_trajectory(scenario)
-    transformed = felt_gravity(world, trajectory, [0])[0, :, :2]
-    measured = felt_gravity(scenario, trajectory, [0])[0, :, :2]
+    transformed = felt_gravity(world.true, trajectory, [0])[0, :, :2]
+    measured = felt_gravity(scenario.true, trajectory, [0])[0, :, :2]
     np.testing.assert_allclose(measured, 3.0 * transformed, atol=0.1 * np.abs(transformed).max())
 
 

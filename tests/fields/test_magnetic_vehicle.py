@@ -5,7 +5,7 @@ import pytest
 
 from helpers.magnetics import aircraft
 from isogal.errors import InputError
-from isogal.fields.magnetic_vehicle import prior_sigma, told_compensation
+from isogal.fields.magnetic_vehicle import prior_sigma, specified_compensation
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.magnetics.compensation import Compensation
 from isogal.maps.field_map import FieldMap
@@ -43,7 +43,7 @@ def scenario_of(*items):
 def readings_of(field_map, *items, runs=(0, 1)):
     scenario = scenario_of(*items)
     trajectory = build_trajectory(scenario)
-    simulator = ReadingSimulator(scenario.world, trajectory, field_map, list(runs))
+    simulator = ReadingSimulator(scenario.true, trajectory, field_map, list(runs))
     return compensated(scenario, trajectory, simulator)
 
 
@@ -79,8 +79,8 @@ def test_coefficients_from_a_file(field_map, tmp_path):
 
 
 def test_without_an_aircraft_nothing_changes(field_map):
-    assert told_compensation(scenario_of()) is None
-    assert told_compensation(load_scenario(None, TOLD)) is None  # a gravimeter does not mind
+    assert specified_compensation(scenario_of()) is None
+    assert specified_compensation(load_scenario(None, TOLD)) is None  # a gravimeter does not mind
     np.testing.assert_array_equal(
         readings_of(field_map), readings_of(field_map, "magnetometer.vector_sigma=5.0")
     )
@@ -95,7 +95,7 @@ def test_noise_of_the_vector_magnetometer_is_each_runs_own(field_map):
 
 def test_multiples_of_the_aircraft():
     scenario = scenario_of(*TOLD, "truth.magnetometer.aircraft.permanent=2x")
-    assert scenario.world.magnetometer.aircraft.permanent == pytest.approx(2.0 * CRAFT.permanent)
+    assert scenario.true.magnetometer.aircraft.permanent == pytest.approx(2.0 * CRAFT.permanent)
 
 
 def test_terms_of_what_is_not_told(field_map):

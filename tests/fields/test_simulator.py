@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from helpers.batches import ORIGIN, field_map_of, wavy
+from helpers.statistics import within_chi_square
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
-from isogal.fields.simulator import ReadingSimulator, draw_map_error
+from isogal.fields.map_error import draw_map_error
+from isogal.fields.simulator import ReadingSimulator
 from isogal.scenario import Altimeter, Gravimeter, MapError, Route, Scenario
-from isogal.sensors.gravimeter import reduce_gravity
+from isogal.sensors.gravimeter import GravityReduction
+from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
 
@@ -24,18 +26,11 @@ def scenario(**keys):
 def simulate(runs, field_map, **keys):
     it = scenario(**keys)
     trajectory = build_trajectory(it)
-    simulator = ReadingSimulator(it, trajectory, field_map, runs)
+    simulator = ReadingSimulator(it.true, trajectory, field_map, runs)
     i = simulator.index
-    velocity = trajectory.velocity[i]
-    surface = reduce_gravity(
-        simulator.felt, trajectory.latitude[i], 100.0, velocity[:, 0], velocity[:, 1]
-    )
+    at = State(trajectory.latitude[i], 0.0, 100.0, *trajectory.velocity[i, :2].T)
+    surface = GravityReduction().reduce(simulator.felt, at)
     return surface, trajectory.latitude[i], trajectory.longitude[i], simulator
-
-
-def within(sum_of_squares, freedom):
-    low, high = chi2.ppf([0.0005, 0.9995], freedom)
-    return low < sum_of_squares < high
 
 
 def test_simulated_readings_are_the_map_plus_white_noise():
@@ -45,7 +40,7 @@ def test_simulated_readings_are_the_map_plus_white_noise():
     np.testing.assert_array_equal(simulator.index, np.arange(10, 601, 10))
     # a map of the disturbance: normal gravity of the true latitude is added
     noise = (surface - normal_gravity(latitude) - field_map.value(latitude, longitude)) / 2e-5
-    assert within((noise**2).sum(), noise.size)
+    assert within_chi_square((noise**2).sum(), noise.size)
     assert abs((noise[:, 1:] * noise[:, :-1]).mean()) < 4.0 / np.sqrt(noise.size)
     assert abs((noise[1:] * noise[:-1]).mean()) < 4.0 / np.sqrt(noise.size)
 
@@ -65,7 +60,7 @@ def test_outliers_come_at_their_share_and_size():
     far = np.abs(noise) > 6.0
     share = far.mean() / 0.9045  # of N(0, 50²) that lies beyond 6
     assert abs(share - 0.1) < 4.0 * np.sqrt(0.09 / noise.size)
-    assert within(
+    assert within_chi_square(
         (noise[~far] ** 2).sum() / 1.035, (~far).sum()
     )  # the rest is ordinary, but for the few small outliers
     plain, _, _, _ = simulate(range(50), flat, gravimeter=Gravimeter(sigma=1e-5))
@@ -84,8 +79,8 @@ def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
     assert (
         np.abs(error - (offset[:, None] + slope[:, None] * time)).max() < 1e-8
     )  # nothing else but noise of 1e-9
-    assert within((offset**2).sum() / 5e-5**2, 200)
-    assert within((slope**2).sum() / 1e-7**2, 200)
+    assert within_chi_square((offset**2).sum() / 5e-5**2, 200)
+    assert within_chi_square((slope**2).sum() / 1e-7**2, 200)
     assert abs(np.corrcoef(offset, slope)[0, 1]) < 0.3
     some, _, _, _ = simulate([7, 3], flat, gravimeter=settings)
     np.testing.assert_array_equal(some, surface[[7, 3]])
@@ -96,7 +91,7 @@ def test_map_error_has_the_stated_covariance():
     trajectory = build_trajectory(it)
     index = np.arange(10, 601, 10)
     runs = 600
-    error = draw_map_error(it, trajectory, index, range(runs))
+    error = draw_map_error(it.true, trajectory, index, range(runs))
     apart = horizontal_difference(
         trajectory.latitude[index][:, None],
         trajectory.longitude[index][:, None],
@@ -105,12 +100,12 @@ def test_map_error_has_the_stated_covariance():
     )
     covariance = 3e-5**2 * np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / 4000.0)
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), error.T)
-    assert within(
+    assert within_chi_square(
         (whitened**2).sum(), runs * len(index)
     )  # variance and correlation at once, every length scale
     measured = error.T @ error / runs
     np.testing.assert_allclose(measured, covariance, atol=4.5 * 3e-5**2 * np.sqrt(2.0 / runs))
-    assert not draw_map_error(scenario(), trajectory, index, [0, 1]).any()
+    assert not draw_map_error(scenario().true, trajectory, index, [0, 1]).any()
 
 
 def test_a_run_reads_the_same_alone_and_among_others():
@@ -154,7 +149,7 @@ def over_hills(height, **keys):
 def clearance(runs, height, field_map, **keys):
     it = over_hills(height, **keys)
     trajectory = build_trajectory(it)
-    simulator = ReadingSimulator(it, trajectory, field_map, runs)
+    simulator = ReadingSimulator(it.true, trajectory, field_map, runs)
     ground = field_map.value(
         trajectory.latitude[simulator.index], trajectory.longitude[simulator.index]
     )
@@ -164,7 +159,7 @@ def clearance(runs, height, field_map, **keys):
 def test_clearance_is_height_above_the_ground():
     felt, ground = clearance(range(20), 900.0, hills())
     noise = (900.0 - felt - ground) / 3.0
-    assert within((noise**2).sum(), noise.size)
+    assert within_chi_square((noise**2).sum(), noise.size)
     np.testing.assert_array_equal(felt, felt.astype(np.float32))  # as the message carries it
 
 
@@ -172,7 +167,7 @@ def test_a_map_error_lifts_the_ground():
     exact, _ = clearance([0], 900.0, hills())
     wrong, _ = clearance([0], 900.0, hills(), map_error=MapError(sigma=20.0))
     it = over_hills(900.0, map_error=MapError(sigma=20.0))
-    error = draw_map_error(it, build_trajectory(it), np.arange(10, 601, 10), [0])
+    error = draw_map_error(it.true, build_trajectory(it), np.arange(10, 601, 10), [0])
     np.testing.assert_allclose(exact - wrong, error, atol=1e-3)
 
 

@@ -28,11 +28,26 @@ BAD_SENSOR = VectorErrors(
 """Scale 1 %, misalignment 0.6 degrees, offset 60 nT, noise 5 nT."""
 
 
-def aircraft(size: float = 1.1, strobe: bool = False) -> MagneticAircraft:
+STROBE = np.array([8.0, -5.0, 6.0])
+"""nT/A, of a circuit that is switched."""
+
+
+def aircraft(size: float = 1.1) -> MagneticAircraft:
     """Return one with a heading error of about 200 nT (peak to peak) for a size of 1.1."""
     moment = size * np.array([120.0, -80.0, 150.0])
-    currents = {"strobe": np.array([8.0, -5.0, 6.0])} if strobe else {}
-    return MagneticAircraft(moment, size * _TENSORS[0], size * _TENSORS[1], currents)
+    return MagneticAircraft(moment, size * _TENSORS[0], size * _TENSORS[1])
+
+
+def identifiable(coefficients: Array) -> Array:
+    """Return coefficients (..., 18 + 3 K) less the two combinations of them that a flight hardly
+    tells: an induced part that is the same in all directions, and an eddy part of that kind.
+
+    The sum of u_i² is 1, so the first is a constant; the sum of u_i du_i/dt is zero."""
+    kept = coefficients.copy()
+    for places in ((3, 6, 8), (9, 13, 17)):
+        index = list(places)
+        kept[..., index] -= kept[..., index].mean(axis=-1, keepdims=True)
+    return kept
 
 
 @dataclass
@@ -48,6 +63,8 @@ class Circumstances:
     lag: float = 0.0
     """s, of the vector magnetometer."""
     errors: VectorErrors = field(default_factory=VectorErrors)
+    strobe: bool = False
+    """Whether a circuit is switched."""
 
 
 def fly(
@@ -59,9 +76,10 @@ def fly(
     anomaly = anomaly * np.cos(2.0 * np.pi * flight.east / 5000.0)
     total = INTENSITY + anomaly + around.diurnal * np.sin(2.0 * np.pi * flight.time / 1800.0)
     body = flight.in_body(total[:, None] * MAIN_FIELD / INTENSITY)
-    on = 5.0 * (np.sin(2.0 * np.pi * flight.time / 7.3) > 0.3)
-    currents = dict.fromkeys(craft.currents, on)
-    felt = craft.feel(body, derivative(body, flight.time), currents)
+    felt, currents = craft.field_on_board(body, derivative(body, flight.time)), {}
+    if around.strobe:
+        currents["strobe"] = 5.0 * (np.sin(2.0 * np.pi * flight.time / 7.3) > 0.3)
+        felt = felt + currents["strobe"][:, None] * STROBE
     scalar = np.linalg.norm(felt, axis=-1)
     scalar = scalar + around.noise * random.standard_normal(scalar.size)
     vector = around.errors.read(felt, random)

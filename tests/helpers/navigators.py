@@ -56,7 +56,7 @@ class Flight:
 
 def start_of(scenario: Scenario, trajectory: Trajectory, run: int = 0) -> Estimate:
     """Where the navigator of a run starts."""
-    drawn = draw_initial_state(scenario, trajectory, [run])
+    drawn = draw_initial_state(scenario.true, trajectory, [run])
     return Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
 
 
@@ -65,7 +65,7 @@ def fly(run: int = 0, **keys) -> Flight:
     trajectory = build_trajectory(scenario)
     model = filter_model(scenario)
     start = FilterState.start(start_of(scenario, trajectory, run), model)
-    imu = simulate_imu(scenario, trajectory, [run])
+    imu = simulate_imu(scenario.true, trajectory, [run])
     return Flight(trajectory, imu.specific_force[0], imu.angular_rate[0], model, start)
 
 

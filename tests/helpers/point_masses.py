@@ -52,6 +52,18 @@ def map_of(values, **keys) -> FieldMap:
     )
 
 
+def drawn_errors(seed, length=None, nodes=SIDE.size, step=STEP):
+    """Errors (nodes, nodes) of a map, of 1-sigma one: white noise of the nodes, or a field with
+    covariance exp(-d / L), by circulant embedding on a torus twice as large."""
+    size = 2 * nodes
+    draw = np.random.default_rng(seed).standard_normal((size, size))
+    if length is not None:
+        away = step * np.minimum(np.arange(size), size - np.arange(size))
+        power = np.fft.fft2(np.exp(-np.hypot(away[:, None], away) / length)).real
+        draw = np.fft.ifft2(np.sqrt(np.maximum(power, 0.0)) * np.fft.fft2(draw)).real
+    return draw[:nodes, :nodes]
+
+
 def mountains(rms=300.0, seed=3):
     """Fractal terrain (n, m), m, from zero to 2 km."""
     size = 2 * SIDE.size

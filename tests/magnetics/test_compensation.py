@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 import yaml
 
-from helpers.magnetics import aircraft, fly
+from helpers.magnetics import STROBE, aircraft, fly
 from isogal.errors import InputError
 from isogal.magnetics.compensation import Compensation, read_compensation
 from isogal.magnetics.manoeuvres import ordinary_flight
 
 
 def compensation() -> Compensation:
-    craft = aircraft(strobe=True)
-    coefficients = craft.coefficients()
+    coefficients = np.concatenate([aircraft().coefficients(), STROBE])
     return Compensation(coefficients, ("strobe",), 3.5, 0.1, 0.01 * np.abs(coefficients))
 
 

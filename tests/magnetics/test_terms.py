@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from helpers.magnetics import INTENSITY, aircraft, fly
+from helpers.magnetics import INTENSITY, aircraft, fly, identifiable
 from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.manoeuvres import calibration_flight, ordinary_flight
-from isogal.magnetics.terms import COUNT, SCALE, identifiable, names, terms
+from isogal.magnetics.terms import COUNT, SCALE, names, terms
 
 
 def test_columns_in_the_order_and_scale_of_the_literature():

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from helpers.point_masses import HALF, MGAL, SIDE, STEP, attraction, map_of, rms
+from helpers.point_masses import HALF, MGAL, SIDE, STEP, attraction, drawn_errors, map_of, rms
 from isogal.errors import InputError
 from isogal.maps.continuation.level import to_level
 from isogal.maps.error_spectrum import ErrorSpectrum
-from isogal.maps.gradients import tensor_maps
-from isogal.maps.gravity_vector import horizontal_gravity
+from isogal.maps.potential import gravity_vector, tensor_maps
 
 
 @pytest.mark.parametrize("height", [100.0, 1000.0, 4000.0])
@@ -38,13 +37,8 @@ def test_the_rim(rough_map):
     """Part of a map against the same part of the whole map: within 21 % of the field at the rim
     (mirrored without the slope: 23 %), and within 2 % five heights from it."""
     inner = slice(60, -60)
-    part = replace(
-        rough_map,
-        latitude=rough_map.latitude[inner],
-        longitude=rough_map.longitude[inner],
-        values=rough_map.values[inner, inner],
-    )
     right = to_level(rough_map, 1000.0, 0.0).values[inner, inner]
+    part = rough_map.part(inner, inner)
     error = to_level(part, 1000.0, 0.0, edge=0.0).values - right
     assert rms(error[:4]) < 0.21 * rms(right)
     assert rms(error[20:-20, 20:-20]) < 0.02 * rms(right)
@@ -54,7 +48,7 @@ def test_gradients_and_horizontal_components_upwards():
     low = map_of(attraction(0.0))
     for at_ground, above in (
         (tensor_maps(low), tensor_maps(low, height=800.0)),
-        (horizontal_gravity(low), horizontal_gravity(low, 800.0)),
+        (gravity_vector(low), gravity_vector(low, height=800.0)),
     ):
         for one, right in zip(at_ground.channels, above.channels, strict=True):
             high = to_level(one, 800.0, 0.0)
@@ -82,26 +76,16 @@ def test_downwards_comes_back_within_the_error_stated(height, cutoff):
 @pytest.mark.parametrize(("height", "cutoff"), [(800.0, None), (-400.0, 2500.0)])
 def test_errors_of_the_map_go_through_the_continuation(length, height, cutoff):
     """Draws of white noise or of a field with covariance exp(-d / L), against sigma."""
-    size = 2 * SIDE.size
-    away = STEP * np.minimum(np.arange(size), size - np.arange(size))
-    covariance = (
-        np.exp(-np.hypot(away[:, None], away) / length)
-        if length
-        else (np.hypot(away[:, None], away) == 0.0)
-    )
-    power = np.maximum(np.fft.fft2(covariance).real, 0.0)
     squares = []
     for seed in range(4):
-        white = np.random.default_rng(seed).standard_normal((size, size))
-        values = np.fft.ifft2(np.sqrt(power) * np.fft.fft2(white)).real
-        draw = map_of(MGAL * values[: SIDE.size, : SIDE.size])
+        draw = map_of(MGAL * drawn_errors(seed, length))
         squares.append(rms(to_level(draw, height, 0.0, cutoff=cutoff, edge=8e3).values) ** 2)
-    told = (
+    stated = (
         {"sigma": MGAL, "correlation_length": length}
         if length
         else {"quantisation": MGAL * np.sqrt(12.0)}
     )
-    flat = replace(map_of(0.0 * SIDE[:, None] * SIDE), **told)
+    flat = replace(map_of(0.0 * SIDE[:, None] * SIDE), **stated)
     continued = to_level(flat, height, 0.0, cutoff=cutoff, edge=8e3)
     assert continued.sigma == pytest.approx(np.sqrt(np.mean(squares)), rel=0.08)
 

@@ -65,8 +65,8 @@ def test_what_sources_cannot_explain_is_in_sigma(mountain_map):
 
 def test_sigma_falls_with_the_height_above_the_ground(mountain_map):
     low, terrain = mountain_map
-    told = replace(low, sigma=MGAL, correlation_length=2000.0)
-    sigma = np.asarray(from_terrain(told, terrain, float(terrain.values.max()) + 100.0).sigma)
+    stated = replace(low, sigma=MGAL, correlation_length=2000.0)
+    sigma = np.asarray(from_terrain(stated, terrain, float(terrain.values.max()) + 100.0).sigma)
     summit = np.unravel_index(np.argmax(terrain.values), sigma.shape)
     valley = np.unravel_index(np.argmin(terrain.values), sigma.shape)
     assert sigma[valley] < 0.8 * sigma[summit] < 0.8 * MGAL
@@ -75,20 +75,8 @@ def test_sigma_falls_with_the_height_above_the_ground(mountain_map):
 def test_terrain_on_another_grid(mountain_map):
     low, terrain = mountain_map
     height = float(terrain.values.max()) + 500.0
-    wide = replace(
-        terrain,
-        latitude=terrain.latitude[::2],
-        longitude=terrain.longitude[::2],
-        values=terrain.values[::2, ::2],
-    )
     inner = slice(4, -4)
-    cut = replace(
-        low,
-        latitude=low.latitude[inner],
-        longitude=low.longitude[inner],
-        values=low.values[inner, inner],
-    )
-    high = from_terrain(cut, wide, height)
+    high = from_terrain(low.part(inner, inner), terrain.thinned(2, 2), height)
     right = from_terrain(low, terrain, height).values[inner, inner]
     assert rms(high.values - right) < 0.1 * MGAL
 
@@ -134,28 +122,20 @@ def test_a_source_in_a_mountain_pulls_upwards_in_the_valley():
         assert error < 0.03 * np.abs(right[place]).max()
 
 
-def test_compiled_interpolation_is_that_of_numpy():
-    draw = np.random.default_rng(0)
-    density, plane = draw.standard_normal((2, 6, 7)).astype(np.float32)
-    place = draw.uniform(2.0, 7.0, (6, 7)).astype(np.float32)
-    nodes = np.arange(10)
-    first = np.clip(np.floor(place).astype(int) - 1, 0, 6)
-    weights = np.zeros((10, 6, 7))
-    for i in range(4):
-        others = [k for k in range(4) if k != i]
-        weight = np.prod([(place - first - k) / (i - k) for k in others], axis=0)
-        np.put_along_axis(weights, (first + i)[None], weight[None], axis=0)
-    np.testing.assert_allclose(
-        (weights * nodes[:, None, None] ** 3).sum(axis=0), place**3, rtol=1e-5
+def test_cubics_are_kept_between_levels():
+    terrain = np.random.default_rng(0).uniform(0.0, 900.0, (6, 7)).astype(np.float32)
+    layer = source_layer.SourceLayer(
+        terrain, 200.0, [source_layer.Scale(200.0, np.ones(6, np.float32))]
     )
-    rows = draw.uniform(0.0, 1.0, 6).astype(np.float32)
-    for level in nodes:
-        spread, field = np.empty((2, 6, 7), dtype=np.float32)
-        source_layer.spread(density, place, int(level), spread)
-        np.testing.assert_allclose(spread, density * weights[level], atol=1e-5)
-        field[:] = 1.0
-        source_layer.gather(plane, place, int(level), rows, field)
-        np.testing.assert_allclose(field, 1.0 + rows[:, None] * plane * weights[level], atol=1e-5)
+    place = layer.ground.ravel()
+    weights = np.zeros((layer.levels + source_layer.DEPTH, place.size))
+    for level, row in enumerate(weights):
+        near, weight = layer.on_level(level)
+        row[near] = weight
+    for power in range(4):
+        found = np.arange(len(weights), dtype=float) ** power @ weights
+        np.testing.assert_allclose(found, place**power, rtol=1e-4)
+    assert ((weights != 0.0).sum(axis=0) <= 4).all()
 
 
 def test_what_cannot_be_continued_from_the_ground_is_refused(mountain_map):

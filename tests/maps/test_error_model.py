@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from isogal.fields.potential_error import draw_potential_error
+from isogal.fields.map_error import draw_potential_error
 from isogal.maps.error_model import displacements, shares, tensor_covariance
-from isogal.maps.gradients import COMPONENTS, _operator
+from isogal.maps.potential import COMPONENTS, operator
 from isogal.maps.spectral import waves_of
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -34,7 +34,7 @@ def on_a_torus(nodes=256, cells_per_length=6):
     axis = cell * nodes * np.fft.fftfreq(nodes)
     spectrum = np.fft.rfft2(np.exp(-np.hypot(axis[:, None], axis) / LENGTH)).real
     size = np.where(waves.size > 0.0, waves.size, 1.0)
-    factors = [partial(_operator, name, 0.0)(waves) / size for name in COMPONENTS]
+    factors = [partial(operator, name, 0.0)(waves) / size for name in COMPONENTS]
     return cell, {
         (i, j): np.fft.irfft2(spectrum * np.conj(a) * b, (nodes, nodes))
         for i, a in enumerate(factors)

@@ -1,28 +1,26 @@
 """Expected position information along a track."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from helpers.batches import ORIGIN, field_map_of
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.maps.expected_accuracy import Errors, position_information
-from isogal.maps.field_map import FieldMap
 
-LAT, LON = np.radians(-37.0), np.radians(145.0)
+LAT, LON = ORIGIN
 NORTH, EAST = (float(m) for m in metres_per_radian(LAT))
 
 
 def saddle(quantity="height", unit="m", scale=1.0):
     """Values a·north + b·east + c·north·east: gradients (a + c·east, b + c·north)."""
-    lat, lon = (
-        LAT + np.radians(0.01) * np.arange(-60, 61),
-        LON + np.radians(0.01) * np.arange(-60, 61),
+    field_map = field_map_of(
+        lambda n, e: scale * (3e-3 * n + 1e-3 * e + 4e-7 * n * e), half=60e3, step=1000.0
     )
-    north, east = NORTH * (lat - LAT)[:, None], EAST * (lon - LON)[None, :]
-    return FieldMap(
-        lat, lon, scale * (3e-3 * north + 1e-3 * east + 4e-7 * north * east), unit, quantity
-    )
+    return replace(field_map, unit=unit, quantity=quantity)
 
 
 def track(count=60, spacing=500.0):
@@ -68,18 +66,12 @@ def test_stretches_cover_the_track():
 
 
 def test_a_plane_leaves_a_direction_open_and_a_hole_is_nan():
-    lat, lon = (
-        LAT + np.radians(0.01) * np.arange(-40, 41),
-        LON + np.radians(0.01) * np.arange(-40, 41),
-    )
-    values = np.broadcast_to(3e-3 * NORTH * (lat - LAT)[:, None], (81, 81)).copy()
-    plane = FieldMap(lat, lon, values, "m", "height")
+    plane = field_map_of(lambda n, e: 3e-3 * n, step=1000.0)
+    plane = replace(plane, unit="m", quantity="height")
     latitude, longitude = track()
     assert np.isinf(position_information(plane, latitude, longitude, Errors(0.5)).axes[1]).all()
-    values[:, 40:] = np.nan
-    holed = position_information(
-        FieldMap(lat, lon, values, "m", "height"), latitude, longitude, Errors(0.5)
-    )
+    plane.values[:, 40:] = np.nan
+    holed = position_information(plane, latitude, longitude, Errors(0.5))
     assert np.isnan(holed.axes[1][-1])
 
 

@@ -17,10 +17,8 @@ from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.gravimeter import (
     DisturbanceReduction,
     GravityReduction,
-    felt_gravity,
-    reduce_disturbance,
-    reduce_gravity,
 )
+from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
 SCANS, STEP = 30, 10
@@ -141,15 +139,18 @@ def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance(seed):
 
 
 @pytest.mark.parametrize(
-    ("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)]
+    ("quantity", "reduction"),
+    [("gravity", GravityReduction()), ("disturbance", DisturbanceReduction())],
 )
-def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduce):
+def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduction):
     position, velocity, attitude = flown(TRAJECTORY, ERRORS["all"])
     true_position, true_velocity, true_attitude = flown(TRAJECTORY)
-    felt = felt_gravity(9.8, true_position[:, 0], 100.0, *true_velocity.T)
-    wrong = reduce(felt, position[:, 0], 100.0, *velocity.T) - reduce(
-        felt, true_position[:, 0], 100.0, *true_velocity.T
+    here, there = (
+        State(place[:, 0], 0.0, 100.0, *speed.T)
+        for place, speed in ((position, velocity), (true_position, true_velocity))
     )
+    felt = GravityReduction().raw(9.8, there)
+    wrong = reduction.reduce(felt, here) - reduction.reduce(felt, there)
     xi = np.concatenate(
         [horizontal_difference(*position[-1], *true_position[-1]), (velocity - true_velocity)[-1]]
     )
@@ -162,16 +163,19 @@ def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduc
 
 
 @pytest.mark.parametrize(
-    ("quantity", "reduce"), [("gravity", reduce_gravity), ("disturbance", reduce_disturbance)]
+    ("quantity", "reduction"),
+    [("gravity", GravityReduction()), ("disturbance", DisturbanceReduction())],
 )
-def test_correcting_brings_back_truth_and_its_readings(quantity, reduce):
+def test_correcting_brings_back_truth_and_its_readings(quantity, reduction):
     error = np.array(ERRORS["all"])
     position, velocity, attitude = flown(TRAJECTORY, error)
     true_position, true_velocity, true_attitude = flown(TRAJECTORY)
-    felt = felt_gravity(9.8, true_position[:, 0], 100.0, *true_velocity.T)
-    builder = builder_of(
-        position, velocity, reduce(felt, position[:, 0], 100.0, *velocity.T), quantity
+    here, there = (
+        State(place[:, 0], 0.0, 100.0, *speed.T)
+        for place, speed in ((position, velocity), (true_position, true_velocity))
     )
+    felt = GravityReduction().raw(9.8, there)
+    builder = builder_of(position, velocity, reduction.reduce(felt, here), quantity)
     jump = np.concatenate([
         -horizontal_difference(*position[-1], *true_position[-1]), (true_velocity - velocity)[-1],
         (true_attitude[-1] * attitude[-1].inv()).as_rotvec(),
@@ -181,8 +185,8 @@ def test_correcting_brings_back_truth_and_its_readings(quantity, reduce):
     off = horizontal_difference(batch.latitude, batch.longitude, *true_position.T)
     np.testing.assert_allclose(off, 0.0, atol=0.1)
     np.testing.assert_allclose(batch.velocity, true_velocity, atol=2e-3)
-    right = reduce(felt, true_position[:, 0], 100.0, *true_velocity.T)
-    wrong = reduce(felt, position[:, 0], 100.0, *velocity.T)
+    right = reduction.reduce(felt, there)
+    wrong = reduction.reduce(felt, here)
     assert np.abs(wrong - right).max() > 2e-5
     np.testing.assert_allclose(batch.reading, right - 2e-6, atol=3e-7)
 

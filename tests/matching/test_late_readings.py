@@ -8,7 +8,8 @@ import pytest
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
 from isogal.fields.gravity import DISTURBANCE
-from isogal.fields.simulator import ReadingSimulator, between_scans
+from isogal.fields.map_error import between_scans
+from isogal.fields.simulator import ReadingSimulator
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.path import Path
 from isogal.matching.pmht.matcher import Pmht

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch, wavy
-from isogal.maps.gradients import tensor_maps
+from isogal.maps.potential import tensor_maps
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.channels import channel_batch, first_channel
 from isogal.matching.expansion import expansion_of
@@ -54,6 +54,6 @@ def test_truth_can_differ():
         None, ["field=gradient", "truth.gradiometer.map_errors=one_potential"]
     )
     assert settings.gradiometer.of_one_potential is None
-    assert settings.world.gradiometer.of_one_potential == ("nn", "ne", "nd", "ee", "ed")
+    assert settings.true.gradiometer.of_one_potential == ("nn", "ne", "nd", "ee", "ed")
     with pytest.raises(Exception, match=r"map_errors.*one_potential"):
         load_scenario(None, ["field=gradient", "gradiometer.map_errors=often"])

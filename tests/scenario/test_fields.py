@@ -65,11 +65,13 @@ def test_truth_is_that_of_the_navigator_or_of_the_entries():
         MAGNETIC | {"truth": {"gravimeter": {"bias": 9.0}}},
         truth={"imu": "3x", "gravimeter": {"sigma": "2x"}},
     )
-    assert it.world.imu != it.imu
-    worlds = [one.world for one in it.world.each_field]
-    assert [one.gravimeter.sigma for one in worlds] == [4e-5, 4.0]
-    assert [one.gravimeter.bias for one in worlds] == [0.0, 9.0]
-    assert it.world.world == it.world
+    assert it.true.imu != it.imu
+    for scenario in (it, it.informed):
+        truths = [one.true for one in scenario.each_field]
+        assert [one.imu for one in truths] == [it.true.imu] * 2
+        assert [one.gravimeter.sigma for one in truths] == [4e-5, 4.0]
+        assert [one.gravimeter.bias for one in truths] == [0.0, 9.0]
+    assert it.informed.informed == it.informed
 
 
 def test_the_field_of_gravity_is_felt():

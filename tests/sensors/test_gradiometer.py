@@ -5,18 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from helpers.batches import ORIGIN, field_map_of, wavy
+from helpers.statistics import within_chi_square
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.errors import InputError
 from isogal.fields.gradient import GRADIENT
+from isogal.fields.map_error import draw_map_error
 from isogal.fields.measured import measured_field, reading_sigma
-from isogal.fields.simulator import ReadingSimulator, draw_map_error
-from isogal.maps.gradients import tensor_maps
+from isogal.fields.simulator import ReadingSimulator
+from isogal.maps.potential import tensor_maps
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
-from isogal.sensors.gradiometer import EOTVOS, GradientReduction, draw_noise, noise_covariance
+from isogal.sensors.gradiometer import GradientReduction
+from isogal.sensors.gradiometer_errors import EOTVOS, noise_covariance, noise_of
 from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
 
@@ -33,6 +35,11 @@ def vehicle(**gradiometer):
     return Scenario(
         field="gradient", route=route, gradiometer={"components": ("nd", "ee")} | gradiometer
     )
+
+
+def draw_noise(it, run, scans):
+    count = len(it.gradiometer.components)
+    return noise_of(it.gradiometer, it.gravimeter).draw(it.seed, run, np.arange(scans), (count,))
 
 
 @pytest.mark.parametrize("degrees", [-80.0, -38.0, 0.0, 10.0, 55.0])
@@ -75,8 +82,7 @@ def test_noise_has_its_covariance():
     assert reading_sigma(it) == pytest.approx(2e-9)
     noise = np.concatenate([draw_noise(it, run, 500) for run in range(8)])
     nis = np.einsum("si,ij,sj->", noise, np.linalg.inv(noise_covariance(it.gradiometer)), noise)
-    low, high = chi2.ppf([0.0005, 0.9995], noise.size)
-    assert low < nis < high
+    assert within_chi_square(nis, noise.size)
     assert noise.T @ noise / len(noise) * 1e18 == pytest.approx(np.array(COVARIANCE), abs=0.5)
     np.testing.assert_array_equal(noise[500:1000], draw_noise(it, 1, 500))
     assert reading_sigma(scenario("gradiometer.sigma_eotvos=3")) == pytest.approx(3e-9)
@@ -92,16 +98,15 @@ def test_all_components_of_an_outlier_are_outliers():
 def test_readings_are_the_maps_channels():
     it = vehicle(sigma_eotvos=2.0)
     trajectory = build_trajectory(it)
-    simulator = ReadingSimulator(it, trajectory, TENSOR, range(20))
+    simulator = ReadingSimulator(it.true, trajectory, TENSOR, range(20))
     assert simulator.felt.shape == (20, 60, 2)
     i = simulator.index
     at = State(trajectory.latitude[i], trajectory.longitude[i], 100.0, 0.0, 0.0)
     noise = GRADIENT.reduction(it).reduce(simulator.felt, at) - TENSOR.value(
         at.latitude, at.longitude
     )
-    low, high = chi2.ppf([0.0005, 0.9995], noise.size)
-    assert low < ((noise / (2.0 * EOTVOS)) ** 2).sum() < high
-    alone = ReadingSimulator(it, trajectory, TENSOR, [7]).felt
+    assert within_chi_square(((noise / (2.0 * EOTVOS)) ** 2).sum(), noise.size)
+    alone = ReadingSimulator(it.true, trajectory, TENSOR, [7]).felt
     np.testing.assert_array_equal(alone[0], simulator.felt[7])
 
 
@@ -110,7 +115,7 @@ def test_each_channel_has_a_map_error_of_its_own():
         update={"map_error": MapError(sigma=5e-9, correlation_length=3000.0)}
     )
     trajectory = build_trajectory(it)
-    errors = draw_map_error(it, trajectory, np.arange(10, 601, 10), range(40), (2,))
+    errors = draw_map_error(it.true, trajectory, np.arange(10, 601, 10), range(40), (2,))
     assert errors.shape == (40, 60, 2)
     assert errors.std() == pytest.approx(5e-9, rel=0.2)
     assert abs(np.mean(errors[..., 0] * errors[..., 1])) < 0.2 * 25e-18
@@ -120,12 +125,14 @@ def test_each_channel_has_a_map_error_of_its_own():
 def test_a_map_of_another_quantity_is_refused():
     it = vehicle()
     with pytest.raises(InputError, match="a gradiometer does not feel disturbance; give gradient"):
-        ReadingSimulator(it, build_trajectory(it), field_map_of(wavy, half=50e3), [0])
+        ReadingSimulator(it.true, build_trajectory(it), field_map_of(wavy, half=50e3), [0])
     holed = replace(
         TENSOR.channels[1], values=np.where(TENSOR.channels[1].values > 0.0, np.nan, 1.0)
     )
     with pytest.raises(InputError, match="does not cover the route at latitude"):
-        ReadingSimulator(it, build_trajectory(it), type(TENSOR)([TENSOR.channels[0], holed]), [0])
+        ReadingSimulator(
+            it.true, build_trajectory(it), type(TENSOR)([TENSOR.channels[0], holed]), [0]
+        )
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,15 @@
 """A gradiometer's tilted platform and drifting components."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from isogal.earth.gravity import normal_gradient
 from isogal.errors import InputError
 from isogal.matching.batching import BatchBuilder
-from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, load_scenario
-from isogal.sensors.gradiometer_errors import EOTVOS, slow_errors, tilt_effect, tilted
+from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Gravimeter, load_scenario
+from isogal.sensors.gradiometer_errors import EOTVOS, noise_of, tilt_effect, tilt_errors, tilted
 from isogal.sensors.trajectory import build_trajectory
 
 LATITUDE = -0.64
@@ -18,7 +20,9 @@ INDEX = np.arange(10, 1201, 10)
 def errors(run=0, felt=None, **settings):
     told = Gradiometer(**settings)
     felt = np.zeros((len(INDEX), len(told.components))) if felt is None else felt
-    return slow_errors(told, 1, run, ROUTE, INDEX, felt)
+    slow = replace(noise_of(told, Gravimeter()), white=0.0)
+    noise = slow.draw(1, run, ROUTE.time[INDEX], felt.shape[1:])
+    return noise + tilt_errors(told, 1, run, ROUTE, INDEX, felt)
 
 
 def test_a_turned_tensor_has_the_same_invariants():

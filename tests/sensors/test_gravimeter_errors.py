@@ -1,6 +1,8 @@
 """Slow errors of a gravimeter by their autocorrelation and Allan deviation, and readings that are
 missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,12 @@ from helpers.allan import allan_deviation
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.gravimeter_errors import (
     accelerations,
-    gauss_markov,
     missing,
-    slow_errors,
+    noise_of,
+    reading_errors,
     without_readings,
 )
+from isogal.sensors.noise import gauss_markov
 from isogal.sensors.trajectory import build_trajectory
 
 TURNS = [[-37.9, 144.8, 22], [-37.75, 145.0, 22], [-37.8, 145.3, 22], [-37.4, 145.5, 22]]
@@ -27,11 +30,9 @@ def scans(trajectory, interval=10):
 
 
 def errors_of(runs, **keys):
-    """Return errors (R, N) of settings, every 10 s, and the interval."""
-    trajectory = trajectory_of()
-    index = scans(trajectory)
-    settings = Gravimeter(**keys)
-    return np.stack([slow_errors(settings, 3, run, trajectory, index) for run in range(runs)])
+    """Return errors (R, N) beside white noise, every 10 s."""
+    time, noise = np.arange(10.0, 20001.0, 10.0), replace(noise_of(Gravimeter(**keys)), white=0.0)
+    return np.stack([noise.draw(3, run, time) for run in range(runs)])
 
 
 def test_time_correlated_noise_has_the_autocorrelation_of_a_gauss_markov_process():
@@ -83,9 +84,11 @@ def test_a_walk_of_the_bias_has_the_allan_deviation_of_a_random_walk():
 def test_the_process_is_stationary_and_knows_uneven_times():
     time = np.array([0.0, 1.0, 50.0, 55.0, 400.0])
     normal = np.random.default_rng(1).standard_normal((40000, 5))
-    process = gauss_markov(2.0, 60.0, time, normal)
+    process = 2.0 * gauss_markov(np.exp(-np.diff(time) / 60.0), normal)
     expected = 4.0 * np.exp(-np.abs(time[:, None] - time) / 60.0)
     np.testing.assert_allclose(process.T @ process / 40000, expected, atol=0.12)
+    even = gauss_markov(np.full(4, 0.6), normal[:7])
+    np.testing.assert_allclose(gauss_markov(0.6, normal[:7]), even, rtol=1e-12)
 
 
 def test_accelerations_of_a_turn():
@@ -105,8 +108,8 @@ def test_accelerations_of_a_turn():
 def test_cross_coupling_acts_in_turns_only():
     trajectory = trajectory_of(waypoints=TURNS, duration=None)
     index = scans(trajectory)
-    settings = Gravimeter(cross_coupling=1e-3)
-    error = np.stack([slow_errors(settings, 0, run, trajectory, index) for run in range(200)])
+    settings = Gravimeter(sigma=1e-12, cross_coupling=1e-3)
+    error = np.stack([reading_errors(settings, 0, run, trajectory, index) for run in range(200)])
     velocity = trajectory.velocity[index]
     heading = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
     turned = np.abs(np.diff(heading, prepend=heading[0]))  # in the interval before each

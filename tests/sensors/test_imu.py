@@ -1,12 +1,14 @@
-"""IMU grades are those of Table 1, and the drawn errors have their statistics (chi-square
-intervals, fixed seeds)."""
+"""IMU grades are those of Table 1, and the drawn errors have their statistics: chi-square
+intervals, Allan deviations against those of IEEE Std 952-1997, annex C, and what constant errors
+do on a known motion (fixed seeds)."""
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
+from helpers.allan import allan_deviation
+from helpers.statistics import within_chi_square
 from isogal.scenario import Imu, Route, Scenario
-from isogal.sensors.imu import simulate_imu
+from isogal.sensors.imu import quantise, simulate_imu
 from isogal.sensors.trajectory import build_trajectory
 
 DEG_PER_HOUR = np.pi / 180.0 / 3600.0
@@ -23,23 +25,33 @@ TABLE_1 = {
 """Accelerometer bias and noise (m/s²), gyroscope bias and noise (deg/h), axes x, y, z."""
 
 
-def errors(grade, runs, duration=200.0, rate=1.0, seed=0):
-    scenario = Scenario(seed=seed, route=Route(duration=duration), imu=Imu(grade=grade, rate=rate))
+NOTHING = {
+    "accelerometer": {"bias": 0.0, "random_walk": 0.0},
+    "gyroscope": {"bias": 0.0, "random_walk": 0.0},
+}
+
+
+def simulate(runs, duration, **imu):
+    """Trajectory, and errors of the readings (R, K, 6)."""
+    scenario = Scenario(route=Route(duration=duration), imu=Imu(**imu))
     trajectory = build_trajectory(scenario)
-    imu = simulate_imu(scenario, trajectory, runs)
-    return np.concatenate(
-        [
-            imu.specific_force - trajectory.specific_force,
-            imu.angular_rate - trajectory.angular_rate,
-        ],
-        axis=2,
-    )
+    readings = simulate_imu(scenario.true, trajectory, runs)
+    truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
+    return trajectory, np.concatenate(
+        [readings.specific_force, readings.angular_rate], axis=2
+    ) - truth
 
 
-def within_chi_square(sum_of_squares, freedom):
-    """Two-sided 99.9 % interval of each of the numbers."""
-    low, high = chi2.ppf([0.0005, 0.9995], freedom)
-    return ((sum_of_squares > low) & (sum_of_squares < high)).all()
+def simulate_only(runs, duration=12000.0, rate=1.0, **given):
+    """The same of sensors that have only some errors."""
+    sensors = {name: NOTHING[name] | given.get(name, {}) for name in NOTHING}
+    return simulate(runs, duration, rate=rate, **sensors)
+
+
+def series(errors, part):
+    """The errors of accelerometers (0) or gyroscopes (1) as (3 R, K) series."""
+    axes = errors[:, :, 3 * part : 3 * part + 3]
+    return axes.transpose(0, 2, 1).reshape(3 * len(errors), -1)
 
 
 @pytest.mark.parametrize("grade", TABLE_1)
@@ -59,7 +71,7 @@ def test_grades_are_table_1(grade):
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_noise_has_the_density_of_the_grade(grade):
     it = Imu(grade=grade).sensors
-    error = errors(grade, range(5))
+    _, error = simulate(range(5), 200.0, grade=grade)
     apart = (error - error.mean(axis=1, keepdims=True)) / [
         *it.accelerometer.random_walk,
         *it.gyroscope.random_walk,
@@ -73,21 +85,13 @@ def test_noise_has_the_density_of_the_grade(grade):
     assert np.abs(axes).max() < 4.0 / np.sqrt(5 * 199)
 
 
-def test_noise_per_sample_grows_with_the_root_of_the_rate():
-    error = errors("precision", range(5), duration=50.0, rate=4.0)
-    apart = (error - error.mean(axis=1, keepdims=True))[..., 0] / (8e-5 * np.sqrt(4.0))
-    assert within_chi_square((apart**2).sum(), 5 * 199)
-
-
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_biases_are_drawn_once_per_run(grade):
     it = Imu(grade=grade).sensors
     runs = 400
-    scenario = Scenario(route=Route(duration=2.0), imu=Imu(grade=grade))
-    trajectory = build_trajectory(scenario)
     biases = np.array([*it.accelerometer.bias, *it.gyroscope.bias])
     noise = np.array([*it.accelerometer.random_walk, *it.gyroscope.random_walk])
-    error = errors(grade, range(runs), duration=2.0)
+    trajectory, error = simulate(range(runs), 2.0, grade=grade)
     # what is common to both samples of a run: bias; variance of a mean of two: b² + n² / 2
     assert within_chi_square(
         (error.mean(axis=1) ** 2 / (biases**2 + noise**2 / 2)).sum(axis=0), runs
@@ -98,8 +102,8 @@ def test_biases_are_drawn_once_per_run(grade):
 def test_a_bias_is_constant_over_a_run():
     # long enough for the mean to show a bias well above the noise: accelerometers of the precision
     # grade, 40 runs
-    error = errors("precision", range(40), duration=12000.0)[..., :2]
-    halves = error.reshape(40, 2, 6000, 2).mean(axis=2)
+    _, error = simulate(range(40), 12000.0, grade="precision")
+    halves = error[..., :2].reshape(40, 2, 6000, 2).mean(axis=2)
     of_mean = 8e-5 / np.sqrt(6000.0)
     assert within_chi_square(
         ((halves[:, 0] - halves[:, 1]) ** 2 / (2 * of_mean**2)).sum(axis=0), 40
@@ -107,3 +111,104 @@ def test_a_bias_is_constant_over_a_run():
     assert within_chi_square(
         (halves.mean(axis=1) ** 2 / (2e-6**2 + of_mean**2 / 2)).sum(axis=0), 40
     )
+
+
+def test_white_noise_has_the_density_of_the_data_sheet():
+    _, errors = simulate_only(
+        range(3), rate=4.0, duration=6000.0,
+        accelerometer={"random_walk": "30ug/rt-Hz"}, gyroscope={"random_walk": "0.12deg/rt-h"},
+    )  # fmt: skip
+    taus = np.array([1.0, 10.0, 100.0])
+    force = allan_deviation(series(errors, 0), 4.0, taus)
+    rate = allan_deviation(series(errors, 1), 4.0, taus)
+    np.testing.assert_allclose(force, 30e-6 * 9.80665 / np.sqrt(taus), rtol=0.1)
+    np.testing.assert_allclose(rate, np.radians(0.12) / 60.0 / np.sqrt(taus), rtol=0.1)
+
+
+def test_bias_instability_is_a_gauss_markov_process():
+    time, sigma = 100.0, 0.35 * np.pi / 180.0 / 3600.0
+    _, errors = simulate_only(
+        range(4), gyroscope={"bias_instability": "0.35deg/h", "bias_time": "100s"}
+    )
+    rates = series(errors, 1)
+    taus = np.array([10.0, 50.0, 189.0, 500.0, 1000.0])
+    x = taus / time
+    expected = sigma * np.sqrt(2.0 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2 * x)) / 2 / x))
+    np.testing.assert_allclose(allan_deviation(rates, 1.0, taus), expected, rtol=0.12)
+    # the highest point of the curve, as docs/inertial-sensors.md says
+    assert expected[2] == pytest.approx(0.618 * sigma, rel=5e-3)
+    # stationary from the start
+    assert 0.6 < rates[:, 0].std() / sigma < 1.5
+    assert errors[:, :, :3].any() == 0.0
+
+
+def test_quantisation_falls_with_time():
+    _, errors = simulate_only(
+        range(2), gyroscope={"quantisation": "1arcsec", "random_walk": "0.01deg/rt-h"}
+    )
+    taus = np.array([1.0, 4.0, 16.0])
+    rates = series(errors, 1)
+    of_counts = np.sqrt(3.0) * (np.pi / 648000.0 / np.sqrt(12.0)) / taus
+    of_noise = np.radians(0.01) / 60.0 / np.sqrt(taus)
+    np.testing.assert_allclose(
+        allan_deviation(rates, 1.0, taus), np.hypot(of_counts, of_noise), rtol=0.1
+    )
+
+
+def test_rounded_readings_are_whole_counts_and_lose_nothing():
+    readings = np.random.default_rng(1).standard_normal((5000, 2)) + 0.3
+    rounded = quantise(readings, np.array([0.25, 0.0]), 0.1)
+    counts = rounded[:, 0] * 0.1 / 0.25
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    drift = np.cumsum(rounded - readings, axis=0)[:, 0] * 0.1
+    assert np.abs(drift).max() <= 0.125 + 1e-9
+    assert (rounded[:, 1] == readings[:, 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "sigma"),
+    [("accelerometer", "scale_factor", 3e-4), ("gyroscope", "scale_factor", 1e-4)],
+)
+def test_scale_factor_errors_multiply_what_is_measured(section, key, sigma):
+    trajectory, errors = simulate_only(range(200), duration=4.0, **{section: {key: sigma}})
+    part, truth = (
+        (slice(0, 3), trajectory.specific_force)
+        if section == "accelerometer"
+        else (slice(3, 6), trajectory.angular_rate)
+    )
+    factor = (errors[:, :, part] / truth.mean(axis=0))[:, :, 1:]  # nothing along the course
+    np.testing.assert_allclose(factor, np.broadcast_to(factor[:, :1], factor.shape), rtol=1e-4)
+    assert within_chi_square(((factor[:, 0] / sigma) ** 2).sum(axis=0), 200)
+
+
+def test_misalignment_brings_weight_to_the_horizontal_axes():
+    trajectory, errors = simulate_only(
+        range(200), duration=4.0, accelerometer={"misalignment": "1mrad"}
+    )
+    weight = trajectory.specific_force[0, 2]
+    assert within_chi_square(((errors[:, 0, :2] / weight / 1e-3) ** 2).sum(axis=0), 200)
+    # the vertical axis sees only the small horizontal force
+    assert np.abs(errors[:, 0, 2]).max() < 5e-3 * np.abs(trajectory.specific_force[0, :2]).max()
+    assert not errors[:, :, 3:].any()
+
+
+def test_g_sensitivity_turns_weight_into_rate():
+    trajectory, errors = simulate_only(
+        range(200), duration=4.0, gyroscope={"g_sensitivity": "0.1deg/h/g"}
+    )
+    size = 0.1 * np.pi / 180.0 / 3600.0 / 9.80665 * np.linalg.norm(trajectory.specific_force[0])
+    assert within_chi_square(((errors[:, 0, 3:] / size) ** 2).sum(axis=0), 200)
+    assert not errors[:, :, :3].any()
+
+
+def test_a_further_error_leaves_the_others_as_they_were():
+    _, before = simulate([3], 50.0)
+    _, after = simulate([3], 50.0, gyroscope={"bias_instability": "0.1deg/h"})
+    assert (before[..., :3] == after[..., :3]).all()
+    assert 0.1 < np.abs((after - before)[..., 3:]).mean() / (0.1 * DEG_PER_HOUR) < 3.0
+
+
+def test_a_run_draws_the_same_alone_and_among_others():
+    _, together = simulate([0, 7, 3], 50.0, grade="tactical")
+    _, alone = simulate([7], 50.0, grade="tactical")
+    assert (together[1] == alone[0]).all()

@@ -3,8 +3,8 @@ exact."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
+from helpers.statistics import within_chi_square
 from isogal.earth.frames import horizontal_difference
 from isogal.scenario import InitialError, Route, Scenario
 from isogal.sensors.initial import draw_initial_state
@@ -16,7 +16,7 @@ RUNS = 500
 def draw(runs, **sigma):
     scenario = Scenario(route=Route(duration=10.0), initial_error=InitialError(**sigma))
     trajectory = build_trajectory(scenario)
-    return draw_initial_state(scenario, trajectory, runs), trajectory
+    return draw_initial_state(scenario.true, trajectory, runs), trajectory
 
 
 def test_errors_have_the_sigma_of_the_scenario():
@@ -31,9 +31,7 @@ def test_errors_have_the_sigma_of_the_scenario():
         Rotation.from_quat(nav.attitude, scalar_first=True) * true.inv()
     ).as_rotvec()  # about north, east, down
     errors = np.column_stack([shift / 80.0, faster / 0.3, turn / [1e-4, 1e-4, 2e-3]])
-    low, high = chi2.ppf([0.0005, 0.9995], RUNS)
-    squares = (errors**2).sum(axis=0)
-    assert ((squares > low) & (squares < high)).all(), squares
+    assert within_chi_square((errors**2).sum(axis=0), RUNS)
     assert np.abs(np.corrcoef(errors.T) - np.eye(7)).max() < 4.0 / np.sqrt(RUNS)
     assert np.abs(errors.mean(axis=0)).max() < 4.0 / np.sqrt(RUNS)
     assert (nav.position[:, 2] == 100.0).all()

@@ -11,7 +11,7 @@ from isogal.sensors.magnetometer import (
     intensity,
     is_absolute,
 )
-from isogal.sensors.reduction import State, on_date
+from isogal.sensors.reduction import State
 
 LATITUDE, LONGITUDE = np.radians([55.5, 56.4]), np.radians([-5.0, -3.0])
 
@@ -93,9 +93,9 @@ def test_the_date_of_a_reading_counts_where_its_time_is_absolute(main_field):
     reduction = MagneticReduction(main_field)
     for time, year in ((1_625_227_200.0, 2021.5), (1_639_000_000.0, 2021.9366)):
         exact = float(intensity(56.0, -4.0, 300.0, year))
-        assert on_date(reduction, time).reduce(exact, at) == pytest.approx(0.0, abs=0.05)
+        assert reduction.dated(time).reduce(exact, at) == pytest.approx(0.0, abs=0.05)
         assert abs(float(reduction.reduce(exact, at))) > 5.0  # by the epoch, 2025.0
-    assert on_date(reduction, 12_960.0) is reduction
+    assert reduction.dated(12_960.0) is reduction
     several = main_field.value(
         np.radians([56.0] * 2), np.radians([-4.0] * 2), 300.0, [2021.5, 2021.9]
     )

@@ -16,7 +16,7 @@ TURNS = "route.waypoints=[[-37.9, 144.8, 22], [-37.85, 144.9, 18], [-37.95, 144.
 def simulated(kind, runs, *more):
     it = load_scenario(None, [f"velocity.kind={kind}", "route.duration=600", TURNS, *more])
     trajectory = build_trajectory(it)
-    return simulate_velocities(it, trajectory, range(runs)), trajectory
+    return simulate_velocities(it.true, trajectory, range(runs)), trajectory
 
 
 def in_body(trajectory):
@@ -59,6 +59,6 @@ def test_errors_are_as_large_as_told():
 def test_a_kind_brings_its_own_errors_which_truth_may_multiply():
     it = load_scenario(None, ["velocity.kind=log", "truth.velocity.current_sigma=3x"])
     assert it.velocity.number("current_sigma") == pytest.approx(0.3)
-    assert it.world.velocity.number("current_sigma") == pytest.approx(0.9)
+    assert it.true.velocity.number("current_sigma") == pytest.approx(0.9)
     assert it.velocity.axes == (0, 1)
     assert load_scenario().velocity.axes == ()

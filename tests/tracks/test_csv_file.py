@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from helpers.tracks import field_of, made_track, write_csv
 from isogal.errors import InputError
-from isogal.magnetics.diurnal import BaseStation
+from isogal.magnetics.readings import BaseStation
 from isogal.tracks.csv_file import read_csv_track, read_csv_tracks
 from isogal.tracks.track import Track
 

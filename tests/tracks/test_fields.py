@@ -9,7 +9,7 @@ from helpers.batches import field_map_of, wavy
 from helpers.tracks import field_of, made_track
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.gradients import tensor_maps
+from isogal.maps.potential import tensor_maps
 from isogal.scenario import Matcher
 from isogal.tracks.fields import ChannelReadings, TrackField
 from isogal.tracks.matching import Uncertainty, match_fields, match_track

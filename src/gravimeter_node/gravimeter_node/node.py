@@ -18,7 +18,7 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator
 from isogal.scenario import Scenario
-from isogal.sensors.reduction import State, on_date, reduction_variance
+from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.scans import Thinning
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -147,7 +147,7 @@ class GravimeterNode(GraphNode):
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
                 estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
-                value = on_date(reduction, to_seconds(ns)).reduce(sensed, estimate)[()]
+                value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance
                 )
@@ -172,12 +172,12 @@ def simulated_readings(
     InputError
         The map does not cover the route, or the file of coefficients cannot be read.
     """
-    world = scenario.world
+    truth = scenario.true
     trajectory = build_trajectory(scenario)
-    found = ReadingSimulator(world, trajectory, map_for_scenario(world, trajectory), [run])
+    found = ReadingSimulator(truth, trajectory, map_for_scenario(truth, trajectory), [run])
     stamps = [from_seconds(time) for time in trajectory.time]
     sensed = {stamps[i]: value for i, value in zip(found.index, found.felt[0], strict=True)}
-    magnetic = world.measured_field == "magnetic" and world.magnetometer.aircraft.magnetic
+    magnetic = truth.measured_field == "magnetic" and truth.magnetometer.aircraft.magnetic
     if not magnetic and assumed_compensation(scenario) is None:
         return sensed, None
     return sensed, dict(zip(stamps, found.vehicle.vector[0], strict=True))

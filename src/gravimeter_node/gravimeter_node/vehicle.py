@@ -30,7 +30,9 @@ class Vehicle:
         self._node, self._use = node, use
         self._heard = False
         assumed, online = assumed_compensation(node.scenario), node.scenario.magnetometer.online
-        self._stream = None if assumed is None else CompensatedStream(assumed, online)
+        self._stream: CompensatedStream[tuple[int, Reading, Reading]] | None = (
+            None if assumed is None else CompensatedStream(assumed, online)
+        )
         self._vectors: Mapping[int, Array] = {}
         if assumed is not None and assumed.currents:
             node.health.concern(
@@ -52,7 +54,7 @@ class Vehicle:
     def step(self, ns: int) -> None:
         """Publish what the simulated vector instrument senses, and take it."""
         if (vector := self._vectors.get(ns)) is not None:
-            sigma = self._node.scenario.world.magnetometer.vector_sigma
+            sigma = self._node.scenario.true.magnetometer.vector_sigma
             self._publisher.publish(write_vector(ns, vector, sigma**2))
             self._take(ns, vector)
 

@@ -32,7 +32,7 @@ class Outputs:
         self._step_ns = from_seconds(vehicle.trajectory.dt)
         self._frame = map_frame(node.scenario)
         self._clock, self._imu = node.advertise(topics.CLOCK), node.advertise(topics.IMU)
-        self._height = node.scenario.world.height
+        self._height = node.scenario.true.height
         if vehicle.height is not None:
             self._pressure = node.advertise(topics.BAROMETER)
         if vehicle.velocity is not None:

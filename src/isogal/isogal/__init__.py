@@ -13,9 +13,9 @@ Units
     and then said in the name (``latitude_deg``, ``sigma_mgal``). A position is (latitude rad,
     longitude rad, height m above the ellipsoid).
 Axes of arrays
-    A leading run axis R comes first wherever many runs are computed at once: ``(R, 3)``, ``(R, 15,
-    15)``. One run is R = 1, and the numbers of a run never depend on how many others are computed
-    beside it.
+    What is simulated of many runs, and their record, has a leading run axis R: ``(R, K, 3)``. A
+    navigator is of one run. The numbers of a run never depend on which others are computed with
+    it.
 Errors
     An error is estimate minus truth. Horizontal vectors and 2 x 2 covariances are ordered north,
     east; only messages and files that say ENU are ordered east, north.

@@ -1,12 +1,9 @@
-"""A fix, and the one order in which what it says reaches a navigator.
-
-A matcher makes fixes and a filter takes them; neither knows the other."""
+"""A fix: a matcher makes it and a filter applies it; neither knows the other."""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -149,42 +146,3 @@ class Fix:
             information=None if self.scan_information is None else self.scan_information[index],
             map_error=self.map_error if index == len(positions) - 1 else None,
         )
-
-
-Result_co = TypeVar("Result_co", covariant=True)
-
-
-class FixTarget(Protocol[Result_co]):
-    """What a fix can be applied to; an update returns what became of it."""
-
-    def assume_map_error(self, sigma: float, length: float) -> object:
-        """Take the gravity map for wrong by a 1-sigma (m/s²) over a correlation length (m)."""
-        ...
-
-    def widen(self, covariance: Array) -> object:
-        """Add (7, 7) to the covariance of a batch's states."""
-        ...
-
-    def update_information(self, vector: Array, matrix: Array) -> Result_co:
-        """Take a likelihood in information form."""
-        ...
-
-    def update_position(self, latitude: float, longitude: float, covariance: Array) -> Result_co:
-        """Take a position (rad) with its covariance (2, 2), m²."""
-        ...
-
-
-def apply_fix(fix: Fix, target: FixTarget[Result_co]) -> Result_co | None:
-    """Apply a fix: first what it says of gravity, which counts from its stamp on, and what makes
-    the navigator less certain, because the measurements were matched with that as prior; then the
-    information if there is any, else the position. Return what the update returned; None where
-    there was none."""
-    if fix.map_error is not None:
-        target.assume_map_error(*fix.map_error)
-    if fix.widening is not None:
-        target.widen(fix.widening)
-    if not fix.published:
-        return None
-    if fix.information is not None:
-        return target.update_information(fix.information.vector, fix.information.matrix)
-    return target.update_position(fix.latitude, fix.longitude, fix.covariance)

@@ -34,7 +34,7 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> Estimate:
     # two steps of the route are enough to know its start
     route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
     short = scenario.model_copy(update={"route": route})
-    drawn = draw_initial_state(scenario.world, build_trajectory(short), [settings.run])
+    drawn = draw_initial_state(scenario.true, build_trajectory(short), [settings.run])
     state = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
     if "start_position" in given:
         latitude, longitude, height = given["start_position"]

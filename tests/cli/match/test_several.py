@@ -10,7 +10,7 @@ from helpers.command_line import answer, refusal
 from helpers.tracks import field_of, made_track, squared_distance
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.gradients import tensor_maps
+from isogal.maps.potential import tensor_maps
 
 LIMIT = 13.8
 """99.9 % of chi-square with 2 degrees of freedom."""

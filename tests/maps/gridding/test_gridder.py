@@ -125,10 +125,9 @@ def test_groups_agree_where_they_meet(stations):
     kriging = stations[2].kriging
     few = replace(kriging, readings=replace(kriging.readings, sigma=None, line=None))
     at = np.column_stack([np.full(40, 100.0), np.linspace(-9e3, 9e3, 40), np.zeros(40)])
-    together = few.at(at)
-    alone = [few.at(one[None]) for one in at]
-    np.testing.assert_allclose([a.mean[0] for a in alone], together.mean, atol=1e-9)
-    np.testing.assert_allclose([a.variance[0] for a in alone], together.variance, atol=1e-13)
+    alone = np.array([few.at(one[None]) for one in at])[..., 0].T
+    for found, together, within in zip(alone, few.at(at), (1e-9, 1e-13), strict=True):
+        np.testing.assert_allclose(found, together, atol=within)
 
 
 def test_error_lengths_of_an_exponential_covariance():

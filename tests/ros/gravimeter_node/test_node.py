@@ -8,8 +8,9 @@ from sensor_msgs.msg import MagneticField, Range
 
 from helpers.node_bench import bench, stamps, vector_reading
 from isogal.earth.gravity import normal_gradient
-from isogal.sensors.gravimeter import reduce_disturbance, reduce_gravity
+from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
 from isogal.sensors.magnetometer import intensity
+from isogal.sensors.reduction import State
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import from_seconds, set_stamp
@@ -41,15 +42,15 @@ def test_a_gravimeters_readings_are_reduced(scenario) -> None:
         made.reading(10.0, 9.7952, topic=topics.FELT)
         made.nav(10.0, *place, (12.0, 15.0))
         reductions = {
-            "gravimeter/gravity": reduce_gravity,
-            "gravimeter/disturbance": reduce_disturbance,
+            "gravimeter/gravity": GravityReduction(),
+            "gravimeter/disturbance": DisturbanceReduction(),
         }
         made.wait(lambda: all(made.heard[name] for name in reductions))
-        for name, reduce in reductions.items():
+        for name, reduction in reductions.items():
             adapter = adapter_of(made.scenario, name.partition("/")[2])
             value, variance = adapter.read_reduced(made.heard[name][0])
             assert value == pytest.approx(
-                float(reduce(9.7952, place[0], 100.0, 12.0, 15.0)), abs=1e-15
+                float(reduction.reduce(9.7952, State(*place, 100.0, 12.0, 15.0))), abs=1e-15
             )
             assert variance > 1e-10 + (0.1 * 3.086e-6) ** 2  # sensor, height, and more
 

@@ -37,7 +37,7 @@ def felt(heading):
     field = field * (1.0 + 321.0 / np.linalg.norm(field))
     c, s = np.cos(heading), np.sin(heading)
     body = np.array([c * field[0] + s * field[1], c * field[1] - s * field[0], field[2]])
-    return CRAFT.feel(body, np.zeros(3))
+    return CRAFT.field_on_board(body, np.zeros(3))
 
 
 @pytest.fixture

@@ -112,7 +112,7 @@ def test_a_quantity_with_or_without_its_unit(context, value, sigma) -> None:
 def test_what_truth_says_of_other_nodes_sections_is_left_to_them(context, values) -> None:
     node = Believer("probe", values=values, context=context)
     assert node.scenario.truth == {"gravimeter": {"sigma": "3x"}}
-    assert node.scenario.world.gravimeter.sigma == pytest.approx(3e-5)
+    assert node.scenario.true.gravimeter.sigma == pytest.approx(3e-5)
     assert "sigma: 3x" in node.get_parameter("truth").value
     node.destroy_node()
 

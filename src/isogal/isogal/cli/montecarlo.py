@@ -72,7 +72,7 @@ def _checked_case(settings: "Scenario", runs: int) -> "Case":
     trajectory = build_trajectory(settings)
     field_map = maps_for_scenario(settings, trajectory)
     for one, its_map in zip(settings.each_field, each_map(field_map), strict=True):
-        true_readings(one.world, trajectory, true_map(one, trajectory, its_map))
+        true_readings(one.true, trajectory, true_map(one, trajectory, its_map))
     return Case("montecarlo", settings, runs, field_map)
 
 

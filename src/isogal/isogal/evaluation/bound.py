@@ -228,7 +228,7 @@ def posterior_cramer_rao(
         1-sigma of the map's error at each scan in units of `map_error.sigma`, where there is one
         field; default: 1.
     """
-    world, settings = scenario.world, scenario.world.gravimeter
+    world, settings = scenario.informed, scenario.informed.gravimeter
     chance = len(scenario.each_field) == 1 and settings.missing_fraction > 0.0
     if chance:
         whole = settings.model_copy(update={"missing_fraction": 0.0})
@@ -250,7 +250,7 @@ def posterior_cramer_rao(
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
     """Return the error covariance of the navigator without any reading, by the same linear
     model, in the scenario's true world."""
-    return _result(scenario.world, trajectory, _model(scenario, trajectory, []).bound())
+    return _result(scenario.informed, trajectory, _model(scenario, trajectory, []).bound())
 
 
 def _result(world: Scenario, trajectory: Trajectory, covariance: Array) -> BoundResult:
@@ -269,7 +269,7 @@ def bound_model(
 ) -> BoundModel:
     """Return the linear model whose recursion `posterior_cramer_rao` is, which see. Measurements
     of aids come first, then those of each field."""
-    worlds = [one.world for one in scenario.each_field]
+    worlds = [one.informed for one in scenario.each_field]
     fields = [
         _FieldReadings.of(one, trajectory, its_map, map_share if len(worlds) == 1 else None)
         for one, its_map in zip(worlds, each_map(field_map), strict=True)
@@ -279,7 +279,7 @@ def bound_model(
         return model
     lead = Rhythm.of(worlds).lead
     used = np.zeros_like(model.used)
-    every = fields[lead].steps // scenario.world.steps_per_scan
+    every = fields[lead].steps // scenario.informed.steps_per_scan
     for count in range(1, len(fields[lead].sensitivity) + 1):
         used[count * every - 1] = fix_due(count, worlds[lead].matcher)
     return replace(model, used=used)
@@ -429,9 +429,9 @@ def _model(
     scenario: Scenario, trajectory: Trajectory, fields: Sequence[_FieldReadings]
 ) -> BoundModel:
     """Return the model of a navigator with the aids of a scenario and readings of some fields."""
-    world = scenario.world
+    world = scenario.informed
     segments = divide(world, trajectory)
-    gravity = true_residual_gravity(scenario.felt_field.world, trajectory)
+    gravity = true_residual_gravity(scenario.felt_field.true, trajectory)
     model = filter_model(world, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)

@@ -9,7 +9,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.fields.beams import Footprints
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.maps.error_model import displacements, tensor_covariance
+from isogal.maps.error_model import decay, displacements, tensor_covariance
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Gradiometer, Gravimeter, Scenario
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
@@ -72,11 +72,11 @@ def beam_channels(
     The map's errors under the beams are taken to be correlated as they are where the clearance is
     its mean, and from scan to scan as under one beam; the scale of the ranges is taken to be
     known. Both make the bound smaller."""
-    foot = Footprints(scenario, trajectory, field_map, scans)
+    foot = Footprints(scenario.altimeter, trajectory, field_map, scans)
     _, north, east = field_map.value_and_gradient(*foot.places(foot.range))
     across = foot.body * foot.range.mean(axis=0)[:, None]
     apart = np.hypot(*(across[:, None, :2] - across[None, :, :2]).transpose(2, 0, 1))
-    values, turn = np.linalg.eigh(np.exp(-apart / scenario.map_error.correlation_length))
+    values, turn = np.linalg.eigh(decay(apart, scenario.map_error.correlation_length))
     sensitivity = np.zeros((*foot.range.shape, 4))
     sensitivity[..., 0] = -np.einsum("bc,sb->sc", turn, north)
     sensitivity[..., 1] = -np.einsum("bc,sb->sc", turn, east)

@@ -2,17 +2,14 @@
 
     measured         what a field is; fields by name (entry points `isogal.fields`)
     simulator        simulated readings: truth from the map, map error, noise
-    magnetic_vehicle  what a magnetic vehicle adds, and what is said of it
+    magnetic_vehicle  what a magnetic vehicle adds, and what is assumed of it
     beams            soundings of an altimeter with several beams
-    error_root       samples of a map's error at any places
-    potential_error  samples of map errors of the gradient tensor, of one potential
-    datum_error      a map's wrong datum: offset and tilt
+    map_error        samples of how far the true field differs from its map
     scenario_map     the map of what a scenario measures
     source_map       the map that a scenario names
     flown_height     that map at the height of the flight
     derived_maps     maps of several channels, computed from that map
-    gravity_vector   the gravity vector around a route, and what the vehicle feels of it
-    vector_map_error  the map's error as a vector
+    gravity_vector   the gravity vector around a route, and what the vehicle senses of it
     known_gravity    what a navigator knows of horizontal gravity
     simulated_vehicle  one run: route, inertial sensors, unaided INS
 

@@ -8,12 +8,13 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.fields.error_root import error_root
+from isogal.fields.map_error import draw_at
 from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
-from isogal.scenario import Scenario
+from isogal.scenario import Altimeter, Truth
 from isogal.seeds import generator
 from isogal.sensors.beams import beam_directions
+from isogal.sensors.noise import Noise
 from isogal.sensors.trajectory import Trajectory
 
 MOST = 5000
@@ -27,7 +28,7 @@ class Footprints:
 
     Parameters
     ----------
-    scenario : Scenario
+    altimeter : Altimeter
     trajectory : Trajectory
     field_map : RouteMap
         Of terrain height.
@@ -41,9 +42,9 @@ class Footprints:
     """
 
     def __init__(
-        self, scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, index: Integers
+        self, altimeter: Altimeter, trajectory: Trajectory, field_map: RouteMap, index: Integers
     ) -> None:
-        self.body = beam_directions(scenario.altimeter)
+        self.body = beam_directions(altimeter)
         """(B, 3) directions, body axes."""
         attitude = matrix(trajectory.attitude[index])
         self._ray = np.einsum("sij,bj->sbi", attitude, self.body)
@@ -108,7 +109,7 @@ class Footprints:
 
 
 def simulate_soundings(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
     index: Integers,
@@ -123,41 +124,23 @@ def simulate_soundings(
     common : (R, S) array
         m by which all beams of a scan find the ground too deep: tide, drift, the map's datum.
     """
-    foot = Footprints(scenario, trajectory, field_map, index)
-    settings, steep = scenario.gravimeter, foot.body[:, 2]
-    higher = _map_error(scenario, foot, runs)
-    felt = np.empty((len(runs), *foot.range.shape, 3))
-    for row, run in enumerate(runs):
-        length = foot.range if scenario.map_error.sigma == 0.0 else foot.met(higher[row])
-        random = generator(scenario.seed, run, "beam_noise")
-        noise = settings.sigma * random.standard_normal(length.shape)
-        if settings.outlier_fraction > 0.0:
-            random = generator(scenario.seed, run, "beam_outliers")
-            hit = random.random(length.shape) < settings.outlier_fraction
-            wild = settings.outlier_sigma * random.standard_normal(length.shape)
-            noise = noise + hit * settings.sigma * wild
-        scale = generator(scenario.seed, run, "sound_speed").standard_normal()
-        scale = 1.0 + scenario.altimeter.scale_sigma * scale
-        measured = scale * length + (noise + common[row][:, None]) / steep
-        felt[row] = measured[..., None] * foot.body
-    return felt
-
-
-def _map_error(scenario: Scenario, foot: Footprints, runs: Sequence[int]) -> Array:
-    """Return (R, S, B) m by how much the ground is higher than the map where the beams meet it."""
-    sigma = scenario.map_error.sigma
-    if sigma == 0.0:
-        return np.zeros((len(runs), *foot.range.shape))
-    if foot.range.size > MOST:
+    foot = Footprints(truth.altimeter, trajectory, field_map, index)
+    settings, steep = truth.gravimeter, foot.body[:, 2]
+    uncertain = truth.map_error.sigma > 0.0
+    if uncertain and foot.range.size > MOST:
         raise InputError(
             f"map_error.sigma: {foot.range.size} soundings are too many to draw the map's error"
             f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
             " route"
         )
-    root = error_root(*foot.places(foot.range), sigma, scenario.map_error.correlation_length)
-    return np.stack(
-        [
-            root @ generator(scenario.seed, run, "map_error").standard_normal(foot.range.size)
-            for run in runs
-        ]
-    ).reshape(len(runs), *foot.range.shape)
+    higher = draw_at(truth, *foot.places(foot.range), runs)
+    white = Noise("beam", settings.sigma, settings.outlier_fraction, settings.outlier_sigma)
+    sensed = np.empty((len(runs), *foot.range.shape, 3))
+    for row, run in enumerate(runs):
+        length = foot.met(higher[row]) if uncertain else foot.range
+        noise = white.draw(truth.seed, run, trajectory.time[index], (len(foot.body),))
+        scale = generator(truth.seed, run, "sound_speed").standard_normal()
+        scale = 1.0 + truth.altimeter.scale_sigma * scale
+        measured = scale * length + (noise + common[row][:, None]) / steep
+        sensed[row] = measured[..., None] * foot.body
+    return sensed

@@ -1,22 +1,30 @@
 """Components of the gravity gradient tensor, measured by a gradiometer; their maps are computed
 from that of the disturbance."""
 
+from isogal.arrays import Array, Integers
 from isogal.fields.flown_height import disturbance_for_gradients
 from isogal.fields.measured import Channels, MeasuredField
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
-from isogal.scenario import Scenario
-from isogal.sensors.gradiometer import GradientReduction, draw_noise, noise_covariance
-from isogal.sensors.gradiometer_errors import slow_errors
+from isogal.scenario import Settings, Truth
+from isogal.sensors.gradiometer import GradientReduction
+from isogal.sensors.gradiometer_errors import noise_covariance, noise_of, tilt_errors
+from isogal.sensors.trajectory import Trajectory
 
 _REACH = 20_000.0
 
 
-def _maps(scenario: Scenario, disturbance: FieldMap) -> ChannelMap:
-    from isogal.maps.gradients import tensor_maps  # imports SciPy
+def _maps(settings: Settings, disturbance: FieldMap) -> ChannelMap:
+    from isogal.maps.potential import tensor_maps  # imports SciPy
 
-    level, height = disturbance_for_gradients(scenario, disturbance)
-    return tensor_maps(level, scenario.gradiometer.components, height=height, edge=_REACH)
+    level, height = disturbance_for_gradients(settings.map, settings.route.height, disturbance)
+    return tensor_maps(level, settings.gradiometer.components, height=height, edge=_REACH)
+
+
+def _errors(truth: Truth, run: int, trajectory: Trajectory, index: Integers, felt: Array) -> Array:
+    settings, time = truth.gradiometer, trajectory.time[index]
+    noise = noise_of(settings, truth.gravimeter).draw(truth.seed, run, time, felt.shape[1:])
+    return noise + tilt_errors(settings, truth.seed, run, trajectory, index, felt)
 
 
 GRADIENT = MeasuredField(
@@ -29,12 +37,9 @@ GRADIENT = MeasuredField(
     reduction=lambda scenario: GradientReduction(scenario.gradiometer.components),
     channels=Channels(
         covariance=lambda scenario: noise_covariance(scenario.gradiometer),
-        noise=draw_noise,
+        errors=_errors,
         source="disturbance",
         reach=_REACH,
         maps=_maps,
-        slow=lambda scenario, run, *where: slow_errors(
-            scenario.gradiometer, scenario.seed, run, *where
-        ),
     ),
 )

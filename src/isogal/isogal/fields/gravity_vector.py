@@ -1,4 +1,4 @@
-"""The gravity vector around a route by a scenario's map, and what the vehicle feels of it
+"""The gravity vector around a route by a scenario's map, and what the vehicle senses of it
 (docs/mathematics.md, section 3.9)."""
 
 from collections import OrderedDict
@@ -11,17 +11,17 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.fields.map_error import draw_horizontal_error, draw_map_error
 from isogal.fields.measured import measured_field
-from isogal.fields.simulator import draw_map_error, scan_index
-from isogal.fields.source_map import source_map_along, variable_along
-from isogal.fields.vector_map_error import draw_horizontal_error
+from isogal.fields.simulator import scan_index
+from isogal.fields.source_map import MapSource
+from isogal.maps import potential
 from isogal.maps.channels import ChannelMap
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gravity_vector import from_deflections, horizontal_gravity
 from isogal.maps.load import check_coverage
 from isogal.maps.tiled_map import ScalarMap, TiledMap
-from isogal.scenario import Scenario
+from isogal.scenario import Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
 REACH = 60_000.0
@@ -40,16 +40,28 @@ class GravityVector:
     """The disturbance vector around a route by its map."""
 
     disturbance: ScalarMap
-    of_horizontal: Callable[[], ChannelMap]
-    """What computes the horizontal components."""
+    source: MapSource
+    """Of the scenario's map."""
+    corridor: Corridor
 
     @cached_property
     def horizontal(self) -> ChannelMap:
-        """Channels `gravity_north` and `gravity_east`, m/s²; computed when first asked for."""
-        return self.of_horizontal()
+        """Channels `gravity_north` and `gravity_east`, m/s², computed when first asked for: from
+        maps of the deflection of the vertical, where the scenario's map has them (variables xi and
+        eta, as GGMplus names them), else from the disturbance."""
+        try:
+            xi, eta = (
+                _coarse(self.source.other(None, name).along(self.corridor))
+                for name in ("xi", "eta")
+            )
+            return potential.from_deflections(xi, eta)
+        except InputError:
+            coarse = _coarse(self.disturbance, potential.disturbance_of)
+        sideways = potential.VECTOR[1:]
+        return potential.gravity_vector(coarse, sideways, edge=0.0, rim_error=False)
 
 
-def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     """Return the map's disturbance vector; None where the scenario has normal gravity only, or its
     map is not one of gravity.
 
@@ -58,7 +70,7 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
     InputError
         The map cannot be read, or does not cover the route.
     """
-    if scenario.gravity.field == "normal":  # there is nothing to feel, and nothing to take off
+    if scenario.gravity.field == "normal":  # there is nothing to sense, and nothing to take off
         return None
     if measured_field(scenario).instrument not in ("gravimeter", "gradiometer"):
         return None
@@ -75,30 +87,13 @@ def gravity_vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector 
 _kept: OrderedDict[str, GravityVector | None] = OrderedDict()
 
 
-def _vector(scenario: Scenario, trajectory: Trajectory) -> GravityVector | None:
+def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     corridor = corridor_of(trajectory.latitude, trajectory.longitude, REACH)
     source = _gravity_map(scenario, corridor)
     if source is None:
         return None
     check_coverage(source, trajectory.latitude, trajectory.longitude)
-
-    def horizontal() -> ChannelMap:
-        if (measured := _deflections(scenario, corridor)) is not None:
-            return measured
-        coarse = _coarse(source, disturbance_of)
-        return horizontal_gravity(coarse, edge=0.0, rim_error=False)
-
-    return GravityVector(source, horizontal)
-
-
-def _deflections(scenario: Scenario, corridor: Corridor) -> ChannelMap | None:
-    """Return horizontal gravity by maps of the deflection of the vertical, where the scenario's
-    map has them (variables xi and eta, as GGMplus names them)."""
-    try:
-        xi, eta = (_coarse(variable_along(scenario, name, corridor)) for name in ("xi", "eta"))
-        return from_deflections(xi, eta)
-    except InputError:
-        return None
+    return GravityVector(source, MapSource.of(scenario), corridor)
 
 
 def _coarse(
@@ -113,31 +108,16 @@ def _coarse(
     return averaged(replace(shown, values=values), CELL)
 
 
-def _gravity_map(scenario: Scenario, corridor: Corridor) -> ScalarMap | None:
+def _gravity_map(scenario: Settings, corridor: Corridor) -> ScalarMap | None:
     """Return the scenario's map of the disturbance; where it has none, that of gravity, or None if
     another field is measured."""
+    source = MapSource.of(scenario)
     try:
-        return source_map_along(
-            scenario.model_copy(
-                update={
-                    "field": "disturbance",
-                    "map": scenario.map.model_copy(update={"variable": None}),
-                }
-            ),
-            corridor,
-        )
+        return source.other("disturbance").along(corridor)
     except InputError:
-        if measured_field(scenario).source not in ("gravity", "disturbance"):
+        if source.quantity not in ("gravity", "disturbance"):
             return None
-        return source_map_along(scenario, corridor)
-
-
-def disturbance_of(field_map: FieldMap) -> FieldMap:
-    """Return a map of the gravity disturbance from one of it, or of gravity on the ellipsoid."""
-    if field_map.quantity == "disturbance":
-        return field_map
-    normal = normal_gravity(field_map.latitude)[:, None]
-    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
+        return source.along(corridor)
 
 
 def averaged(field_map: FieldMap, cell: float) -> FieldMap:
@@ -168,7 +148,7 @@ def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     )
 
 
-def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
+def felt_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
     """Return (R, K, 3) what gravity is in a world beside normal gravity, mean over each IMU
     interval: north, east, down, m/s². None where it is nothing.
 
@@ -179,8 +159,8 @@ def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]
         return None
     place = trajectory.latitude, trajectory.longitude
     north, east = vector.horizontal.value(*place).T
-    felt = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
-    if not np.isfinite(felt).all():
+    sensed = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
+    if not np.isfinite(sensed).all():
         raise InputError(
             f"map {vector.disturbance.provenance}: its gravity vector does not cover the route"
         )
@@ -194,7 +174,7 @@ def felt_gravity(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]
             *(np.interp(time, time[stations], part) for part in horizontal[row].T),
             np.interp(time, time[index], vertical[row]),
         ]
-        ends = felt + np.stack(error, axis=-1)
+        ends = sensed + np.stack(error, axis=-1)
         result[row] = 0.5 * (ends[1:] + ends[:-1])
     return result
 

@@ -11,11 +11,11 @@ from isogal.fields.gravity_vector import gravity_vector
 from isogal.fields.measured import measured_field
 from isogal.inertial.gravity import Compensation, compensation_by, no_compensation
 from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed, Gravity, Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
-UNTOLD_MAP_SIGMA = 2e-5
-"""m/s², of a map's disturbance where nothing is told: between good surveys and terrain models."""
+UNSPECIFIED_MAP_SIGMA = 2e-5
+"""m/s², of a map's disturbance where none is given: between good surveys and terrain models."""
 RESOLUTION_SIGMA = 1e-6
 """m/s², 1-sigma of what is left of horizontal gravity for the cells of a map."""
 
@@ -30,9 +30,9 @@ class Residual:
     uncompensated_length: float
     """m, its correlation length along the route."""
     sigma: float | None = None
-    """m/s², of each component in all, where it is told."""
+    """m/s², of each component in all, where it is specified."""
     length: float | None = None
-    """m, correlation length, where it is told."""
+    """m, correlation length, where it is specified."""
 
     def given(self, map_sigma: float, map_length: float) -> tuple[float, float]:
         """Return 1-sigma of each component (m/s²) and correlation length (m) where the map's
@@ -55,9 +55,9 @@ class KnownGravity:
     residual: Residual | None = None
     """None = nothing is left."""
     map_sigma: float = 0.0
-    """m/s², what is taken for the 1-sigma of the map's disturbance."""
+    """m/s², assumed 1-sigma of the map's disturbance."""
     map_length: float = 4000.0
-    """m, what is taken for its correlation length."""
+    """m, its assumed correlation length."""
 
     @property
     def residual_sigma(self) -> float:
@@ -76,16 +76,9 @@ class KnownGravity:
         return self.residual.given(self.map_sigma, self.map_length)
 
 
-def known_gravity(
-    scenario: Scenario, trajectory: Trajectory, map_sigma: float | None = None
-) -> KnownGravity:
-    """Return what the navigator of a scenario knows of horizontal gravity.
-
-    Parameters
-    ----------
-    map_sigma : float, optional
-        What it takes for the 1-sigma of the map's disturbance, m/s²: each horizontal component is
-        wrong by that over sqrt(2). Default: `told_map_sigma`.
+def known_gravity(scenario: Assumed, trajectory: Trajectory) -> KnownGravity:
+    """Return what the navigator of a scenario knows of horizontal gravity: of its own assumptions,
+    which are `scenario` itself, not its truth.
 
     Raises
     ------
@@ -95,69 +88,57 @@ def known_gravity(
     vector = gravity_vector(scenario, trajectory)
     if vector is None:
         return KnownGravity()
-    left = residual_gravity(scenario, trajectory, map_sigma)
-    return replace(left, compensation=compensation_by(vector.horizontal, _share(scenario)))
+    left = residual_gravity(scenario, trajectory)
+    return replace(left, compensation=compensation_by(vector.horizontal, _share(scenario.gravity)))
 
 
 def residual_gravity(
-    scenario: Scenario, trajectory: Trajectory, map_sigma: float | None = None
+    scenario: Settings, trajectory: Trajectory, map_sigma: float | None = None
 ) -> KnownGravity:
     """Return what `known_gravity` does without the compensation: only what is believed to be left.
 
-    Where all of the map's horizontal gravity is taken off, the map's own part is not computed."""
-    settings = scenario.gravity
-    vector = gravity_vector(scenario, trajectory)
+    Where all of the map's horizontal gravity is taken off, the map's own part is not computed.
+    `map_sigma` (m/s²) is the assumed 1-sigma of the map's disturbance, half of whose
+    variance each horizontal component has; None = as the navigator assumes."""
+    vector, settings = gravity_vector(scenario, trajectory), scenario.gravity
     if vector is None:
         return KnownGravity()
     if map_sigma is None:
-        map_sigma = told_map_sigma(scenario, vector.disturbance)
-    share = _share(scenario)
-    left, of_map = 0.0, 1.0
-    if share < 1.0:
+        map_sigma = _assumed_map_sigma(scenario, vector.disturbance)
+    left, length = 0.0, 1.0
+    if (share := _share(settings)) < 1.0:
         along = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
         left = (1.0 - share) ** 2 * float(np.nanmean(along**2))
-        of_map = _correlation_length(trajectory, along)
-    sigma, length = settings.residual_sigma, settings.residual_correlation_length
-    residual = Residual(
-        left,
-        of_map,
-        None if sigma == "auto" else float(sigma),
-        None if length == "auto" else float(length),
-    )
+        length = _correlation_length(trajectory, along)
+    fixed = settings.residual_sigma, settings.residual_correlation_length
+    residual = Residual(left, length, *(None if one == "auto" else float(one) for one in fixed))
     of_error = scenario.matcher.map_correlation_length
     return KnownGravity(residual=residual, map_sigma=map_sigma, map_length=of_error)
 
 
-def _share(scenario: Scenario) -> float:
+def true_residual_gravity(scenario: Truth, trajectory: Trajectory) -> KnownGravity:
+    """Return what is really left of horizontal gravity after its compensation, without that."""
+    error = scenario.map_error
+    left = residual_gravity(scenario, trajectory, error.sigma)
+    if left.residual is None:
+        return left
+    residual = replace(left.residual, sigma=None, length=None)
+    return replace(left, residual=residual, map_length=error.correlation_length)
+
+
+def _share(settings: Gravity) -> float:
     """Return the share of the map's horizontal gravity that the navigator takes off."""
-    settings = scenario.gravity
     return settings.compensated_share if settings.compensation == "map" else 0.0
 
 
-def true_residual_gravity(scenario: Scenario, trajectory: Trajectory) -> KnownGravity:
-    """Return what is really left of horizontal gravity after its compensation, without that."""
-    as_it_is = scenario.gravity.model_copy(
-        update={"residual_sigma": "auto", "residual_correlation_length": "auto"}
-    )
-    world = scenario.model_copy(
-        update={
-            "gravity": as_it_is,
-            "matcher": scenario.matcher.model_copy(
-                update={"map_correlation_length": scenario.map_error.correlation_length}
-            ),
-        }
-    )
-    return residual_gravity(world, trajectory, scenario.map_error.sigma)
-
-
-def told_map_sigma(scenario: Scenario, disturbance: ScalarMap) -> float:
-    """Return the 1-sigma that a navigator takes for the error of a map of the disturbance, m/s²:
-    as the matcher is told if it matches gravity, else as the map says, or `UNTOLD_MAP_SIGMA`."""
-    told = scenario.matcher.map_sigma
-    said = float(np.nanmean(disturbance.sigma))
-    if told == "auto" or measured_field(scenario).instrument != "gravimeter":
-        return max(said, UNTOLD_MAP_SIGMA)
-    return max(said, float(told))
+def _assumed_map_sigma(scenario: Settings, disturbance: ScalarMap) -> float:
+    """Return the 1-sigma that a navigator assumes of a map of the disturbance, m/s²: that of the
+    matcher if it matches gravity, else as the map says, or `UNSPECIFIED_MAP_SIGMA`."""
+    assumed = scenario.matcher.map_sigma
+    stated = float(np.nanmean(disturbance.sigma))
+    if assumed == "auto" or measured_field(scenario).instrument != "gravimeter":
+        return max(stated, UNSPECIFIED_MAP_SIGMA)
+    return max(stated, float(assumed))
 
 
 def _correlation_length(trajectory: Trajectory, along: Array) -> float:

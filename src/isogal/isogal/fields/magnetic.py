@@ -3,12 +3,12 @@
 from functools import lru_cache
 
 from isogal.fields.measured import MeasuredField
-from isogal.scenario import Route, Scenario
+from isogal.scenario import Route, Settings
 from isogal.sensors.magnetometer import MagneticReduction, MainField
 from isogal.sensors.trajectory import drive
 
 
-def _reduction(scenario: Scenario) -> MagneticReduction:
+def _reduction(scenario: Settings) -> MagneticReduction:
     return MagneticReduction(
         _main_field(scenario.route, scenario.navigation_rate, scenario.magnetometer.epoch)
     )

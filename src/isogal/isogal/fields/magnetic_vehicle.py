@@ -1,4 +1,4 @@
-"""A magnetic vehicle in a scenario: what it really adds to the readings, and what is told of it
+"""A magnetic vehicle in a scenario: what it really adds to the readings, and what is assumed of it
 (docs/magnetometer.md, section 7)."""
 
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
 from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.compensation import Compensation, read_compensation
-from isogal.magnetics.online import Assumed
+from isogal.magnetics.online import CALIBRATED_SHARE
 from isogal.magnetics.terms import COUNT
-from isogal.scenario import Aircraft, Scenario
+from isogal.scenario import Aircraft, Assumed, Truth
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
 from isogal.sensors.trajectory import Trajectory
@@ -34,27 +34,39 @@ class Vehicle:
 
 
 def simulate_vehicle(
-    scenario: Scenario, trajectory: Trajectory, total: Array, runs: Sequence[int]
+    truth: Truth, trajectory: Trajectory, total: Array, runs: Sequence[int]
 ) -> Vehicle:
-    """Return what the vehicle of a scenario adds to true total fields (K + 1,), nT, which are
-    taken to lie along the main field."""
-    settings = scenario.magnetometer
+    """Return what a vehicle adds to the total field, which is taken to lie along the main field.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+        Of K steps.
+    total : (K + 1,) array
+        nT, at their ends.
+    runs : sequence of int
+        They seed the random streams.
+    """
+    settings = truth.magnetometer
     attitude = matrix(trajectory.attitude)
-    direction = np.einsum("kji,kj->ki", attitude, _direction(scenario, trajectory))
+    direction = np.einsum("kji,kj->ki", attitude, _direction(truth, trajectory))
     body = total[:, None] * direction
-    felt = aircraft_of(settings.aircraft).feel(body, np.gradient(body, trajectory.time, axis=0))
-    vector = np.broadcast_to(felt, (len(runs), *felt.shape))
+    sensed = aircraft_of(settings.aircraft).field_on_board(
+        body, np.gradient(body, trajectory.time, axis=0)
+    )
+    vector = np.broadcast_to(sensed, (len(runs), *sensed.shape))
     if settings.vector_sigma > 0.0:
         vector = vector + settings.vector_sigma * np.stack(
             [
-                generator(scenario.seed, run, "vector_magnetometer").standard_normal(felt.shape)
+                generator(truth.seed, run, "vector_magnetometer").standard_normal(sensed.shape)
                 for run in runs
             ]
         )
-    return Vehicle(np.sqrt((felt**2).sum(axis=-1)) - total, vector)
+    return Vehicle(np.sqrt((sensed**2).sum(axis=-1)) - total, vector)
 
 
-def told_compensation(scenario: Scenario) -> Compensation | None:
+def specified_compensation(scenario: Assumed) -> Compensation | None:
     """Return what a scenario says that the vehicle adds to the readings of its field; None where
     it says nothing. Raises InputError where the file cannot be read."""
     settings = scenario.magnetometer
@@ -67,24 +79,28 @@ def told_compensation(scenario: Scenario) -> Compensation | None:
     return None
 
 
-def prior_sigma(scenario: Scenario) -> Array:
-    """Return (18,) the 1-sigma of what is not told of the coefficients, nT: three times what a
-    calibration says of its own, where there is one."""
-    told, assumed = told_compensation(scenario), Assumed()
+def prior_sigma(scenario: Assumed) -> Array:
+    """Return (18,) the 1-sigma of what is not specified of the coefficients, nT: three times what
+    a calibration says of its own, where there is one."""
+    specified = specified_compensation(scenario)
     sigma = np.full(COUNT, scenario.magnetometer.coefficient_sigma)
-    if told is None or not told.sigma.size:
+    if specified is None or not specified.sigma.size:
         return sigma
-    return np.minimum(sigma, assumed.calibrated_share * told.sigma[:COUNT])
+    return np.minimum(sigma, CALIBRATED_SHARE * specified.sigma[:COUNT])
 
 
-def assumed_compensation(scenario: Scenario) -> Compensation | None:
-    """Return what is taken off the readings as they come: what is told, or nothing where the
+def assumed_compensation(scenario: Assumed) -> Compensation | None:
+    """Return what is taken off the readings as they come: what is specified, or nothing where the
     matcher is to find it; None where nothing is done with them. Raises InputError as
-    `told_compensation`."""
-    told = told_compensation(scenario)
-    if told is None and scenario.measured_field == "magnetic" and scenario.magnetometer.online:
+    `specified_compensation`."""
+    specified = specified_compensation(scenario)
+    if (
+        specified is None
+        and scenario.measured_field == "magnetic"
+        and scenario.magnetometer.online
+    ):
         return Compensation(np.zeros(COUNT))
-    return told
+    return specified
 
 
 def aircraft_of(settings: Aircraft) -> MagneticAircraft:
@@ -95,12 +111,12 @@ def aircraft_of(settings: Aircraft) -> MagneticAircraft:
     return MagneticAircraft(np.array(settings.permanent), induced, eddy)
 
 
-def _direction(scenario: Scenario, trajectory: Trajectory) -> Array:
+def _direction(truth: Truth, trajectory: Trajectory) -> Array:
     """Return (K + 1, 3) the main field's direction, north, east, down."""
     index = np.unique(np.linspace(0, len(trajectory), _POINTS).round().astype(int))
     latitude, longitude = np.degrees(trajectory.latitude), np.degrees(trajectory.longitude)
     field = field_vector(
-        latitude[index], longitude[index], scenario.route.height, scenario.magnetometer.epoch
+        latitude[index], longitude[index], truth.route.height, truth.magnetometer.epoch
     )
     every = np.arange(len(trajectory) + 1)
     whole = np.stack([np.interp(every, index, part) for part in field.T], axis=-1)

@@ -14,7 +14,7 @@ from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
-from isogal.scenario import Gravimeter, Scenario
+from isogal.scenario import Gravimeter, Scenario, Settings, Truth
 from isogal.sensors.reduction import Reduction
 from isogal.sensors.trajectory import Trajectory
 
@@ -36,19 +36,17 @@ OF_ONE_NUMBER = (
 class Channels:
     """What a field needs in addition if its readings are C numbers, one for each channel."""
 
-    covariance: Callable[[Scenario], Array]
+    covariance: Callable[[Settings], Array]
     """Returns the covariance (C, C) of a reading's noise, unit of the maps squared."""
-    noise: Callable[[Scenario, int, int], Array]
-    """Returns the noise (scans, C) of a run, given scenario, run and number of scans."""
+    errors: Callable[[Truth, int, Trajectory, Integers, Array], Array]
+    """Returns what the instrument adds (scans, C) to a run's readings, given truth, run,
+    trajectory, the scans' index in it, and what a perfect one feels (scans, C)."""
     source: str
     """Quantity of the map that the channels' maps are computed from."""
     reach: float
     """m of that map around a place that go into its values."""
-    maps: Callable[[Scenario, FieldMap], ChannelMap]
+    maps: Callable[[Settings, FieldMap], ChannelMap]
     """Computes the channels' maps; raises InputError."""
-    slow: Callable[[Scenario, int, Trajectory, Integers, Array], Array] | None = None
-    """Returns what changes slowly (scans, C) of a run's errors, given scenario, run, trajectory,
-    the scans' index in it, and what a perfect instrument feels (scans, C); None = nothing does."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class MeasuredField:
     another field."""
     sign: float
     """1 if the raw reading rises with the field, -1 if it falls."""
-    reduction: Callable[[Scenario], Reduction]
+    reduction: Callable[[Settings], Reduction]
     """Returns how readings of this field are made and reduced in a scenario; raises InputError
     where its route cannot be driven."""
     channels: Channels | None = None
@@ -80,7 +78,7 @@ class MeasuredField:
         """Quantity of the scenario's map."""
         return self.quantity if self.channels is None else self.channels.source
 
-    def covariance(self, scenario: Scenario) -> Array | None:
+    def covariance(self, scenario: Settings) -> Array | None:
         """Return the covariance (C, C) of a reading's noise; None where a reading is one number,
         of `gravimeter.sigma`."""
         return None if self.channels is None else self.channels.covariance(scenario)
@@ -101,13 +99,13 @@ def fields() -> dict[str, MeasuredField]:
     return {name: field_named(name) for name in plugins.names(plugins.FIELDS)}
 
 
-def require_one_field(scenario: Scenario) -> None:
+def require_one_field(scenario: Settings) -> None:
     """Raise InputError where a scenario has a list of fields, which not everything takes."""
     if scenario.fields is not None:
         raise InputError("fields: one field is needed here, not a list of fields")
 
 
-def measured_field(scenario: Scenario) -> MeasuredField:
+def measured_field(scenario: Settings) -> MeasuredField:
     """Return the field that a scenario measures and matches.
 
     Raises
@@ -154,7 +152,7 @@ def unlikely_sigmas(scenario: Scenario) -> list[str]:
     return found
 
 
-def reading_sigma(scenario: Scenario) -> float:
+def reading_sigma(scenario: Settings) -> float:
     """Return the 1-sigma of a reading's white noise, unit of the map; of its first channel where
     there are several."""
     covariance = field_named(scenario.measured_field).covariance(scenario)

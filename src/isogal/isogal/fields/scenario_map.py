@@ -1,20 +1,18 @@
 """The map of what a scenario measures: the one that it names, or what is computed from it."""
 
-from functools import partial
 from typing import Final
 
 from isogal.errors import InputError
-from isogal.fields import flown_height
 from isogal.fields.derived_maps import derived_maps
+from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
-from isogal.fields.source_map import source_map_along
 from isogal.maps.channels import RouteMap
 from isogal.maps.corridor import CORRIDOR_MARGIN, Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.maps.several import FieldMaps, RunMap
 from isogal.maps.tiled_map import ScalarMap, TiledMap
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, Settings
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 _SMALL: Final = 700_000
@@ -22,13 +20,13 @@ _SMALL: Final = 700_000
 
 
 def map_for_scenario(
-    scenario: Scenario, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
+    scenario: Settings, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
 ) -> RouteMap:
     """Return the map of what a scenario measures at the flown height, cut to its route.
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Settings
         Its ``map``, field and route.
     trajectory : Trajectory, optional
         The route's points, if they are there already.
@@ -49,9 +47,10 @@ def map_for_scenario(
         return derived_maps(scenario, margin)
     route = trajectory or build_trajectory(scenario)
     corridor = corridor_of(route.latitude, route.longitude, margin)
-    field_map = source_map_along(scenario, corridor)
-    if flown_height.is_elsewhere(scenario, field_map):
-        field_map = _at_flown_height(scenario, field_map, corridor)
+    flown = FlownMap.of(scenario)
+    field_map = flown.source.along(corridor)
+    if flown.continues(field_map):
+        field_map = _at_flown_height(scenario, flown, field_map, corridor)
     try:
         check_coverage(field_map, route.latitude, route.longitude)
     except InputError as error:
@@ -79,16 +78,17 @@ def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) ->
     InputError
         See `map_for_scenario`.
     """
-    world = scenario.world
-    return field_map if world.map == scenario.map else map_for_scenario(world, trajectory)
+    truth = scenario.true
+    return field_map if truth.map == scenario.map else map_for_scenario(truth, trajectory)
 
 
-def _at_flown_height(scenario: Scenario, source: ScalarMap, corridor: Corridor) -> ScalarMap:
+def _at_flown_height(
+    scenario: Settings, flown: FlownMap, source: ScalarMap, corridor: Corridor
+) -> ScalarMap:
     """Return the map along a route at the flown height; `source` is what the scenario names."""
-    load = partial(flown_height.read_at_flown_height, scenario)
     small = isinstance(source, FieldMap) and source.values.size <= _SMALL
     if small and scenario.map.terrain is None:
-        return load(window=corridor.window)
+        return flown(window=corridor.window)
     if isinstance(source, FieldMap):
         return derived_maps(scenario, corridor.margin).channels[0]
     if scenario.map.terrain is not None:
@@ -96,4 +96,4 @@ def _at_flown_height(scenario: Scenario, source: ScalarMap, corridor: Corridor) 
             "map.terrain: the map is too large to be continued from the ground on the way; make"
             " one at the height of the flight with isogal map continue"
         )
-    return TiledMap(load, corridor)
+    return TiledMap(flown, corridor)

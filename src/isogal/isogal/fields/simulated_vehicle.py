@@ -47,19 +47,19 @@ class SimulatedVehicle:
 
 
 def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
-    """Return one run of a scenario, as its world really is.
+    """Return one run of a scenario, as it really is.
 
     Raises
     ------
     InputError
         The route cannot be driven, or its map does not say what gravity is there.
     """
-    world, trajectory = scenario.world, build_trajectory(scenario)
+    truth, trajectory = scenario.true, build_trajectory(scenario)
     of_gravity = scenario.felt_field
-    gravity = felt_gravity(of_gravity.world, trajectory, [run])
-    imu = simulate_imu(world, trajectory, [run], gravity)
+    gravity = felt_gravity(of_gravity.true, trajectory, [run])
+    imu = simulate_imu(truth, trajectory, [run], gravity)
     compensation = known_gravity(of_gravity, trajectory).compensation
-    start = draw_initial_state(world, trajectory, [run])
+    start = draw_initial_state(truth, trajectory, [run])
     _, track = propagate(
         start,
         imu.specific_force,
@@ -81,11 +81,11 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     )
     unaided = np.concatenate([start.position[:, :2], track[0]])
     samples = simulate_samples(
-        world, trajectory, run, None if gravity is None else gravity[0]
+        truth, trajectory, run, None if gravity is None else gravity[0]
     ).reshape(len(trajectory), -1, 6)
-    height = simulate_heights(world, trajectory, [run])[0] if world.height.measured else None
-    aid = world.velocity.kind != "none"
-    velocity = simulate_velocities(world, trajectory, [run])[0] if aid else None
+    height = simulate_heights(truth, trajectory, [run])[0] if truth.height.measured else None
+    aid = truth.velocity.kind != "none"
+    velocity = simulate_velocities(truth, trajectory, [run])[0] if aid else None
     return SimulatedVehicle(
         trajectory, states, imu, samples, unaided, height, velocity, _turn_rate(trajectory)
     )

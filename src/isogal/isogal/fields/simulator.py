@@ -3,30 +3,30 @@ outliers, bias and drift."""
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.fields.beams import simulate_soundings
-from isogal.fields.datum_error import draw_datum_error
-from isogal.fields.error_root import error_root
 from isogal.fields.magnetic_vehicle import (
     MAGNETOMETER,
     Vehicle,
     assumed_compensation,
     simulate_vehicle,
 )
+from isogal.fields.map_error import (
+    between_scans,
+    draw_datum_error,
+    draw_map_error,
+    draw_potential_error,
+)
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
-from isogal.fields.potential_error import draw_potential_error
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
-from isogal.scenario import Scenario
-from isogal.seeds import generator
-from isogal.sensors.gravimeter_errors import missing, slow_errors
+from isogal.scenario import Assumed, Settings, Truth
+from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
-from isogal.sensors.platform import levelling_error
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
@@ -36,75 +36,80 @@ ALTIMETER = "altimeter"
 
 class ReadingSimulator:
     """Readings of R runs at every scan of a route; scan j is taken at the end of IMU interval (j +
-    1) * steps_per_scan."""
+    1) * steps_per_scan.
+
+    Parameters
+    ----------
+    truth : Truth
+        Of one field.
+    trajectory : Trajectory
+    field_map : RouteMap
+        Of what the instrument measures; the truth differs from it by the map's error.
+    runs : sequence of int
+        They seed the random streams.
+
+    Raises
+    ------
+    InputError
+        See `true_readings`.
+    """
 
     def __init__(
-        self, scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
+        self, truth: Truth, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
     ) -> None:
-        """Draw all readings; raises InputError as `true_readings` does."""
-        self.index = i = scan_index(scenario, trajectory)
+        self._truth, self._trajectory, self._map, self._runs = truth, trajectory, field_map, runs
+        self.index = i = scan_index(truth, trajectory)
         """(scans,) index into the trajectory of each scan."""
-        field = _measured(scenario, field_map)
-        self._world = scenario, trajectory, field_map, runs
-        several = field.instrument == ALTIMETER and scenario.altimeter.sounds
+        field = _measured(truth, field_map)
+        several = field.instrument == ALTIMETER and truth.altimeter.sounds
         felt = self._soundings() if several else self._readings(field)
-        felt = field.reduction(scenario).report(felt)
+        felt = field.reduction(truth).report(felt)
         for row, run in enumerate(runs):
-            felt[row, missing(scenario.gravimeter, scenario.seed, run, trajectory, i)] = np.nan
+            felt[row, missing(truth.gravimeter, truth.seed, run, trajectory, i)] = np.nan
         self.felt = felt
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels, (R,
         scans, B, 3) of an altimeter with B beams."""
 
     def _readings(self, field: MeasuredField) -> Array:
-        scenario, trajectory, field_map, runs = self._world
-        i, channels = self.index, field.channels
-        truth = true_readings(scenario, trajectory, field_map)
-        where = scenario, trajectory, i, runs, truth.shape[1:]
-        felt = truth + field.sign * self._map_error(where)
-        if Lag.of(scenario.gravimeter).mean > 0.0:
-            felt = _late(scenario, trajectory, field_map, felt, runs)
-        felt = felt + field.sign * draw_datum_error(*where)
-        noise = [
-            _noise(scenario, run, trajectory, i)
-            if channels is None
-            else channels.noise(scenario, run, len(i))
-            for run in runs
+        truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
+        perfect = true_readings(truth, trajectory, self._map)
+        size = perfect.shape[1:]
+        if field.name == "gradient" and truth.gradiometer.of_one_potential:
+            map_error = draw_potential_error(truth, trajectory, i, runs)
+        else:
+            map_error = draw_map_error(truth, trajectory, i, runs, size)
+        felt = perfect + field.sign * map_error
+        if Lag.of(truth.gravimeter).mean > 0.0:
+            felt = _late(truth, trajectory, self._map, felt, runs)
+        felt = felt + field.sign * draw_datum_error(truth, trajectory, i, runs, size)
+        errors = [
+            reading_errors(truth.gravimeter, truth.seed, run, trajectory, i)
+            if field.channels is None
+            else field.channels.errors(truth, run, trajectory, i, felt[row])
+            for row, run in enumerate(runs)
         ]
-        if channels is not None and channels.slow is not None:
-            slow = [
-                channels.slow(scenario, run, trajectory, i, felt[row])
-                for row, run in enumerate(runs)
-            ]
-            felt = felt + np.stack(slow)
-        felt = felt + np.stack(noise)
-        if field.instrument == MAGNETOMETER and scenario.magnetometer.aircraft.magnetic:
+        felt = felt + np.stack(errors)
+        if field.instrument == MAGNETOMETER and truth.magnetometer.aircraft.magnetic:
             felt = felt + self.vehicle.added[i]
         return felt
 
-    def _map_error(self, where: tuple[Any, ...]) -> Array:
-        scenario = self._world[0]
-        if scenario.measured_field == "gradient" and scenario.gradiometer.of_one_potential:
-            return draw_potential_error(*where[:4])
-        return draw_map_error(*where)
-
     def _soundings(self) -> Array:
-        scenario, trajectory, field_map, runs = self._world
-        i, white = self.index, np.zeros(len(self.index))
-        noise = [_noise(scenario, run, trajectory, i, white) for run in runs]
-        common = np.stack(noise) - draw_datum_error(scenario, trajectory, i, runs)
-        return simulate_soundings(scenario, trajectory, field_map, i, runs, common)
+        truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
+        slow = truth.gravimeter.model_copy(update={"sigma": 0.0})
+        errors = [reading_errors(slow, truth.seed, run, trajectory, i) for run in runs]
+        common = np.stack(errors) - draw_datum_error(truth, trajectory, i, runs)
+        return simulate_soundings(truth, trajectory, self._map, i, runs, common)
 
     @cached_property
     def vehicle(self) -> Vehicle:
         """What a magnetic vehicle adds to the readings, and what its vector magnetometer feels,
         at every step of the trajectory; raises InputError as `true_readings` does."""
-        scenario, trajectory, field_map, runs = self._world
-        every = np.arange(len(trajectory) + 1)
-        total = true_readings(scenario, trajectory, field_map, every)
-        return simulate_vehicle(scenario, trajectory, total, runs)
+        every = np.arange(len(self._trajectory) + 1)
+        total = true_readings(self._truth, self._trajectory, self._map, every)
+        return simulate_vehicle(self._truth, self._trajectory, total, self._runs)
 
 
-def compensated(scenario: Scenario, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
+def compensated(scenario: Assumed, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
     """Return (R, scans) simulated raw readings less what a scenario says that the vehicle adds to
     them, by the vector magnetometer; the raw readings where it says nothing. Where the matcher
     estimates what is left, (R, scans, 1 + C) with the terms of each reading.
@@ -126,13 +131,22 @@ def compensated(scenario: Scenario, trajectory: Trajectory, readings: ReadingSim
 
 
 def true_readings(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
     index: Integers | None = None,
 ) -> Array:
     """Return what a perfect instrument measures at each scan, (scans,) or (scans, C), with the map
-    as the truth; or at other places of the trajectory, by their index.
+    as the truth.
+
+    Parameters
+    ----------
+    truth : Truth
+        Of one field.
+    trajectory : Trajectory
+    field_map : RouteMap
+    index : (scans,) array, optional
+        Other places of the trajectory than those of the scans.
 
     Raises
     ------
@@ -140,11 +154,11 @@ def true_readings(
         The route ends before the first scan, the map does not cover it, the instrument does not
         measure its quantity, or no such instrument can be there.
     """
-    i = scan_index(scenario, trajectory) if index is None else index
+    i = scan_index(truth, trajectory) if index is None else index
     if not len(i):
         raise InputError(
             f"scenario: route: takes {trajectory.time[-1]:g} s, and the first reading comes after"
-            f" {scenario.steps_per_scan * trajectory.dt:g} s"
+            f" {truth.steps_per_scan * trajectory.dt:g} s"
         )
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
     value = field_map.value(latitude, longitude)
@@ -158,17 +172,17 @@ def true_readings(
         )
     velocity = trajectory.velocity[i]
     at = State(latitude, longitude, trajectory.height[i], velocity[:, 0], velocity[:, 1])
-    return _measured(scenario, field_map).reduction(scenario).raw(value, at)
+    return _measured(truth, field_map).reduction(truth).raw(value, at)
 
 
-def scan_index(scenario: Scenario, trajectory: Trajectory) -> Integers:
+def scan_index(settings: Settings, trajectory: Trajectory) -> Integers:
     """Return (scans,) index into the trajectory of each scan."""
-    return np.arange(scenario.steps_per_scan, len(trajectory) + 1, scenario.steps_per_scan)
+    return np.arange(settings.steps_per_scan, len(trajectory) + 1, settings.steps_per_scan)
 
 
-def _measured(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
-    """Return the field that a map is of, among those that the scenario's instrument measures."""
-    instrument = measured_field(scenario).instrument
+def _measured(truth: Truth, field_map: RouteMap) -> MeasuredField:
+    """Return the field that a map is of, among those that the instrument measures."""
+    instrument = measured_field(truth).instrument
     fields = of_instrument(instrument)
     for field in fields:
         if field.quantity == field_map.quantity:
@@ -181,7 +195,7 @@ def _measured(scenario: Scenario, field_map: RouteMap) -> MeasuredField:
 
 
 def _late(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
     felt: Array,
@@ -189,97 +203,13 @@ def _late(
 ) -> Array:
     """Return (R, scans) what an instrument with a filter or a delay reports, from what a perfect
     one measures at the scans."""
-    scans = scan_index(scenario, trajectory)
+    scans = scan_index(truth, trajectory)
     every = np.arange(len(trajectory) + 1)
-    truth = true_readings(scenario, trajectory, field_map, every)
-    error = felt - truth[scans]  # of the map
-    if scenario.map_error.sigma > 0.0:
-        error = between_scans(scenario, trajectory, error, runs)
+    perfect = true_readings(truth, trajectory, field_map, every)
+    error = felt - perfect[scans]  # of the map
+    if truth.map_error.sigma > 0.0:
+        error = between_scans(truth, trajectory, error, runs)
     else:
         error = np.zeros((len(runs), len(every)))
-    lag = Lag.of(scenario.gravimeter)
-    return lag.report(trajectory.time, truth + error, trajectory.time[scans])
-
-
-def between_scans(
-    scenario: Scenario, trajectory: Trajectory, error: Array, runs: Sequence[int]
-) -> Array:
-    """Return (R, K + 1) the map's error along the whole trajectory, given that at the scans
-    (R, scans): a Gauss-Markov process along the track, as `draw_map_error` is one along a straight
-    line; after the last scan it stays as it is."""
-    steps, length = scenario.steps_per_scan, scenario.map_error.correlation_length
-    scans = error.shape[1]
-    speed = np.hypot(*trajectory.velocity[: scans * steps, :2].T)
-    keep = np.exp(-speed * trajectory.dt / length).reshape(scans, steps)
-    normal = scenario.map_error.sigma * np.stack(
-        [
-            generator(scenario.seed, run, "map_error_between").standard_normal((scans, steps))
-            for run in runs
-        ]
-    )
-    before = error[:, 0] * keep[0].prod() + normal[:, 0, 0] * np.sqrt(1.0 - keep[0].prod() ** 2)
-    whole = np.empty((len(runs), len(trajectory) + 1))
-    whole[:, scans * steps :] = error[:, -1:]
-    inside = whole[:, : scans * steps].reshape(len(runs), scans, steps)
-    inside[:, :, 0] = np.concatenate([before[:, None], error[:, :-1]], axis=1)
-    for k in range(1, steps):
-        # a bridge: given the point before (correlation a) and the next scan (correlation b)
-        a, b = keep[:, k - 1], keep[:, k:].prod(axis=1)
-        rest = 1.0 - a**2 * b**2
-        mean = a * (1.0 - b**2) / rest * inside[:, :, k - 1] + b * (1.0 - a**2) / rest * error
-        spread = np.sqrt((1.0 - a**2) * (1.0 - b**2) / rest)
-        inside[:, :, k] = mean + spread * normal[:, :, k]
-    return whole
-
-
-def _white(scenario: Scenario, run: int, scans: int) -> Array:
-    settings = scenario.gravimeter
-    noise = settings.sigma * generator(scenario.seed, run, "gravimeter_noise").standard_normal(
-        scans
-    )
-    if settings.outlier_fraction > 0.0:
-        random = generator(scenario.seed, run, "gravimeter_outliers")
-        hit = random.random(scans) < settings.outlier_fraction
-        noise = noise + hit * settings.sigma * settings.outlier_sigma * random.standard_normal(
-            scans
-        )
-    return noise
-
-
-def _noise(
-    scenario: Scenario,
-    run: int,
-    trajectory: Trajectory,
-    index: Integers,
-    white: Array | None = None,
-) -> Array:
-    """Return (scans,) the noise of a run, with another white part if one is given."""
-    settings, time = scenario.gravimeter, trajectory.time[index]
-    noise = _white(scenario, run, len(index)) if white is None else white
-    offset, rate = generator(scenario.seed, run, "gravimeter_bias").standard_normal(2)
-    noise = noise + settings.bias * offset + settings.drift * rate * time
-    instrument = settings, scenario.seed, run, trajectory, index
-    return noise + slow_errors(*instrument) + levelling_error(*instrument)
-
-
-def draw_map_error(
-    scenario: Scenario,
-    trajectory: Trajectory,
-    index: Integers,
-    runs: Sequence[int],
-    channels: tuple[int, ...] = (),
-) -> Array:
-    """Return (R, scans, *channels) how far the true field differs from the map at the scans, in
-    its unit.
-
-    Exact samples of the Gaussian field with covariance sigma² exp(-d / L) at the true positions,
-    one field per run and channel. The square root of the covariance is kept for the next runs."""
-    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
-    size = (len(index), *channels)
-    if sigma == 0.0:
-        return np.zeros((len(runs), *size))
-    root = error_root(trajectory.latitude[index], trajectory.longitude[index], sigma, length)
-    # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
-    return np.stack(
-        [root @ generator(scenario.seed, run, "map_error").standard_normal(size) for run in runs]
-    )
+    lag = Lag.of(truth.gravimeter)
+    return lag.report(trajectory.time, perfect + error, trajectory.time[scans])

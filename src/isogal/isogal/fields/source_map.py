@@ -1,6 +1,7 @@
 """The map that a scenario names: synthetic, or read from where it says."""
 
-from functools import partial
+from dataclasses import dataclass
+from typing import Self, TypeVar
 
 from isogal import plugins
 from isogal.errors import InputError
@@ -10,122 +11,101 @@ from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.maps.tiled_map import ScalarMap, map_along
-from isogal.scenario import Scenario
+from isogal.scenario import Map, Settings
 
-_SYNTHETIC = "synthetic"
-
-
-def source_map_along(scenario: Scenario, corridor: Corridor) -> ScalarMap:
-    """Return the map that a scenario names along its route, tiled if it is large.
-
-    Raises
-    ------
-    InputError
-        The map cannot be read, or is of another quantity than the sensor.
-    """
-    if scenario.map.source == _SYNTHETIC:
-        from isogal.maps.synthetic.synthetic_map import synthetic_map_along  # slow to import
-
-        field_map = synthetic_map_along(_synthetic_quantity(scenario), corridor)
-    else:
-        field_map = map_along(_reader(scenario), corridor)
-    _check_quantity(scenario, field_map)
-    return field_map
+SYNTHETIC = "synthetic"
+_SYNTHETIC_VARIABLES = {"ga": "gravity", "dg": "disturbance"} | {
+    name: name for name in ("gravity", "disturbance", "height")
+}
+_SomeMap = TypeVar("_SomeMap", bound=ScalarMap)
 
 
-def variable_along(scenario: Scenario, variable: str, corridor: Corridor) -> ScalarMap:
-    """Return another variable of the map that a scenario names, along its route.
+@dataclass(frozen=True, slots=True)
+class MapSource:
+    """One variable of the map that a scenario names. Called with a window it reads what is there,
+    whole and in memory (`isogal.maps.tiled_map.Load`)."""
 
-    Raises
-    ------
-    InputError
-        There is none, or it cannot be read.
-    """
-    if scenario.map.source == _SYNTHETIC:
-        raise InputError(f"map.variable: the synthetic map has no {variable}")
-    other = scenario.map.model_copy(update={"variable": variable})
-    return map_along(_reader(scenario.model_copy(update={"map": other})), corridor)
+    settings: Map
+    quantity: str | None
+    """What the map has to be of; None = anything."""
+    key: str = "field"
+    """Key of the scenario that asks for it, for messages."""
+    asked: str = ""
+    """What that key says."""
 
-
-def source_map(scenario: Scenario, window: Window) -> FieldMap:
-    """Return the map that a scenario names in a window, whole and in memory.
-
-    Raises
-    ------
-    InputError
-        The map cannot be read, is of another quantity than the sensor, or is too large.
-    """
-    if scenario.map.source == _SYNTHETIC:
-        from isogal.maps.synthetic.synthetic_map import synthetic_map
-
-        field_map = synthetic_map(_synthetic_quantity(scenario), window)
-    else:
-        field_map = _reader(scenario)(window=window)
-    _check_quantity(scenario, field_map)
-    return field_map
-
-
-def disturbance_beside(scenario: Scenario, window: Window) -> FieldMap | None:
-    """Return the map of the disturbance that the source of a scenario's map of gravity holds as
-    well; None if it does not."""
-    if scenario.map.source == _SYNTHETIC:
-        from isogal.maps.synthetic.synthetic_map import synthetic_map
-
-        return synthetic_map("disturbance", window)
-    reader = _reader(scenario)
-    try:
-        found = load_map(reader.args[0], None, "disturbance", window, **reader.keywords)
-    except InputError:
-        return None
-    return found if found.quantity == "disturbance" else None
-
-
-def _reader(scenario: Scenario) -> partial[FieldMap]:
-    """Return the function that reads the file or folder that a scenario names."""
-    source, path = scenario.map.source, scenario.map.path
-    named = source in plugins.names(plugins.MAP_FORMATS)
-    if named and path is None:
-        raise InputError(
-            f"map.path: must name the file or folder, since map.source is the format '{source}'"
-        )
-    if not named and path is not None:
-        raise InputError(
-            "map.source: must be 'synthetic' or a format"
-            f" ({', '.join(plugins.names(plugins.MAP_FORMATS))}) where map.path is given"
-        )
-    variable = scenario.map.variable
-    return partial(
-        load_map,
-        path if named and path is not None else source,
-        variable,
-        None if variable else measured_field(scenario).source,
-        format_name=source if named else None,
-    )
-
-
-def _check_quantity(scenario: Scenario, field_map: ScalarMap) -> None:
-    """Raise InputError unless a map is of the quantity that the scenario's field needs."""
-    field = measured_field(scenario)
-    if field_map.quantity != field.source:
+    @classmethod
+    def of(cls, settings: Settings) -> Self:
+        """Return the source of the map that the field of a scenario needs; raises InputError as
+        `measured_field` does."""
+        field = measured_field(settings)
         needs = "" if field.channels is None else f", which needs one of {field.source}"
-        key = "field" if scenario.field else "gravimeter.quantity"
-        raise InputError(
-            f"map: {field_map.provenance} is a {field_map.quantity} map, but {key} is"
-            f" {scenario.measured_field}{needs}; change map.variable or {key}"
+        key = "field" if settings.field else "gravimeter.quantity"
+        return cls(settings.map, field.source, key, settings.measured_field + needs)
+
+    def other(self, quantity: str | None, variable: str | None = None) -> "MapSource":
+        """Return the source of another quantity, or variable, of the same map."""
+        settings = self.settings.model_copy(update={"variable": variable})
+        return MapSource(settings, quantity, self.key, quantity or "")
+
+    def __call__(self, *, window: Window) -> FieldMap:
+        """Return the map in a window.
+
+        Raises
+        ------
+        InputError
+            It cannot be read, is of another quantity, or is too large.
+        """
+        if self.settings.source == SYNTHETIC:
+            from isogal.maps.synthetic.synthetic_map import synthetic_map
+
+            return self._checked(synthetic_map(self._synthetic, window))
+        return self._checked(self._read(window))
+
+    def along(self, corridor: Corridor) -> ScalarMap:
+        """Return the map along a route, tiled if it is large; raises InputError as a call does."""
+        if self.settings.source == SYNTHETIC:
+            from isogal.maps.synthetic.synthetic_map import synthetic_map_along  # slow to import
+
+            return self._checked(synthetic_map_along(self._synthetic, corridor))
+        return map_along(self, corridor)
+
+    def _read(self, window: Window) -> FieldMap:
+        source, path, variable = self.settings.source, self.settings.path, self.settings.variable
+        named = source in plugins.names(plugins.MAP_FORMATS)
+        if named and path is None:
+            raise InputError(
+                "map.path: must name the file or folder, since map.source is the format"
+                f" '{source}'"
+            )
+        if not named and path is not None:
+            raise InputError(
+                "map.source: must be 'synthetic' or a format"
+                f" ({', '.join(plugins.names(plugins.MAP_FORMATS))}) where map.path is given"
+            )
+        return load_map(
+            source if path is None else path,
+            variable,
+            None if variable else self.quantity,
+            window,
+            format_name=source if named else None,
         )
 
+    def _checked(self, field_map: _SomeMap) -> _SomeMap:
+        if self.quantity not in (None, field_map.quantity):
+            raise InputError(
+                f"map: {field_map.provenance} is a {field_map.quantity} map, but {self.key} is"
+                f" {self.asked}; change map.variable or {self.key}"
+            )
+        return field_map
 
-def _synthetic_quantity(scenario: Scenario) -> str:
-    names = {
-        "ga": "gravity",
-        "dg": "disturbance",
-        "gravity": "gravity",
-        "disturbance": "disturbance",
-        "height": "height",
-        None: measured_field(scenario).source,
-    }
-    if scenario.map.variable not in names:
-        raise InputError(
-            f"map.variable: the synthetic map has height, ga and dg, not '{scenario.map.variable}'"
-        )
-    return names[scenario.map.variable]
+    @property
+    def _synthetic(self) -> str:
+        """Quantity of the synthetic map."""
+        variable = self.settings.variable
+        if variable is None:
+            return self.quantity or ""
+        if variable not in _SYNTHETIC_VARIABLES:
+            raise InputError(
+                f"map.variable: the synthetic map has height, ga and dg, not '{variable}'"
+            )
+        return _SYNTHETIC_VARIABLES[variable]

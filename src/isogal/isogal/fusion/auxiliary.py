@@ -95,7 +95,7 @@ def auxiliary_of(states: Sequence[AuxiliaryState]) -> Auxiliary:
 
 
 @kernel(**INLINE)
-def of_gravity(auxiliary, residual):  # type: ignore[no-untyped-def]
+def of_gravity(auxiliary: Auxiliary, residual: Array) -> Auxiliary:
     """Return the states where those of gravity have a 1-sigma (m/s²) and a correlation length (m):
     `residual` (2,); zeros = their own."""
     variance, per_metre = auxiliary.variance.copy(), auxiliary.per_metre.copy()
@@ -110,7 +110,9 @@ def of_gravity(auxiliary, residual):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def add_input(auxiliary, j, value, force, rate, total):  # type: ignore[no-untyped-def]
+def add_input(
+    auxiliary: Auxiliary, j: int, value: float, force: Array, rate: Array, total: Array
+) -> None:
     """Add what a value of state j does in an interval to `total` (9,): gravity (NED, m/s²),
     reading of the accelerometers (body, m/s²), of the gyroscopes (body, rad/s).
 
@@ -125,7 +127,9 @@ def add_input(auxiliary, j, value, force, rate, total):  # type: ignore[no-untyp
 
 
 @kernel(**INLINE)
-def spread_input(auxiliary, force, rate, points, pushes):  # type: ignore[no-untyped-def]
+def spread_input(
+    auxiliary: Auxiliary, force: Array, rate: Array, points: Array, pushes: Array
+) -> None:
     """Write what the auxiliary part of each sigma point does in an interval, (9, lanes) as
     `add_input`."""
     first, lanes = FILTER_STATES, points.shape[1]
@@ -147,9 +151,16 @@ def spread_input(auxiliary, force, rate, points, pushes):  # type: ignore[no-unt
 
 
 @kernel(**INLINE)
-def tail_points(  # type: ignore[no-untyped-def]
-    auxiliary, attitude, force, rate, dt, factor, odd, total
-):
+def tail_points(
+    auxiliary: Auxiliary,
+    attitude: Array,
+    force: Array,
+    rate: Array,
+    dt: float,
+    factor: Array,
+    odd: Array,
+    total: Array,
+) -> None:
     """Write the ends of the points along the auxiliary states' own columns of the covariance's
     factor (N, W), a row a column: to rows 16 on of `odd` (N + 1, W).
 
@@ -184,7 +195,7 @@ def tail_points(  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def age(auxiliary, mean, velocity, dt, covariance):  # type: ignore[no-untyped-def]
+def age(auxiliary: Auxiliary, mean: Array, velocity: Array, dt: float, covariance: Array) -> None:
     """Let the auxiliary states of an interval change to those of the next, in place: x' = a x + w
     with a = exp(-time / T - distance / L) and w such that the variance stays."""
     first, size = FILTER_STATES, FILTER_STATES + len(auxiliary.enters)

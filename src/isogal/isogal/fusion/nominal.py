@@ -27,7 +27,7 @@ class Nominal(NamedTuple):
 
 
 @kernel(**INLINE)
-def move(nominal, error):  # type: ignore[no-untyped-def]
+def move(nominal: Nominal, error: Array) -> None:
     """Add an error state (15 + M,) to a state, in place: position over the local
     radii, attitude by the quaternion of the rotation vector on the left, the rest by addition."""
     position, attitude = nominal.position, nominal.attitude

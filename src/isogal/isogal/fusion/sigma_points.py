@@ -17,12 +17,16 @@ import math
 from functools import cache
 from typing import NamedTuple
 
+from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
+from isogal.fusion.nominal import Nominal
 from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.rotations import (
     INLINE,
     SMALL,
+    Quaternion,
+    Vector,
     from_short_rotation_vector,
     multiply,
     to_rotation_vector,
@@ -58,13 +62,13 @@ def merwe_weights(alpha: float, beta: float, kappa: float, states: int = CORE) -
 
 
 @kernel(**INLINE)
-def columns(n):  # type: ignore[no-untyped-def]
+def columns(n: int) -> int:
     """Return W, the number of states rounded up to whole vectors."""
     return (n + 3) // 4 * 4
 
 
 @kernel(**INLINE)
-def factorise(n, matrix, work, pivots):  # type: ignore[no-untyped-def]
+def factorise(n: int, matrix: Array, work: Array, pivots: Array) -> bool:
     """Replace row k of `work` (N, W) by column k of the lower Cholesky factor; return False
     where `matrix` is not positive definite.
 
@@ -94,7 +98,7 @@ def factorise(n, matrix, work, pivots):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def spread_points(n, factor, spread, points):  # type: ignore[no-untyped-def]
+def spread_points(n: int, factor: Array, spread: float, points: Array) -> None:
     """Write the error states of the sigma points (N, 32): spread times a column of the factor, and
     its opposite."""
     for i in range(n):
@@ -107,9 +111,17 @@ def spread_points(n, factor, spread, points):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def propagate_points(  # type: ignore[no-untyped-def]
-    nominal, force, rate, gravity, dt, coning, points, pushes, ends
-):
+def propagate_points(
+    nominal: Nominal,
+    force: Vector,
+    rate: Vector,
+    gravity: tuple[Vector, Quaternion],
+    dt: float,
+    coning: float,
+    points: Array,
+    pushes: Array,
+    ends: Array,
+) -> None:
     """Move the nominal state by each point's error and take the result through the strapdown.
 
     `force`, `rate` (3,) are the interval's means as measured, without what the auxiliary states
@@ -170,7 +182,7 @@ def propagate_points(  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def errors_of(ends, points):  # type: ignore[no-untyped-def]
+def errors_of(ends: Array, points: Array) -> None:
     """Overwrite the first nine rows of `points` by how far each end is from the centre's; biases
     have not moved."""
     lat, lon, h = ends[0, CENTRE], ends[1, CENTRE], ends[2, CENTRE]
@@ -198,7 +210,15 @@ def errors_of(ends, points):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def moments(n, points, even, odd, weights, mean, covariance):  # type: ignore[no-untyped-def]
+def moments(
+    n: int,
+    points: Array,
+    even: Array,
+    odd: Array,
+    weights: Weights,
+    mean: Array,
+    covariance: Array,
+) -> None:
     """Write mean (W,) and covariance (N, W) of the points, by halves of sums (`even`) and
     differences of opposite points (`odd`, whose rows 16 on `auxiliary.tail_points` has written).
 

@@ -22,7 +22,7 @@ from isogal.fusion.auxiliary import (
     spread_input,
     tail_points,
 )
-from isogal.fusion.nominal import move
+from isogal.fusion.nominal import Nominal, move
 from isogal.fusion.sigma_points import (
     CENTRE,
     HALF,
@@ -63,7 +63,7 @@ class Assumptions(NamedTuple):
 
 
 @kernel(**INLINE)
-def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
+def add_noise(attitude: Array, noise: Array, dt: float, covariance: Array) -> None:
     """Add the white noise (6,) of the sensors' axes over an interval, turned to the navigation
     frame."""
     for i in range(3):
@@ -80,7 +80,15 @@ def add_noise(attitude, noise, dt, covariance):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def update_height(n, nominal, covariance, height, sigma, gain, error):  # type: ignore[no-untyped-def]
+def update_height(
+    n: int,
+    nominal: Nominal,
+    covariance: Array,
+    height: float,
+    sigma: float,
+    gain: Array,
+    error: Array,
+) -> None:
     """Update a state with a known height (m), in place; `gain` (W,) and `error` (W,) are work
     space."""
     innovation = nominal.position[2] - height  # measured minus predicted, positive down
@@ -97,9 +105,16 @@ def update_height(n, nominal, covariance, height, sigma, gain, error):  # type: 
 
 
 @kernel(error_model="numpy")
-def advance(  # type: ignore[no-untyped-def]
-    nominal, covariance, residual_gravity, force, rate, height, assumptions, track
-):
+def advance(
+    nominal: Nominal,
+    covariance: Array,
+    residual_gravity: Array,
+    force: Array,
+    rate: Array,
+    height: Array,
+    assumptions: Assumptions,
+    track: Array,
+) -> int:
     """Run prediction and the known-height update over S intervals, in place; return the steps done
     before the covariance was no longer positive definite, S where it is.
 

@@ -17,6 +17,7 @@ C turns body axes into NED."""
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import EARTH_RATE
 
@@ -25,7 +26,7 @@ STATES = 13
 
 
 @kernel
-def fill_dynamics(F, geometry, force, rotation):  # type: ignore[no-untyped-def]
+def fill_dynamics(F: Array, geometry: Array, force: Array, rotation: Array) -> None:
     """Write F of dx/dt = F x into the first 13 rows and columns of a zeroed matrix, in place.
 
     `geometry` (5,) is latitude (rad), north and east velocity (m/s), 1 / (M + h), 1 / (N + h)

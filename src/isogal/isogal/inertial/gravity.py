@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import curvature
 from isogal.maps.channels import ChannelMap
@@ -43,7 +44,7 @@ def compensation_by(field_map: ChannelMap | None, share: float = 1.0) -> Compens
 
 
 @kernel
-def horizontal_gravity(compensation, position):  # type: ignore[no-untyped-def]
+def horizontal_gravity(compensation: Compensation, position: Array) -> tuple[float, ...]:
     """Return the compensation at a position (3,): to north and east (m/s²), and the derivatives of
     both by north and by east (1/s²). Nothing where the map has no value."""
     grid, share = compensation

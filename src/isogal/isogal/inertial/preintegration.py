@@ -22,19 +22,25 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.inertial.rotations import INLINE, from_rotation_vector, multiply, to_rotation_vector
+from isogal.inertial.rotations import (
+    INLINE,
+    Vector,
+    from_rotation_vector,
+    multiply,
+    to_rotation_vector,
+)
 
 J1, J2 = 0.5, 1.0 / 6.0
 """Coefficients of J as the strapdown's step has it."""
 
 
 @kernel(**INLINE)
-def _cross(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> Vector:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 @kernel(**INLINE)
-def _turned(a, u, first, second):  # type: ignore[no-untyped-def]
+def _turned(a: Array, u: Array, first: float, second: float) -> Vector:
     """Return u + first a x u + second a x (a x u)."""
     bx, by, bz = _cross(a[0], a[1], a[2], u[0], u[1], u[2])
     cx, cy, cz = _cross(a[0], a[1], a[2], bx, by, bz)
@@ -46,7 +52,7 @@ def _turned(a, u, first, second):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def _constant_force(phi, dv):  # type: ignore[no-untyped-def]
+def _constant_force(phi: Array, dv: Array) -> Array:
     """Return the velocity increment of a constant force that J(phi) turns into dv: the inverse of
     J, by [phi x]³ = -|phi|² [phi x]."""
     square = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -57,9 +63,9 @@ def _constant_force(phi, dv):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _preintegrate(  # type: ignore[no-untyped-def]
-    force, rate, duration, ends, mean_force, mean_rate
-):
+def _preintegrate(
+    force: Array, rate: Array, duration: Array, ends: Integers, mean_force: Array, mean_rate: Array
+) -> None:
     """Write the means of each run and interval; see `preintegrate`."""
     for r in range(force.shape[0]):
         for s in range(ends.shape[0] - 1):

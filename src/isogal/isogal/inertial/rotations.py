@@ -22,8 +22,15 @@ INLINE = {"forceinline": True, "error_model": "numpy"}
 """Options of compiled functions that are called in loops over many states."""
 
 
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""w, x, y, z."""
+
+
 @kernel(**INLINE)
-def multiply(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
+def multiply(
+    aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float
+) -> Quaternion:
     """Return the quaternion product a b."""
     return (
         aw * bw - ax * bx - ay * by - az * bz,
@@ -34,7 +41,7 @@ def multiply(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def from_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
+def from_rotation_vector(x: float, y: float, z: float) -> Quaternion:
     """Return the quaternion of a rotation vector (rad)."""
     a2 = x * x + y * y + z * z
     if a2 <= 10.0:
@@ -45,7 +52,7 @@ def from_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def from_short_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
+def from_short_rotation_vector(x: float, y: float, z: float) -> Quaternion:
     """Return the quaternion of a rotation vector of at most half a turn (rad): series, to
     1e-16."""
     q = 0.25 * (x * x + y * y + z * z)
@@ -63,7 +70,7 @@ SMALL = 0.01
 
 
 @kernel(**INLINE)
-def to_small_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
+def to_small_rotation_vector(x: float, y: float, z: float) -> Vector:
     """Return the rotation vector (rad) of a unit quaternion with w > 0 and a vector part within
     `SMALL`: series of asin, to 1e-17."""
     s = x * x + y * y + z * z
@@ -74,7 +81,7 @@ def to_small_rotation_vector(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def to_rotation_vector(w, x, y, z):  # type: ignore[no-untyped-def]
+def to_rotation_vector(w: float, x: float, y: float, z: float) -> Vector:
     """Return the rotation vector (rad, length <= pi) of a unit quaternion."""
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
@@ -87,7 +94,7 @@ def to_rotation_vector(w, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def rotate(w, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
+def rotate(w: float, x: float, y: float, z: float, vx: float, vy: float, vz: float) -> Vector:
     """Return q v q*, the vector seen in the outer frame."""
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
     return (
@@ -142,7 +149,7 @@ def to_angles(rotation: Array) -> tuple[float, float, float]:
 
 
 @kernel
-def from_matrix(rotation):  # type: ignore[no-untyped-def]
+def from_matrix(rotation: Array) -> Array:
     """Return the quaternion (4,) of a rotation matrix (3, 3), from its largest component (Shepperd
     1978)."""
     a, b, c = rotation[0, 0], rotation[0, 1], rotation[0, 2]

@@ -16,7 +16,14 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A, F
 from isogal.earth.gravity import GAMMA_EQUATOR, GRAVITY_RATIO, SOMIGLIANA_K
 from isogal.inertial.gravity import Compensation, horizontal_gravity, no_compensation
-from isogal.inertial.rotations import INLINE, from_short_rotation_vector, multiply, rotate
+from isogal.inertial.rotations import (
+    INLINE,
+    Quaternion,
+    Vector,
+    from_short_rotation_vector,
+    multiply,
+    rotate,
+)
 
 MEANS, ROTATIONS = 1.0 / 6.0, 1.0 / 12.0
 """Coefficient `coning` of a x (a x z) in the attitude's step, for a turn by a and a rotation of
@@ -51,7 +58,7 @@ class NavState:
 
 
 @kernel(**INLINE)
-def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
+def _earth(s: float, c: float, height: float, vn: float, ve: float) -> tuple[float, ...]:
     """Return 1/(M+h), 1/(N+h), normal gravity, Earth rate (n, d) and transport rate (n, e, d) at a
     latitude's sine and cosine."""
     w2 = 1.0 - E2 * s * s
@@ -78,9 +85,16 @@ def _earth(s, c, height, vn, ve):  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def step(  # type: ignore[no-untyped-def]
-    position, velocity, attitude, force, rate, gravity, dt, coning
-):
+def step(
+    position: Vector,
+    velocity: Vector,
+    attitude: Quaternion,
+    force: Vector,
+    rate: Vector,
+    gravity: Vector,
+    dt: float,
+    coning: float,
+) -> tuple[Vector, Vector, Quaternion]:
     """Advance one state by one interval (see the module for the method).
 
     Tuples in: position (latitude rad, longitude rad, height m), velocity (north, east, down; m/s),
@@ -92,9 +106,18 @@ def step(  # type: ignore[no-untyped-def]
 
 
 @kernel(**INLINE)
-def step_at(  # type: ignore[no-untyped-def]
-    s, c, position, velocity, attitude, force, rate, gravity, dt, coning
-):
+def step_at(
+    s: float,
+    c: float,
+    position: Vector,
+    velocity: Vector,
+    attitude: Quaternion,
+    force: Vector,
+    rate: Vector,
+    gravity: Vector,
+    dt: float,
+    coning: float,
+) -> tuple[Vector, Vector, Quaternion]:
     """`step` with the sine and cosine of the latitude given: without calls, so that loops over it
     are vectorised."""
     lat, lon, h = position
@@ -168,9 +191,16 @@ def step_at(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _propagate(  # type: ignore[no-untyped-def]
-    state, force, rate, dt, height, compensation, coning, history
-):
+def _propagate(
+    state: tuple[Array, Array, Array],
+    force: Array,
+    rate: Array,
+    dt: float,
+    height: Array,
+    compensation: Compensation,
+    coning: float,
+    history: Array,
+) -> None:
     """Advance R runs in place; `state` is their positions, velocities and attitudes, `height` (S +
     1,) or (0,), `history` (R, S, 2) or (R, 0, 2)."""
     positions, velocities, attitudes = state

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.magnetics.terms import SCALE
 
 _NONE = np.zeros((3, 3))
 
@@ -21,31 +22,19 @@ class MagneticAircraft:
     """(3, 3) added field in a field of 1."""
     eddy: Array = field(default_factory=lambda: _NONE)
     """(3, 3) s, added field in a field that changes by 1 in a second."""
-    currents: dict[str, Array] = field(default_factory=dict)
-    """(3,) nT/A, by name of the circuit."""
 
-    def added(self, vector: Array, rate: Array, currents: dict[str, Array] | None = None) -> Array:
-        """Return (..., 3) nT what it adds to a field (nT) that changes by `rate` (nT/s) in body
-        axes, with currents (A) that flow."""
-        own = self.permanent + vector @ self.induced.T + rate @ self.eddy.T
-        for name, effect in self.currents.items():
-            own = own + (currents or {})[name][..., None] * effect
-        return own
-
-    def feel(self, vector: Array, rate: Array, currents: dict[str, Array] | None = None) -> Array:
-        """Return (..., 3) nT the whole field on board."""
-        return vector + self.added(vector, rate, currents)
+    def field_on_board(self, vector: Array, rate: Array) -> Array:
+        """Return (..., 3) nT the whole field on board in one (nT) that changes by `rate` (nT/s),
+        both in body axes."""
+        return vector + self.permanent + vector @ self.induced.T + rate @ self.eddy.T
 
     def coefficients(self) -> Array:
-        """Return (18 + 3 K,) what the terms of `isogal.magnetics.terms` should come out as, to
-        first order in the aircraft's field."""
-        from isogal.magnetics.terms import SCALE
-
+        """Return (18,) what the terms of `isogal.magnetics.terms` should come out as, to first
+        order in the aircraft's field."""
         symmetric = self.induced + self.induced.T
         upper = symmetric[np.triu_indices(3)]
         upper[[0, 3, 5]] /= 2.0
-        flow = list(self.currents.values())
-        return np.concatenate([self.permanent, upper * SCALE, self.eddy.ravel() * SCALE, *flow])
+        return np.concatenate([self.permanent, upper * SCALE, self.eddy.ravel() * SCALE])
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,17 @@ def stretches(time: Array, usable: Booleans, interval: float) -> list[slice]:
 
 
 def filtered(time: Array, columns: Array, usable: Booleans, band: Band) -> tuple[Array, Booleans]:
-    """Return (N, C) columns in the band, and (N,) where they hold: not near gaps and ends."""
+    """Return (N, C) columns in the band, and (N,) where they hold: not near gaps and ends.
+
+    Parameters
+    ----------
+    time : (N,) array
+        s, of the readings.
+    columns : (N, C) array
+    usable : (N,) array
+        Which readings there are.
+    band : Band
+    """
     interval = float(np.median(np.diff(time)))
     result, holds = np.full(columns.shape, np.nan), np.zeros(time.size, bool)
     edge = int(np.ceil(band.settling / interval))

@@ -9,7 +9,6 @@ from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
 from isogal.magnetics.band_pass import Band, filtered
 from isogal.magnetics.compensation import Compensation
-from isogal.magnetics.lag import find_lag
 from isogal.magnetics.readings import Readings
 from isogal.magnetics.terms import COUNT
 
@@ -24,6 +23,10 @@ _LEAST_NOISE = 0.05
 """nT: what is left is not taken as smaller, because the model is exact to first order only."""
 _LARGEST_SPREAD = 300.0
 """nT: the coefficients' spread is not taken as larger."""
+_LONGEST_LAG, _LAG_STEP = 1.0, 0.2
+"""s, beyond which no lag is looked for; and between those that are tried first."""
+_GAIN = 0.85
+"""Of what is left without a lag: less must be left with it. Otherwise the lag is zero."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What a calibration flight told."""
+    """What a calibration flight has shown."""
 
     compensation: Compensation
     time: Array
@@ -152,10 +155,10 @@ def evidence_ridge(a: Array, y: Array, share: float = 1.0) -> float:
     ridge = _FIRST_RIDGE * values[-1]
     for _ in range(_ROUNDS):
         coefficients = along / (values + ridge)
-        told = float((values / (values + ridge)).sum())
+        determined = float((values / (values + ridge)).sum())
         rest = float(y @ y - coefficients @ (2.0 * along - values * coefficients))
         noise = max(rest / y.size, _LEAST_NOISE**2) / share
-        spread = min(float(coefficients @ coefficients) / told, _LARGEST_SPREAD**2)
+        spread = min(float(coefficients @ coefficients) / determined, _LARGEST_SPREAD**2)
         ridge = noise / spread
     return ridge
 
@@ -176,7 +179,12 @@ def _in_band(
 
 
 def _lag(readings: Readings, level: Array, settings: Settings) -> float:
-    """Return by how much the vector magnetometer is late, s."""
+    """Return by how much the vector magnetometer is late, s: the lag with which a fit leaves least
+    (docs/magnetometer.md, section 3.3); zero if that is hardly less than without.
+
+    A cross-correlation with a model that is fitted once does not see it, since a short lag looks
+    like eddy currents. So the model is fitted anew at each shift."""
+    from scipy.optimize import minimize_scalar
 
     def left(lag: float) -> float:
         columns = readings.terms(tuple(readings.currents), lag)
@@ -185,7 +193,11 @@ def _lag(readings: Readings, level: Array, settings: Settings) -> float:
         found, _ = solve(a, y, settings.ridge or evidence_ridge(a, y))
         return float(np.sqrt(np.mean((y - a @ found) ** 2)))
 
-    return find_lag(left)
+    tried = np.arange(-_LONGEST_LAG, _LONGEST_LAG + 0.5 * _LAG_STEP, _LAG_STEP)
+    best = min(tried.tolist(), key=left)
+    bounds = best - _LAG_STEP, best + _LAG_STEP
+    found = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    return float(found.x) if found.fun < _GAIN * left(0.0) else 0.0
 
 
 def _require_manoeuvres(a: Array, readings: Readings) -> Array:

@@ -10,6 +10,8 @@ from isogal.seeds import generator
 
 _MANOEUVRES = ((0, 0.175), (1, 0.0875), (2, 0.0875))
 """Angle about each body axis, rad: 10 degrees of roll, 5 of pitch and of yaw."""
+_SPEED = 70.0
+"""m/s."""
 _PERIOD = 6.0
 """s of one roll, pitch or yaw."""
 _EACH = 30.0
@@ -42,30 +44,28 @@ class Flight:
         return np.asarray(attitude.apply(field, inverse=True))
 
 
-def calibration_flight(rate: float = 10.0, laps: int = 1, speed: float = 70.0) -> Flight:
-    """Return a flight round a square, with rolls, pitches and yaws on each side.
-
-    Parameters
-    ----------
-    rate : float
-        Readings in a second, Hz.
-    laps : int
-    speed : float
-        m/s.
-    """
+def calibration_flight(rate: float = 10.0) -> Flight:
+    """Return a flight round a square, with rolls, pitches and yaws on each side; `rate` readings
+    in a second."""
     pieces = []
-    for side in range(4 * laps):
+    for side in range(4):
         heading = side * math.pi / 2.0
         pieces.append(_side(rate, heading))
         pieces.append(_turn(rate, heading, heading + math.pi / 2.0))
-    return _flown(np.concatenate(pieces), rate, speed)
+    return _flown(np.concatenate(pieces), rate)
 
 
-def ordinary_flight(
-    seed: int, minutes: float = 20.0, rate: float = 10.0, speed: float = 70.0
-) -> Flight:
+def ordinary_flight(seed: int, minutes: float = 20.0, rate: float = 10.0) -> Flight:
     """Return a flight with turns to headings drawn by a seed, a minute or two apart, and the
-    unrest of moderate turbulence (1 degree of roll, 0.5 of pitch and yaw, over some seconds)."""
+    unrest of moderate turbulence (1 degree of roll, 0.5 of pitch and yaw, over some seconds).
+
+    Parameters
+    ----------
+    seed : int
+    minutes : float
+    rate : float
+        Readings in a second, Hz.
+    """
     random = generator(seed, 0, "ordinary_flight")
     pieces: list[Array] = []
     heading, count = 0.0, round(minutes * 60.0 * rate)
@@ -77,7 +77,7 @@ def ordinary_flight(
         heading = new
     angles = np.concatenate(pieces)[:count]
     angles = angles + np.radians([1.0, 0.5, 0.5]) * _unrest(random, count, rate)
-    return _flown(angles, rate, speed)
+    return _flown(angles, rate)
 
 
 def _side(rate: float, heading: float) -> Array:
@@ -115,8 +115,8 @@ def _unrest(random: np.random.Generator, count: int, rate: float) -> Array:
     return smooth / smooth.std(axis=0)
 
 
-def _flown(angles: Array, rate: float, speed: float) -> Flight:
+def _flown(angles: Array, rate: float) -> Flight:
     time = np.arange(len(angles)) / rate
-    north = np.cumsum(np.cos(angles[:, 2])) * speed / rate
-    east = np.cumsum(np.sin(angles[:, 2])) * speed / rate
+    north = np.cumsum(np.cos(angles[:, 2])) * _SPEED / rate
+    east = np.cumsum(np.sin(angles[:, 2])) * _SPEED / rate
     return Flight(time, angles, north, east)

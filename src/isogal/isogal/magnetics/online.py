@@ -6,31 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Integers
 from isogal.magnetics.compensation import Compensation
 from isogal.magnetics.readings import Readings, shifted
-from isogal.magnetics.terms import COUNT, terms
+from isogal.magnetics.terms import terms
 
-
-@dataclass(frozen=True)
-class Assumed:
-    """What is known before the first reading."""
-
-    coefficient_sigma: float = 300.0
-    """1-sigma of a coefficient of a vehicle that nobody has calibrated, nT."""
-    calibrated_share: float = 3.0
-    """Factor on the 1-sigmas of coefficients that a calibration flight told."""
-    walk: float = 0.0
-    """By which a coefficient changes, nT per root second."""
-    noise: float = 2.0
-    """1-sigma of a reading, nT: of the instruments, and of what the model leaves out."""
-    background_sigma: float = 50.0
-    """1-sigma of what the field differs from what is taken off it, nT: the anomaly, or the error
-    of a map of it, and the daily variation."""
-    background_time: float = 30.0
-    """s over which that changes."""
-    offset_sigma: float = 300.0
-    """1-sigma of its constant part, nT."""
+COEFFICIENT_SIGMA = 300.0
+"""1-sigma of a coefficient of a vehicle that nobody has calibrated, nT."""
+CALIBRATED_SHARE = 3.0
+"""Factor on the 1-sigmas of coefficients that a calibration flight has shown."""
+_NOISE = 2.0
+"""1-sigma of a reading, nT: of the instruments, and of what the model leaves out."""
+_BACKGROUND_SIGMA, _BACKGROUND_TIME = 50.0, 30.0
+"""1-sigma, nT, of what the field differs from what is taken off it: the anomaly, or the error of a
+map of it, and the daily variation; and s over which that changes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,18 +38,24 @@ def learn_along(
     readings: Readings,
     known: Array,
     start: Compensation | None = None,
-    assumed: Assumed | None = None,
+    offset_sigma: float = 300.0,
 ) -> Learnt:
     """Return what a vehicle added to each reading of a flight, by the readings until then.
+
+    A Kalman filter (Groves 2013, section 3.2) with the terms' coefficients as states. What else is
+    in the readings is a constant and a Gauss-Markov process of second order (Gelb 1974, table
+    2.2-1), which changes as smoothly as an anomaly does at some height, and so is not taken for
+    the vehicle's field.
 
     Parameters
     ----------
     readings : Readings
     known : (N,) array
-        nT, of the total field what is not the vehicle's.
+        nT, of the total field what is not the vehicle's; NaN where that is not known.
     start : Compensation, optional
-        What an earlier flight told; None = a cold start.
-    assumed : Assumed, optional
+        What an earlier flight has shown; None = a cold start.
+    offset_sigma : float
+        nT, 1-sigma of the constant by which `known` is wrong.
 
     Raises
     ------
@@ -68,142 +63,68 @@ def learn_along(
         A current that counts was not recorded.
     """
     names = tuple(readings.currents) if start is None else start.currents
-    readings.require(names)
-    learner = RecursiveCompensation(assumed, start, len(names))
-    lag = 0.0 if start is None else start.lag
-    vector = readings.vector if lag == 0.0 else shifted(readings.time, readings.vector, lag)
+    at, steps, rows = _rows(readings, names, 0.0 if start is None else start.lag)
+    count = rows.shape[1]
+    state, covariance = _prior(count, start, offset_sigma)
+    level = readings.total - known
     own, sigma = np.full((2, len(readings)), np.nan)
-    currents = np.stack([np.zeros(len(readings)), *(readings.currents[name] for name in names)])
-    for i in np.flatnonzero(readings.usable & np.isfinite(vector).all(axis=-1)):
-        flow = currents[None, 1:, i]
-        found = learner.step(
-            float(readings.time[i]), vector[None, i], readings.total[None, i], known[i], flow
-        )
-        own[i], sigma[i] = found[0][0], found[1][0]
-    return Learnt(own, sigma, learner.compensation(0, names))
+    for i, dt, row in zip(at, steps, rows, strict=True):
+        turn, joined = _background(dt)
+        state[-2:] = turn @ state[-2:]
+        covariance[-2:] = turn @ covariance[-2:]
+        covariance[:, -2:] = covariance[:, -2:] @ turn.T
+        covariance[-2:, -2:] += joined
+        if not math.isfinite(level[i]):
+            continue
+        h = np.concatenate([row, [1.0, 1.0, 0.0]])
+        across = covariance @ h
+        gain = across / (h @ across + _NOISE**2)
+        state += gain * (level[i] - h @ state)
+        covariance -= np.outer(gain, across)
+        covariance = 0.5 * (covariance + covariance.T)
+        h[-2] = 0.0
+        own[i], sigma[i] = h @ state, math.sqrt(h @ covariance @ h)
+    spread = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
+    return Learnt(
+        own, sigma, Compensation(state[:count].copy(), names, float(state[count]), sigma=spread)
+    )
 
 
-class RecursiveCompensation:
-    """A Kalman filter (Groves 2013, section 3.2) with the terms' coefficients as states, for R
-    vehicles at once. What else is in the readings is a constant and a Gauss-Markov process of
-    second order (Gelb 1974, table 2.2-1), which changes as smoothly as an anomaly does at some
-    height, and so is not taken for the vehicle's field.
+def _rows(readings: Readings, names: tuple[str, ...], lag: float) -> tuple[Integers, Array, Array]:
+    """Return which readings can be used (n,) after the first of these, s since the one before,
+    and the terms of each (n, C)."""
+    readings.require(names)
+    vector = readings.vector if lag == 0.0 else shifted(readings.time, readings.vector, lag)
+    at = np.flatnonzero(readings.usable & np.isfinite(vector).all(axis=-1))
+    steps, flow = np.diff(readings.time[at]), None
+    if names:
+        flow = np.stack([readings.currents[name][at[1:]] for name in names], axis=-1)
+    # the rate holds for half a step ago, and so have the other parts of the terms to
+    rate = np.diff(vector[at], axis=0) / steps[:, None]
+    return at[1:], steps, terms(vector[at[1:]], rate, readings.total[at[1:]], flow)
 
-    Parameters
-    ----------
-    assumed : Assumed, optional
-    start : Compensation, optional
-        What a calibration flight told; None = a cold start.
-    currents : int
-        How many are measured; where there is a start, as many as it has.
-    runs : int
-        R.
-    """
 
-    def __init__(
-        self,
-        assumed: Assumed | None = None,
-        start: Compensation | None = None,
-        currents: int = 0,
-        runs: int = 1,
-    ) -> None:
-        self.assumed = a = assumed or Assumed()
-        count = COUNT + 3 * currents if start is None else start.coefficients.size
-        self._count = count
-        sigma = np.full(count, a.coefficient_sigma)
-        self.state = np.zeros((runs, count + 3))
-        """(R, C + 3) coefficients, constant, background (nT) and its rate (nT/s)."""
-        if start is not None:
-            self.state[:, :count], self.state[:, count] = start.coefficients, start.offset
-            if start.sigma.size:
-                sigma = np.minimum(sigma, a.calibrated_share * start.sigma)
-        beta = 1.0 / a.background_time
-        steady = a.background_sigma**2 * np.array([1.0, beta**2])
-        self._steady = np.diag(steady)
-        variances = np.concatenate([sigma**2, [a.offset_sigma**2], steady])
-        self.covariance = np.tile(np.diag(variances), (runs, 1, 1))
-        """(R, C + 3, C + 3)."""
-        self._time: float | None = None
-        self._before: Array | None = None
+def _prior(count: int, start: Compensation | None, offset_sigma: float) -> tuple[Array, Array]:
+    """Return the state (C + 3,) before the first reading and its covariance: coefficients,
+    constant, background (nT) and its rate (nT/s)."""
+    state, sigma = np.zeros(count + 3), np.full(count, COEFFICIENT_SIGMA)
+    if start is not None:
+        state[:count], state[count] = start.coefficients, start.offset
+        if start.sigma.size:
+            sigma = np.minimum(sigma, CALIBRATED_SHARE * start.sigma)
+    return state, np.diag(np.concatenate([sigma**2, [offset_sigma**2], _steady()]))
 
-    @property
-    def coefficients(self) -> Array:
-        """(R, C)."""
-        return self.state[:, : self._count]
 
-    def step(
-        self,
-        time: float,
-        vector: Array,
-        total: Array,
-        known: Array | float = 0.0,
-        currents: Array | None = None,
-    ) -> tuple[Array, Array]:
-        """Take one reading and return (R,) what the vehicle adds to it, the constant with it, and
-        its 1-sigma, nT, by all readings until then; NaN at the first and at readings that are
-        NaN, which change nothing.
+def _steady() -> Array:
+    """Return (2,) the variances of the background and of its rate."""
+    return _BACKGROUND_SIGMA**2 * np.array([1.0, _BACKGROUND_TIME**-2])
 
-        Parameters
-        ----------
-        time : float
-            s, later than that of the reading before.
-        vector : (R, 3) array
-            nT, body axes.
-        total : (R,) array
-            nT.
-        known : (R,) array or float
-            nT, what is known of the total field: the main field, and a map's anomaly.
-        currents : (R, K) array, optional
-            A.
-        """
-        nothing = np.full(len(self.state), np.nan)
-        previous, self._before = self._before, vector
-        before, self._time = self._time, time
-        if previous is None or before is None:
-            return nothing, nothing
-        self._predict(time - before)
-        # the rate holds for half a step ago, and so have the other parts of the terms to
-        row = terms(vector, (vector - previous) / (time - before), total, currents)
-        good = np.isfinite(row).all(axis=-1) & np.isfinite(total - known)
-        row = np.where(good[:, None], row, 0.0)
-        level = np.where(good, total - known, 0.0)
-        self._update(row, level, good)
-        row = np.concatenate([row, np.ones((len(row), 1))], axis=1)
-        own = (row * self.state[:, : self._count + 1]).sum(axis=-1)
-        part = self.covariance[:, : self._count + 1, : self._count + 1]
-        variance = (row * (part @ row[:, :, None])[..., 0]).sum(axis=-1)
-        return np.where(good, own, np.nan), np.where(good, np.sqrt(variance), np.nan)
 
-    def compensation(self, run: int = 0, names: tuple[str, ...] = ()) -> Compensation:
-        """Return what has been learnt so far."""
-        variance = np.diagonal(self.covariance[run])[: self._count]
-        offset = float(self.state[run, self._count])
-        return Compensation(
-            self.coefficients[run].copy(), names, offset, sigma=np.sqrt(np.maximum(variance, 0.0))
-        )
-
-    def _predict(self, dt: float) -> None:
-        c, beta = self._count, 1.0 / self.assumed.background_time
-        turn = math.exp(-beta * dt) * np.array(
-            [[1.0 + beta * dt, dt], [-(beta**2) * dt, 1.0 - beta * dt]]
-        )
-        self.state[:, c + 1 :] = self.state[:, c + 1 :] @ turn.T
-        self.covariance[:, c + 1 :] = turn @ self.covariance[:, c + 1 :]
-        self.covariance[:, :, c + 1 :] = self.covariance[:, :, c + 1 :] @ turn.T
-        self.covariance[:, c + 1 :, c + 1 :] += self._steady - turn @ self._steady @ turn.T
-        if self.assumed.walk > 0.0:
-            places = np.arange(c)
-            self.covariance[:, places, places] += self.assumed.walk**2 * dt
-
-    def _update(self, row: Array, level: Array, good: Booleans) -> None:
-        """Take readings of the level (R,) whose coefficients' derivatives are `row` (R, C)."""
-        h = np.zeros_like(self.state)
-        h[:, : self._count], h[:, self._count], h[:, self._count + 1] = row, 1.0, 1.0
-        h *= good[:, None]
-        across = (self.covariance @ h[:, :, None])[..., 0]
-        variance = (h * across).sum(axis=-1) + self.assumed.noise**2
-        gain = across / variance[:, None]
-        rest = level - (h * self.state).sum(axis=-1) * good
-        self.state += gain * rest[:, None]
-        self.covariance -= gain[:, :, None] * across[:, None, :]
-        self.covariance = 0.5 * (self.covariance + np.swapaxes(self.covariance, 1, 2))
+def _background(dt: float) -> tuple[Array, Array]:
+    """Return (2, 2) the transition of the background over a step (s), and what joins its
+    covariance."""
+    beta, steady = 1.0 / _BACKGROUND_TIME, np.diag(_steady())
+    turn = math.exp(-beta * dt) * np.array(
+        [[1.0 + beta * dt, dt], [-(beta**2) * dt, 1.0 - beta * dt]]
+    )
+    return turn, steady - turn @ steady @ turn.T

@@ -1,4 +1,4 @@
-"""Readings of a scalar and a vector magnetometer on one vehicle."""
+"""Readings of a scalar and a vector magnetometer on one vehicle, and those of a base station."""
 
 from dataclasses import dataclass, field
 
@@ -8,10 +8,12 @@ from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
 from isogal.magnetics.terms import derivative, terms
 
-LEAST, MOST = 10_000.0, 100_000.0
+_LEAST, _MOST = 10_000.0, 100_000.0
 """nT: no total field at the Earth's surface is outside."""
 _DISAGREE = 0.2
 """Share of the total field by which the vector's length may differ from it."""
+_LARGEST_VARIATION = 3000.0
+"""nT, of a magnetic storm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,15 +38,14 @@ class Readings:
     """(N,) A each, by name, of circuits that are switched."""
 
     def __post_init__(self) -> None:
-        if self.time.size < 2 or not (np.diff(self.time) > 0.0).all():
-            raise InputError(f"{self.where}: times must increase, and there must be two or more")
+        _check_times(self.time, self.where)
         usable = self.usable
         if not usable.any():
             raise InputError(f"{self.where}: no row has readings of both magnetometers")
         length = np.sqrt((self.vector[usable] ** 2).sum(axis=-1))
         for name, value in (("scalar", self.total[usable]), ("vector", length)):
             middle = float(np.median(value))
-            if not LEAST < middle < MOST:
+            if not _LEAST < middle < _MOST:
                 raise InputError(
                     f"{self.where}: readings of the {name} magnetometer of {middle:.4g} (median)"
                     " are not the Earth's field in nT (10,000 to 100,000); give total fields, in"
@@ -100,6 +101,11 @@ class Readings:
         return terms(vector, derivative(vector, self.time), self.total, flow)
 
 
+def _check_times(time: Array, where: str) -> None:
+    if time.size < 2 or not (np.diff(time) > 0.0).all():
+        raise InputError(f"{where}: times must increase, and there must be two or more")
+
+
 def shifted(time: Array, vector: Array, lag: float) -> Array:
     """Return what an instrument says that is late by `lag` (s) about the given times: its readings
     a lag later, by cubic splines; NaN beyond their ends."""
@@ -110,3 +116,49 @@ def shifted(time: Array, vector: Array, lag: float) -> Array:
     moved: Array = spline(time + lag)
     moved[~known] = np.nan
     return moved
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseStation:
+    """What a magnetometer that stays where it is has measured: the daily variation of the field
+    (docs/magnetometer.md, section 4.2).
+
+    Raises
+    ------
+    InputError
+        Its readings are neither total fields nor variations in nT, or times do not increase.
+    """
+
+    time: Array
+    """(N,) s, on the clock of the readings that it is taken off."""
+    value: Array
+    """(N,) nT: total field, or its variation about a normal value."""
+    where: str
+    """File, for messages."""
+
+    def __post_init__(self) -> None:
+        _check_times(self.time, self.where)
+        middle = float(np.median(self.value))
+        total = _LEAST < middle < _MOST
+        if not total and not np.abs(self.value).max() < _LARGEST_VARIATION:
+            raise InputError(
+                f"{self.where}: readings of {middle:.4g} (median) are neither a total field nor"
+                " its variation in nT"
+            )
+
+    def variation(self, time: Array, where: str) -> Array:
+        """Return (N,) nT by how much the field was above its normal value: the median of total
+        fields, zero of variations. Between readings it is interpolated linearly.
+
+        Raises
+        ------
+        InputError
+            The station was not on at all these times; `where` is the file that they are of.
+        """
+        if time[0] < self.time[0] or time[-1] > self.time[-1]:
+            raise InputError(
+                f"{self.where}: from {self.time[0]:.10g} to {self.time[-1]:.10g} s, does not cover"
+                f" {where}, from {time[0]:.10g} to {time[-1]:.10g} s"
+            )
+        middle = float(np.median(self.value))
+        return np.interp(time, self.time, self.value) - (middle if middle > _LEAST else 0.0)

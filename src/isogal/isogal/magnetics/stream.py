@@ -3,7 +3,7 @@ has been read at its time (docs/magnetometer.md, section 4.3)."""
 
 from collections import deque
 from collections.abc import Iterator
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -19,9 +19,10 @@ instruments are not on the same topic, so one may be far ahead of the other in a
 _KEPT = 1000
 """Readings of the vector magnetometer that are kept."""
 _NOTHING = np.full(3, np.nan)
+Item = TypeVar("Item")
 
 
-class CompensatedStream:
+class CompensatedStream(Generic[Item]):
     """Compensates readings one by one.
 
     Parameters
@@ -35,7 +36,7 @@ class CompensatedStream:
     def __init__(self, compensation: Compensation, online: bool = False) -> None:
         self._compensation, self._online = compensation, online
         self._vectors: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
-        self._waiting: deque[tuple[float, float, Any]] = deque()
+        self._waiting: deque[tuple[float, float, Item]] = deque()
 
     def vector(self, time: float, vector: Array) -> None:
         """Take a reading (3,) nT of the vector magnetometer; one that is not later than the last
@@ -43,11 +44,11 @@ class CompensatedStream:
         if not self._vectors or time > self._vectors[-1][0]:
             self._vectors.append((time, vector))
 
-    def scalar(self, time: float, total: float, item: Any) -> None:
+    def scalar(self, time: float, total: float, item: Item) -> None:
         """Take a reading, nT, of the scalar magnetometer, and what belongs to it."""
         self._waiting.append((time, total, item))
 
-    def ready(self) -> Iterator[tuple[Any, Any]]:
+    def ready(self) -> Iterator[tuple[float | Array, Item]]:
         """Yield the readings that can be compensated, in the order they came: total field without
         the vehicle, nT, NaN where the vector magnetometer was not read, and what belongs to
         it. With `online` the total field is an array (1 + C,) with the terms."""
@@ -60,7 +61,7 @@ class CompensatedStream:
             self._waiting.popleft()
             yield self._clean(late, total), item
 
-    def _clean(self, time: float, total: float) -> Any:
+    def _clean(self, time: float, total: float) -> float | Array:
         """Return a total field without what the vehicle adds at a time of the vector
         magnetometer, nT."""
         vector, rate = self._at(time)

@@ -58,15 +58,3 @@ def names(currents: tuple[str, ...] = ()) -> list[str]:
         *(f"eddy {name}" for name in EDDY),
         *(f"current {name} {axis}" for name in currents for axis in _AXES),
     ]
-
-
-def identifiable(coefficients: Array) -> Array:
-    """Return coefficients (..., 18 + 3 K) less the two combinations of them that a flight hardly
-    tells: an induced part that is the same in all directions, and an eddy part of that kind.
-
-    The sum of u_i² is 1, so the first is a constant; the sum of u_i du_i/dt is zero."""
-    kept = coefficients.copy()
-    for places in ((3, 6, 8), (9, 13, 17)):
-        index = list(places)
-        kept[..., index] -= kept[..., index].mean(axis=-1, keepdims=True)
-    return kept

@@ -16,8 +16,7 @@ What maps are used for:
 
     expected_accuracy    how good can a fix be here?
     variability          map feature variability (paper eq. CV)
-    gradients            the gravity gradient tensor from the disturbance
-    gravity_vector       the horizontal components of gravity
+    potential            the gravity vector and its gradient tensor from the disturbance
     spectral             Fourier transforms of a map over a plane
     error_model          the covariance of a map's errors, between places and along a track
     error_spectrum       what becomes of a map's errors in such a transform

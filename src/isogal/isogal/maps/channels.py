@@ -2,9 +2,9 @@
 gravity gradient tensor."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cached_property, partial
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,9 +65,15 @@ class ChannelMap:
     def __len__(self) -> int:
         return len(self.channels)
 
-    def __reduce__(self) -> tuple[type["ChannelMap"], tuple[tuple[FieldMap, ...]]]:
-        """Pickle the channels alone, from which the rest is made again."""
-        return ChannelMap, (self.channels,)
+    def __reduce__(self) -> tuple[Callable[..., "ChannelMap"], tuple[object, ...]]:
+        """Pickle the values of all channels once, and what is known of each beside them."""
+        rest = [
+            {one.name: getattr(channel, one.name) for one in fields(channel)}
+            for channel in self.channels
+        ]
+        for channel in rest:
+            del channel["values"]
+        return _restored, (self.values, rest)
 
     def value(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Interpolate all channels at points (rad, any shapes that broadcast): (..., C), NaN where
@@ -94,6 +100,12 @@ class ChannelMap:
     provenance: str = _of_first("provenance")
 
 
+def _restored(values: Values, rest: list[dict[str, Any]]) -> ChannelMap:
+    """Return what `ChannelMap.__reduce__` has pickled, without a copy of the values."""
+    parts = [FieldMap(values=part, **one) for part, one in zip(values, rest, strict=True)]
+    return ChannelMap(parts, values)
+
+
 AnyMap = FieldMap | ChannelMap
 """What readings are matched against: in memory."""
 RouteMap = ScalarMap | ChannelMap
@@ -116,8 +128,18 @@ def by_channel(
     latitude: Array,
     longitude: Array,
 ) -> Array:
-    """Return (T,) what ``of(map of the channel, latitude, longitude)`` says of each row, for
-    channel (T,) and points (T,), rad."""
+    """Return (T,) what a function says of the map of each row's channel.
+
+    Parameters
+    ----------
+    field_map : FieldMap or ChannelMap
+    channel : (T,) array
+        Of each row.
+    of : callable
+        ``of(map, latitude, longitude)`` returns an array for some of the points.
+    latitude, longitude : (T,) arrays
+        rad.
+    """
     maps = channels_of(field_map)
     if len(maps) == 1:
         return np.asarray(of(maps[0], latitude, longitude), dtype=np.float64)

@@ -9,7 +9,7 @@ holds together further in one direction, `isogal.maps.error_ellipses`.
 Errors of the components of the gravity gradient tensor all come from one wrong potential (section
 12.4 there). The error of T_dd is a field with the covariance sigma² exp(-d / L), thus with the
 spectrum S(k) = L² / (1 + k² L²)^(3/2), and the errors of the other components follow from it wave
-by wave, as the components themselves do (`isogal.maps.gradients`). With the wave vector
+by wave, as the components themselves do (`isogal.maps.potential`). With the wave vector
 k (cos theta, sin theta) their factors are
 
     dd: 1,  nd: i cos theta,  ed: i sin theta,
@@ -33,7 +33,7 @@ Far away C_m falls as m / x². They are tabulated once, for all lengths."""
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 
+Complex = NDArray[np.complex128]
 _ORDERS: Final = 5
 _FACTORS: Final = {
     # Fourier coefficients of exp(i m theta), m = -2 ... 2
@@ -66,8 +67,17 @@ def decay(distance: Array | float, length: Array | float) -> Array:
 
 
 def covariance(latitude: Array, longitude: Array, sigma: Array, length: float) -> Array:
-    """Return (N, N) the covariance of a scalar map's errors at places (N,), rad, where their
-    1-sigma is (N,), with a correlation length, m."""
+    """Return (N, N) the covariance of a scalar map's errors.
+
+    Parameters
+    ----------
+    latitude, longitude : (N,) arrays
+        rad.
+    sigma : (N,) array
+        1-sigma of the errors there, unit of the map.
+    length : float
+        Their correlation length, m.
+    """
     apart = displacements(latitude, longitude)
     distance = np.hypot(apart[..., 0], apart[..., 1])
     return np.asarray(np.outer(sigma, sigma) * decay(distance, length))
@@ -89,36 +99,45 @@ def displacements(latitude: Array, longitude: Array) -> Array:
 
 
 def tensor_covariance(
-    components: Sequence[str], channel: Integers, apart: Array, length: float
+    components: Sequence[str],
+    channel: Integers,
+    apart: Array,
+    length: float,
+    other: Integers | None = None,
 ) -> Array:
-    """Return (N, N) the covariance of N readings' map errors, in units of the variance of T_dd's.
+    """Return (N, M) the covariance of the map errors of N readings and M others, in units of the
+    variance of T_dd's.
 
     Parameters
     ----------
     components : sequence of str
-        Of `gradients.COMPONENTS`, one for each channel.
+        Of `potential.COMPONENTS`, one for each channel.
     channel : (N,) array
         Of each reading.
-    apart : (N, N, 2) array
+    apart : (N, M, 2) array
         [i, j] from place i to place j, north and east, m.
     length : float
         L, m.
+    other : (M,) array, optional
+        Channels of the other readings; None = the same readings.
     """
     distance = np.hypot(apart[..., 0], apart[..., 1])
     safe = np.where(distance > 0.0, distance, 1.0)
     unit = (apart[..., 0] + 1j * apart[..., 1]) / safe
-    by_order = _hankel(distance / length)
-    coefficients = products(tuple(components))[:, channel[:, None], channel]
-    total = coefficients[0].real * by_order[0]
+    second = channel if other is None else other
+    coefficients = products(tuple(components))[:, channel[:, None], second]
+    x = distance / length
+    total = coefficients[0].real * decay(distance, length)
     turned = np.ones_like(unit)
     for order in range(1, _ORDERS):
         turned = turned * unit
-        total += (coefficients[order] * turned).real * by_order[order]
+        if coefficients[order].any():
+            total += (coefficients[order] * turned).real * _hankel(order, x)
     return np.asarray(total)
 
 
 @lru_cache(maxsize=8)
-def products(components: tuple[str, ...]) -> NDArray[Any]:
+def products(components: tuple[str, ...]) -> Complex:
     """Return (5, C, C) by order m >= 0 the complex factor of exp(i m phi) C_m in the covariance of
     two components, of whose product the real part counts."""
     count = len(components)
@@ -135,7 +154,7 @@ def products(components: tuple[str, ...]) -> NDArray[Any]:
     return result
 
 
-def wave_factors(components: Sequence[str], direction: Array) -> NDArray[Any]:
+def wave_factors(components: Sequence[str], direction: Array) -> Complex:
     """Return (C, K) what waves of T_dd's error with directions (K,), rad from north to east, are
     multiplied by to be those of the components'."""
     harmonics = np.exp(1j * np.outer(np.arange(-2, 3), direction))
@@ -147,17 +166,11 @@ def shares(components: Sequence[str]) -> Array:
     return np.array([float((np.abs(_FACTORS[name]) ** 2).sum()) for name in components])
 
 
-def _hankel(x: Array) -> Array:
-    """Return (5, *shape) C_m(x)."""
+def _hankel(order: int, x: Array) -> Array:
+    """Return C_m(x) for an order m >= 1."""
     log_x, table = _table()
-    result = np.empty((_ORDERS, *x.shape))
-    result[0] = np.exp(-x)
-    far = x > _FARTHEST
-    at = np.log(np.maximum(x, 1e-300))
-    for m in range(1, _ORDERS):
-        result[m] = np.interp(at, log_x, table[m], left=0.0)
-        result[m][far] = m / x[far] ** 2
-    return result
+    near = np.interp(np.log(np.maximum(x, 1e-300)), log_x, table[order], left=0.0)
+    return np.where(x > _FARTHEST, order / np.maximum(x, _FARTHEST) ** 2, near)
 
 
 @lru_cache(maxsize=1)
@@ -279,8 +292,20 @@ def filtered_chain(
     memory: float, travelled: Array, lengths: Array, begins: bool
 ) -> tuple[Array, Array]:
     """Return `step` and `joined` (L, n, 2, 2) as `chained` does of a map's error after a low-pass
-    filter with a memory (m), f, and as it is, m, over distances (n,): f' = (m - f) / memory and m
-    a Gauss-Markov process, both stationary."""
+    filter, f, and as it is, m: f' = (m - f) / memory and m a Gauss-Markov process, both
+    stationary.
+
+    Parameters
+    ----------
+    memory : float
+        Of the filter, m along the track.
+    travelled : (n,) array
+        m from the row before.
+    lengths : (L,) array
+        Correlation lengths of m, m.
+    begins : bool
+        Whether the first row is the first of all.
+    """
     step, joined = (np.zeros((len(lengths), len(travelled), 2, 2)) for _ in range(2))
     moved = travelled > LEAST_STEP_M
     for k, length in enumerate(lengths):

@@ -83,6 +83,10 @@ class ErrorSpectrum:
         """Return the 1-sigma after an operator of white noise of 1-sigma one."""
         return math.sqrt(float((self.white * factor(self.wavenumber) ** 2).sum()))
 
+    def sigma_after(self, factor: Factor) -> float:
+        """Return the 1-sigma after an operator of correlated errors and rounding together."""
+        return math.hypot(self.sigma * self.gain(factor), self.rounding * self.white_gain(factor))
+
     def length(self, factor: Factor) -> float | None:
         """Return the distance (m) at which errors after an operator have a correlation of 1/e;
         None where there are no errors."""
@@ -97,6 +101,11 @@ class ErrorSpectrum:
             lambda distance: float((power * j0(self.wavenumber * distance)).sum()),
             1.0 / float((power * self.wavenumber).sum()),
         )
+
+
+def upward(height: float) -> Factor:
+    """Return the factor of a continuation upwards by a height (m)."""
+    return lambda wavenumber: np.exp(-wavenumber * height)
 
 
 def mixed_length(parts: Sequence[tuple[float, float | None]]) -> float | None:

@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import column_position
 
@@ -34,26 +33,22 @@ def roughness(field_map: FieldMap) -> float:
 def roughness_at(field_map: FieldMap, latitude: Array, longitude: Array) -> Array:
     """Return (T,) that around points (T,) (rad), map's unit; NaN where nothing is known."""
     grid = field_map.grid
-    result = np.empty(len(latitude))
-    for t, (lat, lon) in enumerate(zip(latitude, longitude, strict=True)):
-        row = (lat - grid.latitude0) / grid.latitude_step
-        column = column_position(grid.values.shape[1], grid.longitude0, grid.longitude_step, lon)
-        result[t] = _around(grid.values, row, column)
-    return result
-
-
-@kernel(error_model="numpy")
-def _around(values, row, column):  # type: ignore[no-untyped-def]
-    """Return the roughness around a fractional row and column."""
-    total = weights = 0.0
-    for i in range(max(round(row) - AROUND, 1), min(round(row) + AROUND + 1, len(values) - 1)):
-        first, last = round(column) - AROUND, round(column) + AROUND + 1
-        for j in range(max(first, 1), min(last, values.shape[1] - 1)):
-            along = values[i, j] - 0.5 * (values[i + 1, j] + values[i - 1, j])
-            across = values[i, j] - 0.5 * (values[i, j + 1] + values[i, j - 1])
-            squared = 0.5 * (along * along + across * across)
-            if math.isfinite(squared):
-                weight = math.exp(-0.5 * ((i - row) ** 2 + (j - column) ** 2))
-                total += weight * squared
-                weights += weight
-    return math.sqrt(total / weights) if weights > 0.0 else math.nan
+    rows = (latitude - grid.latitude0) / grid.latitude_step
+    size = grid.values.shape[1]
+    columns = np.array(
+        [column_position(size, grid.longitude0, grid.longitude_step, lon) for lon in longitude]
+    )
+    around = np.arange(-AROUND, AROUND + 1)
+    i = np.rint(rows).astype(int)[:, None, None] + around[:, None]
+    j = np.rint(columns).astype(int)[:, None, None] + around
+    inside = (i > 0) & (i < len(grid.values) - 1) & (j > 0) & (j < size - 1)
+    i, j = np.where(inside, i, 1), np.where(inside, j, 1)
+    here = grid.values
+    along = here[i, j] - 0.5 * (here[i + 1, j] + here[i - 1, j])
+    across = here[i, j] - 0.5 * (here[i, j + 1] + here[i, j - 1])
+    squared = 0.5 * (along * along + across * across)
+    away = (i - rows[:, None, None]) ** 2 + (j - columns[:, None, None]) ** 2
+    weight = np.where(inside & np.isfinite(squared), np.exp(-0.5 * away), 0.0)
+    total = (weight * np.nan_to_num(squared)).sum(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(total / weight.sum(axis=(1, 2))))

@@ -7,7 +7,7 @@ of several latitudes and interpolating."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from isogal.errors import InputError
 from isogal.maps.error_model import decay
 from isogal.maps.field_map import FieldMap
 
+Real = TypeVar("Real", np.float32, np.float64)
 STRETCH = 0.01
 """Share by which the length of a degree of longitude may differ between the latitudes computed
 with."""
@@ -45,7 +46,9 @@ class Waves(NamedTuple):
     """`east`, likewise."""
 
 
-Operator = Callable[[Waves], NDArray[Any]]
+Spectrum = NDArray[np.complex128] | Array
+"""Of a map, or what one is multiplied by, (n, m // 2 + 1)."""
+Operator = Callable[[Waves], Spectrum]
 """What the transform of a map is multiplied by, from the wavenumbers."""
 
 
@@ -136,13 +139,24 @@ def transformed(
     -------
     (P, n, m)
     """
+    from scipy.fft import irfft2, next_fast_len, rfft2
+
     chosen = tuple(operators)
-    rows_m, _ = field_map.cell
-    result = np.zeros((len(chosen), *values.shape))
+    n, m = values.shape
+    result = np.zeros((len(chosen), n, m))
     for latitude, weight in reference_latitudes(field_map.latitude):
-        cell = rows_m, field_map.cell_size_m(latitude)[1]
-        for i, one in enumerate(_applied(values, cell, chosen, taper, antisymmetric)):
-            result[i] += weight[:, None] * one
+        cell = field_map.cell[0], field_map.cell_size_m(latitude)[1]
+        pads = padding((n, m), cell, taper)
+        rooms = [math.ceil(taper / size) for size in cell]  # more than a small map's mirror images
+        shape = (
+            next_fast_len(n + 2 * max(pads[0], rooms[0]), real=True),
+            next_fast_len(m + 2 * max(pads[1], rooms[1]), real=True),
+        )
+        spectrum = rfft2(continued(values, pads, antisymmetric=antisymmetric), shape)
+        waves = waves_of(shape, cell)
+        for index, operator in enumerate(chosen):
+            whole = irfft2(spectrum * operator(waves), shape)
+            result[index] += weight[:, None] * whole[pads[0] : pads[0] + n, pads[1] : pads[1] + m]
     return result
 
 
@@ -155,45 +169,22 @@ def padding(shape: tuple[int, int], cell: tuple[float, float], taper: float) -> 
     ]
 
 
-def _applied(
-    values: Array,
-    cell: tuple[float, float],
-    operators: Iterable[Operator],
-    taper: float,
-    antisymmetric: bool,
-) -> Iterator[Array]:
-    """Yield the results (n, m) of operators over a plane."""
-    from scipy.fft import irfft2, next_fast_len, rfft2
-
-    n, m = values.shape
-    pads = padding((n, m), cell, taper)
-    rooms = [math.ceil(taper / size) for size in cell]  # more than a small map's mirror images
-    shape = (
-        next_fast_len(n + 2 * max(pads[0], rooms[0]), real=True),
-        next_fast_len(m + 2 * max(pads[1], rooms[1]), real=True),
-    )
-    spectrum = rfft2(continued(values, pads, antisymmetric=antisymmetric), shape)
-    waves = waves_of(shape, cell)
-    for operator in operators:
-        whole = irfft2(spectrum * operator(waves), shape)
-        yield whole[pads[0] : pads[0] + n, pads[1] : pads[1] + m]
-
-
 def continued(
-    values: NDArray[Any], pads: list[int], *, antisymmetric: bool = False
-) -> NDArray[Any]:
+    values: NDArray[Real], pads: list[int], *, antisymmetric: bool = False
+) -> NDArray[Real]:
     """Continue a map by its mirror image on all sides, faded out by a cosine.
 
     Antisymmetric: mirrored in the value at the rim, too, so that the slope goes on; of fields with
     long waves that is the better guess."""
     around = [(pad, pad) for pad in pads]
-    kind: Any = "odd" if antisymmetric else "even"
-    extended = np.pad(values, around, mode="reflect", reflect_type=kind)
+    kind: Literal["odd", "even"] = "odd" if antisymmetric else "even"
+    mirrored = np.pad(values, around, mode="reflect", reflect_type=kind)
+    extended = np.asarray(mirrored, dtype=values.dtype)
     for axis, pad in enumerate(pads):
         fade = 0.5 - 0.5 * np.cos(np.pi * (np.arange(pad) + 0.5) / pad)
         weight = np.ones(extended.shape[axis], dtype=values.dtype)
         weight[:pad], weight[-pad:] = fade, fade[::-1]
-        extended *= weight[:, None] if axis == 0 else weight
+        extended = extended * (weight[:, None] if axis == 0 else weight)
     return extended
 
 

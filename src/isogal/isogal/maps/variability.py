@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.field_map import flat_points
-from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.maps.tiled_map import ScalarMap
 
 WINDOW = 2000.0
@@ -28,6 +26,8 @@ POINTS = 9
 SAMPLES = 100
 """Places that the normalisation looks back over: about 1000 s of scans every 10 s, the stretch of
 a few batches."""
+_TOGETHER = 20_000
+"""Places that are computed at once."""
 
 
 @lru_cache(maxsize=4)
@@ -56,52 +56,6 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
     return north[keep], east[keep]
 
 
-@kernel(error_model="numpy")
-def variability_at(
-    grid: Grid,
-    lat: float,
-    lon: float,
-    rad_north: Array,
-    rad_east: Array,
-) -> float:
-    """Return C (paper eq. CV) at one place, unit of the map squared.
-
-    ``rad_north`` and ``rad_east`` (n,) are the template in rad of latitude and longitude. Template
-    points without a value are left out; NaN where the place itself or more than half of the
-    template has none."""
-    centre = value_and_gradient(grid, lat, lon)[0]
-    total = 0.0
-    count = 0
-    for k in range(rad_north.shape[0]):
-        difference = value_and_gradient(grid, lat + rad_north[k], lon + rad_east[k])[0] - centre
-        if not math.isnan(difference):
-            total += difference * difference
-            count += 1
-    return total / count if 2 * count >= rad_north.shape[0] and count > 0 else math.nan
-
-
-@kernel(error_model="numpy")
-def _variabilities(
-    grid: Grid,
-    lat: Array,
-    lon: Array,
-    north: Array,
-    east: Array,
-    metres_north: Array,
-    metres_east: Array,
-) -> Array:
-    out = np.empty(lat.shape[0])
-    for k in range(lat.shape[0]):
-        out[k] = variability_at(
-            grid,
-            lat[k],
-            lon[k],
-            north / metres_north[k],
-            east / metres_east[k],
-        )
-    return out
-
-
 def feature_variability(
     field_map: ScalarMap,
     latitude: ArrayLike,
@@ -127,18 +81,15 @@ def feature_variability(
     """
     north, east = template(half_width, points)
     flat_lat, flat_lon, shape = flat_points(latitude, longitude)
-    metres_north, metres_east = metres_per_radian(flat_lat)
     out = np.full(flat_lat.size, np.nan)
-    for rows, part in field_map.split(flat_lat, flat_lon, 2.0 * half_width):
-        out[rows] = _variabilities(
-            part.grid,
-            flat_lat[rows],
-            flat_lon[rows],
-            north,
-            east,
-            metres_north[rows],
-            metres_east[rows],
-        )
+    for first in range(0, out.size, _TOGETHER):
+        lat, lon = (one[first : first + _TOGETHER, None] for one in (flat_lat, flat_lon))
+        metres_north, metres_east = metres_per_radian(lat)
+        around = field_map.value(lat + north / metres_north, lon + east / metres_east)
+        square = (around - field_map.value(lat, lon)) ** 2
+        count = np.isfinite(square).sum(axis=1)
+        mean = np.nansum(square, axis=1) / np.maximum(count, 1)
+        out[first : first + _TOGETHER] = np.where(2 * count >= north.size, mean, np.nan)
     return out.reshape(shape)
 
 

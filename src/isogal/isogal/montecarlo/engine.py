@@ -27,7 +27,7 @@ from isogal.matching.registry import build_run_matcher
 from isogal.matching.several import Rhythm
 from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, Truth
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
@@ -42,25 +42,25 @@ changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
 
 
 def simulate_unaided(
-    scenario: Scenario,
+    truth: Truth,
     runs: Sequence[int],
     trajectory: Trajectory,
     imu: ImuData,
     compensation: Compensation | None = None,
 ) -> Array:
     """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
-    scan, of the world (`Scenario.world`) that the inertial data are of.
+    scan.
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
     runs : sequence of int
     trajectory : Trajectory
     imu : ImuData
     compensation : Compensation, optional
         Horizontal gravity that the strapdown takes off.
     """
-    start = draw_initial_state(scenario, trajectory, runs)
+    start = draw_initial_state(truth, trajectory, runs)
     _, track = propagate_ins(
         start,
         imu.specific_force,
@@ -69,9 +69,9 @@ def simulate_unaided(
         trajectory.height,
         compensation,
         history=True,
-        preintegrated=scenario.samples_per_step > 1,
+        preintegrated=truth.samples_per_step > 1,
     )
-    stride = scenario.steps_per_scan
+    stride = truth.steps_per_scan
     index = np.arange(0, len(trajectory) + 1, stride)
     latitude = np.concatenate([start.position[:, :1], track[:, stride - 1 :: stride, 0]], axis=1)
     longitude = np.concatenate([start.position[:, 1:2], track[:, stride - 1 :: stride, 1]], axis=1)
@@ -149,13 +149,13 @@ class Simulation:
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
-        world, of_gravity = scenario.world, scenario.felt_field
+        truth, of_gravity = scenario.true, scenario.felt_field
         self._known = known_gravity(of_gravity, trajectory)
-        sensed = felt_gravity(of_gravity.world, trajectory, runs)
-        self._imu = simulate_imu(world, trajectory, runs, sensed)
+        sensed = felt_gravity(of_gravity.true, trajectory, runs)
+        self._imu = simulate_imu(truth, trajectory, runs, sensed)
         compensation = self._known.compensation
-        self.unaided = simulate_unaided(world, runs, trajectory, self._imu, compensation)
-        self._start = draw_initial_state(world, trajectory, runs)
+        self.unaided = simulate_unaided(truth, runs, trajectory, self._imu, compensation)
+        self._start = draw_initial_state(truth, trajectory, runs)
         self._fields, self._maps = scenario.each_field, each_map(field_map)
         self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]
         """Scans of the record from one of each field to the next."""
@@ -165,11 +165,11 @@ class Simulation:
         ]
         self._height: Array = trajectory.height[1:]
         self._heights = self._velocities = None
-        if world.height.measured:
+        if truth.height.measured:
             self._height = np.full(len(trajectory), np.nan)
-            self._heights = simulate_heights(world, trajectory, runs)
-        if world.velocity.kind != "none":
-            self._velocities = simulate_velocities(world, trajectory, runs)
+            self._heights = simulate_heights(truth, trajectory, runs)
+        if truth.velocity.kind != "none":
+            self._velocities = simulate_velocities(truth, trajectory, runs)
 
     def batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
@@ -262,5 +262,5 @@ def _readings(
 ) -> Array:
     """Return (R, S) or (R, S, C) what the instrument of a field senses at its scans."""
     source = true_map(scenario, trajectory, field_map)
-    simulated = ReadingSimulator(scenario.world, trajectory, source, runs)
+    simulated = ReadingSimulator(scenario.true, trajectory, source, runs)
     return compensated(scenario, trajectory, simulated)

@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Any
 
 from isogal.errors import InputError
-from isogal.fields.source_map import source_map
+from isogal.fields.source_map import MapSource
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
@@ -155,7 +155,7 @@ def _map_along(plan: Plan, setting: Setting) -> FieldMap:
     trajectory = plan.trajectory(setting)
     route = trajectory.latitude, trajectory.longitude
     try:
-        field_map = source_map(plan.scenario(setting), corridor_of(*route).window)
+        field_map = MapSource.of(plan.scenario(setting))(window=corridor_of(*route).window)
         check_coverage(field_map, *route)
         return field_map
     except InputError as error:

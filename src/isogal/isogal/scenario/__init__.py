@@ -3,22 +3,21 @@
 Keys, units and defaults are a public contract. An unknown key is an error that names the nearest
 one.
 
-section      what do the sections share: strictness, ranges of numbers?
+section      what do the sections share: strictness, validation in one line?
 vehicle      which keys describe the route and the initial errors?
 inertial     which keys describe the inertial sensors?
 imu_grades   which grades of them are there?
 data_sheet   how are the units of data sheets read?
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
 aids         which keys describe height and velocity from sensors?
-world        which keys describe the map and its error?
+map          which keys describe the map, its error and the gravity vector?
 matcher      which keys describe the map matcher?
 fields       how does a scenario have several fields?
 truth        where do the true values differ from those that are assumed?
 fusion       which keys describe the navigator's filter?
 integrity    which keys describe the protection level?
-model        which sections has a scenario?
-loading      how is a file read, and how are single keys overridden?
-messages     how does a validation error become one line?"""
+model        which sections has a scenario, and what is assumed or true by it?
+loading      how is a file read, and how are single keys overridden?"""
 
 from isogal.scenario.aids import Height, Velocity
 from isogal.scenario.fusion import Fusion
@@ -33,17 +32,18 @@ from isogal.scenario.instruments import (
 )
 from isogal.scenario.integrity import Integrity
 from isogal.scenario.loading import changed_scenario, load_scenario, validate_scenario
+from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
-from isogal.scenario.messages import describe, known_keys
-from isogal.scenario.model import Scenario
+from isogal.scenario.model import Assumed, Scenario, Settings, Truth
+from isogal.scenario.section import describe, known_keys
 from isogal.scenario.truth import truth_of
 from isogal.scenario.vehicle import InitialError, Route
-from isogal.scenario.world import Gravity, Map, MapError
 
 __all__ = [
     "TENSOR_COMPONENTS",
     "Aircraft",
     "Altimeter",
+    "Assumed",
     "Fusion",
     "Gradiometer",
     "Gravimeter",
@@ -60,6 +60,8 @@ __all__ = [
     "Route",
     "Scenario",
     "SensorErrors",
+    "Settings",
+    "Truth",
     "Velocity",
     "changed_scenario",
     "describe",

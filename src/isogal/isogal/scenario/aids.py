@@ -1,10 +1,10 @@
 """Sections about height and velocity from sensors."""
 
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from isogal.scenario.section import NonNegative, Positive, Section
+from isogal.scenario.section import Document, NonNegative, Positive, Section
 
 
 class Height(Section):
@@ -13,31 +13,24 @@ class Height(Section):
 
     errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "scale", "weather_sigma")
 
-    source: Literal["scenario", "barometer", "depth"] = Field(
-        "scenario",
-        description=(
-            "scenario: route.height, exact; barometer or depth: a pressure sensor in air or in"
-            " water"
-        ),
-    )
-    interval: Positive = Field(
-        1.0, description="s between its readings; a whole number of the navigator's steps"
-    )
-    sigma: Positive = Field(0.5, description="white noise of a reading, m")
-    bias: NonNegative = Field(5.0, description="1-sigma of a constant offset, m")
-    scale: NonNegative = Field(
-        0.01, le=0.5, description="1-sigma of the error of height differences, as a share of them"
-    )
-    weather_sigma: NonNegative = Field(
-        5.0, description="1-sigma of what the weather, or the tide, adds, m"
-    )
-    weather_time: Positive = Field(7200.0, description="s, its correlation time")
-    reference_pressure: Positive = Field(
-        101325.0, ge=1e4, le=2e5, description="pressure at height 0, Pa"
-    )
-    water_density: Positive = Field(
-        1025.0, ge=900.0, le=1200.0, description="kg/m³; for source: depth"
-    )
+    source: Literal["scenario", "barometer", "depth"] = "scenario"
+    """scenario: route.height, exact; barometer or depth: a pressure sensor in air or in water"""
+    interval: Positive = 1.0
+    """s between its readings; a whole number of the navigator's steps"""
+    sigma: Positive = 0.5
+    """white noise of a reading, m"""
+    bias: NonNegative = 5.0
+    """1-sigma of a constant offset, m"""
+    scale: NonNegative = Field(0.01, le=0.5)
+    """1-sigma of the error of height differences, as a share of them"""
+    weather_sigma: NonNegative = 5.0
+    """1-sigma of what the weather, or the tide, adds, m"""
+    weather_time: Positive = 7200.0
+    """s, its correlation time"""
+    reference_pressure: Positive = Field(101325.0, ge=1e4, le=2e5)
+    """pressure at height 0, Pa"""
+    water_density: Positive = Field(1025.0, ge=900.0, le=1200.0)
+    """kg/m³; for source: depth"""
 
     @property
     def measured(self) -> bool:
@@ -72,53 +65,35 @@ class Velocity(Section):
 
     errors: ClassVar[tuple[str, ...]] = ("sigma", "scale", "misalignment", "current_sigma")
 
-    kind: Literal["none", "dvl", "odometer", "log", "airspeed"] = Field(
-        "none",
-        description=(
-            "which: dvl and odometer over ground (all axes), log through water (forward, right),"
-            " airspeed (forward)"
-        ),
-    )
-    interval: Positive = Field(
-        1.0, description="s between its readings; a whole number of the navigator's steps"
-    )
-    sigma: Positive | None = Field(
-        None, description="white noise of a reading, m/s; null = of its kind"
-    )
-    scale: float | None = Field(
-        None, ge=0.0, le=0.5, description="1-sigma of its scale factor error; null = of its kind"
-    )
-    misalignment: float | None = Field(
-        None,
-        ge=0.0,
-        le=0.2,
-        description="1-sigma of its mounting about right and down, rad; null = of its kind",
-    )
-    current_sigma: NonNegative | None = Field(
-        None,
-        description=(
-            "1-sigma of each component, north and east, of the water's current or the wind, m/s;"
-            " null = of its kind"
-        ),
-    )
-    current_time: Positive = Field(3600.0, description="s, its correlation time")
-    current_length: Positive = Field(
-        20000.0, description="m along the track, its correlation length"
-    )
-    standstill_speed: NonNegative = Field(
-        0.0,
-        description="m/s below which a reading means that the vehicle stands still; 0 = never",
-    )
-    standstill_sigma: Positive = Field(
-        0.01, description="1-sigma of the velocity of a vehicle that stands still, m/s"
-    )
+    kind: Literal["none", "dvl", "odometer", "log", "airspeed"] = "none"
+    """which: dvl and odometer over ground (all axes), log through water (forward, right), airspeed
+    (forward)"""
+    interval: Positive = 1.0
+    """s between its readings; a whole number of the navigator's steps"""
+    sigma: Positive | None = None
+    """white noise of a reading, m/s; null = of its kind"""
+    scale: float | None = Field(None, ge=0.0, le=0.5)
+    """1-sigma of its scale factor error; null = of its kind"""
+    misalignment: float | None = Field(None, ge=0.0, le=0.2)
+    """1-sigma of its mounting about right and down, rad; null = of its kind"""
+    current_sigma: NonNegative | None = None
+    """1-sigma of each component, north and east, of the water's current or the wind, m/s; null =
+    of its kind"""
+    current_time: Positive = 3600.0
+    """s, its correlation time"""
+    current_length: Positive = 20000.0
+    """m along the track, its correlation length"""
+    standstill_speed: NonNegative = 0.0
+    """m/s below which a reading means that the vehicle stands still; 0 = never"""
+    standstill_sigma: Positive = 0.01
+    """1-sigma of the velocity of a vehicle that stands still, m/s"""
 
     @property
     def axes(self) -> tuple[int, ...]:
         """Measured axes of the body: 0 forward, 1 right, 2 down."""
         return () if self.kind == "none" else KINDS[self.kind].axes
 
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self) -> Document:
         """See `Section`."""
         values = self.model_dump()
         if self.kind != "none":

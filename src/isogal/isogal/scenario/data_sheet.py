@@ -9,8 +9,8 @@ an acceleration. Standard gravity is 9.80665 m/s², exact by definition."""
 import math
 import re
 from collections.abc import Sequence
-from typing import Any
 
+Reading = float | str
 G = 9.80665
 """Standard gravity, m/s²: the unit g of data sheets."""
 Dimension = tuple[float, float, float]
@@ -43,7 +43,7 @@ class QuantityKind:
         self.unit, self.example, self.positive = unit, example, positive
         self.dimension = unit_of(unit)[1]
 
-    def read(self, value: Any) -> float:
+    def read(self, value: Reading) -> float:
         """Return a number in SI; raises ValueError with one line where there is none."""
         if isinstance(value, str):
             match = _NUMBER.fullmatch(value)
@@ -61,7 +61,9 @@ class QuantityKind:
             raise ValueError(f"must not be {least} or infinite, is {value!r}")
         return number
 
-    def read_axes(self, value: Any) -> tuple[float, float, float] | None:
+    def read_axes(
+        self, value: Reading | Sequence[Reading] | None
+    ) -> tuple[float, float, float] | None:
         """Return one number per axis (x, y, z) of one number for all or of three; None for
         None."""
         if value is None:

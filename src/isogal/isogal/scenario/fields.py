@@ -6,16 +6,16 @@ its matcher assumes. What an entry does not say of `map` and `matcher` is as the
 says; the sections whose numbers are in the unit of a field, `gravimeter` and `map_error`, have
 their defaults and count in entries only."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import AfterValidator, Field
 
 from isogal import plugins
 from isogal.scenario.instruments import Gravimeter
-from isogal.scenario.section import Positive, Section
-from isogal.scenario.world import MapError
+from isogal.scenario.map import MapError
+from isogal.scenario.section import Document, Positive, Section, merged, validated
 from isogal.seeds import generator
 
 if TYPE_CHECKING:
@@ -32,34 +32,26 @@ _DEFAULTS = {"gravimeter": Gravimeter(), "map_error": MapError(), "field": None}
 class FieldEntry(Section):
     """One of several fields."""
 
-    field: FieldName = Field(description="field that is measured and matched")
-    name: str | None = Field(
-        None, pattern=r"^[a-z][a-z0-9_]*$", description="what it is called; null = as its field"
-    )
-    seed: int | None = Field(
-        None,
-        ge=0,
-        description="of the random streams of its readings; null = the first: seed, others: drawn",
-    )
-    sigma: Positive | None = Field(
-        None, description="gravimeter.sigma: white noise of a reading, in the field's unit"
-    )
-    interval: Positive | None = Field(None, description="gravimeter.interval: s between scans")
-    gravimeter: dict[str, Any] = Field(
-        default_factory=dict, description="other keys of its instrument, as the section gravimeter"
-    )
-    map: dict[str, Any] = Field(
-        default_factory=dict, description="keys of the section map that are others for it"
-    )
-    map_error: dict[str, Any] = Field(
-        default_factory=dict, description="keys of the section map_error, in the field's unit"
-    )
-    matcher: dict[str, Any] = Field(
-        default_factory=dict, description="keys of the section matcher that are others for it"
-    )
-    truth: dict[str, Any] = Field(
-        default_factory=dict, description="keys of the section truth that are others for it"
-    )
+    field: FieldName
+    """field that is measured and matched"""
+    name: str | None = Field(None, pattern=r"^[a-z][a-z0-9_]*$")
+    """what it is called; null = as its field"""
+    seed: int | None = Field(None, ge=0)
+    """of the random streams of its readings; null = the first: seed, others: drawn"""
+    sigma: Positive | None = None
+    """gravimeter.sigma: white noise of a reading, in the field's unit"""
+    interval: Positive | None = None
+    """gravimeter.interval: s between scans"""
+    gravimeter: Document = Field(default_factory=dict)
+    """other keys of its instrument, as the section gravimeter"""
+    map: Document = Field(default_factory=dict)
+    """keys of the section map that are others for it"""
+    map_error: Document = Field(default_factory=dict)
+    """keys of the section map_error, in the field's unit"""
+    matcher: Document = Field(default_factory=dict)
+    """keys of the section matcher that are others for it"""
+    truth: Document = Field(default_factory=dict)
+    """keys of the section truth that are others for it"""
 
     @property
     def called(self) -> str:
@@ -67,27 +59,25 @@ class FieldEntry(Section):
         return self.name or self.field
 
     @property
-    def instrument(self) -> dict[str, Any]:
+    def instrument(self) -> Document:
         """What it says of the section `gravimeter`."""
         short = {"sigma": self.sigma, "interval": self.interval}
         return self.gravimeter | {key: x for key, x in short.items() if x is not None}
 
 
-def read_entries(documents: Sequence[Mapping[str, Any]]) -> tuple[FieldEntry, ...]:
+def read_entries(documents: Sequence[Document]) -> tuple[FieldEntry, ...]:
     """Return the entries of a list `fields`; raises ValueError with a line that names the key."""
-    entries = []
-    for index, document in enumerate(documents):
-        try:
-            entries.append(FieldEntry.model_validate(document))
-        except ValidationError as error:
-            raise ValueError(_text(error, FieldEntry, f"fields.{index}.")) from None
+    entries = tuple(
+        validated(FieldEntry, document, f"fields.{index}.")
+        for index, document in enumerate(documents)
+    )
     names = [entry.called for entry in entries]
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"fields: two entries are called '{name}'; give each another name")
     if not entries:
         raise ValueError("fields: must have an entry for each field, or be null")
-    return tuple(entries)
+    return entries
 
 
 def scenarios_of(scenario: "Scenario") -> tuple["Scenario", ...]:
@@ -108,29 +98,24 @@ def scenarios_of(scenario: "Scenario") -> tuple["Scenario", ...]:
 
 
 def _scenario_of(scenario: "Scenario", index: int, entry: FieldEntry) -> "Scenario":
-    kind = type(scenario)
-    changes: dict[str, Any] = {"fields": None, "field": entry.field}
+    changes: Document = {"fields": None, "field": entry.field}
     for key in MERGED:
-        told: Any = getattr(scenario, key)
-        own: dict[str, Any] = entry.instrument if key == "gravimeter" else getattr(entry, key)
-        document: dict[str, Any] = told if isinstance(told, dict) else told.model_dump()
-        changes[key] = _merged(document, own)
+        section: Section | Document = getattr(scenario, key)
+        own: Document = entry.instrument if key == "gravimeter" else getattr(entry, key)
+        whole = section.model_dump() if isinstance(section, Section) else section
+        changes[key] = merged(whole, own)
     if index or entry.seed is not None:
         changes["seed"] = _seed(scenario.seed, entry)
     if scenario.samples_per_step > 1:
         changes["fusion"] = scenario.fusion.model_dump() | {"rate": scenario.navigation_rate}
-    values = {name: getattr(scenario, name) for name in kind.model_fields}
-    try:
-        return kind.model_validate(values | changes)
-    except ValidationError as error:
-        raise ValueError(_text(error, kind, f"fields.{index}.")) from None
+    return validated(type(scenario), dict(scenario) | changes, f"fields.{index}.")
 
 
-def intervals_of(documents: Sequence[Mapping[str, Any]]) -> list[float]:
+def intervals_of(documents: Sequence[Document]) -> list[float]:
     """Return the time (s) between the scans of each entry."""
     default = Gravimeter().interval
-    told = [entry.instrument.get("interval", default) for entry in read_entries(documents)]
-    return [float(interval) for interval in told]
+    entries = read_entries(documents)
+    return [float(entry.instrument.get("interval", default)) for entry in entries]
 
 
 def _seed(seed: int, entry: FieldEntry) -> int:
@@ -139,18 +124,3 @@ def _seed(seed: int, entry: FieldEntry) -> int:
     if entry.seed is not None:
         return entry.seed
     return int(generator(seed, 0, f"field {entry.called}").integers(2**31))
-
-
-def _merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    result = dict(document)
-    for key, value in changes.items():
-        inside = result.get(key)
-        section = isinstance(inside, dict) and isinstance(value, dict)
-        result[key] = _merged(dict(inside or {}), value) if section else value
-    return result
-
-
-def _text(error: ValidationError, model: type[Section], prefix: str) -> str:
-    from isogal.scenario.messages import describe  # which knows the scenario, and so this module
-
-    return describe(error, model, prefix)

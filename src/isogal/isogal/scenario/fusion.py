@@ -10,25 +10,12 @@ from isogal.scenario.section import Positive, Section
 class Fusion(Section):
     """The navigator's filter."""
 
-    filter: Literal["compiled", "reference"] = Field(
-        "compiled",
-        description="which unscented filter: Isogal's, or filterpy's to compare it with (slow)",
-    )
-    rate: Positive | None = Field(
-        None,
-        le=400.0,
-        description=(
-            "steps of the navigator per second, Hz, of which imu.rate is a multiple: samples"
-            " between are pre-integrated; null = imu.rate up to 10 Hz, the lowest possible from 1"
-            " Hz on for a faster IMU"
-        ),
-    )
-    false_rejection: float = Field(
-        1e-9,
-        ge=0.0,
-        le=0.01,
-        description=(
-            "innovation gate: how probable it is that a measurement which is as good as it says is"
-            " not used; 0 = no gate"
-        ),
-    )
+    filter: Literal["compiled", "reference"] = "compiled"
+    """which unscented filter: Isogal's, or filterpy's to compare it with (slow)"""
+    rate: Positive | None = Field(None, le=400.0)
+    """steps of the navigator per second, Hz, of which imu.rate is a multiple: samples between are
+    pre-integrated; null = imu.rate up to 10 Hz, the lowest possible from 1 Hz on for a faster
+    IMU"""
+    false_rejection: float = Field(1e-9, ge=0.0, le=0.01)
+    """innovation gate: how probable it is that a measurement which is as good as it says is not
+    used; 0 = no gate"""

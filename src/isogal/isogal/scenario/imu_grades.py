@@ -5,10 +5,9 @@ from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from isogal.errors import InputError
 from isogal.scenario.inertial import Grade
+from isogal.scenario.section import validated
 from isogal.yaml_text import parse_yaml
 
 PAPER_GRADES = ("precision", "quantum_accelerometer", "quantum")
@@ -57,12 +56,7 @@ def parse(text: str, where: str) -> dict[str, Grade]:
     document = parse_yaml(text, f"grades: {where}")
     if not isinstance(document, dict) or not document:
         raise InputError(f"grades: {where}: must map names of grades to their errors")
-    grades = {}
-    for name, entry in document.items():
-        try:
-            grades[str(name)] = Grade.model_validate(entry)
-        except ValidationError as error:
-            from isogal.scenario.messages import describe  # which knows the scenario and so this
-
-            raise InputError(f"grades: {where}: {name}: {describe(error, Grade)}") from None
-    return grades
+    return {
+        str(name): validated(Grade, entry, where=f"grades: {where}: {name}: ")
+        for name, entry in document.items()
+    }

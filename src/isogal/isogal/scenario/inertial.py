@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from isogal.errors import InputError
 from isogal.scenario.data_sheet import QuantityKind
-from isogal.scenario.section import Positive, Section
+from isogal.scenario.section import Document, Positive, Section
 
 Axes = tuple[float, float, float]
 BIAS_TIME = 1000.0
@@ -150,7 +150,7 @@ class Imu(Section):
             _resolved(self.gyroscope, grade.gyroscope),
         )
 
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self) -> Document:
         """Return the section as a document in which every error is given."""
         document, sensors = self.model_dump(), self.sensors
         for name in ("accelerometer", "gyroscope"):

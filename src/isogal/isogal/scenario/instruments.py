@@ -20,64 +20,47 @@ class Gravimeter(Section):
         "platform_tilt",
     )
 
-    quantity: Literal["gravity", "disturbance"] = Field(
-        "gravity", description="what the readings are reduced to and matched as"
-    )
-    sigma: Positive = Field(
-        1.0e-5, description="white noise of a reading, m/s² (field: magnetic nT, terrain m)"
-    )
-    interval: Positive = Field(10.0, description="s between scans; a whole number of IMU samples")
-    outlier_fraction: float = Field(
-        0.0, ge=0.0, lt=0.5, description="share of readings that are outliers"
-    )
-    outlier_sigma: Positive = Field(50.0, description="1-sigma of an outlier in units of sigma")
-    bias: NonNegative = Field(
-        0.0, description="1-sigma of a constant offset of all readings, unit of sigma"
-    )
-    drift: NonNegative = Field(
-        0.0, description="1-sigma of a steady drift of that offset, unit of sigma per second"
-    )
-    correlated_sigma: NonNegative = Field(
-        0.0, description="1-sigma of time-correlated noise beside sigma, in its unit"
-    )
-    correlation_time: Positive = Field(
-        60.0, description="s, correlation time of that noise (first-order Gauss-Markov)"
-    )
-    bias_walk: NonNegative = Field(
-        0.0, description="random walk of the readings' offset, unit of sigma per root second"
-    )
-    cross_coupling: NonNegative = Field(
-        0.0,
-        description=(
-            "1-sigma of what a reading takes from the vehicle's forward and from its lateral"
-            " acceleration, unit of sigma per m/s²"
-        ),
-    )
-    platform_tilt: NonNegative = Field(
-        0.0, le=0.1, description="1-sigma of a gravimeter's tilt about north and east, rad"
-    )
-    platform_time: Positive = Field(
-        300.0, description="s, correlation time of that tilt (first-order Gauss-Markov)"
-    )
-    filter_time: NonNegative = Field(
-        0.0, le=300.0, description="s, time constant of the instrument's low-pass filter"
-    )
-    delay: NonNegative = Field(
-        0.0, le=300.0, description="s by which readings are late, after the filter"
-    )
-    delay_sigma: NonNegative = Field(
-        0.0, le=60.0, description="1-sigma of a delay that is not told, which is estimated, s"
-    )
-    missing_fraction: float = Field(
-        0.0, ge=0.0, lt=1.0, description="share of the readings that are missing"
-    )
-    gaps: tuple[tuple[NonNegative, Positive], ...] | None = Field(
-        None, description="start and length in s of times without readings; null = none"
-    )
-    dead_turn_rate: Positive | None = Field(
-        None, description="rad/s of heading above which there are no readings; null = always some"
-    )
-    dead_time: NonNegative = Field(0.0, description="s after such a turn without readings")
+    quantity: Literal["gravity", "disturbance"] = "gravity"
+    """what the readings are reduced to and matched as"""
+    sigma: Positive = 1.0e-5
+    """white noise of a reading, m/s² (field: magnetic nT, terrain m)"""
+    interval: Positive = 10.0
+    """s between scans; a whole number of IMU samples"""
+    outlier_fraction: float = Field(0.0, ge=0.0, lt=0.5)
+    """share of readings that are outliers"""
+    outlier_sigma: Positive = 50.0
+    """1-sigma of an outlier in units of sigma"""
+    bias: NonNegative = 0.0
+    """1-sigma of a constant offset of all readings, unit of sigma"""
+    drift: NonNegative = 0.0
+    """1-sigma of a steady drift of that offset, unit of sigma per second"""
+    correlated_sigma: NonNegative = 0.0
+    """1-sigma of time-correlated noise beside sigma, in its unit"""
+    correlation_time: Positive = 60.0
+    """s, correlation time of that noise (first-order Gauss-Markov)"""
+    bias_walk: NonNegative = 0.0
+    """random walk of the readings' offset, unit of sigma per root second"""
+    cross_coupling: NonNegative = 0.0
+    """1-sigma of what a reading takes from the vehicle's forward and from its lateral
+    acceleration, unit of sigma per m/s²"""
+    platform_tilt: NonNegative = Field(0.0, le=0.1)
+    """1-sigma of a gravimeter's tilt about north and east, rad"""
+    platform_time: Positive = 300.0
+    """s, correlation time of that tilt (first-order Gauss-Markov)"""
+    filter_time: NonNegative = Field(0.0, le=300.0)
+    """s, time constant of the instrument's low-pass filter"""
+    delay: NonNegative = Field(0.0, le=300.0)
+    """s by which readings are late, after the filter"""
+    delay_sigma: NonNegative = Field(0.0, le=60.0)
+    """1-sigma of a delay that is not told, which is estimated, s"""
+    missing_fraction: float = Field(0.0, ge=0.0, lt=1.0)
+    """share of the readings that are missing"""
+    gaps: tuple[tuple[NonNegative, Positive], ...] | None = None
+    """start and length in s of times without readings; null = none"""
+    dead_turn_rate: Positive | None = None
+    """rad/s of heading above which there are no readings; null = always some"""
+    dead_time: NonNegative = 0.0
+    """s after such a turn without readings"""
 
 
 Vector = tuple[float, float, float]
@@ -88,14 +71,12 @@ _NO_TENSOR: Tensor = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class Aircraft(Section):
     """What the vehicle adds to the magnetic field at the magnetometer, body axes."""
 
-    permanent: Vector = Field((0.0, 0.0, 0.0), description="by its own magnetisation, nT")
-    induced: Tensor = Field(
-        _NO_TENSOR,
-        description="induced by the field it is in, share of it; rows of a 3 x 3 matrix",
-    )
-    eddy: Tensor = Field(
-        _NO_TENSOR, description="by eddy currents where that changes, s; rows of a 3 x 3 matrix"
-    )
+    permanent: Vector = (0.0, 0.0, 0.0)
+    """by its own magnetisation, nT"""
+    induced: Tensor = _NO_TENSOR
+    """induced by the field it is in, share of it; rows of a 3 x 3 matrix"""
+    eddy: Tensor = _NO_TENSOR
+    """by eddy currents where that changes, s; rows of a 3 x 3 matrix"""
 
     @property
     def magnetic(self) -> bool:
@@ -113,38 +94,19 @@ class Magnetometer(Section):
         "aircraft.eddy",
     )
 
-    epoch: float = Field(
-        2025.0,
-        ge=1900.0,
-        le=2030.0,
-        description=(
-            "when, decimal year: the main field (IGRF) changes from year to year; of readings"
-            " whose stamps do not say it, as those since the start of a simulation"
-        ),
-    )
-    compensation: str | None = Field(
-        None,
-        description=(
-            "coefficients of `isogal mag calibrate` that are taken off the readings; null = what"
-            " aircraft says"
-        ),
-    )
-    vector_sigma: NonNegative = Field(
-        0.0, description="white noise of each component of the vector magnetometer, nT"
-    )
-    online: bool = Field(
-        False,
-        description=(
-            "whether the matcher estimates along what the vehicle adds: from compensation or"
-            " aircraft on, or from nothing (a cold start)"
-        ),
-    )
-    coefficient_sigma: Positive = Field(
-        300.0,
-        description=(
-            "1-sigma of each coefficient of a vehicle that nobody has calibrated, nT; for online"
-        ),
-    )
+    epoch: float = Field(2025.0, ge=1900.0, le=2030.0)
+    """when, decimal year: the main field (IGRF) changes from year to year; of readings whose
+    stamps do not say it, as those since the start of a simulation"""
+    compensation: str | None = None
+    """coefficients of `isogal mag calibrate` that are taken off the readings; null = what aircraft
+    says"""
+    vector_sigma: NonNegative = 0.0
+    """white noise of each component of the vector magnetometer, nT"""
+    online: bool = False
+    """whether the matcher estimates along what the vehicle adds: from compensation or aircraft on,
+    or from nothing (a cold start)"""
+    coefficient_sigma: Positive = 300.0
+    """1-sigma of each coefficient of a vehicle that nobody has calibrated, nT; for online"""
     aircraft: Aircraft = Aircraft()
 
 
@@ -154,38 +116,23 @@ class Altimeter(Section):
 
     errors: ClassVar[tuple[str, ...]] = ("scale_sigma",)
 
-    min_range: NonNegative = Field(0.0, description="m, readings below are none")
-    max_range: Positive = Field(20000.0, description="m, readings above are none")
-    beams: int = Field(
-        1, ge=1, le=64, description="how many, in a fan across the track; 1 = straight down"
-    )
-    opening: float = Field(
-        90.0, gt=0.0, le=150.0, description="deg between the outermost beams of the fan"
-    )
-    directions: tuple[tuple[float, float], ...] | None = Field(
-        None,
-        min_length=1,
-        max_length=64,
-        description=(
-            "instead of a fan, azimuth (clockwise from forward) and angle from straight down of"
-            " each beam, deg; null = the fan"
-        ),
-    )
-    message: Literal["points", "scan"] = Field(
-        "points",
-        description=(
-            "of the nodes: points are a PointCloud2 on altimeter/points, scan is a LaserScan of"
-            " the fan on altimeter/scan"
-        ),
-    )
-    scale_sigma: NonNegative = Field(
-        0.0,
-        le=0.1,
-        description=(
-            "1-sigma of a constant scale error of all ranges, as by a wrong speed of sound; it is"
-            " estimated along"
-        ),
-    )
+    min_range: NonNegative = 0.0
+    """m, readings below are none"""
+    max_range: Positive = 20000.0
+    """m, readings above are none"""
+    beams: int = Field(1, ge=1, le=64)
+    """how many, in a fan across the track; 1 = straight down"""
+    opening: float = Field(90.0, gt=0.0, le=150.0)
+    """deg between the outermost beams of the fan"""
+    directions: tuple[tuple[float, float], ...] | None = Field(None, min_length=1, max_length=64)
+    """instead of a fan, azimuth (clockwise from forward) and angle from straight down of each
+    beam, deg; null = the fan"""
+    message: Literal["points", "scan"] = "points"
+    """of the nodes: points are a PointCloud2 on altimeter/points, scan is a LaserScan of the fan
+    on altimeter/scan"""
+    scale_sigma: NonNegative = Field(0.0, le=0.1)
+    """1-sigma of a constant scale error of all ranges, as by a wrong speed of sound; it is
+    estimated along"""
 
     @property
     def sounds(self) -> bool:
@@ -229,53 +176,27 @@ class Gradiometer(Section):
     """Measured components of the gravity gradient tensor and their noise, in Eötvös (1 E = 1e-9
     1/s²); for the field `gradient`."""
 
-    components: tuple[str, ...] = Field(
-        TENSOR_COMPONENTS[:5],
-        min_length=1,
-        max_length=5,
-        description="which it measures, of nn, ne, nd, ee, ed, dd (n north, e east, d down)",
-    )
-    sigma_eotvos: Positive = Field(
-        1.0, description="white noise of each component, E; instead of gravimeter.sigma"
-    )
-    covariance_eotvos: tuple[tuple[float, ...], ...] | None = Field(
-        None,
-        description=(
-            "covariance of the noise, row by row in the order of components, E², instead of"
-            " sigma_eotvos"
-        ),
-    )
-    bias_eotvos: NonNegative = Field(
-        0.0, description="1-sigma of a constant offset of each component, E"
-    )
-    bias_walk_eotvos: NonNegative = Field(
-        0.0, description="random walk of each component's offset, E per root second"
-    )
-    platform_tilt: NonNegative = Field(
-        0.0,
-        le=0.1,
-        description=(
-            "1-sigma of the platform's tilt about north and about east, and of its azimuth, rad"
-        ),
-    )
-    platform_time: Positive = Field(
-        3600.0, description="s, correlation time of that tilt (first-order Gauss-Markov)"
-    )
-    allowed_tilt: NonNegative = Field(
-        5e-3,
-        le=0.1,
-        description=(
-            "1-sigma of a tilt that the matcher of several components allows for where"
-            " platform_tilt is 0, rad; 0 = the platform is known to be level"
-        ),
-    )
-    map_errors: Literal["independent", "one_potential"] = Field(
-        "independent",
-        description=(
-            "how errors of the components' maps go together; one_potential: they are derivatives"
-            " of one potential, and sigmas and lengths of the map's error are those of dd"
-        ),
-    )
+    components: tuple[str, ...] = Field(TENSOR_COMPONENTS[:5], min_length=1, max_length=5)
+    """which it measures, of nn, ne, nd, ee, ed, dd (n north, e east, d down)"""
+    sigma_eotvos: Positive = 1.0
+    """white noise of each component, E; instead of gravimeter.sigma"""
+    covariance_eotvos: tuple[tuple[float, ...], ...] | None = None
+    """covariance of the noise, row by row in the order of components, E², instead of
+    sigma_eotvos"""
+    bias_eotvos: NonNegative = 0.0
+    """1-sigma of a constant offset of each component, E"""
+    bias_walk_eotvos: NonNegative = 0.0
+    """random walk of each component's offset, E per root second"""
+    platform_tilt: NonNegative = Field(0.0, le=0.1)
+    """1-sigma of the platform's tilt about north and about east, and of its azimuth, rad"""
+    platform_time: Positive = 3600.0
+    """s, correlation time of that tilt (first-order Gauss-Markov)"""
+    allowed_tilt: NonNegative = Field(5e-3, le=0.1)
+    """1-sigma of a tilt that the matcher of several components allows for where platform_tilt is
+    0, rad; 0 = the platform is known to be level"""
+    map_errors: Literal["independent", "one_potential"] = "independent"
+    """how errors of the components' maps go together; one_potential: they are derivatives of one
+    potential, and sigmas and lengths of the map's error are those of dd"""
 
     @property
     def wanders(self) -> bool:

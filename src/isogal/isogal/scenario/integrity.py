@@ -13,20 +13,10 @@ covariance, falls as exp(-lag / T) with T of 900 to 1700 s in the told rows of d
 class Integrity(Section):
     """The horizontal protection level: docs/integrity.md."""
 
-    risk: float = Field(
-        1e-5,
-        ge=1e-9,
-        le=0.1,
-        description="how often the error may exceed the protection level, times per hour",
-    )
-    correlation_time: float = Field(
-        ERROR_TIME,
-        ge=10.0,
-        le=3600.0,
-        description="of the position error, s: stretches above the level that are closer count"
-        " once, and a shorter time gives a higher level",
-    )
-    alert_limit: Positive | None = Field(
-        None,
-        description="protection level from which on the solution is of no use, m; null = none",
-    )
+    risk: float = Field(1e-5, ge=1e-9, le=0.1)
+    """how often the error may exceed the protection level, times per hour"""
+    correlation_time: float = Field(ERROR_TIME, ge=10.0, le=3600.0)
+    """of the position error, s: stretches above the level that are closer count once, and a
+    shorter time gives a higher level"""
+    alert_limit: Positive | None = None
+    """protection level from which on the solution is of no use, m; null = none"""

@@ -2,13 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
-
-from pydantic import ValidationError
 
 from isogal.errors import InputError
-from isogal.scenario.messages import describe
 from isogal.scenario.model import Scenario
+from isogal.scenario.section import Document, Value, validated
 from isogal.yaml_text import parse_yaml
 
 
@@ -22,7 +19,7 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
         One line that names the file and key and what is allowed.
     """
     where = "scenario" if path is None else str(path)
-    document: Any = {}
+    document: Document = {}
     if path is not None:
         try:
             text = Path(path).read_text(encoding="utf-8")
@@ -47,18 +44,15 @@ def changed_scenario(scenario: Scenario, overrides: Iterable[str], where: str) -
     return validate_scenario(document, where)
 
 
-def validate_scenario(document: Mapping[str, Any], where: str = "scenario") -> Scenario:
+def validate_scenario(document: Mapping[str, Value], where: str = "scenario") -> Scenario:
     """Validate an already parsed document; raises InputError with one line.
 
     YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant,
     where a number belongs."""
-    try:
-        return Scenario.model_validate(document)
-    except ValidationError as error:
-        raise InputError(f"{where}: {describe(error)}") from None
+    return validated(Scenario, document, where=f"{where}: ")
 
 
-def _override(document: dict[str, Any], item: str) -> None:
+def _override(document: Document, item: str) -> None:
     key, equals, text = item.partition("=")
     if not equals or not key:
         raise InputError(

@@ -1,12 +1,12 @@
 """Section about the map matcher."""
 
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
 from isogal import plugins
-from isogal.scenario.section import NonNegative, Positive, Section
+from isogal.scenario.section import Document, NonNegative, Positive, Section
 
 MatcherName = Annotated[str, AfterValidator(partial(plugins.check, plugins.MATCHERS))]
 
@@ -14,38 +14,22 @@ MatcherName = Annotated[str, AfterValidator(partial(plugins.check, plugins.MATCH
 class Matcher(Section):
     """The map matcher and what it assumes of map and readings."""
 
-    name: MatcherName = Field(
-        "pmht",
-        description="matching algorithm",
-        json_schema_extra={"plugins": plugins.MATCHERS},
-    )
-    batch_length: int = Field(30, ge=2, le=1000, description="scans T in a batch")
-    stride: int | None = Field(
-        None,
-        ge=1,
-        le=1000,
-        description="new scans between fixes; null = the matcher's own best (pmht: 5), else all",
-    )
-    mode: Literal["standard", "retrodiction"] = Field(
-        "standard", description="one fix a batch, or one for each of its scans"
-    )
-    map_sigma: NonNegative | Literal["auto"] = Field(
-        "auto",
-        description=(
-            "1-sigma of the map's error assumed, in the unit of gravimeter.sigma; auto = learnt"
-        ),
-    )
-    map_correlation_length: Positive = Field(4000.0, description="its correlation length, m")
-    bias_sigma: NonNegative = Field(
-        0.0,
-        description=(
-            "1-sigma of an unknown constant offset of the readings, in the unit of"
-            " gravimeter.sigma"
-        ),
-    )
-    options: dict[str, Any] = Field(
-        default_factory=dict, description="settings of the named matcher; see docs/matchers.md"
-    )
+    name: MatcherName = Field("pmht", json_schema_extra={"plugins": plugins.MATCHERS})
+    """matching algorithm"""
+    batch_length: int = Field(30, ge=2, le=1000)
+    """scans T in a batch"""
+    stride: int | None = Field(None, ge=1, le=1000)
+    """new scans between fixes; null = the matcher's own best (pmht: 5), else all"""
+    mode: Literal["standard", "retrodiction"] = "standard"
+    """one fix a batch, or one for each of its scans"""
+    map_sigma: NonNegative | Literal["auto"] = "auto"
+    """1-sigma of the map's error assumed, in the unit of gravimeter.sigma; auto = learnt"""
+    map_correlation_length: Positive = 4000.0
+    """its correlation length, m"""
+    bias_sigma: NonNegative = 0.0
+    """1-sigma of an unknown constant offset of the readings, in the unit of gravimeter.sigma"""
+    options: Document = Field(default_factory=dict)
+    """settings of the named matcher; see docs/matchers.md"""
 
     @model_validator(mode="after")
     def _stride_fits(self) -> "Matcher":

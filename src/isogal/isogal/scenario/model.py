@@ -1,7 +1,11 @@
-"""The whole scenario."""
+"""The whole scenario, and its two halves: what is assumed, and what is true.
+
+`Scenario` is what a file says. Filters, matchers and reductions take what it assumes (`Assumed`,
+which a scenario is), simulators what is true (`Truth`, by `Scenario.true`). Neither passes for the
+other; what both have alike, such as the route, is `Settings`."""
 
 import math
-from typing import Any
+from typing import Self
 
 from pydantic import Field, model_validator
 
@@ -12,27 +16,25 @@ from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
 from isogal.scenario.integrity import Integrity
+from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
-from isogal.scenario.section import Section
+from isogal.scenario.section import Document, Section, validated
 from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
-from isogal.scenario.truth import true_scenario
+from isogal.scenario.truth import check_names, true_section
 from isogal.scenario.vehicle import InitialError, Route
-from isogal.scenario.world import Gravity, Map, MapError
 
 FASTEST_STEPS = 10.0
 """Hz: up to this rate every IMU sample is a step of the navigator, unless it is told another."""
 _OF_GRAVITY = ("gravity", "disturbance", "gradient")
 
 
-class Scenario(Section):
-    """A whole run."""
+class Settings(Section):
+    """The sections of a run, and what follows from them."""
 
-    seed: int = Field(0, ge=0, description="every random stream derives from it")
-    field: FieldName | None = Field(
-        None,
-        description="field that is measured and matched; null = gravimeter.quantity",
-        json_schema_extra={"plugins": plugins.FIELDS},
-    )
+    seed: int = Field(0, ge=0)
+    """every random stream derives from it"""
+    field: FieldName | None = Field(None, json_schema_extra={"plugins": plugins.FIELDS})
+    """field that is measured and matched; null = gravimeter.quantity"""
     route: Route = Route()
     imu: Imu = Imu()
     initial_error: InitialError = InitialError()
@@ -48,31 +50,12 @@ class Scenario(Section):
     matcher: Matcher = Field(default_factory=Matcher)
     fusion: Fusion = Fusion()
     integrity: Integrity = Integrity()
-    fields: tuple[dict[str, Any], ...] | None = Field(
-        None,
-        description=(
-            "several fields in one run: a list of entries with keys field, name, sigma, interval,"
-            " gravimeter, map, map_error, matcher, truth, seed; null = field alone"
-        ),
-    )
-    truth: dict[str, Any] = Field(
-        default_factory=dict,
-        description=(
-            "what really is, where it differs from what is assumed: keys of"
-            f" {', '.join(TRUE_SECTIONS)}; 3x = three times what is assumed"
-        ),
-    )
+    fields: tuple[Document, ...] | None = None
+    """several fields in one run: a list of entries with keys field, name, sigma, interval,
+    gravimeter, map, map_error, matcher, truth, seed; null = field alone"""
 
     @model_validator(mode="after")
-    def _possible_fields(self) -> "Scenario":
-        if self.fields is not None and any(
-            one.matcher.mode == "retrodiction" for one in scenarios_of(self)
-        ):
-            raise ValueError("matcher.mode: retrodiction takes one field, not a list of fields")
-        return self
-
-    @model_validator(mode="after")
-    def _whole_scans(self) -> "Scenario":
+    def _whole_scans(self) -> Self:
         steps = self.gravimeter.interval * self.imu.rate
         if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
             raise ValueError(
@@ -91,7 +74,17 @@ class Scenario(Section):
         return self
 
     @model_validator(mode="after")
-    def _whole_aids(self) -> "Scenario":
+    def _beams_in_time(self) -> Self:
+        late = self.gravimeter.delay, self.gravimeter.filter_time, self.gravimeter.delay_sigma
+        if self.field == "terrain" and self.altimeter.sounds and any(late):
+            raise ValueError(
+                "gravimeter.delay: an altimeter with several beams or a scale error cannot be"
+                " late, nor have a filter"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _whole_aids(self) -> Self:
         used = {"height": self.height.measured, "velocity": self.velocity.kind != "none"}
         for name in (name for name, measured in used.items() if measured):
             steps = getattr(self, name).interval * self.navigation_rate
@@ -102,42 +95,12 @@ class Scenario(Section):
                 )
         return self
 
-    @model_validator(mode="after")
-    def _possible_world(self) -> "Scenario":
-        self.world  # noqa: B018 - raises where the truth is impossible
-        return self
-
-    @property
-    def world(self) -> "Scenario":
-        """The scenario as it really is: the section `truth` merged into the others. What is
-        simulated comes from there, what is assumed from the scenario itself."""
-        if not self.truth or self.fields is None:
-            return true_scenario(self) if self.truth else self
-        # what is true of readings and maps is so of the entries
-        parts: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
-        for key, value in self.truth.items():
-            parts[key in OF_FIELDS][key] = value
-        true = true_scenario(self.model_copy(update={"truth": parts[0]}))
-        return true.model_copy(update={"truth": parts[1]})
-
-    @property
-    def each_field(self) -> "tuple[Scenario, ...]":
-        """The scenario of each field by itself; of one field the scenario as it is."""
-        return (self,) if self.fields is None else scenarios_of(self)
-
     @property
     def field_names(self) -> tuple[str, ...]:
         """What each field is called."""
         if self.fields is None:
             return (self.measured_field,)
         return tuple(entry.called for entry in read_entries(self.fields))
-
-    @property
-    def felt_field(self) -> "Scenario":
-        """The scenario of the field whose map is one of gravity, which the inertial sensors feel;
-        of the first where there is none."""
-        every = self.each_field
-        return next((one for one in every if one.measured_field in _OF_GRAVITY), every[0])
 
     @property
     def measured_field(self) -> str:
@@ -188,3 +151,73 @@ class Scenario(Section):
     def steps_per_velocity(self) -> int:
         """Steps of the navigator from one reading of the velocity aid to the next."""
         return round(self.velocity.interval * self.navigation_rate)
+
+
+class Assumed(Settings):
+    """What filter, matcher and reductions assume."""
+
+
+class Truth(Settings):
+    """What really is: what simulators draw from."""
+
+
+class Scenario(Assumed):
+    """A whole run, as a file says it."""
+
+    truth: Document = Field(
+        default_factory=dict,
+        description=(
+            "what really is, where it differs from what is assumed: keys of"
+            f" {', '.join(TRUE_SECTIONS)}; 3x = three times what is assumed"
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _possible_fields(self) -> Self:
+        if self.fields is not None and any(
+            one.matcher.mode == "retrodiction" for one in scenarios_of(self)
+        ):
+            raise ValueError("matcher.mode: retrodiction takes one field, not a list of fields")
+        return self
+
+    @model_validator(mode="after")
+    def _possible_truth(self) -> Self:
+        self.true  # noqa: B018 - raises where the truth is impossible
+        return self
+
+    @property
+    def true(self) -> Truth:
+        """What really is: the section `truth` merged into the others."""
+        if not self.truth:
+            return Truth.model_construct(**self._settings)
+        check_names(self.truth)
+        # of several fields, what is true of readings and maps is so of the entries
+        changed = {
+            name: true_section(name, getattr(self, name), changes)
+            for name, changes in self.truth.items()
+            if self.fields is None or name not in OF_FIELDS
+        }
+        return validated(Truth, self._settings | changed, where="truth: ")
+
+    @property
+    def informed(self) -> "Scenario":
+        """The scenario of a navigator that knows the truth, as the bound's does."""
+        of_entries = {} if self.fields is None else self.truth
+        truth = {name: changes for name, changes in of_entries.items() if name in OF_FIELDS}
+        return Scenario.model_construct(**dict(self.true), truth=truth)
+
+    @property
+    def _settings(self) -> Document:
+        return {name: getattr(self, name) for name in Settings.model_fields}
+
+    @property
+    def each_field(self) -> "tuple[Scenario, ...]":
+        """The scenario of each field by itself; of one field the scenario as it is."""
+        return (self,) if self.fields is None else scenarios_of(self)
+
+    @property
+    def felt_field(self) -> "Scenario":
+        """The scenario of the field whose map is one of gravity, which the inertial sensors feel;
+        of the first where there is none."""
+        every = self.each_field
+        return next((one for one in every if one.measured_field in _OF_GRAVITY), every[0])

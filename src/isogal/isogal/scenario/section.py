@@ -1,25 +1,133 @@
-"""What the sections of a scenario share."""
+"""What the sections of a scenario share: strictness, ranges of numbers, and validation whose
+errors are one line that names each bad key and what it may be."""
 
-from typing import Annotated, Any, ClassVar
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from isogal.errors import InputError
 
 LatitudeDeg = Annotated[float, Field(ge=-89.0, le=89.0)]
 LongitudeDeg = Annotated[float, Field(ge=-180.0, le=360.0)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Value: TypeAlias = "str | float | Sequence[Value] | Mapping[str, Value] | None"
+"""What YAML has for a key."""
+Document = dict[str, Any]
+"""Keys and values; typed so that pydantic takes it for a field, and what it gives fits it."""
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 class Section(BaseModel):
     """A section: unknown keys are errors, values do not change, defaults are checked as well."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, validate_default=True, use_attribute_docstrings=True
+    )
 
     errors: ClassVar[tuple[str, ...]] = ()
     """Keys, dotted where a section is inside, that are sizes of errors: `truth` may multiply them
     all at once."""
 
-    def resolved(self) -> dict[str, Any]:
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Make one line of each key's docstring, which is its description."""
+        for field in cls.model_fields.values():
+            if field.description is not None:
+                field.description = " ".join(field.description.split())
+
+    def resolved(self) -> Document:
         """Return the section's values by key. A section that takes defaults from elsewhere puts
         them in place of its own null here, so that `truth` can multiply them."""
         return self.model_dump()
+
+
+def merged(document: Mapping[str, Value], changes: Mapping[str, Value]) -> Document:
+    """Return a document with other values of some keys, section by section."""
+    result: Document = dict(document)
+    for key, value in changes.items():
+        inside = result.get(key)
+        if isinstance(inside, Mapping) and isinstance(value, Mapping):
+            result[key] = merged(inside, value)
+        else:
+            result[key] = value
+    return result
+
+
+def validated(model: type[_Model], document: Value, prefix: str = "", where: str = "") -> _Model:
+    """Return a document as a model.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+    document : mapping
+        Keys and values, as from YAML or `dict` of a model.
+    prefix : str
+        Goes before each key in an error's line, with its dot.
+    where : str
+        What the line begins with, with its colon and blank.
+
+    Raises
+    ------
+    InputError
+        One line: every bad key, what it was, what it may be.
+    """
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        raise InputError(where + describe(error, model, prefix)) from None
+
+
+def describe(error: ValidationError, model: type[BaseModel], prefix: str = "") -> str:
+    """Turn a validation error of a model into one line: every bad key, what it was, what it may
+    be. The prefix, with its dot, goes before each key."""
+    parts = []
+    for item in error.errors():
+        inside = ".".join(str(part) for part in item["loc"] if not _is_type(str(part)))
+        key = prefix + inside if inside else prefix.removesuffix(".")
+        if item["type"] == "extra_forbidden":
+            parts.append(f"unknown key '{key}'{_nearest(inside, model, prefix)}")
+        elif item["type"] == "value_error":
+            parts.append(f"{key + ': ' if key else ''}{item['msg'].removeprefix('Value error, ')}")
+        else:
+            message = item["msg"][0].lower() + item["msg"][1:]
+            parts.append(f"{key}: {message}, not {item['input']!r}")
+    return "; ".join(dict.fromkeys(parts))
+
+
+def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
+    """List all dotted keys of a model."""
+    keys = []
+    for name, field in model.model_fields.items():
+        keys.append(prefix + name)
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            keys += known_keys(field.annotation, f"{prefix}{name}.")
+    return keys
+
+
+def suggestion(key: str, known: Sequence[str], cutoff: float = 0.6) -> str | None:
+    """Return ", did you mean '...'?" with the known key that is most like a wrong one, or that
+    only goes on after it; None where none is like it."""
+    leaves = {k.rpartition(".")[2]: k for k in known}
+    close = [name for name in leaves if key and name.startswith(f"{key}_")]
+    close = close or difflib.get_close_matches(key, leaves, n=1, cutoff=cutoff)
+    return f", did you mean '{leaves[close[0]]}'?" if close else None
+
+
+def _is_type(part: str) -> bool:
+    """Whether a part of an error's location is not a key but one of the types a value may have."""
+    return part == "float" or part.startswith(("function-", "constrained-", "literal[", "tuple["))
+
+
+def _nearest(key: str, model: type[BaseModel], prefix: str) -> str:
+    """Suggest a key of the same section with a similar name, or of any section with that name, or
+    list the section's keys."""
+    section, _, leaf = key.rpartition(".")
+    keys = [prefix + known for known in known_keys(model)]
+    siblings = [
+        known for known in keys if known.rpartition(".")[0] == (prefix + section).strip(".")
+    ]
+    allowed = f"; allowed: {', '.join(siblings)}" if siblings else ""
+    return suggestion(leaf, siblings) or suggestion(leaf, keys, 0.8) or allowed

@@ -10,34 +10,24 @@ from isogal.scenario.section import LatitudeDeg, LongitudeDeg, NonNegative, Posi
 class Route(Section):
     """Where the vehicle goes, how fast, how high and for how long."""
 
-    start: tuple[LatitudeDeg, LongitudeDeg] | None = Field(
-        (-38.0, 144.5), description="first point: latitude, longitude in deg"
-    )
-    end: tuple[LatitudeDeg, LongitudeDeg] | None = Field(
-        (-35.0, 150.0), description="last point: latitude, longitude in deg"
-    )
-    speed: Positive = Field(
-        22.0, le=1000.0, description="ground speed at the vehicle's height, m/s"
-    )
-    height: float = Field(
-        100.0, ge=-12000.0, le=50000.0, description="height above the map's surface, m"
-    )
-    duration: Positive | None = Field(
-        12960.0, description="simulated time, s; null = until the last point"
-    )
-    line: Literal["rhumb", "geodesic"] = Field("rhumb", description="how start and end are joined")
-    waypoints: tuple[tuple[LatitudeDeg, LongitudeDeg, Positive], ...] | None = Field(
-        None,
-        description=(
-            "latitude deg, longitude deg, speed m/s of each point, instead of start/end/speed"
-        ),
-    )
-    turn_rate: Positive = Field(
-        0.02, le=0.5, description="heading rate in turns between waypoints, rad/s"
-    )
-    acceleration: Positive = Field(
-        0.1, le=10.0, description="speed change between waypoints, m/s²"
-    )
+    start: tuple[LatitudeDeg, LongitudeDeg] | None = (-38.0, 144.5)
+    """first point: latitude, longitude in deg"""
+    end: tuple[LatitudeDeg, LongitudeDeg] | None = (-35.0, 150.0)
+    """last point: latitude, longitude in deg"""
+    speed: Positive = Field(22.0, le=1000.0)
+    """ground speed at the vehicle's height, m/s"""
+    height: float = Field(100.0, ge=-12000.0, le=50000.0)
+    """height above the map's surface, m"""
+    duration: Positive | None = 12960.0
+    """simulated time, s; null = until the last point"""
+    line: Literal["rhumb", "geodesic"] = "rhumb"
+    """how start and end are joined"""
+    waypoints: tuple[tuple[LatitudeDeg, LongitudeDeg, Positive], ...] | None = None
+    """latitude deg, longitude deg, speed m/s of each point, instead of start/end/speed"""
+    turn_rate: Positive = Field(0.02, le=0.5)
+    """heading rate in turns between waypoints, rad/s"""
+    acceleration: Positive = Field(0.1, le=10.0)
+    """speed change between waypoints, m/s²"""
 
     @model_validator(mode="after")
     def _enough_points(self) -> "Route":
@@ -56,14 +46,14 @@ class InitialError(Section):
 
     errors: ClassVar[tuple[str, ...]] = ("position", "velocity", "tilt", "heading")
 
-    position: NonNegative = Field(50.0, description="m, north and east")
-    velocity: NonNegative = Field(0.05, description="m/s, north and east")
-    tilt: NonNegative = Field(2.5e-5, le=0.1, description="rad, about north and east")
-    heading: NonNegative = Field(3.0e-4, le=0.5, description="rad, about down")
-    hidden_position: NonNegative = Field(
-        0.0,
-        description=(
-            "m, size of a further position error, in a random direction, that the navigator is not"
-            " told of"
-        ),
-    )
+    position: NonNegative = 50.0
+    """m, north and east"""
+    velocity: NonNegative = 0.05
+    """m/s, north and east"""
+    tilt: NonNegative = Field(2.5e-5, le=0.1)
+    """rad, about north and east"""
+    heading: NonNegative = Field(3.0e-4, le=0.5)
+    """rad, about down"""
+    hidden_position: NonNegative = 0.0
+    """m, size of a further position error, in a random direction, that the navigator is not told
+    of"""

@@ -8,9 +8,10 @@ barometer       height from pressure, in air and in water
 velocity_aid    velocity in body axes: Doppler log, odometer, log, airspeed
 initial         the navigator's first state, with its errors
 scans           which readings of an instrument are scans, and which scans are missing
+noise           random errors of readings: white, outliers, bias, correlated, walk
 reduction       what every instrument of a mapped field provides
 gravimeter      gravity and its disturbance
-gravimeter_errors  slow noise of its readings, and which are missing
+gravimeter_errors  all that it adds to its readings, and which are missing
 platform        its platform, where that is not level
 lag             its low-pass filter and delay
 magnetometer    the anomaly of the total magnetic field

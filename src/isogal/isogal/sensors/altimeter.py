@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.scenario import Altimeter
-from isogal.sensors.reduction import State
+from isogal.sensors.reduction import Reduction, State
 
 
-class TerrainReduction:
+class TerrainReduction(Reduction):
     """Clearance (m) to terrain height (m).
 
     Parameters
@@ -52,10 +52,6 @@ class TerrainReduction:
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return terrain height: estimated height less clearance."""
         return np.asarray(at.height, dtype=float) - np.asarray(raw)
-
-    def jacobian(self, at: State) -> Array:
-        """Return zeros: neither position nor velocity enters the reduction."""
-        return np.zeros((*np.shape(at.latitude), 4))
 
     def height_slope(self, at: State) -> Array:
         """Return one: an error of height is one of terrain height."""

@@ -1,17 +1,15 @@
 """Height from pressure: a barometer in air, a depth sensor in water (docs/mathematics.md, section
 3.11)."""
 
-import itertools
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isogal.arrays import Array
-from isogal.scenario import Height, Scenario
+from isogal.arrays import Array, Integers
+from isogal.scenario import Height, Truth
 from isogal.seeds import generator
-from isogal.sensors.gravimeter_errors import gauss_markov
+from isogal.sensors.noise import gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
 # US Standard Atmosphere, 1976 (NOAA-S/T 76-1562), equations 18, 19, 33a, 33b and table 4
@@ -23,31 +21,30 @@ _EARTH_RADIUS = 6_356_766.0
 """m, by which the standard turns geometric into geopotential height."""
 STANDARD_PRESSURE = 101_325.0
 """Pa."""
-_LAYERS = (  # geopotential height of the base, m; temperature there, K; its change, K/m
-    (0.0, 288.15, -0.0065),
-    (11_000.0, 216.65, 0.0),
-    (20_000.0, 216.65, 0.001),
-    (32_000.0, 228.65, 0.0028),
-    (47_000.0, 270.65, 0.0),
+_BASE, _TEMPERATURE, _LAPSE = np.transpose(
+    [
+        (0.0, 288.15, -0.0065),
+        (11_000.0, 216.65, 0.0),
+        (20_000.0, 216.65, 0.001),
+        (32_000.0, 228.65, 0.0028),
+        (47_000.0, 270.65, 0.0),
+    ]
 )
+"""Of each layer: geopotential height of the base, m; temperature there, K; its change, K/m."""
+_EXPONENT = -GRAVITY / (_GAS * np.where(_LAPSE == 0.0, 1.0, _LAPSE))
+"""Of the temperature's ratio, to which the pressure is proportional where that changes."""
 
 
-def _ratio(height: float, base: float, temperature: float, lapse: float) -> float:
-    """Return pressure at a geopotential height over that at its layer's base."""
-    if lapse == 0.0:
-        return math.exp(-GRAVITY * (height - base) / (_GAS * temperature))
-    return (1.0 + lapse * (height - base) / temperature) ** (-GRAVITY / (_GAS * lapse))
+def _ratio(height: Array, k: Integers) -> Array:
+    """Return the pressure at geopotential heights over that at the base of their layers k."""
+    above, temperature = height - _BASE[k], _TEMPERATURE[k]
+    warmth = np.maximum(1.0 + _LAPSE[k] * above / temperature, 1e-3)
+    isothermal = np.exp(-GRAVITY * above / (_GAS * temperature))
+    return np.where(_LAPSE[k] == 0.0, isothermal, warmth ** _EXPONENT[k])
 
 
-def _base_ratios() -> tuple[float, ...]:
-    """Return the pressure at each layer's base over that at height 0."""
-    ratios = [1.0]
-    for layer, above in itertools.pairwise(_LAYERS):
-        ratios.append(ratios[-1] * _ratio(above[0], *layer))
-    return tuple(ratios)
-
-
-_BASES = _base_ratios()
+_AT_BASE = np.cumprod([1.0, *_ratio(_BASE[1:], np.arange(len(_BASE) - 1))])
+"""Pressure at each layer's base over that at height 0."""
 
 
 def standard_pressure(height: ArrayLike, reference: float = STANDARD_PRESSURE) -> Array:
@@ -55,34 +52,20 @@ def standard_pressure(height: ArrayLike, reference: float = STANDARD_PRESSURE) -
     whose pressure at height 0 is `reference`."""
     h = np.asarray(height, dtype=float)
     geopotential = _EARTH_RADIUS * h / (_EARTH_RADIUS + h)
-    ratio = np.empty(geopotential.shape)
-    for k, layer in enumerate(_LAYERS):
-        inside = geopotential >= layer[0] if k else np.ones(h.shape, dtype=np.bool_)
-        ratio = np.where(inside, _BASES[k] * _ratios(geopotential, *layer), ratio)
-    return np.asarray(reference * ratio)
-
-
-def _ratios(height: Array, base: float, temperature: float, lapse: float) -> Array:
-    """Do what `_ratio` does, for arrays."""
-    if lapse == 0.0:
-        return np.exp(-GRAVITY * (height - base) / (_GAS * temperature))
-    warmth = np.maximum(1.0 + lapse * (height - base) / temperature, 1e-3)
-    return np.asarray(warmth ** (-GRAVITY / (_GAS * lapse)))
+    k = np.maximum(np.searchsorted(_BASE, geopotential, side="right") - 1, 0)
+    return np.asarray(reference * _AT_BASE[k] * _ratio(geopotential, k))
 
 
 def standard_height(pressure: ArrayLike, reference: float = STANDARD_PRESSURE) -> Array:
     """Return the geometric height (m) at which the standard atmosphere has a pressure (Pa), the
     inverse of `standard_pressure`."""
     ratio = np.asarray(pressure, dtype=float) / reference
-    geopotential = np.empty(ratio.shape)
-    for k, (base, temperature, lapse) in enumerate(_LAYERS):
-        inside = ratio <= _BASES[k] if k else np.ones(ratio.shape, dtype=np.bool_)
-        share = ratio / _BASES[k]
-        if lapse == 0.0:
-            above = -_GAS * temperature / GRAVITY * np.log(share)
-        else:
-            above = temperature / lapse * (share ** (-_GAS * lapse / GRAVITY) - 1.0)
-        geopotential = np.where(inside, base + above, geopotential)
+    k = np.maximum(np.searchsorted(-_AT_BASE, -ratio, side="right") - 1, 0)
+    share, temperature, lapse = ratio / _AT_BASE[k], _TEMPERATURE[k], _LAPSE[k]
+    isothermal = -_GAS * temperature / GRAVITY * np.log(share)
+    warmer = temperature * (share ** (1.0 / _EXPONENT[k]) - 1.0)
+    above = np.where(lapse == 0.0, isothermal, warmer / np.where(lapse == 0.0, 1.0, lapse))
+    geopotential = _BASE[k] + above
     return np.asarray(_EARTH_RADIUS * geopotential / (_EARTH_RADIUS - geopotential))
 
 
@@ -109,25 +92,20 @@ def height_slope(pressure: float, settings: Height) -> float:
     return float(high - low) / (2.0 * step)
 
 
-def simulate_heights(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> Array:
+def simulate_heights(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array:
     """Return (R, K) the heights (m) that the sensor of each run reads at the end of each IMU
-    interval, NaN where it reads none.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        As it really is: `Scenario.world`.
-    """
-    settings = scenario.height
-    step = scenario.steps_per_height
+    interval, NaN where it reads none."""
+    settings = truth.height
+    step = truth.steps_per_height
     index = np.arange(step, len(trajectory) + 1, step)
     time, true = trajectory.time[index], trajectory.height[index]
+    keep = np.exp(-np.diff(time) / settings.weather_time)
     result = np.full((len(runs), len(trajectory)), np.nan)
     for row, run in zip(result, runs, strict=True):
-        bias, scale = generator(scenario.seed, run, "height_bias").standard_normal(2)
-        white = generator(scenario.seed, run, "height_noise").standard_normal(len(index))
-        normal = generator(scenario.seed, run, "height_weather").standard_normal(len(index))
-        weather = gauss_markov(settings.weather_sigma, settings.weather_time, time, normal)
+        bias, scale = generator(truth.seed, run, "height_bias").standard_normal(2)
+        white = generator(truth.seed, run, "height_noise").standard_normal(len(index))
+        normal = generator(truth.seed, run, "height_weather").standard_normal(len(index))
+        weather = settings.weather_sigma * gauss_markov(keep, normal)
         row[index - 1] = (
             true * (1.0 + settings.scale * scale)
             + settings.bias * bias

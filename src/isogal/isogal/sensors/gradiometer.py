@@ -18,33 +18,12 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.earth.gravity import normal_gradient
-from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Scenario
-from isogal.seeds import generator
-from isogal.sensors.gradiometer_errors import EOTVOS, places_in_tensor
-from isogal.sensors.reduction import State
+from isogal.scenario import TENSOR_COMPONENTS
+from isogal.sensors.gradiometer_errors import places_in_tensor
+from isogal.sensors.reduction import Reduction, State
 
 
-def noise_covariance(settings: Gradiometer) -> Array:
-    """Return the covariance (C, C) of a reading's white noise, 1/s⁴."""
-    if settings.covariance_eotvos is not None:
-        return np.array(settings.covariance_eotvos) * EOTVOS**2
-    return np.eye(len(settings.components)) * (settings.sigma_eotvos * EOTVOS) ** 2
-
-
-def draw_noise(scenario: Scenario, run: int, scans: int) -> Array:
-    """Return the noise (scans, C) of one run, 1/s²; all components of an outlier are outliers, see
-    `scenario.Gravimeter`."""
-    root = np.linalg.cholesky(noise_covariance(scenario.gradiometer))
-    white = generator(scenario.seed, run, "gradiometer_noise").standard_normal((scans, len(root)))
-    settings = scenario.gravimeter
-    if settings.outlier_fraction > 0.0:
-        random = generator(scenario.seed, run, "gradiometer_outliers")
-        hit = random.random((scans, 1)) < settings.outlier_fraction
-        white = white + hit * settings.outlier_sigma * random.standard_normal(white.shape)
-    return white @ root.T
-
-
-class GradientReduction:
+class GradientReduction(Reduction):
     """From the measured gravity gradient (..., C), 1/s², to that of the disturbing potential.
 
     Parameters
@@ -63,18 +42,6 @@ class GradientReduction:
         """Return the measured gradient where that of the disturbing potential is given."""
         return np.asarray(value) + self._normal(at)
 
-    def report(self, raw: ArrayLike) -> Array:
-        """Return it as it is."""
-        return np.asarray(raw, dtype=float)
-
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return the measured gradient less the normal one."""
         return np.asarray(raw) - self._normal(at)
-
-    def jacobian(self, at: State) -> Array:
-        """Return zeros: the effect of the navigator's error is neglected (see the module)."""
-        return np.zeros((*np.shape(at.latitude), 4))
-
-    def height_slope(self, at: State) -> Array:
-        """Return zeros: as for `jacobian`."""
-        return np.zeros(np.shape(at.latitude))

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array, Integers
 from isogal.earth.gravity import normal_gradient
 from isogal.inertial.rotations import cross_matrix, from_rotation_vector, matrix
-from isogal.scenario import Gradiometer
+from isogal.scenario import Gradiometer, Gravimeter
 from isogal.seeds import generator
-from isogal.sensors.gravimeter_errors import gauss_markov
+from isogal.sensors.noise import Noise, gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
 EOTVOS = 1e-9
@@ -25,7 +25,27 @@ def places_in_tensor(components: Sequence[str]) -> tuple[list[int], list[int]]:
     return [_AXES[name[0]] for name in components], [_AXES[name[1]] for name in components]
 
 
-def slow_errors(
+def noise_covariance(settings: Gradiometer) -> Array:
+    """Return the covariance (C, C) of a reading's white noise, 1/s⁴."""
+    if settings.covariance_eotvos is not None:
+        return np.array(settings.covariance_eotvos) * EOTVOS**2
+    return np.eye(len(settings.components)) * (settings.sigma_eotvos * EOTVOS) ** 2
+
+
+def noise_of(settings: Gradiometer, outliers: Gravimeter) -> Noise:
+    """Return the random errors of the components, 1/s²; all components of an outlier are outliers,
+    whose share and size the section `gravimeter` says."""
+    return Noise(
+        "gradiometer",
+        np.asarray(np.linalg.cholesky(noise_covariance(settings)), dtype=np.float64),
+        outliers.outlier_fraction,
+        outliers.outlier_sigma,
+        bias=settings.bias_eotvos * EOTVOS,
+        walk=settings.bias_walk_eotvos * EOTVOS,
+    )
+
+
+def tilt_errors(
     settings: Gradiometer,
     seed: int,
     run: int,
@@ -33,31 +53,28 @@ def slow_errors(
     index: Integers,
     felt: Array,
 ) -> Array:
-    """Return (scans, C) what a run's tilted platform and the components' offsets, which walk, add
-    to what a level and perfect instrument feels, 1/s².
+    """Return (scans, C) what a run's tilted platform adds to what a level instrument feels, 1/s².
 
     Parameters
     ----------
+    settings : Gradiometer
+        What is true of it.
+    seed, run : int
+        Of the random streams.
+    trajectory : Trajectory
     index : (scans,) array
         Of each scan in the trajectory.
     felt : (scans, C) array
         1/s², normal gradient included.
     """
-    time, error = trajectory.time[index], np.zeros(felt.shape)
-    if settings.platform_tilt > 0.0:
-        normal = generator(seed, run, "gradiometer_platform").standard_normal((3, len(index)))
-        tilt = gauss_markov(settings.platform_tilt, settings.platform_time, time, normal)
-        latitude, height = trajectory.latitude[index], trajectory.height[index]
-        tensor = _whole(settings.components, felt, normal_gradient(latitude, height))
-        error += tilted(tensor, tilt.T)[..., *places_in_tensor(settings.components)] - felt
-    if settings.bias_eotvos > 0.0:
-        offset = generator(seed, run, "gradiometer_bias").standard_normal(felt.shape[1])
-        error += settings.bias_eotvos * EOTVOS * offset
-    if settings.bias_walk_eotvos > 0.0:
-        steps = generator(seed, run, "gradiometer_walk").standard_normal(felt.shape)
-        steps *= np.sqrt(np.diff(time, prepend=0.0))[:, None]
-        error += settings.bias_walk_eotvos * EOTVOS * np.cumsum(steps, axis=0)
-    return error
+    if settings.platform_tilt == 0.0:
+        return np.zeros(felt.shape)
+    normal = generator(seed, run, "gradiometer_platform").standard_normal((3, len(index)))
+    keep = np.exp(-np.diff(trajectory.time[index]) / settings.platform_time)
+    tilt = settings.platform_tilt * gauss_markov(keep, normal)
+    latitude, height = trajectory.latitude[index], trajectory.height[index]
+    tensor = _whole(settings.components, felt, normal_gradient(latitude, height))
+    return np.asarray(tilted(tensor, tilt.T)[..., *places_in_tensor(settings.components)] - felt)
 
 
 def tilted(tensor: Array, tilt: Array) -> Array:

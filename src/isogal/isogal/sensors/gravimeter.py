@@ -18,43 +18,7 @@ from isogal.earth.gravity import (
     normal_gravity,
     normal_gravity_gradient_north,
 )
-from isogal.sensors.reduction import State
-
-
-def felt_gravity(
-    surface_gravity: ArrayLike,
-    latitude: ArrayLike,
-    height: ArrayLike,
-    v_north: ArrayLike,
-    v_east: ArrayLike,
-) -> Array:
-    """Return what a perfect gravimeter measures (m/s²) over a point whose gravity on the map's
-    surface is given."""
-    return (
-        np.asarray(surface_gravity)
-        - FREE_AIR * np.asarray(height)
-        - eotvos(latitude, height, v_north, v_east)
-    )
-
-
-def reduce_gravity(
-    felt: ArrayLike, latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
-) -> Array:
-    """Return gravity on the map's surface (m/s²) from a reading and the navigator's latitude
-    (rad), height (m) and velocity (m/s)."""
-    return (
-        np.asarray(felt)
-        + FREE_AIR * np.asarray(height)
-        + eotvos(latitude, height, v_north, v_east)
-    )
-
-
-def reduce_disturbance(
-    felt: ArrayLike, latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
-) -> Array:
-    """Return the gravity disturbance (m/s²): reduced gravity less normal gravity at the
-    navigator's latitude."""
-    return reduce_gravity(felt, latitude, height, v_north, v_east) - normal_gravity(latitude)
+from isogal.sensors.reduction import Reduction, State
 
 
 def reading_jacobian(
@@ -63,9 +27,21 @@ def reading_jacobian(
     """Return d(reading)/d(navigator's error) (..., 4) for errors (north m, east m, v_north m/s,
     v_east m/s) at the scan.
 
+    Parameters
+    ----------
+    quantity : str
+        What a reading is reduced to.
+    latitude : (...) array_like
+        rad.
+    v_north, v_east : (...) array_like
+        m/s.
+
+    Notes
+    -----
     A reduction with a wrong velocity or latitude adds a wrong Eötvös term; for the disturbance it
     also subtracts normal gravity at the wrong latitude. Zero for any quantity that is not reduced
-    with the navigator's estimate."""
+    with the navigator's estimate.
+    """
     lat = np.asarray(latitude, dtype=float)
     jacobian = np.zeros((*lat.shape, 4))
     if quantity in ("gravity", "disturbance"):
@@ -76,22 +52,18 @@ def reading_jacobian(
     return jacobian
 
 
-class GravityReduction:
+class GravityReduction(Reduction):
     """From a gravimeter's reading (m/s²) to gravity on the map's surface."""
 
     quantity = "gravity"
 
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return what is measured over a point whose gravity on the map's surface is given."""
-        return felt_gravity(value, at.latitude, at.height, at.v_north, at.v_east)
-
-    def report(self, raw: ArrayLike) -> Array:
-        """Return it as it is."""
-        return np.asarray(raw, dtype=float)
+        return np.asarray(value) - FREE_AIR * np.asarray(at.height) - _eotvos(at)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
-        """Return `reduce_gravity` of a reading."""
-        return reduce_gravity(raw, at.latitude, at.height, at.v_north, at.v_east)
+        """Return gravity on the map's surface from a reading and the navigator's state."""
+        return np.asarray(raw) + FREE_AIR * np.asarray(at.height) + _eotvos(at)
 
     def jacobian(self, at: State) -> Array:
         """Return `reading_jacobian`."""
@@ -103,7 +75,8 @@ class GravityReduction:
 
 
 class DisturbanceReduction(GravityReduction):
-    """From a gravimeter's reading (m/s²) to the gravity disturbance."""
+    """From a gravimeter's reading (m/s²) to the gravity disturbance: reduced gravity less normal
+    gravity at the navigator's latitude."""
 
     quantity = "disturbance"
 
@@ -112,5 +85,9 @@ class DisturbanceReduction(GravityReduction):
         return super().raw(np.asarray(value) + normal_gravity(at.latitude), at)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
-        """Return `reduce_disturbance` of a reading."""
-        return reduce_disturbance(raw, at.latitude, at.height, at.v_north, at.v_east)
+        """Return the disturbance from a reading and the navigator's state."""
+        return super().reduce(raw, at) - normal_gravity(at.latitude)
+
+
+def _eotvos(at: State) -> Array:
+    return eotvos(at.latitude, at.height, at.v_north, at.v_east)

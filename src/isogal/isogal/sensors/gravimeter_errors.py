@@ -1,56 +1,60 @@
 """What a gravimeter, or another instrument of one number, adds to what it should read, and when it
 reads nothing (docs/mathematics.md, section 2.8).
 
-Time-correlated noise is a first-order Gauss-Markov process, a bias that wanders a random walk
-(Groves 2013, sections 4.4.3 and 14.2.6; Allan variances in IEEE Std 952-1997, annex C). They are
-errors of the readings, after the instrument's own low-pass filter (`lag`)."""
+They are errors of the readings, after the instrument's own low-pass filter (`lag`)."""
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.scenario import Gravimeter
 from isogal.seeds import generator
+from isogal.sensors.noise import Noise
+from isogal.sensors.platform import levelling_error
 from isogal.sensors.trajectory import Trajectory
 
 
-def slow_errors(
-    settings: Gravimeter, seed: int, run: int, trajectory: Trajectory, index: Integers
+def noise_of(settings: Gravimeter) -> Noise:
+    """Return the random errors of an instrument."""
+    return Noise(
+        "gravimeter",
+        settings.sigma,
+        settings.outlier_fraction,
+        settings.outlier_sigma,
+        settings.bias,
+        settings.drift,
+        settings.correlated_sigma,
+        settings.correlation_time,
+        settings.bias_walk,
+    )
+
+
+def reading_errors(
+    settings: Gravimeter,
+    seed: int,
+    run: int,
+    trajectory: Trajectory,
+    index: Integers,
 ) -> Array:
-    """Return (scans,) what time-correlated noise, the walk of the bias and the vehicle's
-    accelerations add to the readings of a run, in their unit.
+    """Return (scans,) what noise, the vehicle's accelerations and the platform's tilt add to the
+    readings of a run, in their unit.
 
     Parameters
     ----------
+    settings : Gravimeter
+        What is true of it.
+    seed, run : int
+        Of the random streams.
+    trajectory : Trajectory
     index : (scans,) array
-        Of each scan in the trajectory.
+        Of each scan in the trajectory, evenly spaced.
     """
-    time = trajectory.time[index]
-    error = np.zeros(len(index))
-    if settings.correlated_sigma > 0.0:
-        random = generator(seed, run, "gravimeter_correlated")
-        normal = random.standard_normal(len(index))
-        error += gauss_markov(settings.correlated_sigma, settings.correlation_time, time, normal)
-    if settings.bias_walk > 0.0:
-        steps = generator(seed, run, "gravimeter_walk").standard_normal(len(index))
-        error += settings.bias_walk * np.cumsum(np.sqrt(np.diff(time, prepend=0.0)) * steps)
+    error = noise_of(settings).draw(seed, run, trajectory.time[index])
     if settings.cross_coupling > 0.0:
         share = generator(seed, run, "gravimeter_coupling").standard_normal(2)
         before = np.concatenate([[0], index])
         moving = accelerations(trajectory.time[before], trajectory.velocity[before, :2])[1:]
         error += settings.cross_coupling * (moving @ share)
-    return error
-
-
-def gauss_markov(sigma: float, correlation_time: float, time: Array, normal: Array) -> Array:
-    """Return (..., N) a stationary first-order Gauss-Markov process of covariance sigma²
-    exp(-|dt| / correlation_time) at increasing times (N,), from standard normal numbers
-    (..., N)."""
-    keep = np.exp(-np.diff(time) / correlation_time)
-    fresh = np.sqrt(1.0 - keep**2)
-    process = np.array(normal, dtype=float)
-    for k in range(len(keep)):
-        process[..., k + 1] = keep[k] * process[..., k] + fresh[k] * normal[..., k + 1]
-    return sigma * process
+    return error + levelling_error(settings, seed, run, trajectory, index)
 
 
 def accelerations(time: Array, velocity: Array) -> Array:
@@ -68,7 +72,8 @@ def accelerations(time: Array, velocity: Array) -> Array:
 def missing(
     settings: Gravimeter, seed: int, run: int, trajectory: Trajectory, index: Integers
 ) -> Booleans:
-    """Return (scans,) which readings of a run are missing: by chance, in a gap, or in a turn."""
+    """Return (scans,) which readings of a run are missing: by chance, in a gap, or in a turn.
+    Parameters are those of `reading_errors`."""
     absent = without_readings(settings, trajectory, index)
     if settings.missing_fraction > 0.0:
         random = generator(seed, run, "gravimeter_missing")

@@ -14,9 +14,10 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.inertial.preintegration import preintegrate
 from isogal.inertial.rotations import matrix
-from isogal.scenario import ImuErrors, Scenario
+from isogal.scenario import ImuErrors, Truth
 from isogal.seeds import generator
 from isogal.sensors.imu_truth import true_samples
+from isogal.sensors.noise import gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -31,7 +32,7 @@ class ImuData:
 
 
 def simulate_imu(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     runs: Sequence[int],
     gravity: Array | None = None,
@@ -41,7 +42,7 @@ def simulate_imu(
 
     Parameters
     ----------
-    scenario, trajectory, runs
+    truth, trajectory, runs
         What is simulated.
     gravity : (R, K, 3) array, optional
         Gravity beside normal gravity, north, east, down, mean over each step, m/s²: an
@@ -49,34 +50,44 @@ def simulate_imu(
     """
     force = np.empty((len(runs), len(trajectory), 3))
     rate = np.empty_like(force)
-    ends = np.arange(len(trajectory) + 1) * scenario.samples_per_step
-    duration = np.full(ends[-1], 1.0 / scenario.imu.rate)
+    ends = np.arange(len(trajectory) + 1) * truth.samples_per_step
+    duration = np.full(ends[-1], 1.0 / truth.imu.rate)
     for i, run in enumerate(runs):
         beside = None if gravity is None else gravity[i]
-        readings = simulate_samples(scenario, trajectory, run, beside)
+        readings = simulate_samples(truth, trajectory, run, beside)
         force_of_run, rate_of_run = readings[None, :, :3], readings[None, :, 3:]
-        if scenario.samples_per_step > 1:
+        if truth.samples_per_step > 1:
             force_of_run, rate_of_run = preintegrate(force_of_run, rate_of_run, duration, ends)
         force[i], rate[i] = force_of_run[0], rate_of_run[0]
     return ImuData(force, rate)
 
 
 def simulate_samples(
-    scenario: Scenario, trajectory: Trajectory, run: int, gravity: Array | None = None
+    truth: Truth, trajectory: Trajectory, run: int, gravity: Array | None = None
 ) -> Array:
     """Return one run's readings (K n, 6) of specific force (m/s²) and angular rate (rad/s), body
-    axes, n of them in each of the trajectory's K steps; gravity (K, 3) as in `simulate_imu`."""
-    n = scenario.samples_per_step
+    axes, n of them in each of the trajectory's K steps.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+    run : int
+        It seeds the random streams.
+    gravity : (K, 3) array, optional
+        As in `simulate_imu`.
+    """
+    n = truth.samples_per_step
     if n > 1:
-        truth = true_samples(scenario)
+        means = true_samples(truth)
     else:
-        truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
+        means = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
     if gravity is not None:
         ends = matrix(trajectory.attitude)
         to_navigation = 0.5 * (ends[1:] + ends[:-1])
-        truth = truth.copy()
-        truth[:, :3] -= np.repeat(np.einsum("kij,ki->kj", to_navigation, gravity), n, axis=0)
-    return _readings(scenario.imu.sensors, truth, 1.0 / scenario.imu.rate, scenario.seed, run)
+        means = means.copy()
+        means[:, :3] -= np.repeat(np.einsum("kij,ki->kj", to_navigation, gravity), n, axis=0)
+    return _readings(truth.imu.sensors, means, 1.0 / truth.imu.rate, truth.seed, run)
 
 
 def _readings(errors: ImuErrors, truth: Array, dt: float, seed: int, run: int) -> Array:
@@ -86,9 +97,10 @@ def _readings(errors: ImuErrors, truth: Array, dt: float, seed: int, run: int) -
     noise = noise_sigma * generator(seed, run, "imu_noise").standard_normal(truth.shape)
     readings: Array = _through_axes(errors, truth, seed, run) + bias + noise
     if (sigma := _six(errors, "bias_instability")).any():
-        time = _six(errors, "bias_time")
+        keep = np.exp(-dt / _six(errors, "bias_time"))
         draw = generator(seed, run, "imu_instability").standard_normal(truth.shape)
-        readings += gauss_markov(draw, sigma, time, dt)
+        axes = [gauss_markov(keep[i], draw[:, i]) for i in range(6)]
+        readings += sigma * np.stack(axes, axis=1)
     if (count := _six(errors, "quantisation")).any():
         readings = quantise(readings, count, dt)
     return readings
@@ -114,27 +126,6 @@ def _through_axes(errors: ImuErrors, truth: Array, seed: int, run: int) -> Array
 def _six(errors: ImuErrors, key: str) -> Array:
     """Return one error of accelerometers and gyroscopes, (6,)."""
     return np.array([*getattr(errors.accelerometer, key), *getattr(errors.gyroscope, key)])
-
-
-def gauss_markov(draw: Array, sigma: Array, time: Array, dt: float) -> Array:
-    """Return samples (K, n) of first-order Gauss-Markov processes, stationary from the start.
-
-    Parameters
-    ----------
-    draw : (K, n) array
-        Standard normal numbers.
-    sigma, time : (n,) arrays
-        1-sigma and correlation time (s) of each process.
-    dt : float
-        From one sample to the next, s.
-    """
-    from scipy.signal import lfilter
-
-    kept = np.exp(-dt / time)
-    drive = draw * (sigma * np.sqrt(1.0 - kept**2))
-    drive[0] = draw[0] * sigma
-    columns = [lfilter([1.0], [1.0, -kept[i]], drive[:, i]) for i in range(drive.shape[1])]
-    return np.stack(columns, axis=1)
 
 
 def quantise(readings: Array, count: Array, dt: float) -> Array:

@@ -6,17 +6,17 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import radii
-from isogal.scenario import Route, Scenario
+from isogal.scenario import Route, Settings
 from isogal.sensors.trajectory import drive, sensor_means
 
 
-def true_samples(scenario: Scenario) -> Array:
+def true_samples(settings: Settings) -> Array:
     """Return the means (K n, 6) of specific force (m/s²) and angular rate (rad/s), body axes, over
     each of n samples of K steps of the navigator.
 
     The route is that of `isogal.sensors.trajectory.build_trajectory`, whose steps are divided; it
     does not depend on the IMU's rate."""
-    return _divided(scenario.route, scenario.navigation_rate, scenario.samples_per_step)
+    return _divided(settings.route, settings.navigation_rate, settings.samples_per_step)
 
 
 @lru_cache(maxsize=1)

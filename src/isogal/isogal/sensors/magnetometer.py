@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from isogal.arrays import Array
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
-from isogal.sensors.reduction import State
+from isogal.sensors.reduction import Reduction, State
 
 SPACING = 1.0
 """deg between the points at which the model is evaluated; cubic interpolation between them is
@@ -105,8 +105,17 @@ class MainField:
         height: ArrayLike,
         year: ArrayLike | None = None,
     ) -> Array:
-        """Return the intensity, nT, in decimal years, by default at the epoch; NaN far from the
-        points."""
+        """Return the intensity, nT; NaN far from the points.
+
+        Parameters
+        ----------
+        latitude, longitude : (...) array_like
+            rad.
+        height : (...) array_like
+            m above the ellipsoid.
+        year : (...) array_like, optional
+            Decimal; default: the epoch.
+        """
         rise = self._rise.value(latitude, longitude) * (np.asarray(height) - self.height)
         if year is None:
             return self.grid.value(latitude, longitude) + rise
@@ -138,14 +147,24 @@ class MainField:
 def intensity(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float
 ) -> Array:
-    """Return the main field's intensity (nT) at points in deg and a height in m, by the IGRF."""
+    """Return the main field's intensity (...), nT; parameters are those of `field_vector`."""
     return np.sqrt((field_vector(latitude_deg, longitude_deg, height, epoch) ** 2).sum(axis=-1))
 
 
 def field_vector(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, height: float, epoch: float
 ) -> Array:
-    """Return the main field (..., 3), north, east, down, nT; see `intensity`."""
+    """Return the main field (..., 3), north, east, down, nT, by the IGRF.
+
+    Parameters
+    ----------
+    latitude_deg, longitude_deg : (...) array_like
+        deg.
+    height : float
+        m above the ellipsoid.
+    epoch : float
+        Decimal year, 1900 to 2030.
+    """
     import ppigrf
 
     year = int(epoch)
@@ -159,7 +178,7 @@ def field_vector(
     return np.stack([north[0], east[0], -up[0]], axis=-1)
 
 
-class MagneticReduction:
+class MagneticReduction(Reduction):
     """Total field (nT) to anomaly (nT).
 
     Parameters
@@ -181,10 +200,6 @@ class MagneticReduction:
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return the total field over a point of a given anomaly."""
         return np.asarray(value) + self._main(at)
-
-    def report(self, raw: ArrayLike) -> Array:
-        """Return it as it is."""
-        return np.asarray(raw, dtype=float)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return the anomaly: the total field less the main field at the navigator's position.

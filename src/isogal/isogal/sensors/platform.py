@@ -6,7 +6,7 @@ from isogal.arrays import Array, Integers
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Gravimeter
 from isogal.seeds import generator
-from isogal.sensors.gravimeter_errors import gauss_markov
+from isogal.sensors.noise import gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
 _GRAVITY = 9.8
@@ -30,9 +30,8 @@ def levelling_error(
     if settings.platform_tilt == 0.0:
         return np.zeros(len(index))
     normal = generator(seed, run, "gravimeter_platform").standard_normal((2, len(index)))
-    north, east = gauss_markov(
-        settings.platform_tilt, settings.platform_time, trajectory.time[index], normal
-    )
+    keep = np.exp(-np.diff(trajectory.time[index]) / settings.platform_time)
+    north, east = settings.platform_tilt * gauss_markov(keep, normal)
     force = np.einsum("kij,kj->ki", matrix(trajectory.attitude[1:]), trajectory.specific_force)
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(force, axis=0)])
     steps = index[0]

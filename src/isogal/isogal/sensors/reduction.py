@@ -27,7 +27,8 @@ class State(NamedTuple):
 
 
 class Reduction(Protocol):
-    """From a sensor's raw readings to values of the map, and back."""
+    """From a sensor's raw readings to values of the map, and back. What has a body here is so of
+    an instrument whose class extends this one and says nothing else."""
 
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return what a perfect sensor measures where the field has a value; raises InputError
@@ -37,7 +38,7 @@ class Reduction(Protocol):
     def report(self, raw: ArrayLike) -> Array:
         """Return what a sensor reports when it measures `raw`: rounded as its message rounds, NaN
         beyond its range."""
-        ...
+        return np.asarray(raw, dtype=float)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return the map's value from a reading and the navigator's own estimate."""
@@ -45,19 +46,16 @@ class Reduction(Protocol):
 
     def jacobian(self, at: State) -> Array:
         """Return d(reduced)/d(navigator's error) (..., 4) for errors (north m, east m, v_north
-        m/s, v_east m/s) at the scan."""
-        ...
+        m/s, v_east m/s) at the scan; zeros where the reduction does not depend on them."""
+        return np.zeros((*np.shape(at.latitude), 4))
 
     def height_slope(self, at: State) -> Array:
         """Return d(reduced)/d(navigator's height error), per m."""
-        ...
+        return np.zeros(np.shape(at.latitude))
 
-
-def on_date(reduction: Reduction, time: float) -> Reduction:
-    """Return a reduction for readings at a time, s; the same where it does not have a method
-    ``dated``, as that of a magnetometer has, because the field does not change."""
-    dated = getattr(reduction, "dated", None)
-    return reduction if dated is None else dated(time)
+    def dated(self, time: float) -> "Reduction":
+        """Return the reduction of readings at a time, s, where the field changes with the date."""
+        return self
 
 
 def reduction_variance(

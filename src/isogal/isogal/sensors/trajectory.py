@@ -18,7 +18,7 @@ from isogal.earth.ellipsoid import E2, EARTH_RATE, A
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.inertial.rotations import from_heading
-from isogal.scenario import Route, Scenario
+from isogal.scenario import Route, Settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,15 +53,15 @@ class Trajectory:
         return self.specific_force.shape[0]
 
 
-def build_trajectory(scenario: Scenario) -> Trajectory:
-    """Return the truth of a scenario's route.
+def build_trajectory(settings: Settings) -> Trajectory:
+    """Return the truth of a route.
 
     Raises
     ------
     InputError
         The route is shorter than the duration asked for.
     """
-    return _build(scenario.route, scenario.navigation_rate)
+    return _build(settings.route, settings.navigation_rate)
 
 
 @lru_cache(maxsize=8)
@@ -227,8 +227,14 @@ def _to_body(vector: Array, heading: Array) -> Array:
 
 
 def rhumb_azimuth(lat_0: float, lon_0: float, lat_1: float, lon_1: float) -> float:
-    """Return the azimuth (rad from north) of the rhumb line between two points (rad), by isometric
-    latitude (Snyder 1987, p. 44)."""
+    """Return the azimuth (rad from north) of the rhumb line between two points, by isometric
+    latitude (Snyder 1987, p. 44).
+
+    Parameters
+    ----------
+    lat_0, lon_0, lat_1, lon_1 : float
+        The first and the second point, rad.
+    """
     e = math.sqrt(E2)
 
     def isometric(lat: float) -> float:
@@ -292,7 +298,7 @@ class _Guide:
 
     def arrived(self, lat: float, lon: float, heading: float, speed: float) -> bool:
         """Whether the last point is reached (within one step) or, on a straight route, has just
-        been passed by."""
+        been passed by; parameters are those of `command`."""
         if self.leg < len(self.points) - 1:
             return False
         distance = self._distance(lat, lon)
@@ -303,7 +309,15 @@ class _Guide:
         return near and math.cos(self._azimuth(lat, lon) - heading) < 0.0
 
     def command(self, lat: float, lon: float, heading: float, speed: float) -> tuple[float, float]:
-        """Return (heading rate rad/s, acceleration m/s²) for the coming interval."""
+        """Return (heading rate rad/s, acceleration m/s²) for the coming interval.
+
+        Parameters
+        ----------
+        lat, lon, heading : float
+            Where the vehicle is and goes, rad.
+        speed : float
+            m/s.
+        """
         if not self.manoeuvring:
             if not self.geodesic:
                 return 0.0, 0.0

@@ -7,21 +7,16 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Scenario, Velocity
+from isogal.scenario import Truth, Velocity
 from isogal.seeds import generator
+from isogal.sensors.noise import gauss_markov
 from isogal.sensors.trajectory import Trajectory
 
 
-def simulate_velocities(scenario: Scenario, trajectory: Trajectory, runs: Sequence[int]) -> Array:
+def simulate_velocities(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array:
     """Return (R, K, 3) what the sensor of each run reads at the end of each IMU interval: m/s,
-    forward, right, down; NaN in axes that it does not have and where it reads nothing.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        As it really is: `Scenario.world`.
-    """
-    settings, step = scenario.velocity, scenario.steps_per_velocity
+    forward, right, down; NaN in axes that it does not have and where it reads nothing."""
+    settings, step = truth.velocity, truth.steps_per_velocity
     index = np.arange(step, len(trajectory) + 1, step)
     velocity = trajectory.velocity[index]
     to_body = np.swapaxes(matrix(trajectory.attitude[index]), 1, 2)
@@ -29,9 +24,9 @@ def simulate_velocities(scenario: Scenario, trajectory: Trajectory, runs: Sequen
     result = np.full((len(runs), len(trajectory), 3), np.nan)
     axes = list(settings.axes)
     for rows, run in zip(result, runs, strict=True):
-        scale, pitch, yaw = generator(scenario.seed, run, "velocity_mounting").standard_normal(3)
-        noise = generator(scenario.seed, run, "velocity_noise").standard_normal((len(index), 3))
-        past_flow = velocity - _flow(settings, scenario.seed, run, trajectory.time[index], ways)
+        scale, pitch, yaw = generator(truth.seed, run, "velocity_mounting").standard_normal(3)
+        noise = generator(truth.seed, run, "velocity_noise").standard_normal((len(index), 3))
+        past_flow = velocity - _flow(settings, truth.seed, run, trajectory.time[index], ways)
         body = np.einsum("kij,kj->ki", to_body, past_flow)
         turned = body + settings.number("misalignment") * np.cross(body, [0.0, pitch, yaw])
         read = (1.0 + settings.number("scale") * scale) * turned + settings.number("sigma") * noise
@@ -49,8 +44,5 @@ def _flow(settings: Velocity, seed: int, run: int, time: Array, ways: Array) -> 
     normal = generator(seed, run, "velocity_current").standard_normal((len(time), 2))
     elapsed = np.diff(time, prepend=0.0)
     keep = np.exp(-elapsed / settings.current_time - ways / settings.current_length)
-    now = normal[0]
-    for k in range(len(time)):
-        now = now if k == 0 else keep[k] * now + np.sqrt(1.0 - keep[k] ** 2) * normal[k]
-        flow[k, :2] = sigma * now
+    flow[:, :2] = sigma * gauss_markov(keep[1:], normal.T).T
     return flow

@@ -14,7 +14,7 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_ellipses import joint
-from isogal.maps.error_model import displacements, shares, tensor_covariance
+from isogal.maps.error_model import decay, displacements, shares, tensor_covariance
 from isogal.maps.field_map import FieldMap
 from isogal.matching.pmht.cells import FEATURE_M, in_common, residuals_at, slopes, states_at
 from isogal.matching.pmht.models import Models
@@ -148,7 +148,7 @@ class Seen:
         count = len(self.models.lengths)
         load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
         doubt = np.sqrt(mean_square(self.around.doubt))[rows.points]
-        known = np.exp(-np.hypot(*np.moveaxis(self.apart, -1, 0)) / FEATURE_M)
+        known = decay(np.hypot(*np.moveaxis(self.apart, -1, 0)), FEATURE_M)
         placed = replace(
             self,
             readings=readings._replace(load=load),
@@ -214,7 +214,7 @@ def correlations(distance: Array, lengths: Array) -> list[Array]:
     eq. 4.17) but for a share that is of one place alone."""
     smooth = []
     for length in lengths:
-        alike = (1.0 - NUGGET) * (1.0 + 2.0 * distance / length) * np.exp(-2.0 * distance / length)
+        alike = (1.0 - NUGGET) * (1.0 + 2.0 * distance / length) * decay(2.0 * distance, length)
         alike[np.diag_indices(len(alike))] += NUGGET
         smooth.append(alike)
-    return [np.exp(-distance / length) for length in lengths] + smooth
+    return [decay(distance, length) for length in lengths] + smooth

@@ -10,8 +10,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import write_atomic
-from isogal.magnetics.diurnal import BaseStation
-from isogal.magnetics.readings import Readings
+from isogal.magnetics.readings import BaseStation, Readings
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
 from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
 from isogal.tracks.track import Track

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.evaluation.figures import style
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.magnetics.calibration import Calibration
-from isogal.magnetics.heading_error import SECTORS, by_heading
 from isogal.magnetics.terms import names
 from isogal.tracks.magnetic_flight import MagneticFlight
 
@@ -16,6 +16,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SECTORS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+
+
+def by_heading(heading: Array, residual: Array) -> Array:
+    """Return (8,) the mean of residuals (N,) on headings (N,; rad) around north, north-east, ...;
+    NaN where there are none."""
+    sector = np.round(heading / (2.0 * np.pi) * len(_SECTORS)).astype(int) % len(_SECTORS)
+    sums, counts = (
+        np.bincount(sector[np.isfinite(residual)], weights, len(_SECTORS))
+        for weights in (residual[np.isfinite(residual)], None)
+    )
+    with np.errstate(invalid="ignore"):
+        return np.asarray(sums / counts)
 
 
 def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
@@ -74,7 +86,7 @@ def write_calibration_report(flight: MagneticFlight, found: Calibration, folder:
     ]
     tables = [Table("Result", ("", ""), result)]
     if means := numbers.get("own_field_by_heading"):
-        title = f"The vehicle's field by heading, mean in {SECTORS} sectors (nT)"
+        title = f"The vehicle's field by heading, mean in {len(_SECTORS)} sectors (nT)"
         tables.append(Table(title, tuple(means), [[number(one) for one in means.values()]]))
     coefficients = zip(
         names(compensation.currents), compensation.coefficients, compensation.sigma, strict=True

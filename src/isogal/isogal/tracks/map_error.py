@@ -17,7 +17,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.error_model import displacements
+from isogal.maps.error_model import decay, displacements
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.track import Track
 
@@ -142,7 +142,7 @@ def _likelihood(
 
     total, known, product = 0.0, 0.0, 0.0
     for one, own in zip(lines, sigma, strict=True):
-        R = np.exp(-one.distance / math.exp(log_length)) * own[:, None] * own
+        R = decay(one.distance, math.exp(log_length)) * own[:, None] * own
         # a millionth of the variance keeps R regular where two readings have the same place
         R[np.diag_indices(own.size)] += math.exp(2.0 * log_sensor) + 1e-6 * own**2
         factor = cholesky(R, lower=True, overwrite_a=True, check_finite=False)

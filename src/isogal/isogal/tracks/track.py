@@ -9,7 +9,7 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
-from isogal.magnetics.diurnal import BaseStation
+from isogal.magnetics.readings import BaseStation
 from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.quantities import QUANTITIES, UNITS
 from isogal.maps.tiled_map import ScalarMap

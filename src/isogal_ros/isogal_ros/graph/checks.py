@@ -26,7 +26,7 @@ def checked(scenario: Scenario, simulated: bool = True) -> tuple[Trajectory, Run
     field_map = maps_for_scenario(scenario, trajectory)
     if simulated:
         for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
-            true_readings(one.world, trajectory, true_map(one, trajectory, its_map))
+            true_readings(one.true, trajectory, true_map(one, trajectory, its_map))
     nodes_of(scenario)
     return trajectory, field_map
 

@@ -275,7 +275,7 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
     """
     import numpy as np
 
-    from isogal.maps.gradients import tensor_maps
+    from isogal.maps.potential import tensor_maps
     from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.fields import ChannelReadings
     from isogal.tracks.track import fit_to_map
@@ -333,8 +333,7 @@ def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiomete
     """Return what the options say of the gradiometer; raises InputError where it cannot be."""
     from pydantic import ValidationError
 
-    from isogal.scenario import Gradiometer
-    from isogal.scenario.messages import describe
+    from isogal.scenario import Gradiometer, describe
 
     try:
         return Gradiometer(

@@ -264,7 +264,7 @@ def between(
 def map_error_at_nodes(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:
     """Return (n, m) 1-sigma and correlation length (m) of the map's error: what the map says, or
     what the scenario does where that is larger."""
-    assumed = scenario.world.map_error
+    assumed = scenario.true.map_error
     own = np.broadcast_to(np.nan_to_num(field_map.sigma), field_map.shape)
     length = np.full(field_map.shape, assumed.correlation_length)
     if field_map.correlation_lengths is not None:

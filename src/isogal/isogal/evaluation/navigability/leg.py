@@ -69,7 +69,7 @@ def leg_to(
     trajectory = build_trajectory(scenario)
     stride = scenario.steps_per_scan
     scans = np.arange(stride, len(trajectory) + 1, stride)
-    stacked = _covariance(scenario.world, trajectory)
+    stacked = _covariance(scenario.informed, trajectory)
     T = len(scans)
     north, east = metres_per_radian(latitude, trajectory.height[-1])
     end = scans[-1]
@@ -94,7 +94,7 @@ def leg_to(
     approach = Approach(
         offset,
         float(np.hypot(*velocity[-1, :2])) * scenario.gravimeter.interval,
-        effective_noise_variance(scenario.world.gravimeter, quantisation),
+        effective_noise_variance(scenario.true.gravimeter, quantisation),
         np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
     )
     return Leg(
@@ -139,7 +139,7 @@ def _covariance(world: Scenario, trajectory: Trajectory) -> Array:
     """Return (5 T, 5 T) the covariance of position, velocity (north, east) and of the readings'
     offset at all readings."""
     segments = divide(world, trajectory)
-    gravity = true_residual_gravity(world, trajectory)
+    gravity = true_residual_gravity(world.true, trajectory)
     offset = [
         AuxiliaryState(name, "none", 0, sigma)
         for name, sigma in zip(("bias", "drift"), bias_and_drift(world, trajectory), strict=True)

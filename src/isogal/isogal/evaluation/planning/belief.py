@@ -47,7 +47,7 @@ class Edges(NamedTuple):
 
 def edges_of(scenario: Scenario, lattice: Lattice, quantisation: float) -> Edges:
     """Return the edges of a lattice, driven with a scenario's speed and sensors."""
-    world = scenario.world
+    world = scenario.informed
     speed, height = world.route.speed, world.route.height
     middle = len(lattice.latitude) // 2, lattice.middle
     latitude, longitude = float(lattice.latitude[middle]), float(lattice.longitude[middle])
@@ -77,7 +77,7 @@ def edges_of(scenario: Scenario, lattice: Lattice, quantisation: float) -> Edges
 
 def start_covariance(scenario: Scenario, own_variance: float) -> Array:
     """Return the covariance (SIZE, SIZE) at the start, with the variance of the map's error."""
-    world = scenario.world
+    world = scenario.informed
     P = np.zeros((SIZE, SIZE))
     P[:STATES, :STATES] = initial_covariance(world)
     P[STATES, STATES] = own_variance

@@ -199,7 +199,7 @@ def _search(
 ) -> list[_Way]:
     """Return the ways that reach the goal, one for each class of length at most."""
     own = float(field_map.sigma_at(*request.start))
-    own = max(own, scenario.world.map_error.sigma) if math.isfinite(own) else 0.0
+    own = max(own, scenario.true.map_error.sigma) if math.isfinite(own) else 0.0
     start = start_covariance(scenario, own**2)
     world = _World(
         lattice,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.fusion.measurements.model import Innovation
 from isogal.fusion.model import FilterModel
@@ -107,7 +107,9 @@ def update_information(
 
 
 @kernel
-def _informed(P, which, vector, matrix):  # type: ignore[no-untyped-def]
+def _informed(
+    P: Array, which: Integers, vector: Array, matrix: Array
+) -> tuple[Array, Array, Array, Array]:
     """Return what `update_information` adds to the state (N,), the covariance (N, N) after it, and
     in the directions in which the navigator's own information is 1 that of the measurements, in
     rising order, and their vector, (n,) each. NaN where P is not positive definite."""

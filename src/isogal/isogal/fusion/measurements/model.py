@@ -139,7 +139,9 @@ def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovat
 
 
 @kernel(error_model="numpy")
-def _posterior(P, H, R, innovation):  # type: ignore[no-untyped-def]
+def _posterior(
+    P: Array, H: Array, R: Array, innovation: Array
+) -> tuple[float, Array, Array, float]:
     """Return the normalised innovation squared of rows, NaN where R or the innovation's covariance
     S is not positive definite, the correction (N,) and the covariance (N, N) after them, and log
     |S|: with S = H P H' + R = L L' and G = L^-1 H P, the first three are |L^-1 innovation|²,

@@ -18,11 +18,11 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.continuation.harmonic import EDGE, FADING, OFFSET, at_level
-from isogal.maps.continuation.level import to_level
+from isogal.maps.continuation.level import EDGE, FADING, OFFSET, at_level, to_level
 from isogal.maps.error_spectrum import mixed_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Values
+from isogal.maps.potential import disturbance_of
 
 CONTINUED = (*FADING, *OFFSET, "gravity")
 """Quantities that `continued` takes: gravity by way of its disturbance."""
@@ -132,9 +132,8 @@ def _of_gravity(
     field_map: FieldMap, height: float, from_height: float, cutoff: float | None
 ) -> FieldMap:
     """Continue a map of gravity by way of its disturbance."""
+    result = continued(disturbance_of(field_map), height, from_height, cutoff=cutoff)
     normal = normal_gravity(field_map.latitude)[:, None]
-    disturbance = replace(field_map, values=field_map.values - normal, quantity="disturbance")
-    result = continued(disturbance, height, from_height, cutoff=cutoff)
     return replace(result, values=result.values + normal, quantity="gravity")
 
 

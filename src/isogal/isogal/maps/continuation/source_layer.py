@@ -18,12 +18,12 @@ four levels of a source and the four of the field above it must not overlap."""
 
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isogal.compiled import kernel
+from isogal.arrays import Integers
 from isogal.maps.spectral import waves_of
 
 SPACING = 0.5
@@ -53,34 +53,6 @@ class Scale(NamedTuple):
     """(n,)"""
 
 
-@kernel(forceinline=True)
-def lagrange(offset: float) -> float:
-    """Return the weight of a level in cubic Lagrange interpolation, `offset` levels away."""
-    u = abs(offset)
-    if u >= 2.0:
-        return 0.0
-    if u <= 1.0:
-        return (1.0 - u * u) * (2.0 - u) / 2.0
-    return (1.0 - u) * (2.0 - u) * (3.0 - u) / 6.0
-
-
-@kernel
-def spread(density: Single, place: Single, level: int, plane: Single) -> None:
-    """Fill `plane` (n, m) with what a level gets of sources at places, counted in levels."""
-    for i in range(density.shape[0]):
-        for k in range(density.shape[1]):
-            plane[i, k] = density[i, k] * lagrange(place[i, k] - level)
-
-
-@kernel
-def gather(plane: Single, place: Single, level: int, weight: Single, field: Single) -> None:
-    """Add to `field` (n, m) what the values on a level contribute at places, counted in levels;
-    times a weight for each row."""
-    for i in range(field.shape[0]):
-        for k in range(field.shape[1]):
-            field[i, k] += weight[i] * plane[i, k] * lagrange(place[i, k] - level)
-
-
 class SourceLayer:
     """Sources below a ground.
 
@@ -103,8 +75,20 @@ class SourceLayer:
         self.spacing = max(SPACING * cell, (highest - lowest) / (_MOST_LEVELS - DEPTH - 6))
         self.bottom = lowest - (DEPTH + 2) * self.spacing
         self.ground = ((terrain - self.bottom) / self.spacing).astype(np.float32)
-        self.sources = self.ground - np.float32(DEPTH)
         self.levels = math.floor((highest - self.bottom) / self.spacing) + 3
+        below = np.floor(self.ground).astype(np.int64).ravel()
+        self._order = np.argsort(below, kind="stable")
+        self._place = self.ground.ravel()[self._order]
+        self._first = np.searchsorted(below[self._order], np.arange(-2, self.levels + DEPTH + 3))
+
+    def on_level(self, level: int) -> tuple[Integers, Single]:
+        """Return which nodes of the ground have a share in a level, by their flat index (P,), and
+        their weights (P,) in cubic Lagrange interpolation between levels. Those of the sources are
+        the same, `DEPTH` levels below."""
+        near = slice(self._first[level], self._first[level + 4])
+        u = np.abs(self._place[near] - np.float32(level))
+        weight = (2.0 - u) * np.where(u <= 1.0, (1.0 - u * u) / 2.0, (1.0 - u) * (3.0 - u) / 6.0)
+        return self._order[near], weight
 
     def field(self, density: Single) -> Single:
         """Return the field (n, m) on the ground of sources of a density (n, m)."""
@@ -118,10 +102,11 @@ class SourceLayer:
         ):
             passed = [np.zeros(decay.shape, dtype=np.complex64) for decay in decays]
             for level in levels:
+                near, weight = self.on_level(level)
                 for scale, spectrum in zip(self.scales, passed, strict=True):
-                    plane = irfft2(spectrum, self.shape)
-                    weight = np.float32(sign) * scale.weight
-                    gather(plane, self.ground, level, weight, field)
+                    plane = irfft2(spectrum, self.shape).ravel()
+                    of_row = np.float32(sign) * scale.weight[near // self.shape[1]]
+                    field.ravel()[near] += of_row * plane[near] * weight
                 own = self._transform(density, level)
                 for i, decay in enumerate(decays):
                     passed[i] += own
@@ -170,12 +155,13 @@ class SourceLayer:
         """Return |k| (n, m // 2 + 1), rad/m."""
         return waves_of(self.shape, (self.rows_m, scale.columns_m)).size.astype(np.float32)
 
-    def _transform(self, density: Single, level: int) -> NDArray[Any]:
+    def _transform(self, density: Single, level: int) -> NDArray[np.complex64]:
         """Return the transform of the sources on a level."""
         from scipy.fft import rfft2
 
-        plane = np.empty(self.shape, dtype=np.float32)
-        spread(density, self.sources, level, plane)
+        near, weight = self.on_level(level + DEPTH)
+        plane = np.zeros(self.shape, dtype=np.float32)
+        plane.ravel()[near] = density.ravel()[near] * weight
         return rfft2(plane, overwrite_x=True)
 
 

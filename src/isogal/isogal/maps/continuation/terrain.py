@@ -9,9 +9,9 @@ import numpy as np
 from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.continuation.harmonic import EDGE, TAPER, at_level, check, filled, trimmed
+from isogal.maps.continuation.level import EDGE, TAPER, at_level, check, filled, trimmed
 from isogal.maps.continuation.source_layer import Scale, SourceLayer
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
+from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length, upward
 from isogal.maps.field_map import FieldMap
 
 _STRETCH = 0.08
@@ -117,8 +117,8 @@ def _continued(
         next_fast_len(count + 2 * pad, real=True) - count - 2 * pad
         for count, pad in zip((n, m), pads, strict=True)
     ]
-    extended = spectral.continued(values.astype(np.float32), pads)
-    extended = np.pad(extended, [(0, count) for count in more])
+    mirrored = spectral.continued(values.astype(np.float32), pads)
+    extended = np.pad(mirrored, [(0, count) for count in more])
     around = [(pad, pad + count) for pad, count in zip(pads, more, strict=True)]
     terrain = np.pad(ground.astype(np.float32), around, mode="reflect")
     scales = [
@@ -142,12 +142,12 @@ def _error(
     of which are above `typical`, where `rest` (n, m) is left unexplained."""
     cell, spectrum = field_map.cell, ErrorSpectrum.of_map(field_map)
     steps = np.r_[0.0, np.geomspace(0.1 * min(cell), max(float(np.nanmax(rise)), cell[0]), _RISES)]
-    decays = [lambda k, step=step: np.exp(-k * step) for step in steps]
+    decays = [upward(step) for step in steps]
     gain = np.interp(rise, steps, [spectrum.gain(decay) for decay in decays])
     white_gain = np.interp(rise, steps, [spectrum.white_gain(decay) for decay in decays])
     around = _unexplained(rest, rise, cell)
     total = (field_map.sigma * gain) ** 2 + (spectrum.rounding * white_gain) ** 2 + around
-    length = spectrum.length(lambda k: np.exp(-k * typical))
+    length = spectrum.length(upward(typical))
     parts = [
         (float(np.mean(around)), 2.0 * max(*cell, typical)),
         (float(np.nanmean(total - around)), length),

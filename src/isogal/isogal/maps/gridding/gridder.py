@@ -87,9 +87,9 @@ class Model:
         """Return the field and the 1-sigma of its error at places (P,), rad and m above the
         ellipsoid (sources only)."""
         places = self.places(latitude, longitude, height)
-        found = self.kriging.at(places)
-        sigma = np.sqrt(found.variance * self.amplitude.at(places))
-        return found.mean + self.trend.at(places), sigma
+        mean, variance = self.kriging.at(places)
+        sigma = np.sqrt(variance * self.amplitude.at(places))
+        return mean + self.trend.at(places), sigma
 
     def places(
         self, latitude: Array, longitude: Array, height: Array | float | None = None
@@ -207,20 +207,10 @@ def grid_survey(
         Settings that do not fit, or more nodes than are made at once.
     """
     model = learn_model(survey, settings)
-    field_map = grid_model(model, settings, progress)
-    return field_map, model
-
-
-def grid_model(
-    model: Model,
-    settings: GridSettings,
-    progress: Callable[[int, int], None] | None = None,
-) -> FieldMap:
-    """Make a map of what was learnt (`grid_survey`)."""
     latitude, longitude = _nodes(model, settings)
-    count = latitude.size * longitude.size
-    grid_lat, grid_lon = np.meshgrid(latitude, longitude, indexing="ij")
-    places = model.places(grid_lat.ravel(), grid_lon.ravel(), settings.height)
+    shape, count = (latitude.size, longitude.size), latitude.size * longitude.size
+    nodes = np.meshgrid(latitude, longitude, indexing="ij")
+    places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
     values, variance, length = (np.full(count, np.nan) for _ in range(3))
     ellipses, done = np.full((count, 3), np.nan), 0
     for rows in groups(places, GROUP):
@@ -236,8 +226,7 @@ def grid_model(
     sigma = np.sqrt(variance * model.amplitude.at(places))
     for one in (values, sigma, length, ellipses):
         one[unknown] = np.nan
-    shape, survey = (latitude.size, longitude.size), model.survey
-    return FieldMap(
+    field_map = FieldMap(
         latitude,
         longitude,
         values.reshape(shape),
@@ -252,6 +241,7 @@ def grid_model(
         file_factor=survey.file_factor,
         height=_level(model, settings),
     )
+    return field_map, model
 
 
 def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:

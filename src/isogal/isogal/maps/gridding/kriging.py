@@ -11,7 +11,6 @@ away are screened by the nearer ones."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,15 +21,6 @@ NEIGHBOURS = 700
 """Readings that a group of places is kriged from."""
 GROUP = 300
 """Places of a group at most."""
-
-
-class Estimate(NamedTuple):
-    """The field at P places."""
-
-    mean: Array
-    """(P,)"""
-    variance: Array
-    """(P,) of the field's error there, a reading's noise not included."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,13 +34,14 @@ class Kriging:
         """Return the same with some readings (N,) left out."""
         return Kriging(self.readings.part(~out), self.covariance)
 
-    def at(self, places: Array) -> Estimate:
-        """Return the field at any places (P, 3)."""
+    def at(self, places: Array) -> tuple[Array, Array]:
+        """Return the field (P,) at any places (P, 3), and the variance (P,) of its error there, a
+        reading's noise not included."""
         mean, variance = np.empty(len(places)), np.empty(len(places))
         for rows in groups(places, GROUP):
             mean[rows], covariance = self.together(places[rows])
             variance[rows] = np.diag(covariance)
-        return Estimate(mean, np.maximum(variance, 0.0))
+        return mean, np.maximum(variance, 0.0)
 
     def together(self, places: Array) -> tuple[Array, Array]:
         """Return mean (P,) and covariance (P, P) of the field's error at a few places that lie

@@ -3,12 +3,12 @@ lets them differ least."""
 
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
+from isogal.maps.gridding.reduction import robust_fit
 from isogal.maps.gridding.survey import Plane, Survey
 
 _LONGEST_GAP = 10.0
@@ -72,14 +72,8 @@ def levelled(survey: Survey, crossings: CrossOvers) -> Survey:
     design = np.zeros((rows.size, numbers.size))
     design[rows, np.searchsorted(numbers, crossings.first)] = 1.0
     design[rows, np.searchsorted(numbers, crossings.second)] -= 1.0
-    weight: Any = np.ones(rows.size)
-    offset = np.zeros(numbers.size)
-    for _ in range(4):  # Huber weights: a few crossings at steep anomalies are far off
-        normal = design.T @ (design * weight[:, None]) + 0.05 * np.eye(numbers.size)
-        offset = np.linalg.solve(normal, design.T @ (weight * crossings.difference))
-        left = np.abs(crossings.difference - design @ offset)
-        usual = 2.0 * 1.4826 * float(np.median(left)) + 1e-300
-        weight = np.minimum(1.0, usual / np.maximum(left, 1e-300))
+    # a few crossings at steep anomalies are far off
+    offset = robust_fit(design, crossings.difference, limit=2.0, rounds=4, ridge=0.05)
     return replace(survey, value=survey.value - offset[np.searchsorted(numbers, survey.line)])
 
 

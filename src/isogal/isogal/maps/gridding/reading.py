@@ -1,9 +1,10 @@
 """Survey readings from files: CSV and other tables of text, Geosoft XYZ, NetCDF."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.formats.netcdf import open_netcdf, quantity_in, text_of, unpacked
 from isogal.maps.gridding.survey import Survey, survey_of
-from isogal.maps.gridding.text_table import TextTable, read_table
+from isogal.maps.gridding.text_table import read_table
 from isogal.maps.quantities import quantity_of
 
 _NAMES = {
@@ -58,21 +59,38 @@ def read_survey(
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
-    if path.suffix.casefold() in (".nc", ".nc4", ".cdf"):
-        columns, said = _netcdf(path, variable)
-    else:
-        columns, said = _text(read_table(path), variable, str(path))
+    netcdf = path.suffix.casefold() in (".nc", ".nc4", ".cdf")
+    with _netcdf(path) if netcdf else _text(path) as table:
+        used = _assign(table.names)
+        _require_places(used, table.names, str(path))
+        name = _value(table, used, variable, str(path))
+        columns: dict[str, Array | None] = {
+            kind: table.numbers(own) for kind, own in used.items() if own != name
+        }
+        columns["value"] = table.numbers(name)
+    if table.line is not None:
+        columns.setdefault("line", table.line)
     if columns.get("latitude") is None:
         columns |= geographic(columns["x"], columns["y"], crs, str(path))
     return survey_of(
         columns,
-        unit=unit or said.get("unit"),
-        quantity=quantity or said.get("quantity"),
-        where=f"{path}:{said['name']}",
+        unit=unit or table.unit[name],
+        quantity=quantity or table.quantity[name],
+        where=f"{path}:{name}",
     )
 
 
-Columns = dict[str, Array | None]
+class _Table(NamedTuple):
+    """Columns of a file, by name."""
+
+    names: list[str]
+    quantity: dict[str, str | None]
+    """As the file says, or a name; None = not known."""
+    unit: dict[str, str | None]
+    numbers: Callable[[str], Array]
+    """Returns a column (N,), NaN = missing."""
+    line: Array | None = None
+    """(N,) survey line by the rows that begin one; None = there are none."""
 
 
 def _assign(names: Sequence[str]) -> dict[str, str]:
@@ -85,14 +103,9 @@ def _assign(names: Sequence[str]) -> dict[str, str]:
     }
 
 
-def _value(
-    names: Sequence[str],
-    used: dict[str, str],
-    known: dict[str, str | None],
-    variable: str | None,
-    where: str,
-) -> str:
-    """Return which of some names is the column of values."""
+def _value(table: _Table, used: dict[str, str], variable: str | None, where: str) -> str:
+    """Return the name of the column of values."""
+    names = table.names
     if variable is not None:
         found = [name for name in names if name.casefold() == variable.casefold()]
         if not found:
@@ -101,7 +114,7 @@ def _value(
             )
         return found[0]
     others = [name for name in names if name not in used.values()]
-    telling = [name for name in others if known.get(name) not in (None, "height")]
+    telling = [name for name in others if table.quantity[name] not in (None, "height")]
     if len(telling) == 1 or len(others) == 1:
         return telling[0] if len(telling) == 1 else others[0]
     raise InputError(
@@ -120,22 +133,22 @@ def _require_places(used: dict[str, str], names: Sequence[str], where: str) -> N
     )
 
 
-def _text(table: TextTable, variable: str | None, where: str) -> tuple[Columns, dict[str, Any]]:
-    plain = [re.sub(r"[\[(].*", "", name).strip() for name in table.names]
-    used = _assign(plain)
-    _require_places(used, plain, where)
-    name = _value(plain, used, {one: quantity_of(one) for one in plain}, variable, where)
-    columns: Columns = {kind: table.numbers[:, plain.index(own)] for kind, own in used.items()}
-    columns["value"] = table.numbers[:, plain.index(name)]
-    if table.line is not None and "line" not in columns:
-        columns["line"] = table.line
-    bracket = re.search(r"[\[(](.+?)[\])]", table.names[plain.index(name)])
-    said = {"name": name, "quantity": quantity_of(name)}
-    return columns, said | ({"unit": bracket.group(1)} if bracket else {})
+@contextmanager
+def _text(path: Path) -> Iterator[_Table]:
+    table = read_table(path)
+    names = [re.sub(r"[\[(].*", "", name).strip() for name in table.names]
+    units = [re.search(r"[\[(](.+?)[\])]", name) for name in table.names]
+    yield _Table(
+        names,
+        {name: quantity_of(name) for name in names},
+        {name: unit and unit[1] for name, unit in zip(names, units, strict=True)},
+        lambda name: table.numbers[:, names.index(name)],
+        table.line,
+    )
 
 
-def _netcdf(path: Path, variable: str | None) -> tuple[Columns, dict[str, Any]]:
-    where = str(path)
+@contextmanager
+def _netcdf(path: Path) -> Iterator[_Table]:
     with open_netcdf(path) as dataset:
         flat = {
             name: data
@@ -143,25 +156,35 @@ def _netcdf(path: Path, variable: str | None) -> tuple[Columns, dict[str, Any]]:
             if data.ndim == 1 and np.dtype(data.dtype).kind in "iuf"
         }
         used = _assign(list(flat))
-        _require_places(used, list(flat), where)
-        dimension = flat[used.get("latitude", used.get("y", ""))].dimensions
-        flat = {name: data for name, data in flat.items() if data.dimensions == dimension}
-        known = {name: quantity_in(data) for name, data in flat.items()}
-        name = _value(list(flat), used, known, variable, where)
-
-        def numbers(own: str) -> Array:
-            return unpacked(flat[own], flat[own][:]).astype(np.float64)
-
-        columns: Columns = {
-            kind: numbers(own) for kind, own in used.items() if own in flat and own != name
-        }
-        columns["value"] = numbers(name)
-        said = {"name": name, "unit": text_of(flat[name], "units"), "quantity": known[name]}
-        return columns, said
+        place = used.get("latitude", used.get("y"))
+        if place is not None:
+            along = flat[place].dimensions
+            flat = {name: data for name, data in flat.items() if data.dimensions == along}
+        yield _Table(
+            list(flat),
+            {name: quantity_in(data) for name, data in flat.items()},
+            {name: text_of(data, "units") for name, data in flat.items()},
+            lambda name: unpacked(flat[name], flat[name][:]).astype(np.float64),
+        )
 
 
 def geographic(x: Array | None, y: Array | None, crs: str | None, where: str) -> dict[str, Array]:
-    """Return latitude and longitude (deg) of columns x and y; NaN where they are no places."""
+    """Return latitude and longitude (deg) of columns x and y; NaN where they are no places.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        In the system's unit; None = the file has no such column.
+    crs : str, optional
+        The system, as ``EPSG:N``.
+    where : str
+        File, for messages.
+
+    Raises
+    ------
+    InputError
+        No system, or one that is not known.
+    """
     import pyproj
 
     if crs is None:

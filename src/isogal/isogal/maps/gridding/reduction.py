@@ -1,15 +1,43 @@
 """What is done to readings before they are gridded: trend, and blocks."""
 
+import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.maps.gridding.survey import Survey
+from isogal.maps.gridding.survey import Groups, Survey, blocks_of
 
-_ROUNDS = 20
-"""Of reweighting."""
+
+def robust_fit(
+    design: Array, value: Array, limit: float, rounds: int, ridge: float = 0.0
+) -> Array:
+    """Return the coefficients (C,) of a least-squares fit in which values far off count less
+    (Huber 1964).
+
+    Parameters
+    ----------
+    design : (N, C) array
+    value : (N,) array
+    limit : float
+        1-sigmas (by the median) off which a value's weight begins to fall.
+    rounds : int
+        Of reweighting.
+    ridge : float
+        Added to the diagonal of the normal equations.
+    """
+    small = math.sqrt(ridge) * np.eye(design.shape[1])
+    weight: Array = np.ones(len(value))
+    coefficients: Array = np.zeros(design.shape[1])
+    for _ in range(rounds):
+        left, right = design * weight[:, None], value * weight
+        if ridge:
+            left, right = np.concatenate([left, small]), np.pad(right, (0, len(small)))
+        coefficients = np.asarray(np.linalg.lstsq(left, right, rcond=None)[0])
+        residual = np.abs(value - design @ coefficients)
+        usual = limit * 1.4826 * float(np.median(residual)) + 1e-300
+        weight = np.sqrt(np.minimum(1.0, usual / np.maximum(residual, 1e-300)))
+    return coefficients
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,18 +51,10 @@ class Trend:
 
     @classmethod
     def fitted(cls, places: Array, value: Array, degree: int) -> "Trend":
-        """Fit by least squares; where readings lie 3 and more 1-sigma off they count less (Huber
-        1964), so that strong anomalies do not tilt it."""
+        """Fit by least squares, such that strong anomalies do not tilt it (`robust_fit`)."""
         scale = float(np.abs(places[:, :2]).max()) or 1.0
         basis = _basis(places, scale, degree)
-        weight: Any = np.ones(len(value))
-        coefficients = np.zeros(basis.shape[1])
-        for _ in range(_ROUNDS):
-            coefficients = np.linalg.lstsq(basis * weight[:, None], value * weight, rcond=None)[0]
-            residual = np.abs(value - basis @ coefficients)
-            usual = 3.0 * 1.4826 * float(np.median(residual)) + 1e-300
-            weight = np.sqrt(np.minimum(1.0, usual / np.maximum(residual, 1e-300)))
-        return cls(degree, scale, coefficients)
+        return cls(degree, scale, robust_fit(basis, value, limit=3.0, rounds=20))
 
     def at(self, places: Array) -> Array:
         """Return (N,) the trend at places (N, 2+), m."""
@@ -65,23 +85,15 @@ def block_reduced(survey: Survey, places: Array, side: float) -> Survey:
     """
     if side <= 0.0:
         return survey
-    cell = np.floor((places - places.min(axis=0)) / side).astype(np.int64)
-    line = np.zeros(len(survey), dtype=np.int64) if survey.line is None else survey.line
-    _, first, group = np.unique(
-        np.column_stack([line, cell]), axis=0, return_index=True, return_inverse=True
-    )
-    group = group.reshape(-1)
-    count = np.bincount(group)
-
-    def mean(values: Array) -> Array:
-        return np.bincount(group, values) / count
-
+    line = np.zeros(len(survey)) if survey.line is None else survey.line
+    groups = Groups.by(line, blocks_of(places, side))
+    mean, sigma = groups.mean, survey.sigma
     return replace(
         survey,
         latitude=mean(survey.latitude),
         longitude=mean(survey.longitude),
         value=mean(survey.value),
         height=None if survey.height is None else mean(survey.height),
-        sigma=None if survey.sigma is None else np.sqrt(mean(survey.sigma**2) / count),
-        line=None if survey.line is None else survey.line[first],
+        sigma=None if sigma is None else np.sqrt(mean(sigma**2) / groups.count),
+        line=None if survey.line is None else survey.line[groups.first],
     )

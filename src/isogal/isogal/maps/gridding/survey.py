@@ -2,7 +2,6 @@
 is made of them."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -77,11 +76,15 @@ class Survey:
 
     def part(self, chosen: Booleans | Integers) -> "Survey":
         """Return some of the readings."""
-        cut: dict[str, Any] = {
-            name: None if getattr(self, name) is None else getattr(self, name)[chosen]
-            for name in ("latitude", "longitude", "value", "height", "sigma", "line")
-        }
-        return replace(self, **cut)
+        return replace(
+            self,
+            latitude=self.latitude[chosen],
+            longitude=self.longitude[chosen],
+            value=self.value[chosen],
+            height=None if self.height is None else self.height[chosen],
+            sigma=None if self.sigma is None else self.sigma[chosen],
+            line=None if self.line is None else self.line[chosen],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +120,39 @@ class Plane:
     def points(self, survey: Survey) -> Array:
         """Return the readings' (N, 2) east and north, m."""
         return np.stack(self.project(survey.latitude, survey.longitude), axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Groups:
+    """Readings (N,) that have something in common, in G groups."""
+
+    first: Integers
+    """(G,) row of the first of each."""
+    of: Integers
+    """(N,) group of each reading."""
+    count: Array
+    """(G,) readings of each."""
+
+    @classmethod
+    def by(cls, *keys: Array | Integers) -> "Groups":
+        """Return those that have the same integers in all keys, (N,) or (N, K)."""
+        _, first, of, count = np.unique(
+            np.column_stack(keys).astype(np.int64),
+            axis=0,
+            return_index=True,
+            return_inverse=True,
+            return_counts=True,
+        )
+        return cls(first, of.reshape(-1), count.astype(np.float64))
+
+    def mean(self, values: Array) -> Array:
+        """Return (G,) means of values (N,)."""
+        return np.asarray(np.bincount(self.of, values) / self.count)
+
+
+def blocks_of(places: Array, side: float) -> Array:
+    """Return (N, 2) in which square block of the plane each of some places (N, 2+) lies."""
+    return np.asarray(np.floor((places[:, :2] - places[:, :2].min(axis=0)) / side))
 
 
 def survey_of(
@@ -190,21 +226,17 @@ def without_duplicates(survey: Survey) -> Survey:
     """
     places = Plane.of(survey.latitude, survey.longitude).points(survey)
     up = np.zeros(len(survey)) if survey.height is None else survey.height
-    cells = np.rint(np.column_stack([places, up]) / _SAME_PLACE).astype(np.int64)
-    _, first, group, count = np.unique(
-        cells, axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
-    if count.max() == 1:
+    groups = Groups.by(np.rint(np.column_stack([places, up]) / _SAME_PLACE))
+    if groups.count.max() == 1:
         return survey
-    group = group.reshape(-1)
-    mean = np.bincount(group, survey.value) / count
-    several = int((count[group] > 1).sum())
+    mean = groups.mean(survey.value)
+    several = int((groups.count[groups.of] > 1).sum())
     if several > _MOST_DUPLICATES * len(survey):
         raise InputError(
             f"{survey.where}: {several} of {len(survey)} readings are duplicates, at the same"
             " place as others; are the columns right, or is the file joined with itself?"
         )
-    off = np.abs(survey.value - mean[group])
+    off = np.abs(survey.value - mean[groups.of])
     worst = int(np.argmax(off))
     if 2.0 * off[worst] > float(np.std(survey.value)):
         raise InputError(
@@ -213,4 +245,4 @@ def without_duplicates(survey: Survey) -> Survey:
             f" {np.degrees(survey.longitude[worst]):.6f} they differ by"
             f" {2.0 * off[worst] / survey.file_factor:.4g} {survey.file_unit}"
         )
-    return replace(survey.part(first), value=mean)
+    return replace(survey.part(groups.first), value=mean)

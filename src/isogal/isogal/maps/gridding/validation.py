@@ -8,6 +8,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.maps.gridding.covariance import Readings
 from isogal.maps.gridding.kriging import Kriging, groups
+from isogal.maps.gridding.survey import Groups, blocks_of
 from isogal.seeds import generator
 
 BLOCKS = 12
@@ -80,15 +81,13 @@ def leave_out(kriging: Kriging, by: str, side: float) -> LeftOut:
     readings = kriging.readings
     part = _parts(readings, by, side)
     chosen = _sample(readings)
-    names = np.unique(part[chosen])
     error, variance, distance = (np.full(len(part), np.nan) for _ in range(3))
-    for name in names:
+    for name in np.unique(part[chosen]):
         out = part == name
         rows = np.flatnonzero(out & chosen)
         rest = kriging.without(out)
-        found = rest.at(readings.places[rows])
-        error[rows] = readings.value[rows] - found.mean
-        variance[rows] = found.variance
+        mean, variance[rows] = rest.at(readings.places[rows])
+        error[rows] = readings.value[rows] - mean
         distance[rows] = cKDTree(rest.readings.places[:, :2]).query(readings.places[rows, :2])[0]
     rows = np.flatnonzero(np.isfinite(error))
     covariance = kriging.covariance
@@ -103,9 +102,7 @@ def leave_out(kriging: Kriging, by: str, side: float) -> LeftOut:
 def _parts(readings: Readings, by: str, side: float) -> Integers:
     if by == "lines" and readings.line is not None:
         return readings.line
-    cell = np.floor((readings.places[:, :2] - readings.places[:, :2].min(axis=0)) / side)
-    _, block = np.unique(cell.astype(np.int64), axis=0, return_inverse=True)
-    block = block.reshape(-1)
+    block = Groups.by(blocks_of(readings.places, side)).of
     order = generator(0, 0, "gridding blocks left out").permutation(int(block.max()) + 1)
     return order[block] % BLOCKS
 
@@ -113,13 +110,9 @@ def _parts(readings: Readings, by: str, side: float) -> Integers:
 def _sample(readings: Readings) -> Booleans:
     """Return which readings (N,) are predicted: all, or some of all places."""
     count = len(readings)
-    chosen = np.ones(count, dtype=np.bool_)
+    chosen = np.full(count, count <= _MOST)
     if count > _MOST:
-        chosen[:] = False
-        together = list(groups(readings.places, max(20, count // 200)))
         random = generator(0, 0, "gridding readings left out")
-        share = _MOST / count
-        for rows in together:
-            if random.random() < share:
-                chosen[rows] = True
+        for rows in groups(readings.places, max(20, count // 200)):
+            chosen[rows] = random.random() < _MOST / count
     return chosen

@@ -1,0 +1,299 @@
+"""How far the true field differs from its map: samples along a route, of the random field of
+`isogal.maps.error_model` and of a wrong datum. Several components of gravity, or of its gradient,
+have the errors that one wrong potential gives them all (docs/mathematics.md, section 12.4)."""
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from typing import TypeVar
+
+import numpy as np
+
+from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import geodetic_to_ecef
+from isogal.maps.error_model import decay, tensor_covariance, wave_factors
+from isogal.scenario import Truth
+from isogal.seeds import generator
+from isogal.sensors.trajectory import Trajectory
+
+_KEPT_PLACES = 2000
+"""Places at most for a matrix to stay in memory (32 MB)."""
+_EVERY = 3
+"""Scans from one draw of the horizontal components to the next."""
+_JITTER = 1e-6
+"""Of the variance, against rounding: the places of the disturbance's draws are on the sphere,
+those of the horizontal ones in a plane."""
+_WAVES = 2000
+"""Plane waves that make a field. Its covariance is right on the mean over fields with any number;
+with so many its distribution is Gaussian but for a part in a thousand of the kurtosis."""
+
+
+T = TypeVar("T")
+
+
+def _kept(compute: Callable[[Array, Array, float], T]) -> Callable[[Array, Array, float], T]:
+    """Keep the last result of a function of two sets of places, if they are few, and a length,
+    for the next runs."""
+    last: dict[tuple[bytes, bytes, float], T] = {}
+
+    @wraps(compute)
+    def result(first: Array, second: Array, length: float) -> T:
+        if max(len(first), len(second)) > _KEPT_PLACES:
+            return compute(first, second, length)
+        key = first.tobytes(), second.tobytes(), length
+        if key not in last:
+            last.clear()
+            last[key] = compute(first, second, length)
+        return last[key]
+
+    return result
+
+
+@_kept
+def _correlation_root(latitude: Array, longitude: Array, length: float) -> Array:
+    """Return (N, N) a square root of the correlation of the map's errors at places (N,), rad."""
+    points = geodetic_to_ecef(latitude, longitude, 0.0)
+    distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
+    return np.asarray(np.linalg.cholesky(decay(distance, length) + 1e-12 * np.eye(len(points))))
+
+
+def draw_at(
+    truth: Truth,
+    latitude: Array,
+    longitude: Array,
+    runs: Sequence[int],
+    channels: tuple[int, ...] = (),
+) -> Array:
+    """Return (R, *places, *channels) how far the true field differs from the map at places, in its
+    unit: exact samples of a Gaussian field with covariance sigma² exp(-d / L), one per run and
+    channel.
+
+    Parameters
+    ----------
+    truth : Truth
+    latitude, longitude : (*places) arrays
+        rad, the true places.
+    runs : sequence of int
+        They seed the random streams.
+    channels : tuple of int
+        Shape of a reading.
+    """
+    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
+    if sigma == 0.0:
+        return np.zeros((len(runs), *latitude.shape, *channels))
+    root = sigma * _correlation_root(latitude.ravel(), longitude.ravel(), length)
+    # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
+    drawn = [
+        root @ generator(truth.seed, run, "map_error").standard_normal((latitude.size, *channels))
+        for run in runs
+    ]
+    return np.stack(drawn).reshape(len(runs), *latitude.shape, *channels)
+
+
+def draw_map_error(
+    truth: Truth,
+    trajectory: Trajectory,
+    index: Integers,
+    runs: Sequence[int],
+    channels: tuple[int, ...] = (),
+) -> Array:
+    """Return (R, scans, *channels) what `draw_at` does at the scans, given by their index in the
+    trajectory; other parameters are those of `draw_at`."""
+    return draw_at(truth, trajectory.latitude[index], trajectory.longitude[index], runs, channels)
+
+
+def between_scans(
+    truth: Truth, trajectory: Trajectory, error: Array, runs: Sequence[int]
+) -> Array:
+    """Return (R, K + 1) the map's error along the whole trajectory, given that at the scans: a
+    Gauss-Markov process along the track, as `draw_map_error` is one along a straight line; after
+    the last scan it stays as it is.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+        Of K steps.
+    error : (R, scans) array
+    runs : sequence of int
+        They seed the random streams.
+    """
+    steps, length = truth.steps_per_scan, truth.map_error.correlation_length
+    scans = error.shape[1]
+    speed = np.hypot(*trajectory.velocity[: scans * steps, :2].T)
+    keep = decay(speed * trajectory.dt, length).reshape(scans, steps)
+    normal = truth.map_error.sigma * np.stack(
+        [
+            generator(truth.seed, run, "map_error_between").standard_normal((scans, steps))
+            for run in runs
+        ]
+    )
+    before = error[:, 0] * keep[0].prod() + normal[:, 0, 0] * np.sqrt(1.0 - keep[0].prod() ** 2)
+    whole = np.empty((len(runs), len(trajectory) + 1))
+    whole[:, scans * steps :] = error[:, -1:]
+    inside = whole[:, : scans * steps].reshape(len(runs), scans, steps)
+    inside[:, :, 0] = np.concatenate([before[:, None], error[:, :-1]], axis=1)
+    for k in range(1, steps):
+        # a bridge: given the point before (correlation a) and the next scan (correlation b)
+        a, b = keep[:, k - 1], keep[:, k:].prod(axis=1)
+        rest = 1.0 - a**2 * b**2
+        mean = a * (1.0 - b**2) / rest * inside[:, :, k - 1] + b * (1.0 - a**2) / rest * error
+        spread = np.sqrt((1.0 - a**2) * (1.0 - b**2) / rest)
+        inside[:, :, k] = mean + spread * normal[:, :, k]
+    return whole
+
+
+def draw_horizontal_error(
+    truth: Truth,
+    trajectory: Trajectory,
+    index: Integers,
+    runs: Sequence[int],
+    disturbance_error: Array,
+) -> tuple[Integers, Array]:
+    """Return where the error of the map's horizontal gravity is drawn, and what it is there.
+
+    It is drawn given the error of the disturbance at the scans, so that both belong to one
+    potential. The horizontal components move a position only after two integrations: every third
+    scan is enough, and in between they are taken as linear.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+    index : (scans,) array
+        Of the scans in the trajectory.
+    runs : sequence of int
+        They seed the random streams.
+    disturbance_error : (R, scans) array
+        What `draw_map_error` has drawn, m/s².
+
+    Returns
+    -------
+    (stations,), (R, stations, 2) arrays
+        Index in the trajectory; error to north and east, m/s².
+    """
+    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
+    stations = np.unique(np.concatenate([[0], index[::_EVERY], index[-1:]]))
+    count = 2 * len(stations)
+    if sigma == 0.0:
+        return stations, np.zeros((len(runs), len(stations), 2))
+    places = _plane(trajectory, np.arange(len(trajectory) + 1))
+    gain, root = _horizontal_given(places[index], places[stations], length)
+    drawn = [
+        # a product for each run: its numbers must not depend on how many runs are computed
+        error @ gain
+        + sigma * root @ generator(truth.seed, run, "map_error_horizontal").standard_normal(count)
+        for run, error in zip(runs, disturbance_error, strict=True)
+    ]
+    return stations, np.stack(drawn).reshape(len(runs), len(stations), 2)
+
+
+@_kept
+def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Array, Array]:
+    """Return (scans, 2 S) by which the disturbance's error at the scans makes the mean of the
+    horizontal ones at S stations, and (2 S, 2 S) a square root of what is left of their
+    covariance, sigma = 1; places (N, 2) m in a plane."""
+    down, sideways = np.zeros(len(scans), int), np.tile([1, 2], len(stations))
+
+    def covariance(first: Integers, second: Integers, a: Array, b: Array) -> Array:
+        apart = b[None] - a[:, None]
+        return tensor_covariance(("dd", "nd", "ed"), first, apart, length, second)
+
+    twice = np.repeat(stations, 2, axis=0)
+    known = covariance(down, down, scans, scans)
+    cross = covariance(down, sideways, scans, twice)
+    gain = np.linalg.solve(known + _JITTER * np.eye(len(scans)), cross)
+    rest = covariance(sideways, sideways, twice, twice) - cross.T @ gain
+    root = np.linalg.cholesky(0.5 * (rest + rest.T) + _JITTER * np.eye(len(twice)))
+    return np.asarray(gain), np.asarray(root)
+
+
+def draw_potential_error(
+    truth: Truth, trajectory: Trajectory, index: Integers, runs: Sequence[int]
+) -> Array:
+    """Return (R, scans, C) how far the true components of the gradient differ from their maps at
+    the scans, 1/s².
+
+    Each run's field is a sum of plane waves of random direction and phase, whose wavenumbers are
+    drawn from the spectrum (randomisation method: Shinozuka 1971, J. Acoust. Soc. Am. 49:357), so
+    that it is one field for all components on any route, without a grid that limits its
+    wavelengths. The wavenumbers are stratified: each of N equal shares of the variance has one
+    wave.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+    index : (scans,) array
+        Of the scans in the trajectory.
+    runs : sequence of int
+        They seed the random streams.
+    """
+    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
+    components = truth.gradiometer.components
+    if sigma == 0.0:
+        return np.zeros((len(runs), len(index), len(components)))
+    places = _plane(trajectory, index, int(index[0])) / length
+    return np.stack([sigma * _field(truth, run, places, components) for run in runs])
+
+
+def _field(truth: Truth, run: int, places: Array, components: Sequence[str]) -> Array:
+    """Return (scans, C) one field of 1-sigma one at places (scans, 2) in units of its length."""
+    random = generator(truth.seed, run, "map_error_potential")
+    share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
+    # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
+    size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
+    direction = 2.0 * np.pi * random.random(_WAVES)
+    waves = size * np.stack([np.cos(direction), np.sin(direction)])
+    amplitude = random.standard_normal((2, _WAVES)) / np.sqrt(_WAVES)
+    factor = wave_factors(components, direction)
+    phase = places @ waves
+    # real part of factor (a - i b) exp(i k x)
+    of_cosine = factor.real * amplitude[0] + factor.imag * amplitude[1]
+    of_sine = factor.real * amplitude[1] - factor.imag * amplitude[0]
+    return np.asarray(np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T)
+
+
+def draw_datum_error(
+    truth: Truth,
+    trajectory: Trajectory,
+    index: Integers,
+    runs: Sequence[int],
+    channels: tuple[int, ...] = (),
+) -> Array:
+    """Return (R, scans, *channels) how far the true field is above the map by `map_error.offset`
+    and `map_error.tilt`, in its unit.
+
+    A plane a + b x + c y, north x and east y from the route's start; a, b and c are drawn once per
+    run and channel.
+
+    Parameters
+    ----------
+    truth : Truth
+    trajectory : Trajectory
+    index : (scans,) array
+        Of the scans in the trajectory.
+    runs : sequence of int
+        They seed the random streams.
+    channels : tuple of int
+        Shape of a reading.
+    """
+    settings = truth.map_error
+    if settings.offset == 0.0 and settings.tilt == 0.0:
+        return np.zeros((len(runs), len(index), *channels))
+    tilted = settings.tilt * _plane(trajectory, index)
+    plane = np.column_stack([np.full(len(index), settings.offset), tilted])
+    # summed for each run by itself: its numbers must not depend on how many runs are computed
+    drawn = [
+        generator(truth.seed, run, "map_datum").standard_normal((3, *channels)) for run in runs
+    ]
+    return np.stack([np.einsum("sk,k...->s...", plane, one) for one in drawn])
+
+
+def _plane(trajectory: Trajectory, index: Integers, origin: int = 0) -> Array:
+    """Return (N, 2) m, north and east of a point of the trajectory, those of an index (N,), in one
+    plane."""
+    latitude, longitude = trajectory.latitude, trajectory.longitude
+    north, east = metres_per_radian(float(latitude[index].mean()))
+    away = np.remainder(longitude[index] - longitude[origin] + np.pi, 2.0 * np.pi) - np.pi
+    return np.stack([(latitude[index] - latitude[origin]) * north, away * east], axis=-1)

@@ -1,0 +1,283 @@
+"""Derivatives of the disturbing potential from a map of the gravity disturbance, by Fourier
+transform: the whole vector of the disturbing gravity, and its gradient tensor.
+
+Over a plane the disturbing potential T outside the masses is harmonic, so each of its wavelengths
+decays upwards as exp(-|k| h), and any derivative of T follows from any other (Blakely 1995,
+Potential Theory in Gravity and Magnetic Applications, chapter 11; Heiskanen and Moritz 1967,
+Physical Geodesy, sections 2-14 and 2-22; Jekeli 2017, Spectral Methods in Geodesy and Geophysics).
+With the axes north, east, down, k = (k_n, k_e) and the disturbance g = dT/d(down) of transform G:
+
+    G_n = i k_n/|k| G,   G_e = i k_e/|k| G,
+    T_dd = |k| G,   T_nd = i k_n G,   T_ed = i k_e G,
+    T_nn = -k_n²/|k| G,   T_ee = -k_e²/|k| G,   T_ne = -k_n k_e/|k| G,
+
+times exp(-|k| h) at a height h above the map. So the horizontal components of gravity together
+have the variance of the disturbance, and of the tensor five components are independent, as T_nn +
+T_ee + T_dd = 0. The deflection of the vertical is xi = -g_n / gamma, eta = -g_e / gamma with
+normal gravity gamma (Heiskanen and Moritz, section 2-22). `isogal.maps.spectral` does the
+transforms.
+
+Edges. What lies beyond the map is unknown: the map is continued by its mirror image, which fades
+to zero by a cosine. What that changes is largest at the rim, where results are left out.
+
+- Gradients are local: the map's mean is taken off, the continuation fades over 20 km.
+- Of horizontal gravity the factor is one at every wavelength, so it comes from far away as well:
+  masses beyond the map pull at all of it. The continuation fades over 200 km, and the error of one
+  component at a distance d from the rim is taken to be 1/sqrt(2) of the root mean square of the
+  disturbance continued upwards by d (by no more than a quarter of the map's width): the attraction
+  of what is unknown, at a distance d. It becomes part of sigma, and it is large: several mGal even
+  in the middle of a map of 400 km. Where there are maps of the deflection, they are better."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.maps import spectral
+from isogal.maps.channels import ChannelMap
+from isogal.maps.error_spectrum import USUAL_LENGTH, ErrorSpectrum, mixed_length, upward
+from isogal.maps.field_map import FieldMap
+from isogal.maps.spectral import Spectrum, Waves
+from isogal.scenario import TENSOR_COMPONENTS
+
+VECTOR = ("disturbance", "gravity_north", "gravity_east")
+"""Components of gravity, and quantities of their maps: down, north, east."""
+COMPONENTS = TENSOR_COMPONENTS
+"""Second derivatives of the disturbing potential by north (n), east (e) and down (d)."""
+INDEPENDENT = COMPONENTS[:5]
+"""Five that say all: dd = -nn - ee."""
+EDGE = 20_000.0
+"""m at the rim and round holes without a result."""
+_TENSOR_TAPER, _VECTOR_TAPER = 20_000.0, 200_000.0
+"""m over which the continuation beyond the map fades out; measured, see docs/maps.md."""
+_NODES = 300
+"""A map is thinned to about so many nodes along an axis to see how long its waves are."""
+_DISTANCES = 12
+
+
+def disturbance_of(field_map: FieldMap) -> FieldMap:
+    """Return a map of the gravity disturbance from one of it, or of gravity on the ellipsoid."""
+    if field_map.quantity == "disturbance":
+        return field_map
+    normal = normal_gravity(field_map.latitude)[:, None]
+    return replace(field_map, values=field_map.values - normal, quantity="disturbance")
+
+
+def tensor_maps(
+    disturbance: FieldMap,
+    components: tuple[str, ...] = INDEPENDENT,
+    *,
+    height: float = 0.0,
+    edge: float = EDGE,
+) -> ChannelMap:
+    """Return maps of components of the gradient tensor, one channel each, in 1/s² (1 E = 1e-9
+    1/s²).
+
+    What the map says of its errors goes through the same transform: its sigma, as of a field with
+    covariance sigma² exp(-d / L), and its step of values, as white noise of the nodes, become
+    sigma and step of each channel. The errors of a gradient hold together over a cell or the
+    height, whichever is larger, and not over L: each channel has a correlation length of its own.
+
+    Parameters
+    ----------
+    disturbance : FieldMap
+        Gravity disturbance, m/s², without holes (small ones are filled, and the result is left out
+        there).
+    components : tuple of str
+        Of `COMPONENTS`.
+    height : float
+        m above the map's surface that the field is continued to, >= 0.
+    edge : float
+        m at the rim and round holes that are left out, >= 0.
+
+    Raises
+    ------
+    InputError
+        Not a map of the disturbance, unknown component, negative height, too many holes, too small
+        or too large a map.
+    """
+    spectral.check_disturbance(disturbance, "gradients", height=height, edge=edge)
+    unknown = [name for name in components if name not in COMPONENTS]
+    if unknown or not components:
+        raise InputError(
+            f"unknown tensor component {', '.join(unknown) or '(none)'}; known:"
+            f" {', '.join(COMPONENTS)}"
+        )
+    result = _transformed(disturbance, components, height, edge)
+    named = zip(components, result, strict=True)
+    return ChannelMap([_gradient(disturbance, name, one, height) for name, one in named])
+
+
+def _gradient(disturbance: FieldMap, component: str, values: Array, height: float) -> FieldMap:
+    """Return the map of a component of the tensor, with what becomes of the map's errors."""
+    sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
+    step, cell = disturbance.quantisation, disturbance.cell
+    length = disturbance.correlation_length or USUAL_LENGTH
+    transform = partial(operator, component, height)
+    gain = partial(spectral.error_gain, transform, cell)
+    return FieldMap(
+        disturbance.latitude,
+        disturbance.longitude,
+        values,
+        unit="1/s²",
+        quantity="gradient",
+        sigma=sigma and sigma * gain(length),
+        correlation_length=spectral.error_length(transform, cell, length) if sigma else None,
+        quantisation=step and step * gain(),
+        provenance=f"T_{component} of {disturbance.provenance or 'map'}",
+        file_unit="1/s²",
+        error_stated=disturbance.states_error,
+    )
+
+
+def gravity_vector(
+    disturbance: FieldMap,
+    components: tuple[str, ...] = VECTOR,
+    *,
+    height: float = 0.0,
+    edge: float = EDGE,
+    rim_error: bool = True,
+) -> ChannelMap:
+    """Return maps of the disturbance (down) and of the attraction to the north and to the east,
+    one channel each, m/s².
+
+    Parameters
+    ----------
+    disturbance : FieldMap
+        m/s², without large holes (small ones are filled, and the result is left out there).
+    components : tuple of str
+        Of `VECTOR`.
+    height : float
+        m above the map's surface, >= 0.
+    edge : float
+        m at the rim and round holes that are left out, >= 0.
+    rim_error : bool
+        Whether sigma holds what lies beyond the map, which takes most of the time.
+
+    Raises
+    ------
+    InputError
+        Not a map of the disturbance, negative height or edge, too many holes, too small or too
+        large a map.
+    """
+    spectral.check_disturbance(disturbance, "horizontal components", height=height, edge=edge)
+    result = _transformed(disturbance, components, height, edge)
+    spectrum, decay = ErrorSpectrum.of_map(disturbance), upward(height)
+    own, length = spectrum.sigma_after(decay), spectrum.length(decay)
+    beyond, reach = _sigma_beyond(disturbance) if rim_error else (np.zeros(result.shape[1:]), 1.0)
+    # half of the variance of the map's own error goes into each horizontal component, with the
+    # same correlation on the mean of all directions
+    sideways = np.sqrt(0.5 * own**2 + beyond**2)
+    mixed = mixed_length([(0.5 * own**2, length), (float(np.mean(beyond**2)), reach)])
+    channels = [
+        FieldMap(
+            disturbance.latitude,
+            disturbance.longitude,
+            values,
+            unit="m/s²",
+            quantity=name,
+            sigma=own if name == "disturbance" else sideways,
+            correlation_length=length if name == "disturbance" else mixed,
+            provenance=f"{name} of {disturbance.provenance or 'map'}",
+            file_unit="m/s²",
+            height=None if disturbance.height is None else disturbance.height + height,
+        )
+        for name, values in zip(components, result, strict=True)
+    ]
+    return ChannelMap(channels, result)
+
+
+def from_deflections(xi: FieldMap, eta: FieldMap) -> ChannelMap:
+    """Return maps of the attraction to the north and to the east, m/s², from those of the
+    deflection of the vertical to the north (xi) and to the east (eta), rad.
+
+    Raises
+    ------
+    InputError
+        Other quantities, or different grids.
+    """
+    channels = []
+    for deflection, named, quantity in zip(
+        (xi, eta), ("deflection_north", "deflection_east"), VECTOR[1:], strict=True
+    ):
+        if deflection.quantity != named:
+            raise InputError(
+                f"{deflection.provenance or 'map'}: must be a map of {named}, is one of"
+                f" {deflection.quantity}"
+            )
+        gamma = normal_gravity(deflection.latitude, deflection.height or 0.0)[:, None]
+        mean, sigma = float(gamma.mean()), deflection.sigma
+        channels.append(
+            replace(
+                deflection,
+                values=-gamma * deflection.values,
+                unit="m/s²",
+                quantity=quantity,
+                sigma=sigma * mean if isinstance(sigma, float) else sigma * gamma,
+                quantisation=deflection.quantisation * mean,
+                file_unit="m/s²",
+                file_factor=1.0,
+            )
+        )
+    return ChannelMap(channels)
+
+
+def operator(component: str, height: float, waves: Waves) -> Spectrum:
+    """Return what the transform of a map of the disturbance is to be multiplied by, to be that of
+    a component, of `VECTOR` or `COMPONENTS`, at a height (m) above it."""
+    decay = np.exp(-waves.size * height)
+    if component == "disturbance":
+        return decay
+    # a disturbance that is the same everywhere pulls to no side, and has no gradient
+    k = np.where(waves.size > 0.0, waves.size, 1.0)
+    north, east = waves.odd_north, waves.odd_east
+    slopes = {"nd": north, "ed": east, "gravity_north": north / k, "gravity_east": east / k}
+    if component in slopes:
+        return np.asarray(1j * slopes[component] * decay, dtype=np.complex128)
+    products = {
+        "nn": -(waves.north**2),
+        "ne": -north * east,
+        "ee": -(waves.east**2),
+        "dd": waves.north**2 + waves.east**2,
+    }
+    return products[component] / k * decay
+
+
+def _transformed(
+    disturbance: FieldMap, components: tuple[str, ...], height: float, edge: float
+) -> Array:
+    """Return (C, n, m) components of the gravity vector or of the tensor, NaN at the rim."""
+    values = np.asarray(disturbance.values, dtype=np.float64)
+    missing = ~np.isfinite(values)
+    of_vector = components[0] in VECTOR
+    level = 0.0 if of_vector else float(np.nanmean(values))
+    kept = spectral.inside(disturbance, missing, edge)
+    filled = np.where(missing, 0.0, values - level)
+    operators = [partial(operator, name, height) for name in components]
+    taper = _VECTOR_TAPER if of_vector else _TENSOR_TAPER
+    result = spectral.transformed(disturbance, filled, operators, taper)
+    result[:, ~kept] = np.nan
+    return result
+
+
+def _sigma_beyond(disturbance: FieldMap) -> tuple[Array, float]:
+    """Return 1-sigma (n, m) of what masses beyond the map, and in its holes, do to a horizontal
+    component; and the distance, m, over which that error holds together: half of the map."""
+    missing: Booleans = ~np.isfinite(disturbance.values)
+    cell = disturbance.cell
+    width = min(size * count for size, count in zip(cell, missing.shape, strict=True))
+    thinned = disturbance.thinned(*(count // _NODES for count in missing.shape))
+    values = np.asarray(thinned.values, dtype=np.float64)
+    distances = np.geomspace(max(cell), 0.25 * width, _DISTANCES)
+    smooth = spectral.transformed(
+        thinned,
+        np.where(np.isfinite(values), values, 0.0),
+        [partial(operator, "disturbance", float(distance)) for distance in distances],
+        _VECTOR_TAPER,
+    )
+    scale = np.sqrt(0.5 * np.mean(smooth**2, axis=(1, 2)))
+    away = spectral.rim_distance(missing, disturbance)
+    return np.interp(away, distances, scale), 0.5 * float(width)

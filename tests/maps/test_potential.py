@@ -1,0 +1,312 @@
+"""The gravity vector and the gradient tensor by FFT: against a point mass, a plane wave and random
+fields whose components are known."""
+
+import itertools
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from helpers.batches import ORIGIN, field_map_of
+from helpers.point_masses import drawn_errors
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.gravity import normal_gravity
+from isogal.errors import InputError
+from isogal.maps import spectral
+from isogal.maps.potential import (
+    COMPONENTS,
+    INDEPENDENT,
+    VECTOR,
+    from_deflections,
+    gravity_vector,
+    operator,
+    tensor_maps,
+)
+
+GM = 6.6743e-11 * 3e14
+MGAL = 1e-5
+OF_TRACE = ("nn", "ee", "dd")
+horizontal = partial(gravity_vector, components=VECTOR[1:])
+
+
+def point_mass(north, east, depth):
+    """Attraction and tensor of a point mass below the origin, by component."""
+    position = np.stack(np.broadcast_arrays(north, east, -float(depth)))
+    r2 = (position**2).sum(axis=0)
+    n, e, d = -GM * position / r2**1.5
+    axis = {"n": 0, "e": 1, "d": 2}
+    return dict(zip(VECTOR, (d, n, e), strict=True)) | {
+        name: GM
+        * (
+            3.0 * position[axis[name[0]]] * position[axis[name[1]]] / r2**2.5
+            - (name[0] == name[1]) / r2**1.5
+        )
+        for name in COMPONENTS
+    }
+
+
+def map_of_mass(depth, half=60e3, step=500.0, shift=(0.0, 0.0)):
+    return field_map_of(
+        lambda n, e: point_mass(n + shift[0], e + shift[1], depth)["disturbance"],
+        half=half,
+        step=step,
+    )
+
+
+def local_metres(field_map):
+    metres = metres_per_radian(ORIGIN[0])
+    return (field_map.latitude - ORIGIN[0])[:, None] * metres[0], (
+        field_map.longitude - ORIGIN[1]
+    )[None, :] * metres[1]
+
+
+@pytest.mark.parametrize("height", [0.0, 1500.0, 6000.0])
+@pytest.mark.parametrize("depth", [3000.0, 8000.0])
+def test_point_mass(depth, height):
+    """Within about a per cent of the largest, in a map of 120 km; for the vector that is what is
+    beyond it."""
+    disturbance = map_of_mass(depth)
+    expected = point_mass(*local_metres(disturbance), depth + height)
+    for maps, names, unit in (
+        (gravity_vector(disturbance, height=height), VECTOR, "m/s²"),
+        (tensor_maps(disturbance, COMPONENTS, height=height), COMPONENTS, "1/s²"),
+    ):
+        largest = np.abs(expected[names[0] if unit == "m/s²" else "dd"]).max()
+        for name, channel in zip(names, maps.channels, strict=True):
+            kept = np.isfinite(channel.values)
+            assert 0.4 < kept.mean() < 0.5  # 20 km of 60 km are left out on each side
+            assert np.abs(channel.values - expected[name])[kept].max() < 0.012 * largest, name
+            assert (channel.unit, channel.quantity) == (
+                unit,
+                name if name in VECTOR else "gradient",
+            )
+
+
+def test_tensor_and_vector_are_derivatives_of_one_potential():
+    """The trace is zero, the field has no curl, and slopes of the vector are the tensor."""
+    disturbance = map_of_mass(6000.0, shift=(-3e3, 2e3))
+    tensor = dict(zip(COMPONENTS, tensor_maps(disturbance, COMPONENTS).channels, strict=True))
+    vector = dict(zip(VECTOR, gravity_vector(disturbance, edge=15e3).channels, strict=True))
+    scale = np.nanmax(np.abs(tensor["nn"].values))
+    trace = sum(tensor[name].values for name in OF_TRACE)
+    assert np.nanmax(np.abs(trace)) < 1e-9 * scale
+    step = disturbance.cell_size_m(ORIGIN[0])
+    slopes = {name: np.gradient(one.values, *step) for name, one in vector.items()}
+    curl = slopes["gravity_north"][1] - slopes["gravity_east"][0]
+    assert np.nanmax(np.abs(curl)) < 2e-3 * scale
+    for component, name, axis in (
+        ("nd", "disturbance", 0),
+        ("ed", "disturbance", 1),
+        ("nn", "gravity_north", 0),
+        ("ne", "gravity_north", 1),
+        ("ee", "gravity_east", 1),
+    ):
+        error = slopes[name][axis] - tensor[component].values
+        assert np.nanmax(np.abs(error)) < 0.02 * scale, component
+
+
+def test_a_wave_to_the_north_east_at_another_latitude():
+    """Wave length 8 km; each component is the wave's amplitude times its own factor and phase."""
+    length, amplitude = 8000.0, 1e-4
+    k = 2.0 * np.pi / length
+
+    def wave(n, e, phase=0.0):
+        return amplitude * np.cos(k * (0.6 * n + 0.8 * e) + phase)
+
+    field_map = field_map_of(wave, half=60e3, step=250.0)
+    maps = dict(
+        zip(COMPONENTS, tensor_maps(field_map, COMPONENTS, height=800.0).channels, strict=True)
+    )
+    north, east = local_metres(field_map)
+    decay = np.exp(-k * 800.0)
+    factor = {"nn": -0.36, "ne": -0.48, "ee": -0.64, "dd": 1.0}
+    for name, channel in maps.items():
+        phase = 0.0 if name in factor else np.pi / 2
+        expected = (
+            k * decay * factor.get(name, 0.6 if name == "nd" else 0.8) * wave(north, east, phase)
+        )
+        inside = np.isfinite(channel.values)
+        assert np.abs(channel.values - expected)[inside].max() < 0.03 * k * decay * amplitude, name
+
+
+def test_degrees_of_longitude_get_shorter_to_the_south():
+    """A map four degrees high: a mass far south of its middle still has the tensor that its own
+    surroundings have."""
+    latitude = np.radians(np.arange(-40.0, -35.9, 0.01))
+    longitude = np.radians(np.arange(146.0, 148.01, 0.01))
+    middle = np.radians(-39.0), np.radians(147.0)
+    metres = metres_per_radian(middle[0])
+    north = (latitude - middle[0])[:, None] * metres[0]
+    east = (longitude - middle[1])[None, :] * metres_per_radian(latitude)[1][:, None]
+    expected = point_mass(north, east, 6000.0)
+    small = field_map_of(lambda n, e: n + e, step=2000.0)
+    maps = tensor_maps(
+        replace(small, latitude=latitude, longitude=longitude, values=expected["disturbance"])
+    )
+    near = np.hypot(north, east) < 15e3
+    for name, channel in zip(INDEPENDENT, maps.channels, strict=True):
+        error = np.abs(channel.values - expected[name])[near].max()
+        assert error < 0.015 * np.abs(expected["dd"]).max(), name
+
+
+def test_a_hole_is_left_out_with_its_surroundings():
+    field_map = map_of_mass(5000.0)
+    values = field_map.values.copy()
+    values[150:154, 150:154] = np.nan
+    channel = tensor_maps(replace(field_map, values=values), ("dd",), edge=5e3).channels[0]
+    assert np.isnan(channel.values[152 - 9 : 152 + 9, 152]).all()
+    assert np.isfinite(channel.values[152 - 14, 152])
+    whole = tensor_maps(field_map, ("dd",), edge=5e3).channels[0]
+    far = np.isfinite(channel.values)
+    assert np.abs(channel.values - whole.values)[far].max() < 0.1 * np.nanmax(whole.values)
+
+
+SMALL = field_map_of(lambda n, e: 1e-9 * n, step=1000.0)
+HOLED = np.where(np.arange(81)[:, None] < 30, np.nan, SMALL.values)
+
+
+@pytest.mark.parametrize(("make", "what"), [(tensor_maps, "gradients"),
+                                            (horizontal, "horizontal components")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "keys", "message"),
+    [
+        ({"quantity": "height", "unit": "m"}, {}, "{} come from a map of the disturbance, not of"),
+        ({}, {"height": -1.0}, "height of the {} must be >= 0 m"),
+        ({}, {"edge": np.nan}, "edge of the {} must be >= 0 m"),
+        ({}, {"edge": 50e3}, "nothing is left of the map within 50 km of its edges"),
+        ({"values": HOLED}, {}, "37 % of the map is missing"),
+        ({"latitude": np.linspace(-1.2, -0.2, 81)}, {}, "reaches too far north-south"),
+    ],
+)
+def test_maps_without_derivatives_are_refused(make, what, changes, keys, message):
+    with pytest.raises(InputError, match=message.format(what)):
+        make(replace(SMALL, **changes), **keys)
+
+
+@pytest.mark.parametrize(
+    ("components", "message"),
+    [(("zz",), "component zz; known: nn, ne, nd, ee, ed, dd"), ((), r"component \(none\)")],
+)
+def test_components_that_are_not_known(components, message):
+    with pytest.raises(InputError, match="unknown tensor " + message):
+        tensor_maps(SMALL, components)
+
+
+@pytest.mark.parametrize("length", [None, 3000.0])
+def test_errors_of_the_map_go_through_the_transform(length):
+    """Draws of white noise or of a field with covariance exp(-d / L), against the gain by their
+    spectrum."""
+    flat = field_map_of(lambda n, e: 0.0 * n * e, half=60e3, step=600.0)
+    spread = {name: [] for name in COMPONENTS}
+    for seed in range(6):
+        values = 1e-5 * drawn_errors(seed, length, len(flat.latitude), 600.0)
+        maps = tensor_maps(replace(flat, values=values), COMPONENTS, height=200.0)
+        for name, channel in zip(COMPONENTS, maps.channels, strict=True):
+            spread[name].append(np.nanmean(channel.values**2))
+    stated = (
+        {"quantisation": 1e-5} if length is None else {"sigma": 1e-5, "correlation_length": length}
+    )
+    maps = tensor_maps(replace(flat, **stated), COMPONENTS, height=200.0)
+    for name, channel in zip(COMPONENTS, maps.channels, strict=True):
+        gain = channel.quantisation if length is None else channel.sigma
+        assert gain == pytest.approx(np.sqrt(np.mean(spread[name])), rel=0.05), name
+        assert (channel.sigma if length is None else channel.quantisation) == 0.0
+
+
+def test_errors_of_a_gradient_hold_together_over_the_height_or_a_cell():
+    fine, coarse = (200.0, 200.0), (900.0, 900.0)
+
+    def error_length(name, cell, height, length=4000.0):
+        return spectral.error_length(partial(operator, name, height), cell, length)
+
+    for name in COMPONENTS:
+        assert 0.3 * 900.0 < error_length(name, coarse, 100.0) < 1.5 * 900.0, name
+        assert 1.0 < error_length(name, fine, 1000.0) / 2000.0 < 2.0, name
+        assert error_length(name, fine, 100.0) < error_length(name, fine, 400.0), name
+    assert error_length("dd", fine, 100.0) == pytest.approx(
+        error_length("dd", fine, 100.0, 8000.0), rel=0.1
+    )
+
+
+def test_errors_of_the_map_go_into_each_component_of_the_vector():
+    """Half of the variance each; without masses beyond the map nothing else."""
+    flat = field_map_of(lambda n, e: 0.0 * n * e, half=60e3, step=1000.0)
+    stated = replace(flat, sigma=2 * MGAL, correlation_length=3000.0, height=100.0)
+    down, north, east = gravity_vector(stated).channels
+    assert down.sigma == pytest.approx(2 * MGAL)
+    for one in (north, east):
+        np.testing.assert_allclose(one.sigma, np.sqrt(2.0) * MGAL, rtol=1e-3)
+        assert one.correlation_length == pytest.approx(down.correlation_length, rel=1e-6)
+    above = gravity_vector(stated, height=900.0).channels[0]
+    assert above.height == 1000.0
+    assert above.sigma < 1.6 * MGAL
+    assert [one.correlation_length for one in gravity_vector(flat).channels] == [None] * 3
+    assert gravity_vector(replace(flat, quantisation=1e-6)).channels[0].sigma > 0.28e-6
+
+
+def random_field(nodes, step, seed):
+    """Disturbance and its horizontal components on a torus: 28 mGal RMS, with the spectrum of
+    Tscherning and Rapp (1974) from degree 10."""
+    waves = spectral.waves_of((nodes, nodes), (step, step))
+    k = np.where(waves.size > 0.0, waves.size, 1.0)
+    degree = 6.371e6 * k
+    power = np.exp(-2.0 * k * 3e3) / ((degree + 1.0) * (degree + 24.0))
+    power *= np.minimum(degree / 10.0, 1.0) ** 4
+    power[0, 0] = 0.0
+    white = np.random.default_rng(seed).standard_normal((nodes, nodes))
+    transform = np.fft.rfft2(white) * np.sqrt(power)
+    transform *= 28.0 * MGAL / np.fft.irfft2(transform).std()
+    factors = 1.0, 1j * waves.odd_north / k, 1j * waves.odd_east / k
+    return tuple(np.fft.irfft2(transform * factor) for factor in factors)
+
+
+def windows(width=400e3, step=4000.0):
+    """Windows of random fields, as maps, with their true horizontal components."""
+    nodes = round(width / step)
+    small = field_map_of(lambda n, e: 0.0 * n * e, half=0.5 * width, step=step)
+    small = small.part(slice(0, nodes), slice(0, nodes))
+    for seed in range(5):
+        fields = random_field(1024, step, seed)
+        for row, column in itertools.product(range(0, 1024 - nodes, 4 * nodes), repeat=2):
+            cut = slice(row, row + nodes), slice(column, column + nodes)
+            yield replace(small, values=fields[0][cut]), fields[1][cut], fields[2][cut]
+
+
+def test_sigma_says_what_is_unknown_beyond_the_map():
+    """Maps of 400 km cut out of random fields. From field to field the error in the middle varies
+    by a third, as few long waves make it."""
+    rim, middle = [], []
+    for disturbance, *expected in windows():
+        maps = horizontal(disturbance, edge=8e3)
+        for channel, right in zip(maps.channels, expected, strict=True):
+            error, sigma = channel.values - right, np.asarray(channel.sigma)
+            rim.append((np.mean(error[3:8, 3:-3] ** 2), np.mean(sigma[3:8, 3:-3] ** 2)))
+            middle.append((np.mean(error[40:60, 40:60] ** 2), np.mean(sigma[40:60, 40:60] ** 2)))
+            assert channel.correlation_length == pytest.approx(200e3, rel=0.05)
+    for place, least, most in ((rim, 8.0, 12.0), (middle, 4.0, 8.0)):
+        error, sigma = np.sqrt(np.mean(place, axis=0)) / MGAL
+        assert least < error < most
+        assert 1.0 < sigma / error < 1.9
+
+
+def test_deflections_become_gravity_and_back():
+    xi = replace(
+        field_map_of(lambda n, e: 1e-9 * n + 2e-10 * e, step=1000.0),
+        unit="rad",
+        quantity="deflection_north",
+        sigma=1e-6,
+        correlation_length=3000.0,
+        quantisation=4.8e-7,
+    )
+    eta = replace(xi, values=xi.values[:, ::-1], quantity="deflection_east")
+    north, east = from_deflections(xi, eta).channels
+    gamma = normal_gravity(xi.latitude)[:, None]
+    np.testing.assert_allclose(-north.values / gamma, xi.values, rtol=1e-14)
+    np.testing.assert_allclose(-east.values / gamma, eta.values, rtol=1e-14)
+    assert (north.quantity, east.quantity, north.unit) == ("gravity_north", "gravity_east", "m/s²")
+    assert north.sigma == pytest.approx(9.798e-6, rel=1e-3)
+    assert north.quantisation == pytest.approx(0.47 * MGAL, rel=0.01)
+    assert north.correlation_length == 3000.0
+    with pytest.raises(InputError, match="must be a map of deflection_north, is one of dist"):
+        from_deflections(SMALL, SMALL)
