@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import each_map
@@ -98,7 +99,9 @@ class PmhtMmNode(GraphNode):
         self.scans.go_on([-1] * len(self._reductions))
         return "begins with the next scan"
 
-    def _scan(self, field: int, nav: NavSample, reading: Any, variance: Any) -> None:
+    def _scan(
+        self, field: int, nav: NavSample, reading: Array | float, variance: Array | float
+    ) -> None:
         matching = self._matching
         self.scans.correct(matching.batches, nav.ns)
         matching.batches.builders[field].begin(self.scans.before(nav.ns, field))
@@ -109,10 +112,10 @@ class PmhtMmNode(GraphNode):
         collected = matching.batches.collected
         self._survival.keep(nav.ns, collected, matching.memory, self.scans.last)
 
-    def _white(self, field: int, nav: NavSample, variance: Any) -> float:
+    def _white(self, field: int, nav: NavSample, variance: Array | float) -> float:
         """Return the variance of a reading's own noise: that of its message less what the
         navigator's error adds by the reduction, which the batch has of its own; 0 = not known."""
-        if np.ndim(variance) > 0:
+        if isinstance(variance, np.ndarray):
             return 0.0  # of several channels the scenario says it
         latitude, longitude, height = nav.position
         north, east, _ = nav.velocity

@@ -5,8 +5,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
-from typing import Any
 
+from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.several import Rhythm
@@ -18,6 +18,8 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample, moved
 
+Reading = tuple[Array | float, Array | float]
+"""A reading, NaN = none, and its variance."""
 SILENT = 4
 """Scans that fail to come, one after the other, after which the instrument counts as silent."""
 
@@ -32,7 +34,7 @@ class _Field:
     """Stamp of the newest reading, ns; -1 = none."""
     last: int = -1
     """Stamp of the last scan taken."""
-    pending: deque[tuple[int, Any]] = dataclass_field(default_factory=deque)
+    pending: deque[tuple[int, Reading]] = dataclass_field(default_factory=deque)
     """Readings that wait for those of other fields."""
 
     @property
@@ -64,7 +66,7 @@ class Scans:
         node: GraphNode,
         scenario: Scenario,
         first: Callable[[NavSample], None],
-        taken: Callable[[int, NavSample, Any, Any], None],
+        taken: Callable[[int, NavSample, Array | float, Array | float], None],
     ) -> None:
         self._health, self._first, self._taken = node.health, first, taken
         each = scenario.each_field
@@ -124,7 +126,7 @@ class Scans:
             self._release()
             raise BadMessageError("it comes after the end of its batch")
 
-    def add(self, ns: int, reading: tuple[Any, Any], field: int = 0) -> None:
+    def add(self, ns: int, reading: Reading, field: int = 0) -> None:
         """Take a reading and its variance; NaN = the scan took place and gave nothing."""
         self._fields[field].pending.append((ns, reading))
         self._release()
@@ -165,7 +167,7 @@ class Scans:
         for jump in self._queue.take_jumps(before):
             builder.correct(to_seconds(jump.ns), jump.change)
 
-    def _process(self, ns: int, item: tuple[int, Any], nav: NavSample | None) -> None:
+    def _process(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
         if nav is None:
             return
         k, reading = item
@@ -196,6 +198,6 @@ class Scans:
             self._scan(k, nav or moved(now, stamp), (math.nan, 0.0))
         self.guessed = False
 
-    def _scan(self, k: int, nav: NavSample, reading: tuple[Any, Any]) -> None:
+    def _scan(self, k: int, nav: NavSample, reading: Reading) -> None:
         self._fields[k].last = nav.ns
         self._taken(k, nav, *reading)

@@ -4,9 +4,11 @@ them."""
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from sensor_msgs.msg import FluidPressure
 
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import HeightReading, Innovation, Measurement, VelocityReading
@@ -21,6 +23,7 @@ from ukf_fusion_node.measuring import Measuring
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
+Message: TypeAlias = FluidPressure | TwistWithCovarianceStamped
 _Read = tuple[Measurement | None, Callable[[Innovation], str]]
 """A reading, None = it has no number, and what to say of one that cannot be right."""
 
@@ -72,9 +75,9 @@ class Aids:
             self._add(node, topics.VELOCITY, velocity.interval, self._velocity)
 
     def _add(
-        self, node: GraphNode, topic: Topic, interval: float, read: Callable[[Any], _Read]
+        self, node: GraphNode, topic: Topic, interval: float, read: Callable[[Message], _Read]
     ) -> None:
-        def take(message: Any) -> None:
+        def take(message: Message) -> None:
             reading = read(message)
             ns = to_ns(message.header.stamp)
             source.newest = max(source.newest, ns)
@@ -100,13 +103,13 @@ class Aids:
                     result = navigator.measure(to_seconds(stamp), reading)
                     self._measuring.reading(source.topic.name, result, describe)
 
-    def _pressure(self, message: Any) -> _Read:
+    def _pressure(self, message: FluidPressure) -> _Read:
         settings = self._scenario.height
         pressure, height, variance = read_pressure(message, settings)
         reading = HeightReading(height, variance or settings.sigma**2)
         return reading, lambda seen: _unlikely_pressure(pressure, seen, settings)
 
-    def _velocity(self, message: Any) -> _Read:
+    def _velocity(self, message: TwistWithCovarianceStamped) -> _Read:
         settings = self._scenario.velocity
         velocity, covariance = read_velocity(message, self._frame)
         velocity[[axis for axis in range(3) if axis not in settings.axes]] = np.nan

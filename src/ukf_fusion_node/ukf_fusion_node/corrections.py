@@ -1,10 +1,10 @@
 """Fixes applied to the filter, and their figures in the diagnostics."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import NavSatStatus
+from rclpy.impl.rcutils_logger import RcutilsLogger as Logger
+from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from isogal.fix import Fix
 from isogal.fusion.inertial_navigator import InertialNavigator
@@ -38,14 +38,14 @@ class Corrections:
     """
 
     def __init__(
-        self, health: Health, log: Any = None, unfit: Callable[[], None] = lambda: None
+        self, health: Health, log: Logger | None = None, unfit: Callable[[], None] = lambda: None
     ) -> None:
         self._health, self._log, self._unfit = health, log, unfit
         self._measuring = Measuring(health)
         self._odd = 0
         self._accepted = self._refused = 0
 
-    def apply(self, navigator: InertialNavigator | None, content: Any) -> None:
+    def apply(self, navigator: InertialNavigator | None, content: WholeFix | NavSatFix) -> None:
         """Correct the filter (None = it has not started) with a whole fix, or with a NavSatFix
         that is all there is.
 
@@ -100,7 +100,7 @@ class Corrections:
             )
 
 
-def read_fix(message: Any) -> Fix:
+def read_fix(message: NavSatFix) -> Fix:
     """Return the fix of a NavSatFix; raises BadMessageError where it cannot be used."""
     time = to_seconds(to_ns(message.header.stamp))
     if message.status.status == NavSatStatus.STATUS_NO_FIX:

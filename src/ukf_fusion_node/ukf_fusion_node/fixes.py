@@ -4,12 +4,15 @@ for all others: each stamp is used once, in whatever order the messages come."""
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
+
+from sensor_msgs.msg import NavSatFix
 
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.messages.whole_fix import WholeFix
 
+Content: TypeAlias = WholeFix | NavSatFix
 KEPT = 8192
 """Stamps kept of fixes, of those that wait and of those that were used: hours of them: more
 than the filter goes back."""
@@ -21,8 +24,8 @@ PATIENCE = 30.0
 class _Stamp:
     """What has come of a stamp."""
 
-    content: Any = None
-    """WholeFix or NavSatFix, while it waits to be used."""
+    content: Content | None = None
+    """While it waits to be used."""
     arrived: float = 0.0
     used: bool = False
     position_came: bool = False
@@ -64,7 +67,7 @@ class FixQueue:
         stamp.content = whole
         self._waiting[ns] = stamp
 
-    def add_position(self, ns: int, message: Any) -> None:
+    def add_position(self, ns: int, message: NavSatFix) -> None:
         """Take a NavSatFix; raises BadMessageError where its stamp has had one, or is none."""
         _require_stamp(ns)
         stamp = self._of(ns)
@@ -75,7 +78,7 @@ class FixQueue:
             stamp.content, stamp.arrived = message, self._clock()
             self._waiting[ns] = stamp
 
-    def due(self, now_ns: int) -> list[tuple[int, Any]]:
+    def due(self, now_ns: int) -> list[tuple[int, Content]]:
         """Take out stamps and content of what need not wait any longer; the navigator is at a time
         (ns)."""
         if not self._waiting:
@@ -93,9 +96,10 @@ class FixQueue:
         ]
         return [(ns, self._use(ns)) for ns in found]
 
-    def _use(self, ns: int) -> Any:
+    def _use(self, ns: int) -> Content:
         stamp = self._waiting.pop(ns)
         content, stamp.content, stamp.used = stamp.content, None, True
+        assert content is not None
         return content
 
     def _of(self, ns: int) -> _Stamp:

@@ -2,9 +2,11 @@
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
@@ -50,7 +52,7 @@ class UkfFusionNode(GraphNode):
         noisy = np.array(self._navigation.model.noise) > 0.0
         self._watch, self._lone = Watch(*limits, self.monotonic, noisy), LoneSamples()
         self._aids = Aids(self, self._go_on)
-        self._held: deque[Any] = deque()
+        self._held: deque[Imu] = deque()
         """IMU samples that wait for other sensors."""
         self.outputs = Outputs(self)
         self._frame = map_frame(self.scenario)
@@ -63,7 +65,7 @@ class UkfFusionNode(GraphNode):
         self.offer_reset(self._navigation.reset)
         self.watch("silent", lambda: self._watch.silent, ERROR)
 
-    def _take_imu(self, message: Any) -> None:
+    def _take_imu(self, message: Imu) -> None:
         self._held.append(message)
         self._go_on()
 
@@ -73,7 +75,7 @@ class UkfFusionNode(GraphNode):
         while self._held and not self._aids.are_due(to_ns(self._held[0].header.stamp)):
             self.guard(topics.IMU, self._take_sample, self._held.popleft())
 
-    def _take_sample(self, message: Any) -> None:
+    def _take_sample(self, message: Imu) -> None:
         self.samples += 1
         ns = to_ns(message.header.stamp)
         force, rate = read_imu(message, self.settings.imu_frame)
@@ -105,18 +107,18 @@ class UkfFusionNode(GraphNode):
         self.health.concern("gap", self._navigation.doubt)
         self.health.tick(ns)
 
-    def _take_pose(self, message: Any) -> None:
+    def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
         start = self._navigation.start_state()
         speed = float(np.hypot(*start.velocity[:2]))
         self._navigation.place(placed(start, message, self._frame, speed))
         if self._navigation.navigator is not None:
             self._publish()
 
-    def _take_whole(self, message: Any) -> None:
+    def _take_whole(self, message: PointCloud2) -> None:
         self._fixes.add_whole(to_ns(message.header.stamp), read_whole_fix(message))
         self._settle()
 
-    def _take_fix(self, message: Any) -> None:
+    def _take_fix(self, message: NavSatFix) -> None:
         try:
             self._fixes.add_position(to_ns(message.header.stamp), message)
         except BadMessageError:

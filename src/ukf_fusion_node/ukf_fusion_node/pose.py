@@ -1,10 +1,11 @@
 """A pose that a user gives on initialpose, as a state of the filter."""
 
 import math
-from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
+from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import from_matrix, matrix
@@ -17,7 +18,9 @@ LARGEST_DISTANCE = 1e7
 """m from the origin of the frame ``map``."""
 
 
-def placed(state: FilterState, message: Any, frame: LocalFrame, speed: float) -> FilterState:
+def placed(
+    state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame, speed: float
+) -> FilterState:
     """Return a state at a pose, with the biases of another state.
 
     The velocity, which a pose does not say, is a speed (m/s) straight ahead. Where the variances
@@ -53,7 +56,7 @@ def placed(state: FilterState, message: Any, frame: LocalFrame, speed: float) ->
     return new
 
 
-def _set_covariance(state: FilterState, pose: Any, to_ned: Any, of_velocity: float) -> None:
+def _set_covariance(state: FilterState, pose: Array, to_ned: Array, of_velocity: float) -> None:
     """Write a pose's covariance (6, 6; frame ``map``) and a velocity's 1-sigma (m/s)."""
     P = state.covariance
     variances = np.diag(P).copy()

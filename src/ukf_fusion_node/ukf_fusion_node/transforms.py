@@ -1,10 +1,10 @@
 """Frames of the vehicle as transforms (REP-105): ``odom`` to ``base_link``, which never jumps, and
 ``map`` to ``odom``, which takes the jumps of fixes; and where the instruments are."""
 
-from typing import Any
-
 import numpy as np
+from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import TransformStamped
+from rclpy.publisher import Publisher
 
 from isogal.arrays import Array
 from isogal.inertial.rotations import from_matrix, matrix
@@ -59,7 +59,7 @@ class Transforms:
     parameter publish_tf says so."""
 
     def __init__(self, node: GraphNode) -> None:
-        self._publisher: Any = None
+        self._publisher: Publisher | None = None
         if topics.TF is None or topics.TF_STATIC is None or not node.settings.publish_tf:
             return
         self._track, self._type = DeadReckoning(), topics.TF.type
@@ -72,7 +72,7 @@ class Transforms:
         frames = [transform(BASE, frame) for frame in node.settings.sensor_frames]
         self._static.publish(topics.TF_STATIC.type(transforms=frames))
 
-    def publish(self, ns: int, pose: Any) -> None:
+    def publish(self, ns: int, pose: PoseMessage) -> None:
         """Publish the transforms of a stamp from the pose of nav/odom."""
         if self._publisher is None:
             return

@@ -9,6 +9,8 @@ from sensor_msgs.msg import NavSatStatus, PointCloud2
 
 from helpers.node_bench import bench, vector_reading
 from isogal.fields.scenario_map import map_for_scenario
+from isogal.matching.interfaces import declined
+from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.gradiometer import GRADIOMETER
@@ -86,6 +88,31 @@ def test_stamps_must_increase(matcher_bench, drive) -> None:
     drive(1)
     drive(2)
     assert matcher_bench.node.health.dropped == {"gravimeter/disturbance": 2}
+
+
+def test_what_a_message_says_of_its_noise_is_used(matcher_bench, drive, monkeypatch) -> None:
+    """Less what the navigator's error adds by the reduction: the batch has that of its own."""
+    seen = []
+
+    class Watching:
+        context = 0
+
+        def match(self, batch, field_map, memory):
+            seen.append(batch.sigma)
+            return declined(batch, "nothing"), memory
+
+    monkeypatch.setattr(matcher_bench.node._matching, "matcher", Watching())
+    at = State(-0.637, 2.5656, 100.0, 10.0, 10.0)
+    reduction = matcher_bench.node._reductions[0]
+    covariance = np.diag([900.0, 900.0, 0.01, 0.01])
+    by_navigator = float(reduction_variance(reduction, at, covariance, 0.01))
+    assert by_navigator > 1e-10
+    variances = [0.0, 4e-10 + by_navigator, 4e-10 + by_navigator, 1e-12, 1e-10, 9e-12]
+    for scan, variance in enumerate(variances, 1):
+        drive(scan, variance=variance)
+    own = matcher_bench.scenario.gravimeter.sigma
+    expected = [own, 2e-5, 2e-5, 1e-6, 1e-5, 3e-6]
+    np.testing.assert_allclose(seen[0], expected, rtol=0.02)
 
 
 def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) -> None:
