@@ -8,12 +8,12 @@ import numpy as np
 import yaml
 
 from helpers.bags import drive, write_bag
+from helpers.map_files import WRITERS
 from isogal import checkpoints
 from isogal.checkpoints import Saved
 from isogal.magnetics.compensation import Compensation, read_compensation
 from isogal.magnetics.terms import COUNT
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 from isogal.scenario import load_scenario
 from isogal.scenario.imu_grades import parse as parse_grades
@@ -27,11 +27,15 @@ PIECES = (
 """What is put somewhere into a file."""
 
 
+_HEADER = 2000  # bytes, where half of the changes are: there they matter most
+
+
 def mutated(data: bytes, rng: np.random.Generator) -> bytes:
     """Bytes with one to four changes: flipped, cut, left out, repeated, put in."""
     changed = bytearray(data)
     for _ in range(int(rng.integers(1, 5))):
-        at = int(rng.integers(0, len(changed) + 1))
+        reach = len(changed) if rng.random() < 0.5 else min(len(changed), _HEADER)
+        at = int(rng.integers(0, reach + 1))
         length = int(rng.integers(1, 64))
         match int(rng.integers(0, 6)):
             case 0 if changed:
@@ -47,10 +51,6 @@ def mutated(data: bytes, rng: np.random.Generator) -> bytes:
             case _:
                 changed[at:at] = PIECES[int(rng.integers(0, len(PIECES)))]
     return bytes(changed)
-
-
-def _map_of(path: Path) -> None:
-    load_map(path)
 
 
 def _points_of(path: Path) -> None:
@@ -73,8 +73,8 @@ def _grades(path: Path) -> None:
 READERS: dict[str, Callable[[Path], object]] = {
     "scenario.yaml": load_scenario,
     "track.csv": read_csv_tracks,
-    "map.nc": _map_of,
-    "map.xyz": _points_of,
+    **dict.fromkeys(WRITERS, load_map),
+    "points.xyz": _points_of,
     "state.checkpoint": lambda path: checkpoints.load(path, "x", ("isogal",)),
     "bag.mcap": _bag,
     "flight.mcap": read_recording,
@@ -91,11 +91,12 @@ def valid_files(folder: Path, field_map: FieldMap) -> dict[str, bytes]:
     rows = [f"{k}.0,{-37.0 + 0.01 * k:.5f},145.0,{k}.25,0.5" for k in range(30)]
     text = "time,latitude,longitude,value,sigma\n" + "\n".join(rows)
     (folder / "track.csv").write_text(text + "\n")
-    write_netcdf(field_map, folder / "map.nc")
+    for name, write in WRITERS.items():
+        write(folder / name, field_map)
     points = [
         f"{145 + 0.1 * i:.1f} {-37 + 0.1 * j:.1f} {i * j}" for j in range(5) for i in range(6)
     ]
-    (folder / "map.xyz").write_text("\n".join(points) + "\n")
+    (folder / "points.xyz").write_text("\n".join(points) + "\n")
     grade = {"gyroscope": {"bias": "7deg/h"}, "accelerometer": {"bias": ["1ug", 2e-5, 0.0]}}
     (folder / "grades.yaml").write_text(yaml.safe_dump({"mine": grade}))
     Compensation(0.1 * np.arange(COUNT)).write(folder / "compensation.yaml")

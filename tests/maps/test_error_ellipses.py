@@ -7,8 +7,8 @@ import pytest
 
 from isogal.errors import InputError
 from isogal.maps.error_ellipses import axes_of, ellipses_of, impossible, joint
-from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.load import load_map
 
 LONGEST, SHORTEST = np.array([4e3, 2e3, 900.0]), np.array([1e3, 500.0, 800.0])
 AZIMUTH = np.radians([30.0, 100.0, 170.0])
@@ -73,7 +73,7 @@ def test_a_map_keeps_them_in_windows_and_files(small_map, tmp_path):
     np.testing.assert_array_equal(thin.error_ellipses, ellipses[::2, ::3])
     assert np.isnan(small_map.error_ellipse_at(*here)).all()
     write_netcdf(told, tmp_path / "map.nc")
-    again = read_netcdf(tmp_path / "map.nc", small_map.quantity)
+    again = load_map(tmp_path / "map.nc", small_map.quantity)
     np.testing.assert_allclose(again.error_ellipses, ellipses, rtol=1e-5, atol=20.0)
     for wrong in (ellipses[1:], -ellipses):
         with pytest.raises(InputError, match=r"error_ellipses has shape|lengths must be > 0 m"):

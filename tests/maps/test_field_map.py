@@ -33,23 +33,17 @@ def test_gradient_is_per_metre_to_north_and_east():
 
 
 def test_shapes_broadcast():
-    field_map = wave_map()
+    sigma = np.broadcast_to(np.linspace(1e-5, 2e-5, 201)[:, None], (201, 301))
+    field_map = wave_map(sigma=sigma)
     lat, lon = np.radians([[-37.0], [-36.5]]), np.radians([145.0, 145.5, 146.0])
     assert field_map.value(lat, lon).shape == (2, 3)
     assert all(x.shape == (2, 3) for x in field_map.value_and_gradient(lat, lon))
-    assert field_map.sigma_at(lat, lon).shape == (2, 3)
     assert np.ndim(field_map.value(-0.65, 2.53)) == 0
-    assert field_map.covers(lat, lon).all() and not field_map.covers(
-        np.radians(-39.0), np.radians(145.0)
-    )
-
-
-def test_sigma_of_a_grid_is_interpolated():
-    base = wave_map()
-    sigma = np.broadcast_to(np.linspace(1e-5, 2e-5, 201)[:, None], (201, 301))
-    field_map = wave_map(sigma=sigma)
-    assert field_map.sigma_at(np.radians(-37.0), np.radians(145.0)) == pytest.approx(1.5e-5)
-    assert base.sigma_at(0.0, 0.0) == 0.0
+    assert field_map.covers(lat, lon).all()
+    assert not field_map.covers(np.radians(-39.0), np.radians(145.0))
+    linear = np.broadcast_to([[1.5e-5], [1.75e-5]], (2, 3))
+    np.testing.assert_allclose(field_map.sigma_at(lat, lon), linear)
+    assert (wave_map().sigma_at(lat, lon) == np.zeros((2, 3))).all()
 
 
 @settings(max_examples=60, deadline=None)
@@ -76,19 +70,13 @@ def test_a_window_across_the_seam_of_a_global_map():
     field_map = FieldMap(lat, lon, values, "m/s²", "disturbance")
     part = field_map.window(*np.radians([-5.0, 5.0, -4.0, 4.0]))
     assert part.values.shape[1] < 20
-    for degrees in (-3.9, 0.0, 3.9, 356.5):
-        assert part.value(0.01, np.radians(degrees)) == pytest.approx(
-            field_map.value(0.01, np.radians(degrees)), abs=1e-16
-        )
     assert np.isnan(part.value(0.01, np.radians(20.0)))
     first = field_map.window(*np.radians([-5.0, 5.0, 1.0, 3.0]))
-    assert first.value(0.01, np.radians(1.0)) == pytest.approx(
-        field_map.value(0.01, np.radians(1.0)), abs=1e-16
-    )
     across = field_map.window(*np.radians([-5.0, 5.0, 175.0, -175.0]))
-    assert across.value(0.01, np.radians(-179.9)) == pytest.approx(
-        field_map.value(0.01, np.radians(180.1)), abs=1e-16
-    )
+    places = [(part, d) for d in (-3.9, 0.0, 3.9, 356.5)] + [(first, 1.0), (across, -179.9)]
+    for one, degrees in places:
+        expected = pytest.approx(field_map.value(0.01, np.radians(degrees)), abs=1e-16)
+        assert one.value(0.01, np.radians(degrees)) == expected
 
 
 def test_a_repeated_meridian_is_dropped():
@@ -137,11 +125,10 @@ def test_bad_maps_are_refused_in_one_line(change, words):
     assert "\n" not in str(error.value)
 
 
-def test_windows_that_miss_the_map_are_refused():
+@pytest.mark.parametrize("away", [(10.0, 11.0, 145.0, 146.0), (-37.0, -36.5, 20.0, 21.0)])
+def test_windows_that_miss_the_map_are_refused(away):
     with pytest.raises(InputError, match="has nothing at"):
-        wave_map().window(*np.radians([10.0, 11.0, 145.0, 146.0]))
-    with pytest.raises(InputError, match="has nothing at"):
-        wave_map().window(*np.radians([-37.0, -36.5, 20.0, 21.0]))
+        wave_map().window(*np.radians(away))
 
 
 def test_correlation_lengths_at_each_node(small_map):

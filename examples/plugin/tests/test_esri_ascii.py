@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from isogal.errors import InputError
-from isogal_example.esri_ascii import read_esri_ascii
+from isogal.maps.formats.format import Asked
+from isogal_example.esri_ascii import FORMAT
 
 HEADER = "ncols 5\nnrows 4\nxllcorner 144.95\nyllcorner -37.05\ncellsize 0.1\nNODATA_value -99\n"
 ROWS = [[column + 10 * row for column in range(5)] for row in range(4)]
 GRID = {"quantity": "disturbance", "unit": "mGal"}
+
+
+def read(path, **asked):
+    return FORMAT.read(path, Asked(**asked), None)
 
 
 def text(rows):
@@ -26,7 +31,7 @@ def write(tmp_path):
 
 
 def test_rows_run_from_north_to_south(write):
-    field_map = read_esri_ascii(write(HEADER + text(ROWS)), **GRID)
+    field_map = read(write(HEADER + text(ROWS)), **GRID)
     np.testing.assert_allclose(np.degrees(field_map.latitude), [-37.0, -36.9, -36.8, -36.7])
     np.testing.assert_allclose(
         np.degrees(field_map.longitude), [145.0, 145.1, 145.2, 145.3, 145.4]
@@ -37,7 +42,7 @@ def test_rows_run_from_north_to_south(write):
 
 def test_centres_and_missing_values(write):
     header = HEADER.replace("xllcorner 144.95", "XLLCENTER 145").replace("-99", "13")
-    field_map = read_esri_ascii(write(header + text(ROWS)), **GRID)
+    field_map = read(write(header + text(ROWS)), **GRID)
     assert np.degrees(field_map.longitude[0]) == pytest.approx(145.0)
     assert np.argwhere(np.isnan(field_map.values)).tolist() == [[2, 3]]
 
@@ -45,9 +50,9 @@ def test_centres_and_missing_values(write):
 def test_unit_and_quantity_are_asked_for(write):
     path = write(HEADER + text(ROWS))
     with pytest.raises(InputError, match=r"does not say what it is a map of"):
-        read_esri_ascii(path)
+        read(path)
     with pytest.raises(InputError, match=r"does not say its unit"):
-        read_esri_ascii(path, quantity="disturbance")
+        read(path, quantity="disturbance")
 
 
 @pytest.mark.parametrize(
@@ -65,6 +70,6 @@ def test_unit_and_quantity_are_asked_for(write):
 )
 def test_broken_files_give_one_line(write, content, message):
     with pytest.raises(InputError, match=message) as caught:
-        read_esri_ascii(write(content), **GRID)
+        read(write(content), **GRID)
     assert str(caught.value).startswith(str(write(content)))
     assert "\n" not in str(caught.value)

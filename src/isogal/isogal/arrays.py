@@ -9,3 +9,5 @@ Integers = NDArray[np.int64]
 """Indices and counts."""
 Booleans = NDArray[np.bool_]
 """Masks."""
+Values = NDArray[np.floating]
+"""Of a map: in double precision, or in single where its file has no more."""

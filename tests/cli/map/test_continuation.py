@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of
-from helpers.command_line import answer, refusal
-from isogal.maps.formats.netcdf import read_netcdf
+from helpers.command_line import answer
 from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.load import load_map
 
 
 @pytest.fixture(scope="module")
@@ -33,17 +33,17 @@ def test_from_the_level_that_the_file_says(folder, tmp_path):
     found = json.loads(
         answer("map", "continue", folder / "level.nc", out, "--height", 1100, "--json")
     )
-    high = read_netcdf(out)
+    high = load_map(out)
     assert (found["height"], high.height, found["file"]) == (1100.0, 1100.0, str(out))
     assert 0.0 < high.sigma == found["sigma"] < 1e-7
-    low = read_netcdf(folder / "level.nc")
+    low = load_map(folder / "level.nc")
     crest = float(low.latitude.mean()) + 2500.0 / 6.36e6, float(low.longitude.mean())
     decay = np.exp(-2.0 * np.pi * 1000.0 / 10e3)
     assert high.value(*crest) == pytest.approx(decay * low.value(*crest), rel=0.01)
     back = tmp_path / "back.nc"
     words = ("--height", 100, "--downward-cutoff", 4, "--edge", 5)
     assert answer("map", "continue", out, back, *words).endswith(f"{back}\n")
-    assert read_netcdf(back).value(*crest) == pytest.approx(low.value(*crest), rel=0.02)
+    assert load_map(back).value(*crest) == pytest.approx(low.value(*crest), rel=0.02)
 
 
 def test_from_the_ground(folder, tmp_path):
@@ -51,24 +51,6 @@ def test_from_the_ground(folder, tmp_path):
     words = ("--height", 1000, "--terrain", folder / "hills.nc")
     window = ("--window", -36.65, -36.35, 146.8, 147.2)
     answer("map", "continue", folder / "unsaid.nc", out, *words, *window)
-    high = read_netcdf(out)
+    high = load_map(out)
     assert high.height == 1000.0
     assert high.sigma.shape == high.values.shape
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("out.tif", "--height", 500), "out.tif: must end in .nc"),
-        (("out.nc",), "Missing option '--height'"),
-        (("out.nc", "--height", "inf"), "--height: must be finite, is inf"),
-        (
-            ("out.nc", "--height", 500, "--terrain", "x.nc", "--from-height", 0),
-            "--from-height 0: cannot be given together with --terrain",
-        ),
-        (("out.nc", "--height", 500, "--terrain", "none.nc"), "none.nc: no such file"),
-        (("out.nc", "--height", 5, "--from-height", 0, "--edge", -1), "--edge: must be >= 0"),
-    ],
-)
-def test_bad_input_ends_in_one_line(folder, words, message):
-    assert message in refusal("map", "continue", folder / "unsaid.nc", *words)

@@ -6,7 +6,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
-from helpers.command_line import answer, refusal
+from helpers.command_line import answer
 
 ROUTE = ("--route", "-38,144 -38,146")
 
@@ -52,20 +52,3 @@ def test_the_field_of_the_scenario_names_the_tiles(mirror, tmp_path):
     words = ("map", "fetch", "--base-url", mirror, "--out", tmp_path / "g", *ROUTE)
     assert "S40E145.ga  fetched, trusted on first use" in answer(*words)
     assert "S40E145.dg  fetched" in answer(*words, "--set", "gravimeter.quantity=disturbance")
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--base-url", "ftp://x"), "must begin with http"),
-        (("--base-url", "http://x", "--variable", "zz"), "GGMplus has ga"),
-        (("--base-url", "http://x", "--timeout", "inf"), "--timeout: must be finite, is inf"),
-        (
-            ("--base-url", "http://127.0.0.1:9", "--window", -32, -31, 146, 147, "--tries", 1),
-            "offline?",
-        ),
-        ((), "Missing option '--base-url'"),
-    ],
-)
-def test_bad_input_ends_in_one_line(tmp_path, words, message):
-    assert message in refusal("map", "fetch", "--out", tmp_path / "g", *words)

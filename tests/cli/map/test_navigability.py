@@ -8,7 +8,7 @@ import pytest
 import rasterio
 
 from helpers.batches import field_map_of, wavy
-from helpers.command_line import answer, refusal
+from helpers.command_line import answer
 from isogal.maps.formats.netcdf_writing import write_netcdf
 
 
@@ -40,15 +40,3 @@ def test_a_window_is_enough(rough):
     words = ("--window", -36.55, -36.45, 146.95, 147.05, "--json", "--headings", 2)
     found = json.loads(answer("map", "navigability", rough, *words))
     assert max(found["nodes"]) < 40
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--out", "a.png"), "must end in .nc or .tif"),
-        (("--set", "field=gradient"), "field gradient"),
-        (("--set", "gravimeter.sigma=-1"), "gravimeter.sigma"),
-    ],
-)
-def test_bad_input_is_one_line(rough, words, message):
-    assert message in refusal("map", "navigability", rough, *words)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from helpers.command_line import answer, refusal
+from helpers.command_line import answer
 
 ROUTE = ("--route", "-36.9,144.7 -36.2,145.4")
 
@@ -29,15 +29,3 @@ def test_where_the_map_ends_the_variability_is_missing(file):
     places = json.loads(answer(*words, "--json"))["places"]
     assert all(place["variability"] is None for place in places)
     assert "nan" not in answer(*words)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--points", "4"), "must be odd"),
-        (("--half-width", "inf"), "--half-width: must be finite, is inf"),
-        (("--figure", "a.pdf"), "must end in .png"),
-    ],
-)
-def test_bad_options_end_in_one_line(file, words, message):
-    assert message in refusal("map", "variability", file, *ROUTE, *words)

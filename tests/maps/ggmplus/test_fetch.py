@@ -1,6 +1,5 @@
 """Fetching tiles from a local HTTP server with the faults of a mirror."""
 
-import contextlib
 import hashlib
 import socket
 import threading
@@ -20,6 +19,7 @@ from isogal.maps.ggmplus.fetch import REGISTRY, fetch_tiles, read_registry, tile
 
 CELLS = 100  # tiles of 20 kB instead of 12.5 MB
 NAME = "S40E145.dg"
+OFFLINE = r"cannot be reached .*; offline\?; gave up after 3 tries$"
 QUICK = Patience(timeout=0.4, tries=3, pause=0.01)
 
 
@@ -47,48 +47,38 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self):
         self.close_connection = True
-        name = self.path.rpartition("/")[2]
-        self.server.requests.append((self.path, self.headers.get("Range")))
+        name, asked = self.path.rpartition("/")[2], self.headers.get("Range")
+        self.server.requests.append((self.path, asked))
         what = self.server.trouble[name].pop(0) if self.server.trouble[name] else "good"
         body = self.server.files.get(name)
-        if isinstance(what, int):
-            self.send_error(what)
+        if isinstance(what, int) or body is None:
+            self.send_error(what if isinstance(what, int) else 404)
             return
-        if body is None:
-            self.send_error(404)
-            return
-        start = 0
-        asked = self.headers.get("Range")
         if what == "slow":
             time.sleep(1.0)
+        start = 0
         if asked and what != "no resume":
             start = int(asked.removeprefix("bytes=").rstrip("-"))
             if start >= len(body):
                 self.send_error(416)
                 return
-        if what == "lies":
-            start = 7
+        start = 7 if what == "lies" else start
         self.send_response(206 if start else 200)
         if start:
             self.send_header("Content-Range", f"bytes {start}-{len(body) - 1}/{len(body)}")
-        rest = body[start:]
-        if what == "shorter":
-            rest = rest[:-100]
+        rest = body[start:-100] if what == "shorter" else body[start:]
         if what == "no length":
             rest += b"surplus"
         else:
             self.send_header("Content-Length", str(len(rest)))
         self.end_headers()
+        sent = {"cut": len(rest) // 2, "stall": 1000}.get(what, len(rest))
+        self.wfile.write(rest[:sent])
+        self.wfile.flush()
         if what == "cut":
-            self.wfile.write(rest[: len(rest) // 2])
-            self.wfile.flush()
             self.connection.shutdown(socket.SHUT_RDWR)
         elif what == "stall":
-            self.wfile.write(rest[:1000])
-            self.wfile.flush()
             time.sleep(1.0)
-        else:
-            self.wfile.write(rest)
 
 
 @pytest.fixture
@@ -105,45 +95,41 @@ def mirror(monkeypatch):
     thread.join()
 
 
+@pytest.fixture
+def fetch(mirror, tmp_path):
+    """Fetches tiles from the mirror, or another address."""
+
+    def fetch(*names, url=mirror.url, **more):
+        return fetch_tiles(list(names or [NAME]), url, tmp_path, patience=QUICK, **more)
+
+    return fetch
+
+
 def left(folder):
     return sorted(p.name for p in folder.iterdir() if not p.name.endswith(".lock"))
 
 
-def test_tiles_arrive_whole_with_progress_and_checksums(mirror, tmp_path):
+def test_tiles_arrive_whole_with_progress_and_checksums(mirror, fetch, tmp_path):
     seen = []
-    result = fetch_tiles(
-        [NAME, "S40E140.dg", "S45E145.dg"],
-        mirror.url + "/",
-        tmp_path,
-        patience=QUICK,
-        progress=lambda *a: seen.append(a),
-    )
-    assert (result.downloaded, result.absent, result.present) == (
-        [NAME, "S40E140.dg"],
-        ["S45E145.dg"],
-        [],
-    )
-    assert result.trusted == result.downloaded
+    names = [NAME, "S40E140.dg", "S45E145.dg"]
+    result = fetch(*names, url=mirror.url + "/", progress=lambda *a: seen.append(a))
+    assert result.downloaded == result.trusted == names[:2]
+    assert (result.absent, result.present) == (names[2:], [])
     assert (tmp_path / NAME).read_bytes() == mirror.files[NAME]
-    assert left(tmp_path) == sorted([NAME, "S40E140.dg", REGISTRY])
+    assert left(tmp_path) == sorted([*names[:2], REGISTRY])
     known = read_registry(tmp_path)
     assert known[NAME] == hashlib.sha256(mirror.files[NAME]).hexdigest()
     assert sorted(known) == sorted(result.downloaded)
     assert seen[-1] == ("S40E140.dg", 2 * CELLS * CELLS, 2 * CELLS * CELLS)
     assert mirror.requests[0][0] == f"/data/dg/{NAME}"
+    again = fetch()
+    assert (again.present, again.downloaded, again.trusted) == ([NAME], [], [])
+    assert len(mirror.requests) == 3  # none for what is there
 
 
-def test_what_is_there_is_not_fetched_again(mirror, tmp_path):
-    fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
-    again = fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
-    assert (again.present, again.downloaded, again.trusted) == ([NAME], [], []) and len(
-        mirror.requests
-    ) == 1
-
-
-def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, tmp_path):
+def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, fetch, tmp_path):
     (tmp_path / NAME).write_bytes(mirror.files[NAME])
-    result = fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
+    result = fetch()
     assert (result.present, result.trusted, mirror.requests) == ([NAME], [NAME], [])
 
 
@@ -156,33 +142,27 @@ def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, tmp_path):
         ["slow"],
         [503, 429, "cut"],
         ["cut", "lies"],
+        ["cut", "no resume"],
     ],
     ids=str,
 )
-def test_temporary_server_errors_are_retried(mirror, tmp_path, trouble):
+def test_temporary_server_errors_are_retried(mirror, fetch, tmp_path, trouble):
     mirror.trouble[NAME] = list(trouble)
-    assert fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK).downloaded == [NAME]
-    assert (tmp_path / NAME).read_bytes() == mirror.files[NAME] and left(tmp_path) == sorted(
-        [NAME, REGISTRY]
-    )
+    assert fetch().downloaded == [NAME]
+    assert (tmp_path / NAME).read_bytes() == mirror.files[NAME]
+    assert left(tmp_path) == sorted([NAME, REGISTRY])
     if trouble[0] == "cut":
         assert mirror.requests[1][1] == f"bytes={CELLS * CELLS}-"
 
 
-def test_a_later_call_goes_on_where_the_first_broke_off(mirror, tmp_path):
+def test_a_later_call_goes_on_where_the_first_broke_off(mirror, fetch, tmp_path):
     mirror.trouble[NAME] = ["cut", 503, 503, 503]
     with pytest.raises(InputError, match=r"answers 503 .*; gave up after 3 tries"):
-        fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
+        fetch()
     assert NAME not in left(tmp_path)
     mirror.requests.clear()
-    fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
+    fetch()
     assert mirror.requests == [(f"/data/dg/{NAME}", f"bytes={CELLS * CELLS}-")]
-    assert (tmp_path / NAME).read_bytes() == mirror.files[NAME]
-
-
-def test_a_server_that_does_not_resume(mirror, tmp_path):
-    mirror.trouble[NAME] = ["cut", "no resume"]
-    fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
     assert (tmp_path / NAME).read_bytes() == mirror.files[NAME]
 
 
@@ -197,69 +177,69 @@ def test_a_server_that_does_not_resume(mirror, tmp_path):
         ([404], "the server has none of the 1 tiles"),
     ],
 )
-def test_permanent_server_errors_are_reported(mirror, tmp_path, trouble, words):
+def test_permanent_server_errors_are_reported(mirror, fetch, tmp_path, trouble, words):
     mirror.trouble[NAME] = list(trouble)
     seen = []
     with pytest.raises(InputError) as error:
-        fetch_tiles(
-            [NAME], mirror.url, tmp_path, patience=QUICK, progress=lambda *a: seen.append(a)
-        )
+        fetch(progress=lambda *a: seen.append(a))
     assert words in str(error.value) and "\n" not in str(error.value)
     assert all(done <= total for _, done, total in seen)
     assert NAME not in left(tmp_path)
 
 
-def test_offline_is_one_clear_line(tmp_path):
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("http://127.0.0.1:{port}", r"cannot be reached .*; offline\?; gave up after 3 tries$"),
+        (
+            "http://no-such-host.invalid",
+            r"cannot be reached .*; offline\?; gave up after 3 tries$",
+        ),
+        *((url, "must begin with http") for url in ("ftp://x/y", "file:///etc", "curtin.edu", "")),
+    ],
+)
+def test_wrong_addresses_and_no_network_are_one_clear_line(fetch, url, words):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    for url in (f"http://127.0.0.1:{port}", "http://no-such-host.invalid"):
-        with pytest.raises(
-            InputError, match=r"cannot be reached .*; offline\?; gave up after 3 tries"
-        ) as error:
-            fetch_tiles([NAME], url, tmp_path, patience=QUICK)
-        assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match=words):
+        fetch(url=url.format(port=port))
 
 
-def test_another_edition_is_refused_and_damage_repaired(mirror, tmp_path):
+def test_another_edition_is_refused_and_damage_repaired(mirror, fetch, tmp_path):
     good = mirror.files[NAME]
-    fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
+    fetch()
     (tmp_path / NAME).write_bytes(good[:-1] + b"?")
-    assert fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK).downloaded == [NAME]
+    assert fetch().downloaded == [NAME]
     assert (tmp_path / NAME).read_bytes() == good
     (tmp_path / NAME).unlink()
     mirror.files[NAME] = bytes(len(good))
-    with pytest.raises(
-        InputError, match=r"differs from the checksum of its first download in .*checksums\.txt"
-    ):
-        fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
+    words = r"differs from the checksum of its first download in .*checksums\.txt"
+    with pytest.raises(InputError, match=words):
+        fetch()
     assert left(tmp_path) == [REGISTRY]
 
 
-def test_a_tile_that_appears_later_is_fetched(mirror, tmp_path):
+def test_a_tile_that_appears_later_is_fetched(mirror, fetch):
     good = mirror.files.pop(NAME)
-    fetch_tiles([NAME, "S40E140.dg"], mirror.url, tmp_path, patience=QUICK)
+    fetch(NAME, "S40E140.dg")
     mirror.files[NAME] = good
-    assert fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK).downloaded == [NAME]
+    assert fetch().downloaded == [NAME]
 
 
-def test_one_fetch_at_a_time(mirror, tmp_path):
-    with contextlib.ExitStack() as stack:
-        assert stack.enter_context(locked(tmp_path / "fetch", wait=False))
-        with pytest.raises(InputError, match="another isogal map fetch is at work"):
-            fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
+def test_one_fetch_at_a_time(fetch, tmp_path):
+    with (
+        locked(tmp_path / "fetch", wait=False) as mine,
+        pytest.raises(InputError, match="another isogal map fetch is at work"),
+    ):
+        assert mine
+        fetch()
 
 
-@pytest.mark.parametrize("url", ["ftp://x/y", "file:///etc", "ddfe.curtin.edu.au", ""])
-def test_only_http_addresses(tmp_path, url):
-    with pytest.raises(InputError, match="must begin with http"):
-        fetch_tiles([NAME], url, tmp_path, patience=QUICK)
-
-
-def test_a_broken_registry_is_named(mirror, tmp_path):
+def test_a_broken_registry_is_named(fetch, tmp_path):
     (tmp_path / REGISTRY).write_text("# head\nwhat is this\n")
     with pytest.raises(InputError, match=r"checksums\.txt \(line 2\)"):
-        fetch_tiles([NAME], mirror.url, tmp_path, patience=QUICK)
+        fetch()
 
 
 def test_tiles_of_the_default_route():

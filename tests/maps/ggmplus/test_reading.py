@@ -6,7 +6,7 @@ import pytest
 from isogal.errors import InputError
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Window
-from isogal.maps.ggmplus.reading import is_ggmplus, read_ggmplus
+from isogal.maps.ggmplus.reading import is_ggmplus
 from isogal.maps.ggmplus.tiles import CELLS, KINDS
 from isogal.maps.load import load_map
 from isogal.scenario import load_scenario
@@ -52,7 +52,7 @@ def folder(tmp_path_factory):
 
 
 def test_values_are_where_the_format_puts_them(folder):
-    field_map = read_ggmplus(folder, "dg", window(-37.1, -37.0, 146.0, 146.2))
+    field_map = load_map(folder, "dg", window=window(-37.1, -37.0, 146.0, 146.2))
     lat, lon = np.degrees(field_map.latitude), np.degrees(field_map.longitude)
     np.testing.assert_allclose(
         field_map.values, wave(lat[:, None], lon[None, :]), rtol=0, atol=0.51e-6
@@ -66,9 +66,7 @@ def test_values_are_where_the_format_puts_them(folder):
 
 
 def test_tiles_are_joined(folder):
-    field_map = read_ggmplus(
-        folder, None, window(-37.2, -37.0, 144.8, 145.3), quantity="disturbance"
-    )
+    field_map = load_map(folder, None, "disturbance", window(-37.2, -37.0, 144.8, 145.3))
     lat, lon = np.radians(np.full(200, -37.1)), np.radians(np.linspace(144.8, 145.3, 200))
     np.testing.assert_allclose(
         field_map.value(lat, lon), wave(np.degrees(lat), np.degrees(lon)), rtol=0, atol=2e-6
@@ -76,7 +74,7 @@ def test_tiles_are_joined(folder):
 
 
 def test_no_data_and_missing_tiles_are_nan(folder):
-    field_map = read_ggmplus(folder, "dg", window(-36.1, -34.9, 146.9, 147.1))
+    field_map = load_map(folder, "dg", window=window(-36.1, -34.9, 146.9, 147.1))
     assert np.isnan(field_map.value(np.radians(-36.0), np.radians(147.0)))
     assert np.isnan(field_map.value(np.radians(-34.95), np.radians(147.0)))
     assert np.isfinite(field_map.value(np.radians(-35.5), np.radians(147.0)))
@@ -84,9 +82,9 @@ def test_no_data_and_missing_tiles_are_nan(folder):
 
 
 def test_refusals(tmp_path, folder):
-    def refused(words, *args, **kwargs):
+    def refused(words, path, variable, part, **more):
         with pytest.raises(InputError) as error:
-            read_ggmplus(*args, **kwargs)
+            load_map(path, variable, window=part, format_name="ggmplus", **more)
         assert words in str(error.value) and "\n" not in str(error.value)
 
     part = window(-37.2, -37.0, 144.8, 144.9)

@@ -8,9 +8,9 @@ import pytest
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
-from isogal.maps.ggmplus.reading import read_ggmplus
 from isogal.maps.ggmplus.tiles import CELLS, KINDS
 from isogal.maps.ggmplus.writing import write_ggmplus
+from isogal.maps.load import load_map
 
 
 def test_a_value_that_does_not_fit_and_a_quantity_that_is_not_there(tmp_path, small_map):
@@ -36,7 +36,7 @@ def test_written_tiles_come_back(tmp_path, extension):
     unit = {"ha": "m", "xi": "rad", "eta": "rad"}.get(extension, "m/s²")
     paths = write_ggmplus(FieldMap(lat, lon, values, unit, kind.quantity), tmp_path / "tiles")
     assert {p.stat().st_size for p in paths} == {CELLS * CELLS * np.dtype(kind.dtype).itemsize}
-    read = read_ggmplus(tmp_path / "tiles", extension, Window(lat[4], lat[-5], lon[4], lon[-5]))
+    read = load_map(tmp_path / "tiles", extension, window=Window(lat[4], lat[-5], lon[4], lon[-5]))
     inside = read.values[3:-3, 3:-3]
     known = np.isfinite(inside)
     rows, columns = (

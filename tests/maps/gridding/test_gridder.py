@@ -19,12 +19,12 @@ from helpers.surveys import (
 )
 from isogal.errors import InputError
 from isogal.maps.error_ellipses import axes_of, joint
-from isogal.maps.formats.netcdf import read_netcdf
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.gridder import GridSettings, grid_survey, learn_model
 from isogal.maps.gridding.kriging import Kriging
+from isogal.maps.load import load_map
 
 __all__ = ["four_places"]
 
@@ -73,7 +73,7 @@ def test_a_map_says_its_error_at_every_node(tmp_path):
         np.nanmedian(field_map.correlation_lengths)
     )
     write_netcdf(field_map, tmp_path / "map.nc")
-    again = read_netcdf(tmp_path / "map.nc")
+    again = load_map(tmp_path / "map.nc")
     np.testing.assert_allclose(again.correlation_lengths, field_map.correlation_lengths, rtol=1e-6)
     np.testing.assert_allclose(again.error_ellipses, field_map.error_ellipses, rtol=1e-4, atol=1e3)
     here = field_map.latitude[10], field_map.longitude[8]

@@ -13,7 +13,7 @@ from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Window
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.netcdf import read_netcdf
+from isogal.maps.load import load_map
 from isogal.maps.synthetic import synthetic_map as module
 from isogal.maps.synthetic import tiles as synthetic
 from isogal.maps.synthetic.lattice_noise import RMS, sum_of_octaves
@@ -60,15 +60,11 @@ def test_values_do_not_change_between_versions():
 
 def test_a_place_has_one_value_whichever_window_asks():
     wide = synthetic_map("disturbance", window(-37.3, -36.8, 144.6, 145.2))
-    narrow = synthetic_map("disturbance", window(-37.02, -36.97, 144.93, 145.04))
-    turned = synthetic_map("disturbance", window(-37.02, -36.97, 144.93 - 360.0, 145.04 - 360.0))
-    lat, lon = (
-        np.radians(np.linspace(-37.02, -36.97, 40)),
-        np.radians(np.linspace(144.93, 145.04, 40)),
-    )
-    np.testing.assert_allclose(narrow.value(lat, lon), wide.value(lat, lon), rtol=0, atol=1e-13)
-    np.testing.assert_allclose(turned.value(lat, lon), wide.value(lat, lon), rtol=0, atol=1e-13)
-    assert np.isfinite(narrow.value(lat, lon)).all()
+    at = np.radians(np.linspace((-37.02, 144.93), (-36.97, 145.04), 40)).T
+    for turn in (0.0, -360.0):
+        narrow = synthetic_map("disturbance", window(-37.02, -36.97, 144.93 + turn, 145.04 + turn))
+        np.testing.assert_allclose(narrow.value(*at), wide.value(*at), rtol=0, atol=1e-13)
+        assert np.isfinite(narrow.value(*at)).all()
 
 
 def test_it_goes_across_the_date_line():
@@ -102,12 +98,8 @@ def test_like_ggmplus():
         synthetic_map(q, window(-37.1, -37.0, 145.0, 145.1))
         for q in ("gravity", "disturbance", "height")
     )
-    np.testing.assert_allclose(
-        gravity.values,
-        normal_gravity(gravity.latitude[:, None], height.values) + disturbance.values,
-        rtol=0,
-        atol=0.6e-6,
-    )
+    expected = normal_gravity(gravity.latitude[:, None], height.values) + disturbance.values
+    np.testing.assert_allclose(gravity.values, expected, rtol=0, atol=0.6e-6)
     steps = disturbance.values / 1e-6
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
     assert disturbance.quantisation == gravity.quantisation == 1e-6
@@ -150,9 +142,8 @@ def test_along_a_long_route_it_is_tiled_and_the_same(own_cache, monkeypatch):
     tiled = synthetic_map_along("gravity", corridor)
     assert isinstance(tiled, TiledMap)
     np.testing.assert_allclose(tiled.value(*route), whole.value(*route), rtol=0, atol=1e-13)
-    assert (
-        len(own_cache[2]) == before
-    )  # none was made in this process, and those off the route not at all
+    # none was made in this process, and those off the route not at all
+    assert len(own_cache[2]) == before
 
 
 def test_the_default_route_is_like_the_real_terrain(shared_data, monkeypatch):
@@ -160,7 +151,7 @@ def test_the_default_route_is_like_the_real_terrain(shared_data, monkeypatch):
     monkeypatch.setenv("ISOGAL_CACHE", OF_ALL_TESTS)  # other tests need its tiles, too
     trajectory = build_trajectory(load_scenario())
     at = trajectory.latitude[::5], trajectory.longitude[::5]
-    real = read_netcdf(shared_data / "se_australia_gravity.nc", "dg", corridor_of(*at).window)
+    real = load_map(shared_data / "se_australia_gravity.nc", "dg", window=corridor_of(*at).window)
     made = synthetic_map("disturbance", corridor_of(*at, 3000.0).window)
 
     def gradient_rms(field_map):
@@ -172,32 +163,33 @@ def test_the_default_route_is_like_the_real_terrain(shared_data, monkeypatch):
 
 
 def test_scenarios_choose_it_by_quantity():
-    short = ["route.duration=600"]
-    assert map_for_scenario(load_scenario(overrides=short), margin=3000.0).quantity == "gravity"
-    dg = map_for_scenario(
-        load_scenario(overrides=[*short, "gravimeter.quantity=disturbance"]), margin=3000.0
-    )
-    assert dg.quantity == "disturbance"
+    def chosen(*overrides):
+        scenario = load_scenario(overrides=["route.duration=600", *overrides])
+        return map_for_scenario(scenario, margin=3000.0)
+
+    assert chosen().quantity == "gravity"
+    assert chosen("gravimeter.quantity=disturbance").quantity == "disturbance"
     with pytest.raises(InputError, match="is a disturbance map, but"):
-        map_for_scenario(load_scenario(overrides=[*short, "map.variable=dg"]))
+        chosen("map.variable=dg")
     with pytest.raises(InputError, match="ga and dg, not 'xi'"):
-        map_for_scenario(load_scenario(overrides=[*short, "map.variable=xi"]))
+        chosen("map.variable=xi")
 
 
-def test_limits():
-    with pytest.raises(InputError, match="89 deg"):
-        synthetic_map("gravity", window(88.99, 89.5, 0.0, 0.1))
-    with pytest.raises(InputError, match="too many"):
-        synthetic_map("gravity", window(-60.0, 60.0, 0.0, 120.0))
-    with pytest.raises(InputError, match="not geoid"):
-        synthetic_map("geoid", window(0.0, 0.1, 0.0, 0.1))
+@pytest.mark.parametrize(
+    ("quantity", "where", "words"),
+    [
+        ("gravity", (88.99, 89.5, 0.0, 0.1), "89 deg"),
+        ("gravity", (-60.0, 60.0, 0.0, 120.0), "too many"),
+        ("geoid", (0.0, 0.1, 0.0, 0.1), "not geoid"),
+    ],
+)
+def test_limits(quantity, where, words):
+    with pytest.raises(InputError, match=words):
+        synthetic_map(quantity, window(*where))
 
 
 def test_noise_has_the_stated_rms_and_no_mean():
-    lat, lon = (
-        np.radians(np.linspace(-60.0, 60.0, 400)),
-        np.radians(np.linspace(-180.0, 179.0, 500)),
-    )
+    lat, lon = np.radians(np.linspace(-60.0, 60.0, 400)), np.radians(np.linspace(-180, 179, 500))
     out = np.empty((1, 400, 500))
     sum_of_octaves(lat, lon, np.array([0.013]), np.array([[1.0]]), 5, out)
     assert out.std() == pytest.approx(1.0, abs=0.03) and abs(out.mean()) < 0.03

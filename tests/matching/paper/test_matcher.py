@@ -88,9 +88,9 @@ def test_iteration_equals_section_3_2_written_out(predicted):
 
 
 def test_along_the_real_route(shared_data):
-    from isogal.maps.formats.netcdf import read_netcdf
+    from isogal.maps.load import load_map
 
-    field_map = read_netcdf(shared_data / "se_australia_gravity.nc", "ga")
+    field_map = load_map(shared_data / "se_australia_gravity.nc", "ga")
     errors = []
     for seed in range(12):
         random = np.random.default_rng(seed)

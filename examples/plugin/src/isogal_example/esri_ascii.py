@@ -4,16 +4,17 @@ The header is ``ncols``, ``nrows``, ``xllcorner`` or ``xllcenter``, ``yllcorner`
 (degrees), ``cellsize`` and, where values are missing, ``NODATA_value``. It says neither quantity
 nor unit, so the user has to. Source: Esri, ArcGIS documentation, "Esri ASCII raster format"."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format, by_suffix
+from isogal.files import reading
+from isogal.maps.axes import check_size
+from isogal.maps.formats.format import Asked, FileGrid, file_format, grid_in_memory
 from isogal.maps.formats.points import drop_gaps
 
 _KEYS = {
@@ -22,40 +23,21 @@ _KEYS = {
 }
 
 
-def read_esri_ascii(
-    path: Path,
-    variable: str | None = None,
-    window: Window | None = None,
-    *,
-    quantity: str | None = None,
-    unit: str | None = None,
-) -> FieldMap:
-    """Read a grid as a map.
-
-    Parameters
-    ----------
-    path : path
-        File.
-    variable : str, optional
-        Not for this format, which holds one variable without a name.
-    window : Window, optional
-        Only this part is kept.
-    quantity, unit : str, optional
-        What the numbers are; the file does not say.
+@contextmanager
+def open_esri_ascii(path: Path, asked: Asked) -> Iterator[FileGrid]:
+    """Read a grid; see `isogal.maps.formats.format.Opener`.
 
     Raises
     ------
     InputError
-        An incomplete header, too few or too many numbers, unit or quantity not given, impossible
-        numbers.
+        An incomplete header, too few or too many numbers, or a variable is asked for, of which
+        this format has but one without a name.
     """
     where = str(path)
-    if variable is not None:
-        raise InputError(f"{where}: holds one variable without a name, not '{variable}'")
-    try:
+    if asked.variable is not None:
+        raise InputError(f"{where}: holds one variable without a name, not '{asked.variable}'")
+    with reading(path):
         lines = path.read_text(encoding="ascii", errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from None
     header = _header(lines, where)
     rows, columns = (int(_number(header, where, key)) for key in ("nrows", "ncols"))
     step = _number(header, where, "cellsize")
@@ -71,15 +53,12 @@ def read_esri_ascii(
             f"{where}: has {numbers.size} values, the header says {rows} x {columns}; cut short?"
         )
     south, west = (_first_node(header, where, axis, step) for axis in "yx")
-    field_map = assemble(
+    axes = (
         np.radians(south + step * np.arange(rows)),
         np.radians(west + step * np.arange(columns)),
-        drop_gaps(numbers, header.get("nodata_value")).reshape(rows, columns)[::-1],
-        unit=unit,
-        quantity=quantity,
-        where=where,
     )
-    return field_map if window is None else field_map.window(*window[:4])
+    values = drop_gaps(numbers, header.get("nodata_value")).reshape(rows, columns)[::-1]
+    yield grid_in_memory(where, axes, values, unit=None, quantity=None)
 
 
 def _header(lines: list[str], where: str) -> dict[str, float]:
@@ -108,4 +87,4 @@ def _first_node(header: dict[str, float], where: str, axis: str, step: float) ->
     return _number(header, where, f"{axis}llcorner") + 0.5 * step
 
 
-FORMAT = Format("esri-ascii", by_suffix(".asc"), read_esri_ascii)
+FORMAT = file_format("esri-ascii", (".asc",), open_esri_ascii)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from isogal.cli.checks import finite, not_negative
-from isogal.cli.map.results import print_json
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, written_file, written_folder
+from isogal.cli.tables import print_json
 from isogal.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,6 +1,7 @@
 """Which map a command works on, and what its file does not say."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
@@ -145,7 +146,7 @@ def make_synthetic(quantity: str, window: "Window") -> "FieldMap":
     from isogal.maps.synthetic.synthetic_map import synthetic_map
 
     with Bars("tiles") as bars:
-        return synthetic_map(quantity, window, lambda done, total: bars("tiles", done, total))
+        return synthetic_map(quantity, window, partial(bars, "tiles"))
 
 
 def make_synthetic_along(quantity: str, corridor: "Corridor") -> "ScalarMap":
@@ -153,9 +154,7 @@ def make_synthetic_along(quantity: str, corridor: "Corridor") -> "ScalarMap":
     from isogal.maps.synthetic.synthetic_map import synthetic_map_along
 
     with Bars("tiles") as bars:
-        return synthetic_map_along(
-            quantity, corridor, lambda done, total: bars("tiles", done, total)
-        )
+        return synthetic_map_along(quantity, corridor, partial(bars, "tiles"))
 
 
 @dataclass(frozen=True)

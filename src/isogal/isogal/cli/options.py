@@ -1,12 +1,14 @@
 """Options that several commands share: scenario, workers, folder and form of the results."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
+from typer.models import OptionInfo
 
-from isogal.cli.checks import output_file, output_folder
+from isogal.cli.checks import finite, output_file, output_folder
 
 if TYPE_CHECKING:
     from isogal.montecarlo.study import Backend
@@ -20,14 +22,41 @@ Json = Annotated[
 ]
 
 
+def number(
+    help_: str,
+    unit: str | None = None,
+    check: Callable[..., float | None] = finite,
+    panel: str | None = None,
+    least: float | None = None,
+) -> OptionInfo:
+    """Return an option that is a number.
+
+    Parameters
+    ----------
+    help_ : str
+        What it means.
+    unit : str, optional
+        Shown in place of the number, such as ``KM``.
+    check : callable
+        One of `isogal.cli.checks`.
+    panel : str, optional
+        Heading, unless it is that of its group.
+    least : float, optional
+        Smallest number that is allowed.
+    """
+    return typer.Option(metavar=unit, callback=check, help=help_, rich_help_panel=panel, min=least)
+
+
 def written_folder(help_: str) -> Any:
     """Return the option of a folder that is written into, which is checked before all else."""
     return typer.Option(metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS)
 
 
-def written_file(metavar: str, help_: str) -> Any:
+def written_file(
+    metavar: str, help_: str, check: Callable[..., Path | list[Path] | None] = output_file
+) -> Any:
     """Return the option of a file that is written, which is checked before all else."""
-    return typer.Option(metavar=metavar, callback=output_file, help=help_, rich_help_panel=RESULTS)
+    return typer.Option(metavar=metavar, callback=check, help=help_, rich_help_panel=RESULTS)
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from isogal.cli.checks import positive
-from isogal.cli.map.results import print_json
 from isogal.cli.map_choice import MapOption
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json, ScenarioChoice, written_file
+from isogal.cli.tables import print_json
 from isogal.errors import InputError
 
 if TYPE_CHECKING:

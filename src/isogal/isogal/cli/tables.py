@@ -1,6 +1,9 @@
-"""Tables on the terminal."""
+"""Results on the terminal: tables, and JSON."""
 
-from collections.abc import Collection, Sequence
+import json
+from collections.abc import Collection, Mapping, Sequence
+
+import typer
 
 
 def print_table(
@@ -41,3 +44,8 @@ def print_table(
     console.print(table)
     for line in below:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def print_json(found: Mapping[str, object]) -> None:
+    """Print a result as JSON."""
+    typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))

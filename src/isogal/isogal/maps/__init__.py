@@ -8,7 +8,6 @@
     corridor             the part of the Earth along a route
     axes                 windows, regular axes, and the part of an axis that a window needs
     load                 which format does a file have? does a map cover a route?
-    assemble             from what a reader found to a map: units, plausibility, size
     quantities           quantities, units, and which values are possible
     cache                files that are made once and kept in the user's cache folder
 
@@ -23,7 +22,7 @@ What maps are used for:
 
 Where maps come from:
 
-    formats              NetCDF, GeoTIFF, ICGEM, text
+    formats              from files to maps: NetCDF, GeoTIFF, ICGEM, text
     ggmplus              folders of GGMplus tiles, and their mirrors
     synthetic            the synthetic map
     continuation         a map at another height

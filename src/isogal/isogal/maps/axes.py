@@ -1,13 +1,16 @@
 """Regular latitude and longitude axes: checks, and the part of an axis that a window needs."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Values
 from isogal.errors import InputError
 
+Read = Callable[[slice, slice], Values]
+"""Gives the values (n, m, ...) of some rows and columns of a grid; NaN = missing."""
 TWO_PI = 2.0 * math.pi
 REGULAR = 1e-2
 """How far, in steps, a node may lie from a regular axis (files round their coordinates)."""
@@ -19,7 +22,7 @@ interpolated."""
 
 
 MOST_CELLS = 150_000_000
-"""Cells that a reader takes into memory at once (1.2 GB) unless it is told another number."""
+"""Cells that a reader takes into memory at once (1.2 GB) unless it is given another number."""
 
 
 class EmptyWindowError(InputError):
@@ -41,6 +44,11 @@ class Window(NamedTuple):
     most_cells: int = MOST_CELLS
     """A reader refuses to read more than so many (`check_size`)."""
 
+    @property
+    def window(self) -> "Window":
+        """Itself, as a corridor has one around it."""
+        return self
+
     def grown(self, metres: float) -> "Window":
         """Return the window with a margin (m) on all sides."""
         reach = metres / 6.371e6
@@ -57,20 +65,7 @@ class Window(NamedTuple):
         )
 
 
-class RegularAxis(NamedTuple):
-    """Latitudes or longitudes of a grid, rad."""
-
-    first: float
-    step: float
-    nodes: int
-
-    @property
-    def last(self) -> float:
-        """Of the last node."""
-        return self.first + self.step * (self.nodes - 1)
-
-
-def regular_axis(axis: Array, name: str, where: str) -> Array:
+def regular_axis(axis: Values, name: str, where: str) -> Array:
     """Return an increasing regular axis made exact (float64), or raise.
 
     Raises
@@ -99,29 +94,21 @@ def regular_axis(axis: Array, name: str, where: str) -> Array:
     return exact
 
 
-def latitude_slice(
-    first: float, step: float, count: int, south: float, north: float, margin: int = MARGIN
-) -> slice:
-    """Return the rows of an increasing axis needed for latitudes south..north (may be empty)."""
-    low = max(math.floor((south - first) / step) - margin, 0)
-    high = min(math.ceil((north - first) / step) + margin + 1, count)
-    return slice(low, max(low, high))
-
-
-def longitude_slices(
-    first: float, step: float, count: int, west: float, east: float, margin: int = MARGIN
-) -> tuple[list[slice], float]:
-    """Return the columns needed for longitudes west..east, and the longitude of the first of them.
+def _columns(axis: Array, west: float, east: float) -> tuple[list[slice], float]:
+    """Return the columns needed for longitudes west..east (rad), and the longitude of the first of
+    them.
 
     Up to two slices, to be joined in that order: the second where a grid round the Earth is cut
     inside the window. The longitude returned lies in the axis' own range."""
+    first, count = float(axis[0]), axis.size
+    step = (axis[-1] - axis[0]) / (count - 1)
     width = (east - west) % TWO_PI if east < west else min(east - west, TWO_PI)
     circle = round(TWO_PI / step)
     periodic = count >= circle and abs(circle * step - TWO_PI) < 1e-3 * step
     x = ((west - first) / step) % (TWO_PI / step)
     if periodic:
-        low = math.floor(x) - margin
-        length = min(math.ceil(width / step) + 2 * margin + 2, circle)
+        low = math.floor(x) - MARGIN
+        length = min(math.ceil(width / step) + 2 * MARGIN + 2, circle)
         if length == circle:
             return [slice(0, circle)], first
         low %= circle
@@ -132,8 +119,8 @@ def longitude_slices(
         x > count - 1 and x + width / step > TWO_PI / step
     ):  # the window starts west of the grid and reaches into it
         x -= TWO_PI / step
-    low = max(math.floor(x) - margin, 0)
-    high = min(math.ceil(x + width / step) + margin + 1, count)
+    low = max(math.floor(x) - MARGIN, 0)
+    high = min(math.ceil(x + width / step) + MARGIN + 1, count)
     return [slice(low, max(low, high))], first + low * step
 
 
@@ -142,44 +129,65 @@ class Part(NamedTuple):
 
     rows: slice
     columns: list[slice]
-    """To be joined in this order, see `longitude_slices`."""
-    west: float
-    """Longitude of the first column, rad, in the grid's own range."""
+    """To be joined in this order: the second where a grid round the Earth is cut in the window."""
+    latitude: Array
+    """Of the rows, rad."""
+    longitude: Array
+    """Of the columns, rad, in the grid's own range at the first."""
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.rows.stop - self.rows.start, sum(
-            part.stop - part.start for part in self.columns
-        )
-
-    def longitude(self, step: float) -> Array:
-        """Return the longitudes of the columns, rad, which are a step apart."""
-        columns: Array = np.arange(self.shape[1], dtype=np.float64)
-        return self.west + step * columns
+    def of(self, read: Read) -> Values:
+        """Return this part of values that are read by rows and columns."""
+        blocks = [read(self.rows, columns) for columns in self.columns]
+        return blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
 
 
-def part_within(
-    latitude: RegularAxis, longitude: RegularAxis, window: Window | None, where: str
-) -> Part:
+def part_within(latitude: Array, longitude: Array, window: Window | None, where: str) -> Part:
     """Return the part of a grid that a window needs; None = all of it.
+
+    Parameters
+    ----------
+    latitude, longitude : (n,), (m,) rad
+        Of the grid, as of `regular_axis`.
+    window : Window, optional
+        With `MARGIN` nodes around it, as far as the grid has them.
+    where : str
+        What the grid is of, for messages.
 
     Raises
     ------
     EmptyWindowError
         Less of the grid lies there than interpolation needs.
+    TooManyCellsError
+        More than are taken into memory at once.
     """
-    extent = Window(latitude.first, latitude.last, longitude.first, longitude.last)
-    if window is None:
-        window = extent
-        part = Part(slice(0, latitude.nodes), [slice(0, longitude.nodes)], longitude.first)
-    else:
-        part = Part(
-            latitude_slice(*latitude, window.south, window.north),
-            *longitude_slices(*longitude, window.west, window.east),
-        )
-    if min(part.shape) < FEWEST_NODES:
+    extent = Window(latitude[0], latitude[-1], longitude[0], longitude[-1])
+    rows, columns, west = slice(0, latitude.size), [slice(0, longitude.size)], extent.west
+    up, right = ((axis[-1] - axis[0]) / (axis.size - 1) for axis in (latitude, longitude))
+    if window is not None:
+        low = max(math.floor((window.south - latitude[0]) / up) - MARGIN, 0)
+        high = min(math.ceil((window.north - latitude[0]) / up) + MARGIN + 1, latitude.size)
+        rows = slice(low, max(low, high))
+        columns, west = _columns(longitude, window.west, window.east)
+    shape = rows.stop - rows.start, sum(part.stop - part.start for part in columns)
+    if min(shape) < FEWEST_NODES:
         raise EmptyWindowError(
-            f"{where}: the map ({extent.text()}) has nothing at {window.text()}"
+            f"{where}: the map ({extent.text()}) has nothing at {(window or extent).text()}"
         )
-    return part
+    check_size(math.prod(shape), where, window)
+    return Part(rows, columns, latitude[rows], west + right * np.arange(shape[1]))
+
+
+def check_size(cells: int, where: str, window: Window | None = None) -> None:
+    """Refuse a grid that would take too much memory, before anything is read.
+
+    Raises
+    ------
+    TooManyCellsError
+        Names the number of cells.
+    """
+    most = MOST_CELLS if window is None else window.most_cells
+    if cells > most:
+        raise TooManyCellsError(
+            f"{where}: {cells:,} cells are too many to read at once (at most {most:,}); give"
+            " a window or a route"
+        )

@@ -19,7 +19,10 @@ from isogal.files import atomic_path
 
 _LOG = logging.getLogger(__name__)
 
-Maker = Callable[[], Mapping[str, Any]]
+Numbers = NDArray[np.int32]
+"""What is kept: whole numbers, of any shape."""
+Arrays = Mapping[str, Any]
+Maker = Callable[[], Arrays]
 """Makes the arrays of a cache file, by their names."""
 
 
@@ -37,7 +40,7 @@ def cache_folder() -> Path:
         return Path(tempfile.gettempdir()) / f"isogal-{os.getuid()}"
 
 
-def read_array(path: Path, name: str) -> NDArray[Any] | None:
+def read_array(path: Path, name: str) -> Numbers | None:
     """Return one array of a cache file, or None if the file is absent, cut short or damaged."""
     try:
         with np.load(path) as file:
@@ -59,7 +62,7 @@ def locked(path: Path, wait: bool) -> Iterator[bool]:
         yield True
 
 
-def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, NDArray[Any]]]:
+def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, Numbers]]:
     """Give one array of each of many cache files, making those that are absent or damaged, in any
     order.
 
@@ -86,9 +89,9 @@ def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, N
                 yield path, array
 
 
-def _make(path: Path, maker: Maker, name: str, wait: bool) -> NDArray[Any] | None:
-    """Make a cache file; None if another process is making it, unless told to wait for that."""
-    arrays: Mapping[str, Any] | None = None
+def _make(path: Path, maker: Maker, name: str, wait: bool) -> Numbers | None:
+    """Make a cache file; None if another process is making it, unless it is to wait for that."""
+    arrays: Arrays | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path, wait) as mine:

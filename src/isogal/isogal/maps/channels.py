@@ -9,11 +9,11 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isogal.arrays import Array, Booleans, Integers
+from isogal.arrays import Array, Booleans, Integers, Values
 from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap, delegated
-from isogal.maps.interpolation import Grid, Values
+from isogal.maps.interpolation import Grid
 from isogal.maps.tiled_map import ScalarMap
 
 _of_first = partial(delegated, lambda several: several.channels[0])

@@ -6,14 +6,14 @@ c(sqrt(v' E⁻¹ v)) at a distance v. Arrays of E are (..., 3): north-north, nor
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Values
 
 ELLIPSE_NAMES = ("error_length_longest", "error_length_shortest", "error_azimuth")
 """What the variables of a file that hold them are called, after the name of the field: m, m, and
 the direction of the longer one, deg from north to east."""
 
 
-def ellipses_of(longest: Array, shortest: Array, azimuth: Array) -> Array:
+def ellipses_of(longest: Values, shortest: Values, azimuth: Values) -> Array:
     """Return (..., 3) E from the lengths (m) and the direction of the longer one, rad from north
     to east."""
     c, s = np.cos(azimuth), np.sin(azimuth)

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Values
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import (
     EmptyWindowError,
-    RegularAxis,
     Window,
     part_within,
     regular_axis,
@@ -23,7 +22,6 @@ from isogal.maps.axes import (
 from isogal.maps.error_ellipses import impossible
 from isogal.maps.interpolation import (
     Grid,
-    Values,
     bilinear_at,
     is_periodic,
     values_and_gradients,
@@ -63,7 +61,7 @@ class FieldMap:
         (`isogal.maps.error_ellipses`); NaN = not known there.
     error_stated : bool or None
         Whether `sigma` is said of the map's whole error; False = it is only what processing has
-        added to an error that nobody has stated; None = where it is above 0.
+        added to an error that was never stated; None = where it is above 0.
     quantisation : float
         Step of the values, in `unit` (its error has 1-sigma step / sqrt(12)); 0 = none.
     provenance : str
@@ -224,29 +222,28 @@ class FieldMap:
     def sigma_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return the 1-sigma of the map's error at points (rad), linear between nodes; NaN where
         the map has none."""
-        lat, lon, shape = flat_points(latitude, longitude)
-        if isinstance(self.sigma, float):
-            return np.full(shape, self.sigma)[()]
-        return bilinear_at(self.grid._replace(values=self.sigma), lat, lon).reshape(shape)[()]
+        return self._linear(self.sigma, latitude, longitude)
 
     def correlation_length_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return the correlation length (m) of the map's error at points (rad), linear between
         nodes; NaN where the map does not say it."""
-        lat, lon, shape = flat_points(latitude, longitude)
-        if self.correlation_lengths is None:
-            return np.full(shape, self.correlation_length or math.nan)[()]
-        grid = self.grid._replace(values=self.correlation_lengths)
-        return bilinear_at(grid, lat, lon).reshape(shape)[()]
+        one, each = self.correlation_length or math.nan, self.correlation_lengths
+        return self._linear(one if each is None else each, latitude, longitude)
 
     def error_ellipse_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return (..., 3) the ellipse of the error's correlation at points (rad), linear between
         nodes; NaN where the map does not say it."""
+        ellipses = np.full(3, math.nan) if self.error_ellipses is None else self.error_ellipses
+        parts = (self._linear(ellipses[..., k], latitude, longitude) for k in range(3))
+        return np.stack(list(parts), axis=-1)
+
+    def _linear(self, nodes: float | Array, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """Interpolate linearly what is said at the nodes (n, m), or everywhere (one number)."""
         lat, lon, shape = flat_points(latitude, longitude)
-        if self.error_ellipses is None:
-            return np.full((*shape, 3), math.nan)
-        parts = [np.ascontiguousarray(self.error_ellipses[..., k]) for k in range(3)]
-        each = [bilinear_at(self.grid._replace(values=part), lat, lon) for part in parts]
-        return np.stack(each, axis=-1).reshape(*shape, 3)
+        if np.ndim(nodes) == 0:
+            return np.full(shape, nodes)[()]
+        grid = self.grid._replace(values=np.ascontiguousarray(nodes))
+        return bilinear_at(grid, lat, lon).reshape(shape)[()]
 
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where the map has a value (all sixteen nodes around the point)."""
@@ -266,29 +263,22 @@ class FieldMap:
     def window(self, lat_min: float, lat_max: float, lon_min: float, lon_max: float) -> "FieldMap":
         """Cut out a part (rad), with the nodes beyond it that interpolation at its edge needs.
 
-        Longitudes may be given in any range; ``lon_max < lon_min`` crosses the date line.
+        Parameters
+        ----------
+        lat_min, lat_max, lon_min, lon_max : float
+            rad. Longitudes may be given in any range; ``lon_max < lon_min`` crosses the date line.
 
         Raises
         ------
         InputError
             Nothing of the map lies there.
         """
-        _, rows, lat0, dlat, lon0, dlon = self.grid
-        part = part_within(
-            RegularAxis(lat0, dlat, rows),
-            RegularAxis(lon0, dlon, self.longitude.size),
-            Window(lat_min, lat_max, lon_min, lon_max),
-            self.provenance or self.quantity,
-        )
-
-        def cut(array: Any) -> Any:
-            return np.concatenate([array[part.rows, columns] for columns in part.columns], axis=1)
-
-        return replace(
-            self,
-            latitude=self.latitude[part.rows],
-            longitude=part.longitude(dlon),
-            **self.at_nodes(cut),
+        window = Window(lat_min, lat_max, lon_min, lon_max)
+        part = part_within(self.latitude, self.longitude, window, self.provenance or self.quantity)
+        return self._cut(
+            part.latitude,
+            part.longitude,
+            lambda array: part.of(lambda rows, columns: array[rows, columns]),
         )
 
     def overview(self, most: int, window: Window | None = None) -> "FieldMap":
@@ -307,18 +297,27 @@ class FieldMap:
 
     def part(self, rows: slice, columns: slice) -> "FieldMap":
         """Return some rows and columns."""
-        return replace(
-            self,
-            latitude=self.latitude[rows],
-            longitude=self.longitude[columns],
-            **self.at_nodes(lambda array: array[rows, columns]),
+        return self._cut(
+            self.latitude[rows], self.longitude[columns], lambda array: array[rows, columns]
         )
 
-    def at_nodes(self, change: Callable[[Any], Any]) -> dict[str, Any]:
-        """Return what the map says at its nodes, each array (n, m, ...) changed in the same way,
-        by the attributes' names."""
-        arrays = {name: getattr(self, name) for name in ("values", *_ERRORS_AT_NODES)}
-        return {name: change(one) for name, one in arrays.items() if np.ndim(one)}
+    def _cut(
+        self, latitude: Array, longitude: Array, cut: Callable[[Values], Values]
+    ) -> "FieldMap":
+        """Return a part with these axes: each array of the nodes (n, m, ...) cut in one way."""
+        arrays = (getattr(self, name) for name in _ERRORS_AT_NODES)
+        sigma, lengths, ellipses = (
+            np.asarray(cut(one), dtype=np.float64) if np.ndim(one) else one for one in arrays
+        )
+        return replace(
+            self,
+            latitude=latitude,
+            longitude=longitude,
+            values=cut(self.values),
+            sigma=sigma,
+            correlation_lengths=lengths,
+            error_ellipses=ellipses,
+        )
 
     def near(self, latitude: ArrayLike, longitude: ArrayLike) -> "FieldMap":
         """Return the map around points (see `isogal.maps.tiled_map`): of a map in memory all of
@@ -327,7 +326,7 @@ class FieldMap:
 
     def split(
         self, latitude: Array, longitude: Array, reach: float = 0.0
-    ) -> Iterator[tuple[Any, "FieldMap"]]:
+    ) -> Iterator[tuple[slice, "FieldMap"]]:
         """Yield groups of some points (N,), and a map for each group (see
         `isogal.maps.tiled_map`): of a map in memory all points, and the map."""
         yield slice(None), self

@@ -10,13 +10,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Values
 from isogal.compiled import kernel
 
 TWO_PI = 2.0 * math.pi
-Values = Array | NDArray[np.float32]
 
 
 class Grid(NamedTuple):
@@ -46,7 +44,17 @@ def is_periodic(columns: int, dlon: float) -> bool:
 @kernel(error_model="numpy")
 def column_position(columns: int, lon0: float, dlon: float, lon: float) -> float:
     """Return the fractional column of a longitude, turned by whole circles into the grid where
-    that is possible."""
+    that is possible.
+
+    Parameters
+    ----------
+    columns : int
+        Of the grid.
+    lon0, dlon : float
+        Its first longitude and step, rad.
+    lon : float
+        rad.
+    """
     x = (lon - lon0) / dlon
     if x < 0.0 or x > columns - 1.0:
         circle = TWO_PI / dlon
@@ -65,6 +73,29 @@ def _locate(columns: int, dlon: float, x: float) -> tuple[int, float, bool]:
         return -1, 0.0, False
     j = min(int(x), columns - 3)
     return j, x - j, True
+
+
+@kernel(error_model="numpy")
+def _weights(u: float) -> tuple[float, float, float, float]:
+    """Return the weights of the four nodes around a point at a fraction u between the middle
+    ones."""
+    return (
+        ((-0.5 * u + 1.0) * u - 0.5) * u,
+        (1.5 * u - 2.5) * u * u + 1.0,
+        ((-1.5 * u + 2.0) * u + 0.5) * u,
+        (0.5 * u - 0.5) * u * u,
+    )
+
+
+@kernel(error_model="numpy")
+def _slopes(u: float) -> tuple[float, float, float, float]:
+    """Return the derivatives of `_weights`."""
+    return (
+        (-1.5 * u + 2.0) * u - 0.5,
+        (4.5 * u - 5.0) * u,
+        (-4.5 * u + 4.0) * u + 0.5,
+        (1.5 * u - 1.0) * u,
+    )
 
 
 @kernel(error_model="numpy")
@@ -98,22 +129,10 @@ def value_and_gradient(
     t = y - i
     i += channel * n
 
-    a0 = ((-0.5 * u + 1.0) * u - 0.5) * u
-    a1 = (1.5 * u - 2.5) * u * u + 1.0
-    a2 = ((-1.5 * u + 2.0) * u + 0.5) * u
-    a3 = (0.5 * u - 0.5) * u * u
-    b0 = (-1.5 * u + 2.0) * u - 0.5
-    b1 = (4.5 * u - 5.0) * u
-    b2 = (-4.5 * u + 4.0) * u + 0.5
-    b3 = (1.5 * u - 1.0) * u
-    c0 = ((-0.5 * t + 1.0) * t - 0.5) * t
-    c1 = (1.5 * t - 2.5) * t * t + 1.0
-    c2 = ((-1.5 * t + 2.0) * t + 0.5) * t
-    c3 = (0.5 * t - 0.5) * t * t
-    d0 = (-1.5 * t + 2.0) * t - 0.5
-    d1 = (4.5 * t - 5.0) * t
-    d2 = (-4.5 * t + 4.0) * t + 0.5
-    d3 = (1.5 * t - 1.0) * t
+    a0, a1, a2, a3 = _weights(u)
+    b0, b1, b2, b3 = _slopes(u)
+    c0, c1, c2, c3 = _weights(t)
+    d0, d1, d2, d3 = _slopes(t)
 
     j0, j1, j2, j3 = j - 1, j, j + 1, j + 2
     if j0 < 0 or j3 >= m:  # only a grid that goes round the Earth gets here
@@ -194,14 +213,8 @@ def look_up(grid, lat, lon, channel, row, column, out):  # type: ignore[no-untyp
         out[k] = 0.0 if inside else math.nan
     for k in range(lat.shape[0]):
         t, u = lat[k], lon[k]
-        a0 = ((-0.5 * u + 1.0) * u - 0.5) * u
-        a1 = (1.5 * u - 2.5) * u * u + 1.0
-        a2 = ((-1.5 * u + 2.0) * u + 0.5) * u
-        a3 = (0.5 * u - 0.5) * u * u
-        c0 = ((-0.5 * t + 1.0) * t - 0.5) * t
-        c1 = (1.5 * t - 2.5) * t * t + 1.0
-        c2 = ((-1.5 * t + 2.0) * t + 0.5) * t
-        c3 = (0.5 * t - 0.5) * t * t
+        a0, a1, a2, a3 = _weights(u)
+        c0, c1, c2, c3 = _weights(t)
         # unsigned: else each index is asked whether it counts from the end
         i, j = np.uint64(row[k]), np.uint64(column[k])
         one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format
+from isogal.maps.formats.format import Asked, Format
 
 
 def map_formats() -> Iterator[Format]:
@@ -61,12 +60,9 @@ def load_map(
     """
     path = Path(source).expanduser()
     chosen = _format_of(path) if format_name is None else _named(format_name)
-    more: dict[str, Any] = {}
-    if crs is not None:
-        if not chosen.takes_crs:
-            raise InputError(f"{path}: crs can only be given for geotiff, not for {chosen.name}")
-        more["crs"] = crs
-    return chosen.read(path, variable, window, quantity=quantity, unit=unit, **more)
+    if crs is not None and not chosen.takes_crs:
+        raise InputError(f"{path}: crs can only be given for geotiff, not for {chosen.name}")
+    return chosen.read(path, Asked(variable, quantity, unit, crs), window)
 
 
 def _format_of(path: Path) -> Format:

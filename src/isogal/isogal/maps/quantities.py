@@ -5,66 +5,38 @@ refused with a hint."""
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from isogal.arrays import Values
 from isogal.errors import InputError
 from isogal.maps.axes import EmptyWindowError
 
-UNITS: dict[str, tuple[str, float]] = {
-    "m/s²": ("m/s²", 1.0),
-    "mGal": ("m/s²", 1e-5),
-    "µGal": ("m/s²", 1e-8),
-    "Gal": ("m/s²", 1e-2),
-    "nm/s²": ("m/s²", 1e-9),
-    "µm/s²": ("m/s²", 1e-6),
-    "nT": ("nT", 1.0),
-    "µT": ("nT", 1e3),
-    "T": ("nT", 1e9),
-    "m": ("m", 1.0),
-    "km": ("m", 1e3),
-    "cm": ("m", 1e-2),
-    "mm": ("m", 1e-3),
-    "rad": ("rad", 1.0),
-    "arcsec": ("rad", np.pi / 648000.0),
-    "1/s²": ("1/s²", 1.0),
-    "E": ("1/s²", 1e-9),
-    "1": ("1", 1.0),
-}
+_UNITS = (
+    ("m/s²", "m/s²", 1.0, "m/s2, m/s^2, m/s**2, m s-2, m s^-2, m.s-2, m s**-2"),
+    ("m/s²", "m/s²", 1.0, "meter second-2, metre second-2"),
+    ("mGal", "m/s²", 1e-5, "mgal, mgals, milligal, milligals, 1e-5 m s-2, 1e-5 m/s2"),
+    ("µGal", "m/s²", 1e-8, "ugal, μgal, µgal, microgal, microgals"),
+    ("Gal", "m/s²", 1e-2, "gal, cm/s2, cm s-2, cm/s^2"),
+    ("nm/s²", "m/s²", 1e-9, "nm/s2, nm s-2, nm/s^2"),
+    ("µm/s²", "m/s²", 1e-6, "um/s2, um s-2, µm s-2, μm s-2, gu"),
+    ("nT", "nT", 1.0, "nt, nanotesla, nanoteslas, gamma, gammas"),
+    ("µT", "nT", 1e3, "ut, μt, microtesla"),
+    ("T", "nT", 1e9, "t, tesla"),
+    ("m", "m", 1.0, "metre, metres, meter, meters"),
+    ("km", "m", 1e3, "kilometre, kilometer, kilometres, kilometers"),
+    ("cm", "m", 1e-2, "centimetre, centimeter, centimetres, centimeters"),
+    ("mm", "m", 1e-3, "millimetre, millimeter, millimetres, millimeters"),
+    ("rad", "rad", 1.0, "radian, radians"),
+    ("arcsec", "rad", np.pi / 648000.0, 'arcsecond, arcseconds, arc-second, arc-seconds, "'),
+    ("1/s²", "1/s²", 1.0, "s-2, s^-2, 1/s2, 1/s^2, s**-2"),
+    ("E", "1/s²", 1e-9, "eotvos, eötvös, eotvos unit"),
+    ("1", "1", 1.0, "none, dimensionless, unitless"),
+)
+"""Unit, unit inside, factor to it, and other spellings, in lower case."""
+UNITS = {unit: (inside, factor) for unit, inside, factor, _ in _UNITS}
 """Unit: (unit inside, factor). Inside is SI, except that magnetic fields are in nT."""
-_SPELLINGS = {
-    "m/s²": (
-        "m/s2",
-        "m/s^2",
-        "m/s**2",
-        "m s-2",
-        "m s^-2",
-        "m.s-2",
-        "m s**-2",
-        "meter second-2",
-        "metre second-2",
-    ),
-    "mGal": ("mgal", "milligal", "milligals", "mgals", "1e-5 m s-2", "1e-5 m/s2"),
-    "µGal": ("ugal", "μgal", "µgal", "microgal", "microgals"),
-    "Gal": ("gal", "cm/s2", "cm s-2", "cm/s^2"),
-    "nm/s²": ("nm/s2", "nm s-2", "nm/s^2"),
-    "µm/s²": ("um/s2", "um s-2", "µm s-2", "μm s-2", "gu"),
-    "nT": ("nt", "nanotesla", "nanoteslas", "gamma", "gammas"),
-    "µT": ("ut", "μt", "microtesla"),
-    "T": ("t", "tesla"),
-    "m": ("metre", "metres", "meter", "meters"),
-    "km": ("kilometre", "kilometer", "kilometres", "kilometers"),
-    "cm": ("centimetre", "centimeter", "centimetres", "centimeters"),
-    "mm": ("millimetre", "millimeter", "millimetres", "millimeters"),
-    "rad": ("radian", "radians"),
-    "arcsec": ("arcsecond", "arcseconds", "arc-second", "arc-seconds", '"'),
-    "1/s²": ("s-2", "s^-2", "1/s2", "1/s^2", "s**-2"),
-    "E": ("eotvos", "eötvös", "eotvos unit"),
-    "1": ("none", "dimensionless", "unitless"),
-}
-_BY_SPELLING = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
+_BY_SPELLING = {spelling: unit for unit, *_, others in _UNITS for spelling in others.split(", ")}
 
 
 @dataclass(frozen=True)
@@ -80,7 +52,7 @@ class Quantity:
     """Least size that the largest value of a map can have; below it, the unit must be wrong. Maps
     of zeros only are let pass."""
     names: tuple[str, ...] = ()
-    """Variable names and words that mean it in files."""
+    """Variable names, functionals of ICGEM and words that mean it in files."""
 
 
 _FIELD = (
@@ -99,10 +71,12 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "disturbance": Quantity(
         "m/s²", *_FIELD, names=("dg", "gravity_disturbance", "gravity_disturbance_sa")
-    ),
+    ),  # in spherical approximation (_sa), which differs by under 0.1 %, too
     "bouguer_disturbance": Quantity("m/s²", *_FIELD),
     "gravity_anomaly": Quantity(
-        "m/s²", *_FIELD, names=("gravity_anomaly_sa", "free_air_anomaly", "faa")
+        "m/s²",
+        *_FIELD,
+        names=("gravity_anomaly_sa", "gravity_anomaly_cl", "free_air_anomaly", "faa"),
     ),
     "bouguer_anomaly": Quantity("m/s²", *_FIELD, names=("gravity_anomaly_bg", "cba")),
     "magnetic_anomaly": Quantity(
@@ -110,10 +84,25 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "magnetic_field": Quantity("nT", 1.0e4, 1.0e5, names=("total_field", "tmi")),
     "height": Quantity(
-        "m", -1.2e4, 9.5e3, names=("elevation", "topography", "hsl", "dem", "topo")
+        "m",
+        -1.2e4,
+        9.5e3,
+        names=(
+            "elevation",
+            "topography",
+            "hsl",
+            "dem",
+            "topo",
+            "topography_grd",
+            "topography_shm",
+            "etopo1_shm",
+        ),
     ),
     "geoid": Quantity(
-        "m", -130.0, 110.0, names=("ha", "geoid_height", "height_anomaly", "quasigeoid")
+        "m",
+        -130.0,
+        110.0,
+        names=("ha", "geoid_height", "height_anomaly", "height_anomaly_ell", "quasigeoid"),
     ),
     "deflection_north": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("xi",)),
     "deflection_east": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("eta",)),
@@ -163,7 +152,33 @@ def check_quantity(name: str, where: str) -> Quantity:
     return QUANTITIES[name]
 
 
-def value_range(values: NDArray[Any]) -> tuple[float, float]:
+def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
+    """Return quantity, unit and the factor to the unit inside, provided that both are given and
+    fit each other.
+
+    Raises
+    ------
+    InputError
+        Not said, unknown, or not fitting.
+    """
+    if quantity is None:
+        raise InputError(
+            f"{where}: does not say what it is a map of; give quantity= (--quantity) one of"
+            f" {', '.join(QUANTITIES)}{_ONCE}"
+        )
+    known = check_quantity(quantity, where)
+    if unit is None:
+        raise InputError(
+            f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or"
+            f" one that converts to it){_ONCE}"
+        )
+    inside, factor = unit_factor(unit, where)
+    if inside != known.unit:
+        raise InputError(f"{where}: unit '{unit}' does not fit a {quantity} map ({known.unit})")
+    return quantity, unit, factor
+
+
+def value_range(values: Values) -> tuple[float, float]:
     """Return the lowest and highest value; NaN where there is none. Row by row, to need no
     memory."""
     low, high = math.inf, -math.inf
@@ -209,6 +224,7 @@ def check_plausible(
     )
 
 
+_ONCE = ", or make a file that says so with 'isogal map convert'"
 _DAMAGE = "check the unit, scale, no-data value and byte order"
 
 

@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,6 +56,7 @@ class Load(Protocol):
         ...
 
 
+LookUp = Callable[[FieldMap, Array, Array], Array | tuple[Array, ...]]
 _of_start = partial(delegated, lambda tiled: tiled._start)
 
 
@@ -213,8 +214,9 @@ class TiledMap:
         )
 
     def _look_up(
-        self, what: Callable[..., Any], count: int, latitude: ArrayLike, longitude: ArrayLike
+        self, what: LookUp, count: int, latitude: ArrayLike, longitude: ArrayLike
     ) -> list[Array]:
+        """Return what a map in memory says at points, `count` numbers each, tile by tile."""
         lat, lon, shape = flat_points(latitude, longitude)
         found = np.full((count, lat.size), np.nan)
         for rows, part in self.split(lat, lon):

@@ -2,14 +2,10 @@
 
 import typer
 
-from isogal.cli.map.continuation import continue_
-from isogal.cli.map.convert import convert
 from isogal.cli.map.fetch import fetch
-from isogal.cli.map.grid import grid
-from isogal.cli.map.info import info
+from isogal.cli.map.info import info, variability
 from isogal.cli.map.navigability import navigability
-from isogal.cli.map.synth import synth
-from isogal.cli.map.variability import variability
+from isogal.cli.map.writing import continue_, convert, grid, synth
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Look at maps, make, fetch and convert them."

@@ -1,6 +1,7 @@
-"""Figures of maps: values, gradient, and the expected accuracy of fixes along a track."""
+"""Figures of maps: values, gradient, the expected accuracy of fixes along a track, variability and
+navigability."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from isogal.evaluation.navigability.area import Navigability
     from isogal.maps.expected_accuracy import Stretches
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
@@ -99,22 +101,26 @@ def _shown(field_map: "ScalarMap") -> "tuple[FieldMap, Array]":
 def _field(
     axes: "Axes", at: tuple[Array, Array], values: Array, label: str, levels: Array | None
 ) -> None:
-    from matplotlib.colors import LogNorm
+    from matplotlib.colors import LogNorm, Normalize
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
     latitude, longitude = (np.degrees(axis) for axis in at)
     known = values[np.isfinite(values)]
-    options: dict[str, Any] = {
-        "cmap": style.FIELD_COLOURS,
-        "shading": "nearest",
-        "rasterized": True,
-    }
+    norm = Normalize()
     logarithmic = levels is not None and levels[1] > 0.0
     if logarithmic and levels is not None:
-        options["norm"] = LogNorm(max(levels[0], 1e-3 * levels[1]), levels[1])
+        norm = LogNorm(max(levels[0], 1e-3 * levels[1]), levels[1])
     elif known.size:
-        options |= {"vmin": np.percentile(known, 0.2), "vmax": np.percentile(known, 99.8)}
-    picture = axes.pcolormesh(longitude, latitude, np.ma.masked_invalid(values), **options)
+        norm = Normalize(np.percentile(known, 0.2), np.percentile(known, 99.8))
+    picture = axes.pcolormesh(
+        longitude,
+        latitude,
+        np.ma.masked_invalid(values),
+        cmap=style.FIELD_COLOURS,
+        shading="nearest",
+        rasterized=True,
+        norm=norm,
+    )
     axes.set_facecolor("0.92")
     axes.grid(False)
     # as tall as the map, whose shape is its own
@@ -220,4 +226,52 @@ def variability_figure(
     panels[2].set_xlabel("distance along the track (km)")
     panels[2].set_xlim(0.0, float(distance[-1]) / 1e3)
     figure.align_ylabels(panels)
+    return figure
+
+
+@style.journal
+def navigability_figure(found: "Navigability") -> "Figure":
+    """Draw four heat maps of an area."""
+    north, east = metres_per_radian(float(found.latitude.mean()))
+    shape = float(np.ptp(found.latitude) * north / (np.ptp(found.longitude) * east))
+    figure = style.new_figure(min(max(2.0 * style.WIDTH * 0.42 * shape + 0.9, 3.0), 8.0))
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    names = ("error_mean", "error_worst", "ambiguity", "variability")
+    titles = (
+        "RMS error on arrival (m)",
+        "on the worst heading (m)",
+        "probability of a second place",
+        "variability",
+    )
+    layers = found.layers()
+    extent = [*np.degrees(found.longitude[[0, -1]]), *np.degrees(found.latitude[[0, -1]])]
+    low = float(np.nanquantile(found.mean, 0.01))
+    high = float(np.nanquantile(found.worst, 0.99))
+    for panel, name, title in zip(panels.flat, names, titles, strict=True):
+        grid, unit, _ = layers[name]
+        if unit == "m/s²":
+            grid, unit = grid / style.MGAL, "$10^{-5}$ m/s²"
+        limits: dict[str, float] = (
+            {"vmin": low, "vmax": high} if name.startswith("error") else {"vmin": 0.0}
+        )
+        if name == "ambiguity":
+            limits["vmax"] = max(float(np.nanmax(grid)), 0.01)
+        image = panel.imshow(
+            grid,
+            origin="lower",
+            extent=extent,
+            aspect=1.0 / np.cos(float(found.latitude.mean())),
+            cmap="viridis",
+            interpolation="nearest",
+            **limits,
+        )
+        text = f"{title} ({unit})" if name == "variability" else title
+        panel.set_title(text)
+        panel.grid(False)
+        # as tall as the map, whose shape is its own
+        figure.colorbar(image, cax=panel.inset_axes((1.03, 0.0, 0.04, 1.0)))
+    for panel in panels[1]:
+        panel.set_xlabel("longitude (deg)")
+    for panel in panels[:, 0]:
+        panel.set_ylabel("latitude (deg)")
     return figure

@@ -1,16 +1,28 @@
-"""``isogal map info``: what is a map, and how good can fixes be along a route?"""
+"""``isogal map info`` and ``variability``: what is a map, how good can fixes be along a route, and
+how much does the map vary around each reading?"""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import typer
 
-from isogal.cli.checks import finite, not_negative, positive
-from isogal.cli.map.part import PartChoice, Route
-from isogal.cli.map.results import Picture, draw, print_json
+from isogal.cli.checks import not_negative, positive
+from isogal.cli.map.part import PartChoice, Route, RouteChoice
+from isogal.cli.map.results import (
+    AlongRoute,
+    Picture,
+    describe_map,
+    draw,
+    print_map,
+    rows_of,
+    shown_unit,
+    statistics,
+)
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json
+from isogal.cli.options import Json, number
+from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,35 +39,21 @@ class Assumptions:
 
     PANEL: ClassVar[str] = ASSUMED
 
-    stretch: Annotated[
-        float,
-        typer.Option(
-            metavar="KM", min=0.1, callback=finite, help="Track that a fix is made from."
-        ),
-    ] = 5.0
+    stretch: Annotated[float, number("Track that a fix is made from.", "KM", least=0.1)] = 5.0
     sensor_sigma: Annotated[
         float | None,
-        typer.Option(
-            callback=positive, help="1-sigma of a reading, map's unit; default: gravimeter.sigma."
-        ),
+        number("1-sigma of a reading, map's unit; default: gravimeter.sigma.", check=positive),
     ] = None
     map_sigma: Annotated[
         float | None,
-        typer.Option(
-            callback=not_negative, help="1-sigma of the map, its unit; default: as the map says."
-        ),
+        number("1-sigma of the map, its unit; default: as the map says.", check=not_negative),
     ] = None
     map_correlation_length: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            callback=positive,
-            help="Of the map's error; default: as the map says, or 4000.",
-        ),
+        number("Of the map's error; default: as the map says, or 4000.", "M", positive),
     ] = None
     bias_sigma: Annotated[
-        float,
-        typer.Option(min=0.0, callback=finite, help="1-sigma of an unknown offset, map's unit."),
+        float, number("1-sigma of an unknown offset, map's unit.", least=0.0)
     ] = 0.0
 
     def stretches(
@@ -92,32 +90,129 @@ def info(
 
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
     position already known to within the linear range of the map."""
-    from isogal.cli.map.description import describe_map, describe_route
-
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
     field_map = map_.load_part(where.part(route), route.measured if route else "gravity")
-    found = describe_map(field_map)
-    track = stretches = None
+    track = stretches = along = None
     if route is not None:
         track = route.readings_on(field_map)
         stretches = assumed.stretches(field_map, route, track)
-        found["route"] = describe_route(field_map, track, stretches)
+        along = AlongRoute.of(field_map, track, stretches)
     if figure is not None:
         from isogal.cli.map.figures import map_figure
 
         draw(figure, map_figure(field_map, track, stretches))
+    _show(field_map, along, json, [str(figure)] if figure is not None else [])
+
+
+def _show(
+    field_map: "ScalarMap", along: AlongRoute | None, as_json: bool, files: list[str]
+) -> None:
+    """Print what a map is, and what it has along a route; `files` that were written below it."""
+    found = statistics(field_map)
+    if as_json:
+        described = describe_map(field_map, found)
+        print_json(described | ({"route": along._asdict()} if along else {}))
+        return
+    print_map(field_map, found, *([] if along else files))
+    if along is not None:
+        along.print(field_map.unit, *files)
+
+
+class _Along(NamedTuple):
+    """Variability along a track; (K,) each."""
+
+    distance: "Array"
+    """m from the first reading."""
+    latitude: "Array"
+    """rad."""
+    longitude: "Array"
+    """rad."""
+    variability: "Array"
+    """C (paper eq. CV), unit of the map squared."""
+    normalised: "Array"
+
+
+@dataclass(frozen=True)
+class Template:
+    """The window template round each reading, and how the variability is normalised."""
+
+    PANEL: ClassVar[str] = ASSUMED
+
+    half_width: Annotated[float, number("Of the window template.", "M", least=1.0)] = 2000.0
+    points: Annotated[int, typer.Option(min=3, help="Along each side of the template, odd.")] = 9
+    samples: Annotated[
+        int, typer.Option(min=1, help="Places that the normalisation looks back over.")
+    ] = 100
+
+    def along(self, field_map: "ScalarMap", track: "tuple[Array, Array]") -> _Along:
+        """Return the variability along a track (latitude, longitude, rad); raises InputError."""
+        from isogal.maps.corridor import along_track
+        from isogal.maps.variability import feature_variability, normalised_variability
+
+        variability = feature_variability(field_map, *track, self.half_width, self.points)
+        normalised = normalised_variability(variability, self.samples)
+        return _Along(along_track(*track), *track, variability, normalised)
+
+
+@with_groups
+def variability(
+    map_: MapChoice,
+    where: RouteChoice,
+    template: Template,
+    figure: Picture = None,
+    json: Json = False,
+) -> None:
+    """Compute the map feature variability (paper eq. CV) at each reading along a route."""
+    route = where.build()
+    field_map = map_.load_along(route.around(where.margin), route.measured)
+    found = template.along(field_map, route.readings_on(field_map))
+    if figure is not None:
+        from isogal.cli.map.figures import variability_figure
+
+        value = field_map.value(found.latitude, found.longitude)
+        curves = value, found.variability, found.normalised
+        draw(figure, variability_figure(field_map, found.distance, *curves))
     if json:
-        print_json(found)
+        units = {"quantity": field_map.quantity, "unit": f"({field_map.unit})²"}
+        print_json(units | vars(template) | {"places": _places(found)})
     else:
-        _print(found, field_map.unit, [str(figure)] if figure is not None else [])
+        _print(field_map, found, figure)
 
 
-def _print(found: dict[str, Any], unit: str, files: list[str]) -> None:
-    from isogal.cli.map.description import print_map, print_route
+def _places(found: _Along) -> list[dict[str, float | None]]:
+    """Return what is found of each reading, for JSON."""
+    import numpy as np
 
-    if "route" in found:
-        print_map(found)
-        print_route(found["route"], unit, *files)
-    else:
-        print_map(found, *files)
+    columns = {
+        "distance_km": found.distance / 1e3,
+        "latitude": np.degrees(found.latitude),
+        "longitude": np.degrees(found.longitude),
+        "variability": found.variability,
+        "normalised": found.normalised,
+    }
+    return rows_of(columns)
+
+
+def _print(field_map: "ScalarMap", found: _Along, figure: Path | None) -> None:
+    """Print a row for each 50 readings."""
+    import numpy as np
+
+    factor, unit = shown_unit(field_map.unit)
+    rows = []
+    for first in range(0, found.distance.size, 50):
+        part = slice(first, min(first + 50, found.distance.size))
+        kilometres = found.distance[part] / 1e3
+        row = [f"{kilometres[0]:.0f} to {kilometres[-1]:.0f}"]
+        known = np.isfinite(found.variability[part])
+        if known.any():
+            root = factor * np.sqrt(np.mean(found.variability[part][known]))
+            row += [f"{root:.3g}", f"{np.mean(found.normalised[part][known]):.3g}"]
+        rows.append(row)
+    print_table(
+        ("km", f"root of C ({unit})", "normalised"),
+        rows,
+        *([str(figure)] if figure is not None else ()),
+        title=f"Map feature variability of {field_map.provenance}",
+        words=(),
+    )

@@ -1,17 +1,18 @@
 """``isogal map navigability``: where can one navigate?"""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.map.part import PartChoice, whole_window
-from isogal.cli.map.results import Picture, draw, print_json
+from isogal.cli.map.part import PartChoice
+from isogal.cli.map.results import Picture, draw
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json, written_file
-from isogal.cli.tables import print_table
+from isogal.cli.tables import print_json, print_table
 
 if TYPE_CHECKING:
     from isogal.evaluation.navigability.area import Navigability
@@ -50,7 +51,7 @@ class AreaResults:
         for path in self.out or ():
             write_navigability(found, path)
         if self.figure is not None:
-            from isogal.cli.map.navigability_figure import navigability_figure
+            from isogal.cli.map.figures import navigability_figure
 
             draw(self.figure, navigability_figure(found))
         if self.json:
@@ -80,12 +81,9 @@ def navigability(
     results.check()
     settings = where.load()
     part = where.part(where.build() if where.window is None and _along_a_route(where) else None)
-    window = None if part is None else whole_window(part)
-    field_map = map_.load(window, measured_field(settings).source)
+    field_map = map_.load(part and part.window, measured_field(settings).source)
     with Bars("headings") as bars:
-        found = compute(
-            settings, field_map, headings, lambda done, total: bars("headings", done, total)
-        )
+        found = compute(settings, field_map, headings, partial(bars, "headings"))
     results.write(found)
 
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import typer
 
-from isogal.cli.checks import finite
-from isogal.cli.options import ScenarioChoice
+from isogal.cli.options import ScenarioChoice, number
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -83,10 +82,7 @@ class RouteChoice(ScenarioChoice):
             help="Route by its points, deg, instead of the scenario's.",
         ),
     ] = None
-    margin: Annotated[
-        float,
-        typer.Option(metavar="KM", min=0.0, callback=finite, help="Map kept around a route."),
-    ] = 25.0
+    margin: Annotated[float, number("Map kept around a route.", "KM", least=0.0)] = 25.0
 
     def load(self, *changes: str) -> "Scenario":
         """Return the scenario with the route of ``--route``; raises InputError."""
@@ -130,13 +126,6 @@ class PartChoice(RouteChoice):
             return self.build().around(self.margin)
         self.build_if_asked()  # a wrong scenario is refused, although the window counts
         return _window(*self.window)
-
-
-def whole_window(part: "Window | Corridor") -> "Window":
-    """Return a part of the Earth as one window, with all that lies between the ends of a route."""
-    from isogal.maps.corridor import Corridor
-
-    return part.window if isinstance(part, Corridor) else part
 
 
 def _waypoints(route: str) -> str:

@@ -14,14 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Values
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.continuation.level import EDGE, FADING, OFFSET, at_level, to_level
 from isogal.maps.error_spectrum import mixed_length
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values
 from isogal.maps.potential import disturbance_of
 
 CONTINUED = (*FADING, *OFFSET, "gravity")

@@ -13,12 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, Values
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Values
 from isogal.maps.spectral import Operator
 
 FADING = (

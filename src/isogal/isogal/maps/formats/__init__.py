@@ -1,5 +1,6 @@
 """Map formats in single files; each reader is an entry point of the group `isogal.map_formats`.
 
+format             what a format is; window, units and plausibility of every map
 netcdf             NetCDF, CF and GMT (COARDS) conventions
 netcdf_writing     maps into NetCDF
 geotiff            GeoTIFF in any coordinate reference system

@@ -1,27 +1,103 @@
-"""What a map format is: how it is recognised and read. Formats are found by name
-(`isogal.plugins`)."""
+"""What a map format is: how it is recognised and opened; and from what a file says to a map.
+Formats are found by name (`isogal.plugins`)."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from isogal.maps.axes import Window
+import numpy as np
+
+from isogal.arrays import Array, Values
+from isogal.maps.axes import Read, Window, part_within
 from isogal.maps.field_map import FieldMap
+from isogal.maps.quantities import QUANTITIES, check_plausible, said, unit_factor, value_range
+
+
+class Asked(NamedTuple):
+    """What the user says of a file; None = nothing."""
+
+    variable: str | None = None
+    """Which variable, band, column or extension, where a source holds several."""
+    quantity: str | None = None
+    unit: str | None = None
+    """Quantity and unit where the file does not say them, or says them wrong."""
+    crs: str | None = None
+    """Coordinate reference system, as ``EPSG:28355``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileGrid:
+    """One grid of an open file: what the file says of it, and its numbers, read when asked for.
+
+    The optional numbers below are fields of `FieldMap`; in the file's unit where they have one."""
+
+    where: str
+    """File and variable, for messages and provenance."""
+    latitude: Array
+    """(n,) rad, increasing."""
+    longitude: Array
+    """(m,) rad, increasing."""
+    read: Read
+    """Gives values (n, m)."""
+    unit: str | None = None
+    quantity: str | None = None
+    quantisation: float = 0.0
+    sigma: float | Read = 0.0
+    sigma_unit: str | None = None
+    """None = that of the values."""
+    correlation_length: float | None = None
+    correlation_lengths: Read | None = None
+    error_ellipses: Read | None = None
+    error_stated: bool | None = None
+    height: float | None = None
+
+    def load(self, asked: Asked, window: Window | None) -> FieldMap:
+        """Read the grid, or the part of it that a window needs: every format ends here. Units are
+        converted, numbers that cannot be what the file says are refused.
+
+        Raises
+        ------
+        InputError
+            Nothing in the window, too much of it, quantity or unit unknown or not said, numbers
+            that the quantity cannot have, and what `FieldMap` raises.
+        """
+        part = part_within(self.latitude, self.longitude, window, self.where)
+        values = part.of(self.read)
+        quantity, unit, factor = said(
+            asked.quantity or self.quantity, asked.unit or self.unit, self.where
+        )
+        check_plausible(value_range(values), quantity, factor, self.where)
+        of_sigma = unit_factor(self.sigma_unit or unit, self.where)[1]
+
+        def at_nodes(read: Read) -> Array:
+            return np.asarray(part.of(read), dtype=np.float64)
+
+        sigma = self.sigma if isinstance(self.sigma, float) else at_nodes(self.sigma)
+        return FieldMap(
+            part.latitude,
+            part.longitude,
+            values if factor == 1.0 else values * values.dtype.type(factor),
+            unit=QUANTITIES[quantity].unit,
+            quantity=quantity,
+            sigma=sigma * of_sigma,
+            correlation_length=self.correlation_length,
+            correlation_lengths=self.correlation_lengths and at_nodes(self.correlation_lengths),
+            error_ellipses=self.error_ellipses and at_nodes(self.error_ellipses),
+            error_stated=self.error_stated,
+            quantisation=self.quantisation * factor,
+            height=self.height,
+            provenance=self.where,
+            file_unit=unit,
+            file_factor=factor,
+        )
 
 
 class Reader(Protocol):
-    """How every format is read."""
+    """How a format is read."""
 
-    def __call__(
-        self,
-        path: Path,
-        variable: str | None,
-        window: Window | None,
-        *,
-        quantity: str | None,
-        unit: str | None,
-    ) -> FieldMap:
+    def __call__(self, path: Path, asked: Asked, window: Window | None) -> FieldMap:
         """Read a map, or what it has in a window with the nodes around it that interpolation
         needs; raises InputError."""
         ...
@@ -36,9 +112,57 @@ class Format:
     """Whether a file or folder has this format, by its name or by the names of its files."""
     read: Reader
     takes_crs: bool = False
-    """Whether the reader takes the argument ``crs``."""
+    """Whether the reader heeds `Asked.crs`."""
 
 
-def by_suffix(*suffixes: str) -> Callable[[Path], bool]:
-    """Return what recognises files by the end of their name, in any case: ``by_suffix(".nc")``."""
-    return lambda path: path.suffix.casefold() in suffixes
+Opener = Callable[[Path, Asked], AbstractContextManager[FileGrid]]
+"""Opens a file as a context manager does, finds the grid that is asked for and what is said of
+it; raises InputError for whatever is wrong with the file, also when it is read."""
+
+
+def file_format(name: str, suffixes: tuple[str, ...], opener: Opener, crs: bool = False) -> Format:
+    """Return the format of files that hold grids.
+
+    Parameters
+    ----------
+    name : str
+        In scenarios.
+    suffixes : tuple of str
+        Ends of the files' names, in any case: ``(".nc",)``.
+    opener : Opener
+        Opens one.
+    crs : bool
+        Whether it heeds `Asked.crs`.
+    """
+
+    def read(path: Path, asked: Asked, window: Window | None) -> FieldMap:
+        with opener(path, asked) as grid:
+            return grid.load(asked, window)
+
+    return Format(name, lambda path: path.suffix.casefold() in suffixes, read, crs)
+
+
+def grid_in_memory(
+    where: str, axes: tuple[Array, Array], values: Values, unit: str | None, quantity: str | None
+) -> FileGrid:
+    """Return a grid whose numbers have been read.
+
+    Parameters
+    ----------
+    where : str
+        File and variable.
+    axes : (n,), (m,) rad
+        Latitude and longitude, increasing.
+    values : (n, m)
+        NaN = missing.
+    unit, quantity : str or None
+        As the file says; None = it does not.
+    """
+    return FileGrid(
+        where=where,
+        latitude=axes[0],
+        longitude=axes[1],
+        read=lambda rows, columns: values[rows, columns],
+        unit=unit,
+        quantity=quantity,
+    )

@@ -1,76 +1,35 @@
 """ICGEM grids (.gdf) as the calculation service of icgem.gfz-potsdam.de writes them: a header of
 names and values, then points."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
 from isogal.errors import InputError
 from isogal.files import reading
-from isogal.maps.assemble import assemble
-from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format, by_suffix
+from isogal.maps.formats.format import Asked, FileGrid, file_format, grid_in_memory
 from isogal.maps.formats.points import drop_gaps, grid_of_points, numbers
 from isogal.maps.quantities import quantity_of
 
 _MOST_HEADER_LINES = 200
 _LONGEST_LINE = 4096
-_FUNCTIONALS = {
-    "gravity_earth": "gravity",
-    "gravity_disturbance": "disturbance",
-    "gravity_disturbance_sa": "disturbance",
-    "gravity_anomaly": "gravity_anomaly",
-    "gravity_anomaly_cl": "gravity_anomaly",
-    "gravity_anomaly_sa": "gravity_anomaly",
-    "gravity_anomaly_bg": "bouguer_anomaly",
-    "geoid": "geoid",
-    "height_anomaly": "geoid",
-    "height_anomaly_ell": "geoid",
-    "topography_grd": "height",
-    "topography_shm": "height",
-    "etopo1_shm": "height",
-}
-"""Quantities of ICGEM's functionals; a disturbance in spherical approximation (_sa) differs by
-under 0.1 %."""
 
 
-def read_gdf(
-    path: str | Path,
-    variable: str | None = None,
-    window: Window | None = None,
-    *,
-    quantity: str | None = None,
-    unit: str | None = None,
-) -> FieldMap:
-    """Read an ICGEM grid as a map.
-
-    Parameters
-    ----------
-    path : path
-        File.
-    variable : str, optional
-        The functional, to make sure that it is the one in the file.
-    window : Window, optional
-        Only this part is kept.
-    quantity, unit : str, optional
-        Instead of what the header says.
-
-    Raises
-    ------
-    InputError
-        No header, an unknown functional, a table that is not a grid or not the one the header
-        describes, impossible numbers.
-    """
+@contextmanager
+def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
+    """Read a file, which must hold the functional that is asked for."""
     where = str(path)
-    with reading(path), Path(path).open(encoding="ascii", errors="replace") as file:
+    with reading(path), path.open(encoding="ascii", errors="replace") as file:
         header = _header(file, where)
         columns = 4 if header.get("height_in_file") else 3
         table = numbers(file, columns, where)
     functional = header.get("functional", "")
-    if variable is not None and variable != functional:
-        raise InputError(f"{where}: holds '{functional}', not '{variable}'")
+    if asked.variable not in (None, functional):
+        raise InputError(f"{where}: holds '{functional}', not '{asked.variable}'")
     expected = header.get("number_of_gridpoints")
     if expected is not None and expected.isdecimal() and int(expected) != table.shape[0]:
         raise InputError(
@@ -78,22 +37,19 @@ def read_gdf(
         )
     latitude, longitude, values = grid_of_points(table[:, 1], table[:, 0], table[:, -1], where)
     _check_limits(header, np.degrees(latitude), np.degrees(longitude), where)
-    values = drop_gaps(values, _number(header, "gapvalue", where))
-    field_map = assemble(
-        latitude,
-        longitude,
-        values,
-        unit=unit or header.get("unit") or None,
-        quantity=quantity or _FUNCTIONALS.get(functional) or quantity_of(functional),
-        where=f"{where}:{functional or '?'} ({header.get('modelname', 'unknown model')})",
+    yield grid_in_memory(
+        f"{where}:{functional or '?'} ({header.get('modelname', 'unknown model')})",
+        (latitude, longitude),
+        drop_gaps(values, _number(header, "gapvalue", where)),
+        header.get("unit") or None,
+        quantity_of(functional),
     )
-    return field_map if window is None else field_map.window(*window[:4])
 
 
-def _header(file: object, where: str) -> dict[str, str]:
+def _header(file: TextIO, where: str) -> dict[str, str]:
     """Read up to ``end_of_head``."""
     header: dict[str, str] = {}
-    lines = iter(lambda: file.readline(_LONGEST_LINE), "")  # type: ignore[attr-defined]
+    lines = iter(lambda: file.readline(_LONGEST_LINE), "")
     for line in islice(lines, _MOST_HEADER_LINES):
         words = line.split()
         if not words:
@@ -143,4 +99,4 @@ def _check_limits(
             )
 
 
-FORMAT = Format("gdf", by_suffix(".gdf"), read_gdf)
+FORMAT = file_format("gdf", (".gdf",), _open)

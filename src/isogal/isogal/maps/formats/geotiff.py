@@ -1,89 +1,67 @@
-"""GeoTIFF maps, in any coordinate reference system."""
+"""GeoTIFF maps, in any coordinate reference system.
+
+A grid in a projected, rotated or shifted system is resampled to latitude and longitude by cubic
+convolution."""
 
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from isogal.arrays import Array
+from isogal.arrays import Values
 from isogal.errors import InputError
 from isogal.files import reading
-from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import RegularAxis, Window, part_within
-from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format, by_suffix
+from isogal.maps.formats.format import Asked, FileGrid, file_format
 from isogal.maps.quantities import quantity_of
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+    from rasterio.io import DatasetReader
 
 SHIFT_DEG = 5e-5
 """A geographic system within this (5 m) of WGS 84 is taken as it is; others are transformed."""
 
 
-def read_geotiff(
-    path: str | Path,
-    variable: str | None = None,
-    window: Window | None = None,
-    *,
-    quantity: str | None = None,
-    unit: str | None = None,
-    crs: str | None = None,
-) -> FieldMap:
-    """Read one band of a GeoTIFF as a map.
-
-    A grid in a projected, rotated or shifted system is resampled to latitude and longitude by
-    cubic convolution.
-
-    Parameters
-    ----------
-    path : path
-        File.
-    variable : str, optional
-        Number or description of the band; None = the only one.
-    window : Window, optional
-        Only this part is read.
-    quantity, unit, crs : str, optional
-        What the file does not say; ``crs`` as ``EPSG:28355``.
-
-    Raises
-    ------
-    InputError
-        Not a GeoTIFF, no such band, CRS, unit or quantity not said, impossible numbers, broken
-        data.
-    """
+@contextmanager
+def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
+    """Open a file and find the band that is asked for by its number or description, else the only
+    one."""
     import rasterio
 
     where = str(path)
-    if not Path(path).is_file():
+    if not path.is_file():
         raise InputError(f"{where}: no such file")
     with (
         reading(path, "GeoTIFF"),
         rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"),
         rasterio.open(path) as source,
     ):
-        band = _band(source, variable, where)
+        band = _band(source, asked.variable, where)
         kind = np.dtype(source.dtypes[band - 1]).kind
         if kind not in "iuf":
             raise InputError(f"{where}: band {band} holds {source.dtypes[band - 1]}, not numbers")
-        named = (source.descriptions[band - 1], variable)
+        named = (source.descriptions[band - 1], asked.variable)
         by_name = (quantity_of(text) for text in named if text)
         scale, offset = source.scales[band - 1], source.offsets[band - 1]
-        with _geographic(source, _system(source, crs, where), where) as (grid, origin):
-            latitude, longitude, values = _part(grid, band, window, (scale, offset), origin)
-        return assemble(
-            latitude,
-            longitude,
-            values,
-            unit=unit or source.units[band - 1] or None,
-            quantity=quantity or next((found for found in by_name if found), None),
-            where=origin,
-            quantisation=abs(scale) if kind in "iu" else 0.0,
-        )
+        with _geographic(source, _system(source, asked.crs, where), where) as (grid, origin):
+            turn, north, east = grid.transform, np.arange(grid.height), np.arange(grid.width)
+            south, west = turn.f + turn.e * (grid.height - 0.5), turn.c + turn.a * 0.5
+            yield FileGrid(
+                where=origin,
+                latitude=math.radians(south) + math.radians(-turn.e) * north,
+                longitude=math.radians(west) + math.radians(turn.a) * east,
+                read=partial(_values, grid, band, scale, offset),
+                unit=source.units[band - 1] or None,
+                quantity=next((found for found in by_name if found), None),
+                quantisation=abs(scale) if kind in "iu" else 0.0,
+            )
 
 
-def _system(source: Any, crs: str | None, where: str) -> Any:
+def _system(source: "DatasetReader", crs: str | None, where: str) -> "CRS":
     """Return the coordinate reference system, that of the user before that of the file."""
     import rasterio
 
@@ -101,7 +79,9 @@ def _system(source: Any, crs: str | None, where: str) -> Any:
 
 
 @contextmanager
-def _geographic(source: Any, system: Any, where: str) -> Iterator[tuple[Any, str]]:
+def _geographic(
+    source: "DatasetReader", system: "CRS", where: str
+) -> Iterator[tuple["DatasetReader", str]]:
     """Give a file as it is, or resampled where it is no grid of latitude and longitude; and where
     its values are from."""
     import rasterio
@@ -123,7 +103,7 @@ def _geographic(source: Any, system: Any, where: str) -> Iterator[tuple[Any, str
         yield warped, f"{where} (from {system.to_string()[:60]})"
 
 
-def _band(source: Any, variable: str | None, where: str) -> int:
+def _band(source: "DatasetReader", variable: str | None, where: str) -> int:
     if variable is None:
         if source.count != 1:
             raise InputError(
@@ -142,7 +122,7 @@ def _band(source: Any, variable: str | None, where: str) -> int:
     )
 
 
-def _is_plain_geographic(system: Any, source: Any, where: str) -> bool:
+def _is_plain_geographic(system: "CRS", source: "DatasetReader", where: str) -> bool:
     """Tell whether the grid's coordinates are longitude and latitude on WGS 84, or nearly so."""
     import pyproj
 
@@ -165,43 +145,33 @@ def _is_plain_geographic(system: Any, source: Any, where: str) -> bool:
     )
 
 
-def _part(
-    source: Any, band: int, window: Window | None, packing: tuple[float, float], where: str
-) -> tuple[Array, Array, NDArray[Any]]:
-    """Return latitude (n,) and longitude (m,), rad, and the band's values (n, m) in a window, by
-    scale and offset of its numbers."""
-    import rasterio.windows
+def _values(
+    source: "DatasetReader", band: int, scale: float, offset: float, rows: slice, columns: slice
+) -> Values:
+    """Return some values of a band, rows from the south.
 
-    rows, turn = source.height, source.transform
-    latitude = RegularAxis(
-        math.radians(turn.f + turn.e * (rows - 0.5)), math.radians(-turn.e), rows
-    )
-    longitude = RegularAxis(
-        math.radians(turn.c + turn.a * 0.5), math.radians(turn.a), source.width
-    )
-    part = part_within(latitude, longitude, window, where)
-    check_size(math.prod(part.shape), where, window)
-    up, down = part.rows, (rows - part.rows.stop, rows - part.rows.start)
-    blocks = []
-    for columns in part.columns:
-        cut = rasterio.windows.Window.from_slices(down, (columns.start, columns.stop))
-        blocks.append(_unpacked(source.read(band, window=cut, masked=True), *packing))
-    return (
-        latitude.first + latitude.step * np.arange(up.start, up.stop),
-        part.longitude(longitude.step),
-        np.concatenate(blocks, axis=1)[::-1],
-    )
+    Parameters
+    ----------
+    source : DatasetReader
+    band : int
+        From 1.
+    scale, offset : float
+        Of its numbers.
+    rows, columns : slice
+        From the south and from the west.
+    """
+    from rasterio.windows import Window
 
-
-def _unpacked(raw: Any, scale: float, offset: float) -> NDArray[Any]:
+    down = source.height - rows.stop, source.height - rows.start
+    cut = Window.from_slices(down, (columns.start, columns.stop))
+    raw = source.read(band, window=cut, masked=True)
     packed = scale != 1.0 or offset != 0.0
-    values: NDArray[Any] = raw.data.astype(
-        np.float32 if raw.dtype == np.float32 and not packed else np.float64
-    )
+    kind = np.float32 if raw.dtype == np.float32 and not packed else np.float64
+    values: Values = raw.data.astype(kind)
     if packed:
         values = values * scale + offset
     values[np.ma.getmaskarray(raw) | ~np.isfinite(values)] = np.nan
-    return values
+    return values[::-1]
 
 
-FORMAT = Format("geotiff", by_suffix(".tif", ".tiff", ".gtiff"), read_geotiff, takes_crs=True)
+FORMAT = file_format("geotiff", (".tif", ".tiff", ".gtiff"), _open, crs=True)

@@ -5,61 +5,74 @@ to 180; values packed or not. What the file does not say (quantity, unit) is ask
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Values
 from isogal.errors import InputError
 from isogal.files import reading
-from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import Part, RegularAxis, Window, part_within, regular_axis
+from isogal.maps.axes import Read, regular_axis
 from isogal.maps.error_ellipses import ELLIPSE_NAMES, ellipses_of
-from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format, by_suffix
-from isogal.maps.quantities import quantity_of, unit_factor
+from isogal.maps.formats.format import Asked, FileGrid, file_format
+from isogal.maps.quantities import quantity_of
+
+if TYPE_CHECKING:
+    from netCDF4 import Dataset
+    from netCDF4 import Variable as AnyVariable
+
+    Variable = AnyVariable[np.generic]
 
 _LONGEST_AXIS = 5_000_000
-
-
-def read_netcdf(
-    path: str | Path,
-    variable: str | None = None,
-    window: Window | None = None,
-    *,
-    quantity: str | None = None,
-    unit: str | None = None,
-) -> FieldMap:
-    """Read one variable of a NetCDF file as a map.
-
-    Parameters
-    ----------
-    path : path
-        File.
-    variable : str, optional
-        Which variable; None = the one whose quantity is ``quantity``, or the only one whose
-        quantity is known.
-    window : Window, optional
-        Only this part is read, with the nodes around it that interpolation needs.
-    quantity, unit : str, optional
-        Where the file does not say, or says it wrong.
-
-    Raises
-    ------
-    InputError
-        Not a NetCDF file, no such variable, axes or unit or quantity not said, impossible numbers,
-        broken data.
-    """
-    with open_netcdf(path) as dataset:
-        return _read(dataset, variable, window, quantity, unit, str(path))
+_SAYS = {
+    "latitude": (("lat", "latitude"), ("north", "_n", "degreen")),
+    "longitude": (("lon", "long", "longitude"), ("east", "_e", "degreee")),
+}
+"""By what an axis says that it is latitude or longitude: names, and ends of its unit."""
 
 
 @contextmanager
-def open_netcdf(path: str | Path) -> Iterator[Any]:
+def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
+    """Open a file and find the variable that is asked for: the one of that name, else the one of
+    that quantity, else the only one whose quantity is known."""
+    with open_netcdf(path) as dataset:
+        data = dataset.variables[_choose(dataset, asked.variable, asked.quantity, str(path))]
+        where = f"{path}:{data.name}"
+        latitude, longitude = _axes(dataset, data, where)
+
+        read = {
+            name: partial(_values, other, latitude, longitude)
+            for name, other in dataset.variables.items()
+            if set(other.dimensions) == set(data.dimensions)
+        }
+        sigma = _sigma_of(dataset, data, [name for name in read if name != data.name])
+        ellipse = [read[of] for name in ELLIPSE_NAMES if (of := f"{data.name}_{name}") in read]
+        stated = number_of(data, "error_stated")
+        yield FileGrid(
+            where=where,
+            latitude=latitude.nodes,
+            longitude=longitude.nodes,
+            read=read[data.name],
+            unit=text_of(data, "units"),
+            quantity=quantity_in(data),
+            quantisation=number_of(data, "quantisation") or _step_of(data),
+            sigma=read[sigma] if sigma else number_of(data, "error_sigma") or 0.0,
+            sigma_unit=text_of(dataset.variables[sigma], "units") if sigma else None,
+            correlation_length=number_of(data, "error_correlation_length") or None,
+            correlation_lengths=read.get(f"{data.name}_error_length"),
+            error_ellipses=partial(_ellipses, ellipse) if len(ellipse) == 3 else None,
+            error_stated=None if stated is None else stated != 0.0,
+            height=number_of(data, "height_m"),
+        )
+
+
+@contextmanager
+def open_netcdf(path: str | Path) -> Iterator["Dataset"]:
     """Open a file as netCDF4 does, but with values packed as they are (`unpacked`); whatever goes
     wrong with it in the block raises InputError."""
     import netCDF4
@@ -97,7 +110,7 @@ def _check_classic(path: Path) -> None:
         )
 
 
-def _check_size(dataset: Any, path: Path) -> None:
+def _check_size(dataset: "Dataset", path: Path) -> None:
     """Raise InputError where a file of the newest classic format (CDF-5), which scipy does not
     know, is smaller than its header and its numbers: what is missing would be read as zeros."""
     if dataset.data_model == "NETCDF3_64BIT_DATA":
@@ -110,14 +123,14 @@ def _check_size(dataset: Any, path: Path) -> None:
             )
 
 
-def _header_size(dataset: Any) -> int:
+def _header_size(dataset: "Dataset") -> int:
     """Return the size of a CDF-5 file's header, bytes (NetCDF User's Guide, appendix B): a word is
     4 bytes, a count 8, and names and values end at a word."""
 
     def named(name: str) -> int:
         return 8 + _padded(len(name.encode()))
 
-    def attributes(holder: Any) -> int:
+    def attributes(holder: "Dataset | Variable") -> int:
         values = ((name, holder.getncattr(name)) for name in holder.ncattrs())
         return 12 + sum(named(name) + 12 + _padded(_bytes(value)) for name, value in values)
 
@@ -129,7 +142,7 @@ def _header_size(dataset: Any) -> int:
     return 12 + dimensions + attributes(dataset) + variables
 
 
-def _bytes(value: Any) -> int:
+def _bytes(value: ArrayLike) -> int:
     return len(value.encode()) if isinstance(value, str) else int(np.asarray(value).nbytes)
 
 
@@ -137,55 +150,7 @@ def _padded(count: int) -> int:
     return -(-count // 4) * 4
 
 
-def _read(
-    dataset: Any,
-    name: str | None,
-    window: Window | None,
-    quantity: str | None,
-    unit: str | None,
-    where: str,
-) -> FieldMap:
-    name = _choose(dataset, name, quantity, where)
-    data = dataset.variables[name]
-    where = f"{where}:{name}"
-    grid = HorizontalGrid.of(dataset, data, where)
-    part = part_within(*grid.regular, window, where)
-    check_size(math.prod(part.shape), where, window)
-    unit = unit or text_of(data, "units")
-    attributes: dict[str, Any] = {
-        "quantisation": number_of(data, "quantisation") or step_of(data),
-        "correlation_length": number_of(data, "error_correlation_length") or None,
-        "height": number_of(data, "height_m"),
-    }
-    stated = number_of(data, "error_stated")
-    attributes["error_stated"] = None if stated is None else stated != 0.0
-    sigma: Any = number_of(data, "error_sigma") or 0.0
-    lengths = dataset.variables.get(f"{data.name}_error_length")
-    if lengths is not None and set(lengths.dimensions) == set(data.dimensions):
-        attributes["correlation_lengths"] = grid.read(lengths, part)
-    axes = [dataset.variables.get(f"{data.name}_{name}") for name in ELLIPSE_NAMES]
-    if all(axis is not None and set(axis.dimensions) == set(data.dimensions) for axis in axes):
-        longest, shortest, azimuth = (grid.read(axis, part) for axis in axes)
-        attributes["error_ellipses"] = ellipses_of(longest, shortest, np.radians(azimuth))
-    beside = sigma_variable(dataset, data)
-    if beside is not None:
-        sigma = grid.read(beside, part)
-        if unit is not None:
-            own_factor = unit_factor(text_of(beside, "units") or unit, where)[1]
-            sigma = sigma * (own_factor / unit_factor(unit, where)[1])
-    return assemble(
-        grid.latitude[part.rows],
-        part.longitude(grid.regular[1].step),
-        grid.read(data, part),
-        unit=unit,
-        quantity=quantity or quantity_in(data),
-        where=where,
-        sigma=sigma,
-        **attributes,
-    )
-
-
-def _choose(dataset: Any, name: str | None, quantity: str | None, where: str) -> str:
+def _choose(dataset: "Dataset", name: str | None, quantity: str | None, where: str) -> str:
     grids = [
         key
         for key, item in dataset.variables.items()
@@ -221,20 +186,20 @@ def _choose(dataset: Any, name: str | None, quantity: str | None, where: str) ->
     )
 
 
-def quantity_in(data: Any) -> str | None:
+def quantity_in(data: "Variable") -> str | None:
     """Return what a variable is a map of, by what Isogal has written or by its names."""
     names = text_of(data, "standard_name"), data.name, text_of(data, "long_name")
     by_name = (found for text in names if text and (found := quantity_of(text)))
     return text_of(data, "isogal_quantity") or next(by_name, None)
 
 
-def text_of(data: Any, attribute: str) -> str | None:
+def text_of(data: "Variable", attribute: str) -> str | None:
     """Return an attribute that is text; None where there is none."""
     text = getattr(data, attribute, None)
     return text.strip() or None if isinstance(text, str) else None
 
 
-def number_of(data: Any, attribute: str) -> float | None:
+def number_of(data: "Variable", attribute: str) -> float | None:
     """Return an attribute that is a finite number; None where there is none."""
     value = getattr(data, attribute, None)
     return (
@@ -244,148 +209,136 @@ def number_of(data: Any, attribute: str) -> float | None:
     )
 
 
-def _kind(data: Any) -> str | None:
+class _Axis(NamedTuple):
+    """Latitude or longitude of a variable."""
+
+    dimension: str
+    nodes: Array
+    """rad, increasing and exact."""
+    flipped: bool
+    """Whether the file has them the other way round."""
+
+    def stored(self, part: slice) -> slice:
+        """Return where the file has some of the nodes."""
+        count = self.nodes.size
+        return slice(count - part.stop, count - part.start) if self.flipped else part
+
+
+def _kind(axis: "Variable") -> str | None:
     """Tell whether a coordinate variable is latitude or longitude, by what CF and COARDS let it
-    say."""
-    units = (text_of(data, "units") or "").casefold()
-    standard = (text_of(data, "standard_name") or "").casefold()
-    for kind, directions in (
-        ("latitude", ("north", "_n", "degreen")),
-        ("longitude", ("east", "_e", "degreee")),
-    ):
-        if standard == kind or (
-            units.startswith("degree") and units.rstrip("s").endswith(directions)
-        ):
+    say; unit and standard name before the name."""
+    units, standard, long = (
+        (text_of(axis, name) or "").casefold() for name in ("units", "standard_name", "long_name")
+    )
+    for kind, (_, ends) in _SAYS.items():
+        degrees = units.startswith("degree") and units.rstrip("s").endswith(ends)
+        if standard == kind or degrees:
             return kind
-    name = data.name.casefold()
-    if name in ("lat", "latitude") or (text_of(data, "long_name") or "").casefold() == "latitude":
-        return "latitude"
-    if (
-        name in ("lon", "long", "longitude")
-        or (text_of(data, "long_name") or "").casefold() == "longitude"
-    ):
-        return "longitude"
-    return None
+    by_name = (k for k, (names, _) in _SAYS.items() if axis.name.casefold() in names or long == k)
+    return next(by_name, None)
 
 
-def _horizontal(dataset: Any, data: Any, where: str) -> tuple[str, str]:
-    """Return the dimensions of latitude and longitude; all others must have length one."""
-    kinds: dict[str, str] = {}
-    for dim in data.dimensions:
-        axis = dataset.variables.get(dim)
+def _axes(dataset: "Dataset", data: "Variable", where: str) -> tuple[_Axis, _Axis]:
+    """Return latitude and longitude of a variable, all of whose other dimensions must have length
+    one.
+
+    Raises
+    ------
+    InputError
+        There are none, they are not regular, or do not say what they are.
+    """
+    found: dict[str, Variable] = {}
+    for dimension in data.dimensions:
+        axis = dataset.variables.get(dimension)
         kind = _kind(axis) if axis is not None and axis.ndim == 1 else None
-        if kind:
-            kinds[kind] = dim
-        elif len(dataset.dimensions[dim]) != 1:
+        if axis is not None and kind:
+            found[kind] = axis
+        elif len(dataset.dimensions[dimension]) != 1:
             raise InputError(
-                f"{where}: dimension '{dim}' is not said to be latitude or longitude (units"
+                f"{where}: dimension '{dimension}' is not said to be latitude or longitude (units"
                 " degrees_north, degrees_east); a projected grid must come as GeoTIFF"
             )
-    if len(kinds) != 2:
+    if len(found) != 2:
         raise InputError(
             f"{where}: needs one latitude and one longitude dimension, has"
             f" ({', '.join(data.dimensions)})"
         )
-    return kinds["latitude"], kinds["longitude"]
+    latitude, longitude = (_axis(found[kind], kind, where) for kind in _SAYS)
+    if np.abs(latitude.nodes).max() > math.pi / 2 + 1e-9:
+        raise InputError(
+            f"{where}: latitudes reach {math.degrees(np.abs(latitude.nodes).max()):.6g} deg; axes"
+            " swapped, or not degrees?"
+        )
+    return latitude, longitude
 
 
-def _axis(dataset: Any, name: str, kind: str, where: str) -> tuple[Array, bool]:
-    """Return the axis in rad, increasing and exact, and whether it had to be turned round."""
-    data = dataset.variables[name]
+def _axis(data: "Variable", kind: str, where: str) -> _Axis:
     if data.size > _LONGEST_AXIS:
         raise InputError(
-            f"{where}: {name} has {data.size:,} nodes, at most {_LONGEST_AXIS:,} make sense"
+            f"{where}: {data.name} has {data.size:,} nodes, at most {_LONGEST_AXIS:,} make sense"
         )
-    axis = unpacked(data, data[:])
+    nodes = unpacked(data, data[:])
     units = (text_of(data, "units") or "").casefold()
     if units.startswith("deg") or (
-        not units and axis.size and np.nanmax(np.abs(axis)) > 2.0 * math.pi
+        not units and nodes.size and np.nanmax(np.abs(nodes)) > 2.0 * math.pi
     ):
-        axis = np.radians(axis)
+        nodes = np.radians(nodes)
     elif not units.startswith("rad"):
-        raise InputError(f"{where}: {name} has the unit '{units}'; it must say degrees or radians")
-    if kind == "longitude":  # a grid may pass 180 deg and go on at -180 deg
-        axis = np.unwrap(axis)
-    flipped = bool(axis.size > 1 and axis[-1] < axis[0])
-    return regular_axis(axis[::-1] if flipped else axis, name, where), flipped
-
-
-class HorizontalGrid(NamedTuple):
-    """Latitude and longitude of a variable."""
-
-    dimensions: tuple[str, str]
-    """Names of latitude and longitude."""
-    latitude: Array
-    """rad, increasing and exact."""
-    longitude: Array
-    """rad, increasing and exact."""
-    flipped: tuple[bool, bool]
-    """Whether the file has them the other way round."""
-
-    @classmethod
-    def of(cls, dataset: Any, data: Any, where: str) -> "HorizontalGrid":
-        """Read the axes of a variable.
-
-        Raises
-        ------
-        InputError
-            There are none, they are not regular, or do not say what they are.
-        """
-        dimensions = _horizontal(dataset, data, where)
-        latitude, up = _axis(dataset, dimensions[0], "latitude", where)
-        longitude, right = _axis(dataset, dimensions[1], "longitude", where)
-        if np.abs(latitude).max() > math.pi / 2 + 1e-9:
-            raise InputError(
-                f"{where}: latitudes reach {math.degrees(np.abs(latitude).max()):.6g} deg; axes"
-                " swapped, or not degrees?"
-            )
-        return cls(dimensions, latitude, longitude, (up, right))
-
-    @property
-    def regular(self) -> tuple[RegularAxis, RegularAxis]:
-        """First node, step and number of nodes of both axes."""
-        latitude, longitude = (
-            RegularAxis(axis[0], (axis[-1] - axis[0]) / (axis.size - 1), axis.size)
-            for axis in (self.latitude, self.longitude)
+        raise InputError(
+            f"{where}: {data.name} has the unit '{units}'; it must say degrees or radians"
         )
-        return latitude, longitude
-
-    def read(self, data: Any, part: Part) -> NDArray[Any]:
-        """Return a part of a variable on this grid as (latitude, longitude), unpacked."""
-        blocks = [self._block(data, part.rows, columns) for columns in part.columns]
-        return blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
-
-    def _block(self, data: Any, rows: slice, columns: slice) -> NDArray[Any]:
-        stored = [
-            slice(axis.size - part.stop, axis.size - part.start) if flipped else part
-            for axis, part, flipped in zip(
-                (self.latitude, self.longitude), (rows, columns), self.flipped, strict=True
-            )
-        ]
-        where = dict(zip(self.dimensions, stored, strict=True))
-        raw = data[tuple(where.get(dimension, 0) for dimension in data.dimensions)]
-        values = unpacked(data, raw)
-        latitude, longitude = self.dimensions
-        if data.dimensions.index(latitude) > data.dimensions.index(longitude):
-            values = values.T
-        return values[:: -1 if self.flipped[0] else 1, :: -1 if self.flipped[1] else 1]
+    if kind == "longitude":  # a grid may pass 180 deg and go on at -180 deg
+        nodes = np.unwrap(nodes)
+    flipped = bool(nodes.size > 1 and nodes[-1] < nodes[0])
+    exact = regular_axis(nodes[::-1] if flipped else nodes, data.name, where)
+    return _Axis(data.name, exact, flipped)
 
 
-def unpacked(data: Any, raw: NDArray[Any]) -> NDArray[Any]:
+def _values(
+    data: "Variable", latitude: _Axis, longitude: _Axis, rows: slice, columns: slice
+) -> Values:
+    """Return a part of a variable as (latitude, longitude), both increasing, unpacked.
+
+    Parameters
+    ----------
+    data : Variable
+        Of these axes; further dimensions have length one.
+    latitude, longitude : _Axis
+    rows, columns : slice
+        Which nodes of the axes.
+    """
+    stored = {
+        latitude.dimension: latitude.stored(rows),
+        longitude.dimension: longitude.stored(columns),
+    }
+    values = unpacked(data, data[tuple(stored.get(name, 0) for name in data.dimensions)])
+    if data.dimensions.index(latitude.dimension) > data.dimensions.index(longitude.dimension):
+        values = values.T
+    return values[:: -1 if latitude.flipped else 1, :: -1 if longitude.flipped else 1]
+
+
+def _ellipses(reads: Sequence[Read], rows: slice, columns: slice) -> Array:
+    longest, shortest, azimuth = (read(rows, columns) for read in reads)
+    return ellipses_of(longest, shortest, np.radians(azimuth))
+
+
+def unpacked(
+    data: "Variable", raw: "np.ma.MaskedArray[tuple[int, ...], np.dtype[np.generic]]"
+) -> Values:
     """Apply scale and offset (CF 8.1) to values whose missing ones netCDF4 has masked, and make
     those NaN; float32 stays float32, all else becomes float64."""
     scale = float(getattr(data, "scale_factor", 1.0))
     offset = float(getattr(data, "add_offset", 0.0))
     packed = scale != 1.0 or offset != 0.0
     kind = np.float32 if raw.dtype == np.float32 and not packed else np.float64
-    values: NDArray[Any] = np.ma.filled(raw.astype(kind), np.nan)
+    values: Values = np.ma.filled(raw.astype(kind), np.nan)
     if packed:
         values *= scale
         values += offset
     return values
 
 
-def step_of(data: Any) -> float:
+def _step_of(data: "Variable") -> float:
     """Return the step of values packed as whole numbers."""
     return (
         abs(float(getattr(data, "scale_factor", 1.0)))
@@ -394,23 +347,16 @@ def step_of(data: Any) -> float:
     )
 
 
-def sigma_variable(dataset: Any, data: Any) -> Any:
-    """Return the variable that holds the 1-sigma of ``data``, if the file has one."""
-    named = (text_of(data, "ancillary_variables") or "").split()
-    names = [
-        n
-        for n in named
-        if "standard_error" in (text_of(dataset.variables.get(n), "standard_name") or "")
+def _sigma_of(dataset: "Dataset", data: "Variable", others: list[str]) -> str | None:
+    """Return which of other variables on the grid holds the 1-sigma of ``data``, if one does."""
+    named = [
+        name
+        for name in (text_of(data, "ancillary_variables") or "").split()
+        if name in others
+        and "standard_error" in (text_of(dataset.variables[name], "standard_name") or "")
     ]
-    for name in (*names, f"{data.name}_sigma", "map_sigma"):
-        beside = dataset.variables.get(name)
-        if (
-            beside is not None
-            and name != data.name
-            and set(data.dimensions) == set(beside.dimensions)
-        ):
-            return beside
-    return None
+    names = (*named, f"{data.name}_sigma", "map_sigma")
+    return next((name for name in names if name in others), None)
 
 
-FORMAT = Format("netcdf", by_suffix(".nc", ".nc4", ".grd", ".cdf"), read_netcdf)
+FORMAT = file_format("netcdf", (".nc", ".nc4", ".grd", ".cdf"), _open)

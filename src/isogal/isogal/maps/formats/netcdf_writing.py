@@ -1,20 +1,21 @@
 """Maps into NetCDF files (CF-1.8)."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from isogal.arrays import Values
 from isogal.errors import InputError
 from isogal.files import atomic_path
 from isogal.maps.error_ellipses import ELLIPSE_NAMES, axes_of
 from isogal.maps.field_map import FieldMap
 
+Attributes = dict[str, str | float]
 _CF_UNITS = {"m/s²": "m s-2", "1/s²": "s-2"}
 
 
 def write_netcdf(field_map: FieldMap, path: str | Path, variable: str | None = None) -> None:
-    """Write a map as CF-1.8 NetCDF, such that `read_netcdf` gives the same map back.
+    """Write a map as CF-1.8 NetCDF, such that `load_map` gives the same map back.
 
     Parameters
     ----------
@@ -40,65 +41,60 @@ def write_netcdf(field_map: FieldMap, path: str | Path, variable: str | None = N
 def _write(field_map: FieldMap, path: Path, name: str) -> None:
     import netCDF4
 
-    unit = _CF_UNITS.get(field_map.unit, field_map.unit)
     with netCDF4.Dataset(str(path), "w") as dataset:
         dataset.Conventions = "CF-1.8"
         dataset.title = f"{field_map.quantity} map"
         dataset.source = field_map.provenance
-        for key, axis, text in (
-            ("lat", field_map.latitude, "latitude"),
-            ("lon", field_map.longitude, "longitude"),
+        for key, axis, text, unit in (
+            ("lat", field_map.latitude, "latitude", "degrees_north"),
+            ("lon", field_map.longitude, "longitude", "degrees_east"),
         ):
             dataset.createDimension(key, axis.size)
             coordinate = dataset.createVariable(key, "f8", (key,))
             coordinate.standard_name = coordinate.long_name = text
-            coordinate.units = "degrees_north" if key == "lat" else "degrees_east"
+            coordinate.units = unit
             coordinate[:] = np.degrees(axis)
-        kwargs: dict[str, Any] = {
-            "zlib": True,
-            "complevel": 4,
-            "fletcher32": True,
-            "fill_value": np.nan,
-        }
-        data = dataset.createVariable(
-            name, field_map.values.dtype.str[1:], ("lat", "lon"), **kwargs
-        )
-        data.units = unit
-        _describe(data, field_map)
-        data[:] = field_map.values
-        if isinstance(field_map.sigma, float):
-            data.error_sigma = field_map.sigma
-        else:
-            data.ancillary_variables = f"{name}_sigma"
-            sigma = dataset.createVariable(f"{name}_sigma", "f8", ("lat", "lon"), **kwargs)
-            sigma.units = unit
-            sigma.long_name = f"1-sigma error of {name}"
-            sigma[:] = field_map.sigma
-        if field_map.correlation_lengths is not None:
-            length = dataset.createVariable(f"{name}_error_length", "f4", ("lat", "lon"), **kwargs)
-            length.units = "m"
-            length.long_name = f"correlation length of the error of {name}"
-            length[:] = field_map.correlation_lengths
-        if field_map.error_ellipses is not None:
-            *lengths, azimuth = axes_of(field_map.error_ellipses)
-            for suffix, unit, axis in zip(
-                ELLIPSE_NAMES, ("m", "m", "degrees"), (*lengths, np.degrees(azimuth)), strict=True
-            ):
-                part = dataset.createVariable(f"{name}_{suffix}", "f4", ("lat", "lon"), **kwargs)
-                part.units = unit
-                part.long_name = f"correlation of the error of {name}: {suffix}"
-                part[:] = axis
+        for suffix, (values, attributes) in _variables(field_map, name).items():
+            data = dataset.createVariable(
+                name + suffix,
+                values.dtype.str[1:],
+                ("lat", "lon"),
+                zlib=True,
+                complevel=4,
+                fletcher32=True,
+                fill_value=np.nan,
+            )
+            data.setncatts(attributes)
+            data[:] = values
 
 
-def _describe(data: Any, field_map: FieldMap) -> None:
-    """Write what is one number or word of the whole map."""
-    data.long_name = field_map.quantity.replace("_", " ")
-    data.isogal_quantity = field_map.quantity
-    if field_map.quantisation:
-        data.quantisation = field_map.quantisation
-    if field_map.correlation_length is not None:
-        data.error_correlation_length = field_map.correlation_length
-    if field_map.height is not None:
-        data.height_m = field_map.height
-    if field_map.error_stated is not None:
-        data.error_stated = int(field_map.error_stated)
+def _variables(field_map: FieldMap, name: str) -> dict[str, tuple[Values, Attributes]]:
+    """Return what is written at the nodes, by what follows the name of the variable."""
+    unit = _CF_UNITS.get(field_map.unit, field_map.unit)
+    said: dict[str, str | float | None] = {
+        "units": unit,
+        "long_name": field_map.quantity.replace("_", " "),
+        "isogal_quantity": field_map.quantity,
+        "quantisation": field_map.quantisation or None,
+        "error_correlation_length": field_map.correlation_length,
+        "height_m": field_map.height,
+        "error_stated": None if field_map.error_stated is None else int(field_map.error_stated),
+    }
+    found: dict[str, tuple[Values, Attributes]] = {}
+    if isinstance(field_map.sigma, float):
+        said["error_sigma"] = field_map.sigma
+    else:
+        said["ancillary_variables"] = f"{name}_sigma"
+        found["_sigma"] = field_map.sigma, {"units": unit, "long_name": f"1-sigma error of {name}"}
+    if (lengths := field_map.correlation_lengths) is not None:
+        text = f"correlation length of the error of {name}"
+        found["_error_length"] = lengths.astype(np.float32), {"units": "m", "long_name": text}
+    if field_map.error_ellipses is not None:
+        *axes, azimuth = axes_of(field_map.error_ellipses)
+        for suffix, of, axis in zip(
+            ELLIPSE_NAMES, ("m", "m", "degrees"), (*axes, np.degrees(azimuth)), strict=True
+        ):
+            text = f"correlation of the error of {name}: {suffix}"
+            found[f"_{suffix}"] = axis.astype(np.float32), {"units": of, "long_name": text}
+    known = {key: value for key, value in said.items() if value is not None}
+    return {"": (field_map.values, known), **found}

@@ -2,20 +2,26 @@
 
 import math
 import warnings
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
-from isogal.maps.assemble import check_size
+from isogal.maps.axes import check_size
 
 
 def grid_of_points(
     latitude: Array, longitude: Array, value: Array, where: str
 ) -> tuple[Array, Array, Array]:
-    """Arrange points (deg) that lie on a regular grid, in any order; nodes without a point are
-    NaN.
+    """Arrange points that lie on a regular grid, in any order; nodes without a point are NaN.
+
+    Parameters
+    ----------
+    latitude, longitude : (N,) deg
+    value : (N,)
+    where : str
+        File, for messages.
 
     Returns
     -------
@@ -78,8 +84,19 @@ def _axis(coordinate: Array, name: str, where: str) -> tuple[Integers, Array]:
     return index, axis
 
 
-def numbers(lines: Any, columns: int, where: str, delimiter: str | None = None) -> Array:
+def numbers(lines: Iterable[str], columns: int, where: str, delimiter: str | None = None) -> Array:
     """Parse lines of numbers to (N, columns).
+
+    Parameters
+    ----------
+    lines : iterable of str
+        The rest of a file.
+    columns : int
+        Numbers in each line.
+    where : str
+        File, for messages.
+    delimiter : str, optional
+        Between numbers; None = blanks.
 
     Raises
     ------

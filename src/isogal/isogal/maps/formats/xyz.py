@@ -1,15 +1,18 @@
-"""XYZ text: a table of longitude, latitude and value, one point a line, on a regular grid."""
+"""XYZ text: a table of longitude, latitude and value, one point a line, on a regular grid.
+
+The columns are those that the first line names (``lon lat dg``; a leading # is allowed), separated
+by blanks, tabs, commas or semicolons; a unit may follow a name in brackets (``dg[mGal]``). A file
+without such a line needs the order of its columns, ``lon,lat,dg``, as the variable asked for."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import reading
-from isogal.maps.assemble import assemble
-from isogal.maps.axes import Window
-from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format, by_suffix
+from isogal.maps.formats.format import Asked, FileGrid, file_format, grid_in_memory
 from isogal.maps.formats.points import drop_gaps, grid_of_points, numbers
 from isogal.maps.quantities import quantity_of
 
@@ -17,57 +20,25 @@ _LONGEST_LINE = 4096
 _LATITUDE, _LONGITUDE = ("lat", "latitude"), ("lon", "long", "longitude")
 
 
-def read_xyz(
-    path: str | Path,
-    variable: str | None = None,
-    window: Window | None = None,
-    *,
-    quantity: str | None = None,
-    unit: str | None = None,
-) -> FieldMap:
-    """Read a text table as a map.
-
-    The columns are those that the first line names (``lon lat dg``; a leading # is allowed),
-    separated by blanks, tabs, commas or semicolons; a unit may follow a name in brackets
-    (``dg[mGal]``). A file without such a line needs its columns named in ``variable``.
-
-    Parameters
-    ----------
-    path : path
-        File.
-    variable : str, optional
-        The column that holds the values; or all columns in order, ``lon,lat,dg``, where the file
-        does not name them.
-    window : Window, optional
-        Only this part is kept.
-    quantity, unit : str, optional
-        What the columns do not say.
-
-    Raises
-    ------
-    InputError
-        Columns not named, a line that is not numbers, points off a regular grid, unit or quantity
-        not said, impossible numbers.
-    """
+@contextmanager
+def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
+    """Read a file: the column that is asked for, or all columns where their order is asked for."""
     where = str(path)
-    names, table = _table(Path(path), variable, where)
-    if variable is not None and "," in variable:
-        variable = None  # the order of all columns
+    names, table = _table(path, asked.variable, where)
+    ordered = asked.variable is not None and "," in asked.variable
     plain = [re.sub(r"[\[(].*", "", name).casefold() for name in names]
-    lat, lon, value = _columns(plain, variable, where)
-    latitude, longitude, values = grid_of_points(
+    lat, lon, value = _columns(plain, None if ordered else asked.variable, where)
+    *axes, values = grid_of_points(
         table[:, lat], table[:, lon], drop_gaps(table[:, value], None), where
     )
     bracket = re.search(r"[\[(](.+?)[\])]", names[value])
-    field_map = assemble(
-        latitude,
-        longitude,
+    yield grid_in_memory(
+        f"{where}:{plain[value]}",
+        (axes[0], axes[1]),
         values,
-        unit=unit or (bracket.group(1) if bracket else None),
-        quantity=quantity or quantity_of(plain[value]),
-        where=f"{where}:{plain[value]}",
+        bracket.group(1) if bracket else None,
+        quantity_of(plain[value]),
     )
-    return field_map if window is None else field_map.window(*window[:4])
 
 
 def _table(path: Path, variable: str | None, where: str) -> tuple[list[str], Array]:
@@ -114,4 +85,4 @@ def _columns(names: list[str], variable: str | None, where: str) -> tuple[int, i
     return lats[0], lons[0], others[0]
 
 
-FORMAT = Format("xyz", by_suffix(".xyz", ".txt", ".csv", ".dat"), read_xyz)
+FORMAT = file_format("xyz", (".xyz", ".txt", ".csv", ".dat"), _open)

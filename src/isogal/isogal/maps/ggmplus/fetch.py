@@ -7,9 +7,8 @@ refused or fetched again."""
 import contextlib
 import re
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,10 +36,6 @@ class Fetched:
     """The server has no such tile: open sea, or beyond 60 degrees."""
     trusted: list[str] = field(default_factory=list)
     """Fetched for the first time: nothing to compare their checksum with."""
-
-    def record(self) -> dict[str, Any]:
-        """Return a plain dictionary, for JSON."""
-        return asdict(self)
 
 
 def tiles_for(where: Window | Corridor, extensions: Iterable[str]) -> list[str]:

@@ -1,7 +1,6 @@
 """Maps from a folder of GGMplus tiles."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,9 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import reading
-from isogal.maps.assemble import check_size
-from isogal.maps.axes import EmptyWindowError, Window
+from isogal.maps.axes import EmptyWindowError, Window, check_size
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Format
+from isogal.maps.formats.format import Asked, Format
 from isogal.maps.ggmplus.tiles import (
     CELLS,
     KINDS,
@@ -25,9 +23,7 @@ from isogal.maps.ggmplus.tiles import (
     tile_name,
     tiles_of,
 )
-from isogal.maps.quantities import QUANTITIES, check_plausible
-
-_BLOCK = 50  # columns of a tile mapped at once: 0.5 MB
+from isogal.maps.quantities import QUANTITIES, check_plausible, value_range
 
 
 def is_ggmplus(path: Path) -> bool:
@@ -37,29 +33,12 @@ def is_ggmplus(path: Path) -> bool:
     return NAME.fullmatch(path.name) is not None
 
 
-def read_ggmplus(
-    path: str | Path,
-    variable: str | None = None,
-    window: Window | None = None,
-    *,
-    quantity: str | None = None,
-    unit: str | None = None,
-) -> FieldMap:
-    """Read a window from a folder of tiles, joined across their borders.
+def read_ggmplus(path: Path, asked: Asked, window: Window | None = None) -> FieldMap:
+    """Read a window from a folder of tiles, or from one tile, joined across their borders.
 
-    Parameters
-    ----------
-    path : path
-        Folder, or one tile.
-    variable : str, optional
-        ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; None = by ``quantity``, or the only kind in the
-        folder.
-    window : Window, optional
-        None = all tiles there.
-    quantity : str, optional
-        Must be that of the variable.
-    unit : str, optional
-        Not allowed: the format fixes the unit.
+    Of what can be asked for, the variable is ``ga``, ``dg``, ``xi``, ``eta`` or ``ha``; without it
+    the one of the quantity, or the only kind in the folder. Without a window all tiles there are
+    read.
 
     Returns
     -------
@@ -69,10 +48,11 @@ def read_ggmplus(
     Raises
     ------
     InputError
-        No such tiles, a tile of the wrong size, numbers that cannot be GGMplus.
+        No such tiles, a tile of the wrong size, numbers that cannot be GGMplus, or a unit, which
+        the format fixes.
     """
-    path = Path(path)
-    if unit is not None:
+    variable = asked.variable
+    if asked.unit is not None:
         raise InputError(f"{path}: GGMplus fixes the unit; unit cannot be given")
     single = NAME.fullmatch(path.name)
     if single and path.is_file():
@@ -82,7 +62,7 @@ def read_ggmplus(
     if not path.is_dir():
         raise InputError(f"{path}: no such folder")
     there = [match for item in path.iterdir() if (match := NAME.fullmatch(item.name))]
-    extension = _extension(path, {match.group(5) for match in there}, variable, quantity)
+    extension = _extension(path, {match.group(5) for match in there}, variable, asked.quantity)
     if window is None:
         window = extent_of(match.group() for match in there if match.group(5) == extension)
     return _read_window(path, extension, window)
@@ -140,40 +120,27 @@ def _read_window(folder: Path, extension: str, window: Window) -> FieldMap:
 
 
 def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) -> None:
-    """Copy the part of a tile that lies in ``values``; its cell (0, 0) belongs at row, column
-    ``place``."""
+    """Copy the part of a tile that lies in ``values``, column by column to need no memory; its
+    cell (0, 0) belongs at row, column ``place``."""
     dtype = np.dtype(kind.dtype)
     expected = CELLS * CELLS * dtype.itemsize
-    with reading(path):
+    top, left = place
+    inside = slice(max(-top, 0), min(values.shape[0] - top, CELLS))
+    there = values[max(top, 0) : top + CELLS, max(left, 0) : left + CELLS]
+    with reading(path), path.open("rb") as file:
         size = path.stat().st_size
         if size != expected:
             raise InputError(
                 f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
                 " short?"
             )
-        low, high = math.inf, -math.inf
-        rows = slice(max(-place[0], 0), min(values.shape[0] - place[0], CELLS))
-        for first, last in _blocks(place[1], values.shape[1]):
-            raw = np.memmap(
-                path, dtype, "r", first * CELLS * dtype.itemsize, (last - first, CELLS)
-            )[:, rows].T
-            block = raw * kind.step
-            block[raw == kind.no_data] = np.nan
-            if not np.isnan(block).all():
-                low, high = min(low, float(np.nanmin(block))), max(high, float(np.nanmax(block)))
-            values[
-                place[0] + rows.start : place[0] + rows.stop, place[1] + first : place[1] + last
-            ] = block
-    if low <= high:
-        check_plausible((low, high), kind.quantity, 1.0, str(path), fixed=True)
-
-
-def _blocks(left: int, columns: int) -> Iterator[tuple[int, int]]:
-    """Give runs of columns of a tile that lie in the grid when the tile's first column is the
-    grid's ``left``."""
-    start, stop = max(-left, 0), min(columns - left, CELLS)
-    for first in range(start, stop, _BLOCK):
-        yield first, min(first + _BLOCK, stop)
+        file.seek(max(-left, 0) * CELLS * dtype.itemsize)
+        for column in range(there.shape[1]):
+            raw = np.fromfile(file, dtype, CELLS)[inside]
+            there[:, column] = np.where(raw == kind.no_data, np.nan, raw * kind.step)
+    found = value_range(there)
+    if not math.isnan(found[0]):
+        check_plausible(found, kind.quantity, 1.0, str(path), fixed=True)
 
 
 FORMAT = Format("ggmplus", is_ggmplus, read_ggmplus)

@@ -8,8 +8,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.assemble import said
-from isogal.maps.quantities import QUANTITIES, check_plausible
+from isogal.maps.quantities import QUANTITIES, check_plausible, said
 
 FEWEST = 30
 """Readings that a covariance can be learnt from."""

@@ -43,8 +43,15 @@ def _corner(i: int, j: int, k: int, seed: np.uint64, x: float, y: float, z: floa
 
 @kernel(error_model="numpy")
 def gradient_noise(x: float, y: float, z: float, seed: np.uint64) -> float:
-    """Return the noise at a point in units of the lattice; zero mean, RMS `RMS`, twice
-    continuously differentiable."""
+    """Return the noise at a point; zero mean, RMS `RMS`, twice continuously differentiable.
+
+    Parameters
+    ----------
+    x, y, z : float
+        In units of the lattice.
+    seed : uint64
+        Each gives another field.
+    """
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
     x, y, z = x - i, y - j, z - k
     u = x * x * x * (x * (x * 6.0 - 15.0) + 10.0)

@@ -5,8 +5,7 @@ from functools import partial
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.maps.assemble import assemble, check_size
-from isogal.maps.axes import TooManyCellsError, Window
+from isogal.maps.axes import TooManyCellsError, Window, check_size
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
 from isogal.maps.ggmplus.tiles import cells_of
@@ -52,14 +51,16 @@ def synthetic_map(quantity: str, window: Window, progress: Progress | None = Non
                 max(-side, 0) : len(columns) - side,
             ]
             values[max(top, 0) : top + CELLS, max(side, 0) : side + CELLS] = part
-    return assemble(
+    unit = "m" if quantity == "height" else "m/s²"
+    return FieldMap(
         np.radians(-90.0 + STEP_DEG * (np.array(rows) + 0.5)),
         np.radians(STEP_DEG * (np.array(columns) + 0.5)),
         np.multiply(values, QUANTA[quantity], out=values),
-        unit="m" if quantity == "height" else "m/s²",
+        unit=unit,
         quantity=quantity,
-        where=_NAME,
         quantisation=QUANTA[quantity],
+        provenance=_NAME,
+        file_unit=unit,
     )
 
 
