@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from acceptance_rows import Row
+from closed_loop import jackknife, rms
+from measured_data.matches import Summary
 
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
@@ -14,11 +16,18 @@ from isogal.evaluation.records import Runs
 from isogal.evaluation.summary import plain, posterior_nees, summarise
 from isogal.scenario import Scenario
 
+Value = TypeVar("Value")
+
 FOUND = 500.0
 """m; a start is found while the error is below."""
 WORSE_RMS, WORSE_NEES, WORSE_FOUND = 0.03, 0.1, 0.05
 """What a row may lose: share of its RMS, NEES away from 1, share of starts found."""
 _DIGITS = 4
+
+
+RowFigures = dict[str, str | float | dict[str, float] | list[float | None] | None]
+"""What is kept of a row, in acceptance.json: why there is nothing (`skipped`, `failed`), or what
+`figures_of` and `figures_of_lines` return; None = there is no such number."""
 
 
 @dataclass(frozen=True)
@@ -33,15 +42,6 @@ class Cost:
     """How many times a navigator was told that it has diverged."""
 
 
-def jackknife(statistic: Callable[..., float], *samples: Array) -> tuple[float, float]:
-    """Return a statistic of samples of one length, and its standard error with them as pairs."""
-    value, count = statistic(*samples), len(samples[0])
-    if count < 2:
-        return value, float("nan")
-    without = [statistic(*(np.delete(one, i) for one in samples)) for i in range(count)]
-    return value, float(np.sqrt((count - 1) * np.var(without)))
-
-
 def _apart(statistic: Callable[..., float], now: Array, kept: Array) -> tuple[float, float]:
     """Return a statistic of two samples that have nothing to do with each other."""
     value, first = jackknife(lambda one: statistic(one, kept), now)
@@ -49,13 +49,7 @@ def _apart(statistic: Callable[..., float], now: Array, kept: Array) -> tuple[fl
     return value, float(np.hypot(first, second))
 
 
-def rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def figures_of(
-    row: Row, scenario: Scenario, record: Runs, bound: Array, cost: Cost
-) -> dict[str, Any]:
+def figures_of(row: Row, scenario: Scenario, record: Runs, bound: Array, cost: Cost) -> RowFigures:
     """Return the figures of runs. Errors are of the time after `row.settled`. NEES is that of the
     navigator after each fix, as the README has it; where a start is to be found first, of the time
     after `row.settled` too."""
@@ -100,7 +94,7 @@ def figures_of(
     return _rounded(plain(result))
 
 
-def figures_of_lines(found: dict[str, Any], seconds: float, cost: Cost) -> dict[str, Any]:
+def figures_of_lines(found: Summary, seconds: float, cost: Cost) -> RowFigures:
     """Return the figures of recorded lines: medians, beside the median of the longer 1-sigma."""
     rows = found["rows"]
     error, nees = ([one.get(k) for one in rows] for k in ("error_m", "nees_per_axis"))
@@ -140,7 +134,7 @@ def _mean_of_run(values: Array) -> list[float]:
     return [float(np.nanmean(one)) if np.isfinite(one).any() else np.nan for one in finite]
 
 
-def _rounded(value: Any) -> Any:
+def _rounded(value: Value) -> Value:
     """Return a document with fewer digits."""
     if isinstance(value, dict):
         return {key: _rounded(item) for key, item in value.items()}
@@ -165,7 +159,7 @@ class Comparison:
     """In what it is worse, in words."""
 
 
-def compared(now: dict[str, Any], kept: dict[str, Any] | None) -> Comparison | None:
+def compared(now: RowFigures, kept: RowFigures | None) -> Comparison | None:
     """Return a row beside the kept one, in pairs of runs where both have the same seed; None
     where one of them has no figures.
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import accuracy
+import closed_loop
 import gradiometer
 import mismatch
 import mismatch_rows
@@ -16,15 +16,12 @@ from measured_data.untold import GROUPS
 from mismatch_maps import Maps, coarse_map
 
 from isogal.arrays import Array
-from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.judgement import SETTLED_AFTER
 from isogal.evaluation.records import Runs
-from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import write_atomic
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
 from isogal.scenario.loading import changed_scenario
-from isogal.sensors.trajectory import build_trajectory
 
 AUSTRALIA, KALGOORLIE = "se_australia_gravity.nc", "kalgoorlie_gravity_magnetic.nc"
 SCOTLAND = "scotland_magnetic_map.nc"
@@ -42,13 +39,13 @@ class Place:
     seed: int
     matcher: str | None = None
     """None = the default one."""
+    changes: tuple[str, ...] = ()
+    """Keys of every scenario that are changed, as ``KEY=VALUE``."""
 
 
 def plain_bound(scenario: Scenario, record: Runs, _place: Place) -> Array:
     """Return (K,) m, the RMS bound at the times of a record."""
-    trajectory = build_trajectory(scenario)
-    maps = maps_for_scenario(scenario, trajectory)
-    return posterior_cramer_rao(scenario, trajectory, maps).rms_at(record.time)
+    return closed_loop.bound_of(scenario, record)
 
 
 @dataclass(frozen=True)
@@ -60,6 +57,8 @@ class Row:
     runs: int = FEWER
     quick: bool = False
     """Whether it is one of `--quick`."""
+    named_only: bool = False
+    """Whether it is only done where `--rows` names it."""
     needs: tuple[str, ...] = (AUSTRALIA,)
     """Files of the data."""
     settled: float = SETTLED_AFTER
@@ -77,6 +76,9 @@ class Tracks:
     group: str
     quick: bool = False
     needs: tuple[str, ...] = ()
+    runs: int = 0
+    """All lines, always."""
+    named_only: bool = False
 
 
 def of_settings(*settings: str) -> Callable[[Place], Scenario]:
@@ -88,55 +90,125 @@ def of_settings(*settings: str) -> Callable[[Place], Scenario]:
     return make
 
 
-_NAMES = {
-    "ga 1e-5": "gravity 1 mGal",
-    "ga 2e-4": "gravity 20 mGal",
-    "dg 1e-6": "disturbance 0.1 mGal",
-    "dg 4e-5": "disturbance 4 mGal",
+READINGS = {
+    "gravity 1 mGal": ["gravimeter.quantity=gravity", "gravimeter.sigma=1e-5"],
+    "gravity 20 mGal": ["gravimeter.quantity=gravity", "gravimeter.sigma=2e-4"],
+    "disturbance 0.1 mGal": ["gravimeter.quantity=disturbance", "gravimeter.sigma=1e-6"],
+    "disturbance 4 mGal": ["gravimeter.quantity=disturbance", "gravimeter.sigma=4e-5"],
 }
+GOOD, FINE = READINGS["gravity 1 mGal"], READINGS["disturbance 0.1 mGal"]
+WRONG_3 = ["map_error.sigma=3e-5"]
+MAPS: dict[str, tuple[list[str], list[str]]] = {
+    "exact": ([], ["matcher.map_sigma=0"]),
+    "3 mGal": (WRONG_3, ["matcher.map_sigma=3e-5"]),
+    "8 mGal": (["map_error.sigma=8e-5"], ["matcher.map_sigma=8e-5"]),
+}
+"""How wrong the map is, and what tells the matcher so."""
+EXACT, TOLD_3 = MAPS["exact"][1], [*WRONG_3, *MAPS["3 mGal"][1]]
+AUTO, APART = ["matcher.map_sigma=auto"], ["matcher.stride=30"]
+BIASED = ["gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"]
+"""5 mGal and 1 mGal per hour, 1-sigma."""
+TURNS = [mismatch_rows.TURNS]
 
 
 def of_the_readme(known: str) -> list[Row]:
     """Return the rows of the README's table, with nothing told or told."""
-    told = accuracy.UNTOLD if known == "nothing told" else accuracy.TOLD
     return [
         Row(
             f"{name}, map {error}, {known}",
-            of_settings(*accuracy.CASES[f"{case} {error}{told}"]),
+            of_settings(*readings, *wrong, *(told if known == "told" else ())),
             runs=40,
             quick=known == "nothing told",
         )
-        for error in ("exact", "3 mGal", "8 mGal")
-        for case, name in _NAMES.items()
+        for error, (wrong, told) in MAPS.items()
+        for name, readings in READINGS.items()
     ]
+
+
+def hidden(kilometres: int, *settings: str, duration: int = 5400) -> Callable[[Place], Scenario]:
+    """Return what makes a scenario whose start is further off than the navigator believes."""
+    off = f"initial_error.hidden_position={1000 * kilometres}"
+    return of_settings(*GOOD, *settings, off, f"route.duration={duration}")
 
 
 def of_gravity() -> list[Row]:
     """Return rows of a biased gravimeter, of hidden and of uncertain starts: nothing told of
     map and readings."""
-    untold, found = accuracy.UNTOLD, (30, 45, 60, 75)
+    found = (30, 45, 60, 75)
     uncertain = "initial_error.position=5000", "route.duration=5400"
-    wrong = "map_error.sigma=3e-5"
     biased = "gravimeter bias 5 mGal, drift 1 mGal/h, map exact, nothing told"
     return [
-        Row(biased, of_settings(*accuracy.GOOD, *accuracy.BIASED), runs=40, quick=True),
+        Row(biased, of_settings(*GOOD, *BIASED), runs=40, quick=True),
         *(
             Row(
                 f"hidden start 10 km, map {error}",
-                of_settings(*accuracy.CASES[f"hidden 10 km{case}{untold}"]),
+                hidden(10, *MAPS[error][0], duration=duration),
                 quick=True,
                 minutes=found,
             )
-            for error, case in (("exact", ""), ("3 mGal", ", 3 mGal"))
+            for error, duration in (("exact", 5400), ("3 mGal", 7200))
         ),
         *(
             Row(
                 f"start uncertain by 5 km, map {error}",
-                of_settings(*accuracy.GOOD, *uncertain, *more),
-                quick=not more,
+                of_settings(*GOOD, *uncertain, *MAPS[error][0]),
+                quick=error == "exact",
                 minutes=found,
             )
-            for error, more in (("exact", ()), ("3 mGal", (wrong,)))
+            for error in ("exact", "3 mGal")
+        ),
+    ]
+
+
+def of_assumptions() -> list[Row]:
+    """Return more rows of gravity, each only where it is named: batches that do not overlap,
+    assumptions that are wrong, outliers, biases, turns, hidden and uncertain starts."""
+    told_bias = [*BIASED, "matcher.bias_sigma=5e-5"]
+    uncertain = ["initial_error.position=10000", "route.duration=3600"]
+    length = "matcher.map_correlation_length"
+    cases = {
+        f"{name}, map {error}": [*readings, *wrong, *told, *APART]
+        for error, (wrong, told) in MAPS.items()
+        for name, readings in READINGS.items()
+    } | {
+        "sigma x 2": [*GOOD, *WRONG_3, "matcher.map_sigma=6e-5", *APART],
+        "sigma / 2": [*GOOD, *WRONG_3, "matcher.map_sigma=1.5e-5", *APART],
+        "L x 2": [*GOOD, *TOLD_3, f"{length}=8000", *APART],
+        "L / 2": [*GOOD, *TOLD_3, f"{length}=2000", *APART],
+        "gravity, auto": [*GOOD, *WRONG_3, *AUTO, *APART],
+        "disturbance, auto": [*FINE, *WRONG_3, *AUTO, *APART],
+        "5 % outliers": [*GOOD, *EXACT, "gravimeter.outlier_fraction=0.05", *APART],
+        "gravity, map 3 mGal, stride 5": [*GOOD, *TOLD_3, "matcher.stride=5"],
+        "gravity, map exact, stride 5": [*GOOD, *EXACT, "matcher.stride=5"],
+        "disturbance, map exact, stride 5": [*FINE, *EXACT, "matcher.stride=5"],
+        "bias told": [*GOOD, *EXACT, *told_bias, *APART],
+        "bias untold": [*GOOD, *EXACT, *BIASED, *APART],
+        "bias, auto": [*GOOD, *BIASED, *AUTO, *APART],
+        "map 3 mGal, bias told": [*GOOD, *TOLD_3, *told_bias, *APART],
+        "map 3 mGal, bias untold": [*GOOD, *TOLD_3, *BIASED, *APART],
+        "map 3 mGal, bias, auto": [*GOOD, *BIASED, *WRONG_3, *AUTO, *APART],
+        "turns": [*GOOD, *EXACT, *TURNS, *APART],
+        "turns, pmht-paper": [*GOOD, *TURNS, "matcher.name=pmht-paper", *APART],
+    }
+    starts = {
+        "start uncertain by 10 km": of_settings(*GOOD, *EXACT, *uncertain, *APART),
+        "start uncertain by 10 km, 3 mGal": of_settings(*GOOD, *TOLD_3, *uncertain, *APART),
+    }
+    for far in (5, 10, 20):
+        starts |= {
+            f"hidden {far} km": hidden(far, *EXACT, *APART),
+            f"hidden {far} km, nothing told": hidden(far),
+            f"hidden {far} km, 3 mGal": hidden(far, *TOLD_3, *APART, duration=7200),
+            f"hidden {far} km, 3 mGal, nothing told": hidden(far, *WRONG_3, duration=7200),
+        }
+    return [
+        *(
+            Row(f"more: {name}", of_settings(*keys), named_only=True)
+            for name, keys in cases.items()
+        ),
+        *(
+            Row(f"more: {name}", make, named_only=True, settled=0.0, minutes=(45, 60))
+            for name, make in starts.items()
         ),
     ]
 
@@ -197,13 +269,10 @@ def of_gradients() -> list[Row]:
     }
     rows = []
     for case, kinds in chosen.items():
-        keys, always = gradiometer.CASES[case]
         for kind in kinds:
-            section = "truth.gradiometer" if kind == "untold" else "gradiometer"
-            first = [text for text in gradiometer.BASE if kind != "nothing told" or
-                     not text.startswith("matcher.map_")]  # fmt: skip
-            settings = [*first, *(f"gradiometer.{key}" for key in always)]
-            settings += [f"{section}.{key}" for key in keys]
+            settings = gradiometer.settings_of(case, kind.removeprefix("nothing "))
+            if kind == "nothing told":
+                settings = [text for text in settings if not text.startswith("matcher.map_")]
             name = case.replace("the same", "platform tilted by 5 mrad")
             quick = (case, kind) == ("nothing more", "told")
             rows.append(Row(f"gradiometer: {name}, {kind}", of_settings(*settings), quick=quick))
@@ -307,10 +376,10 @@ def of_retrodiction() -> list[Row]:
     return [
         Row(
             f"retrodiction: gravity 1 mGal, map {error}, nothing told",
-            of_settings(*accuracy.GOOD, "matcher.mode=retrodiction", *wrong),
+            of_settings(*GOOD, "matcher.mode=retrodiction", *MAPS[error][0]),
             quick=error == "exact",
         )
-        for error, wrong in (("exact", ()), ("3 mGal", ("map_error.sigma=3e-5",)))
+        for error in ("exact", "3 mGal")
     ]
 
 
@@ -327,13 +396,14 @@ def all_rows() -> list[Row | Tracks]:
         *of_several(),
         *of_aircraft(),
         *of_retrodiction(),
+        *of_assumptions(),
     ]
 
 
 def scenario_of(row: Row, place: Place) -> Scenario:
     """Return the scenario of a row, with the seed and the matcher that are asked for."""
     place.out.mkdir(parents=True, exist_ok=True)
-    changes = [f"seed={place.seed}"]
+    changes = [f"seed={place.seed}", *place.changes]
     if place.matcher is not None:
         changes.append(f"matcher.name={place.matcher}")
     return changed_scenario(row.make(place), changes, row.name)

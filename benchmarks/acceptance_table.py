@@ -1,21 +1,62 @@
 """The table of `acceptance.py`."""
 
 import math
-from typing import Any
+from collections.abc import Callable, Mapping
 
-from acceptance_figures import Comparison, compared
+from acceptance_figures import Comparison, RowFigures, compared
 from rich.console import Console
 from rich.table import Table
 
-HEAD = (
-    *("runs", "RMS m", "kept", "pair", "bound", "ratio", "INS", "NEES", "kept", "found %"),
-    *("div", "decl", "> 5σ", "fix ms", "99 %", "max", "kept ms", "h/CPU s", "kept", "MB", "worse"),
+
+def _number(value: float | None, digits: int = 3) -> str:
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}"
+
+
+def _found(row: RowFigures) -> str:
+    return " ".join(f"{100 * share:.0f}" for share in row.get("found", {}).values())
+
+
+def _ratio(row: RowFigures) -> str:
+    error = row.get("ratio_error")
+    return _number(row["ratio"]) + ("" if error is None else f"±{error:.2f}")
+
+
+def _pair(both: Comparison | None) -> str:
+    return "–" if both is None else f"{both.ratio:.3f}±{both.ratio_error:.3f}"
+
+
+Cell = Callable[[RowFigures, RowFigures, Comparison | None], str]
+CELLS: tuple[tuple[str, Cell], ...] = (
+    ("runs", lambda row, kept, both: str(row["runs"])),
+    ("RMS m", lambda row, kept, both: _number(row["rms"])),
+    ("kept", lambda row, kept, both: _number(kept.get("rms"))),
+    ("pair", lambda row, kept, both: _pair(both)),
+    ("bound", lambda row, kept, both: _number(row["bound"])),
+    ("ratio", lambda row, kept, both: _ratio(row)),
+    ("INS", lambda row, kept, both: _number(row.get("unaided"))),
+    ("NEES", lambda row, kept, both: _number(row["nees"])),
+    ("kept", lambda row, kept, both: _number(kept.get("nees"))),
+    ("found %", lambda row, kept, both: _found(row)),
+    ("div", lambda row, kept, both: str(row.get("diverged", "–"))),
+    ("decl", lambda row, kept, both: str(row.get("declined", "–"))),
+    ("> 5σ", lambda row, kept, both: str(row.get("beyond_claim", "–"))),
+    ("fix ms", lambda row, kept, both: _number(row["fix_ms"].get("median"))),
+    ("99 %", lambda row, kept, both: _number(row["fix_ms"].get("p99"))),
+    ("max", lambda row, kept, both: _number(row["fix_ms"].get("max"))),
+    ("kept ms", lambda row, kept, both: _number(kept.get("fix_ms", {}).get("median"))),
+    ("h/CPU s", lambda row, kept, both: _number(row.get("run_hours_per_cpu_s"))),
+    ("kept", lambda row, kept, both: _number(kept.get("run_hours_per_cpu_s"))),
+    ("MB", lambda row, kept, both: f"{row['memory_mb']:.0f}"),
+    ("worse", lambda row, kept, both: ", ".join(both.worse) if both else ""),
 )
+"""Of a row beside the kept one, by the columns' heads."""
 WIDE = 210
 """Columns: a narrower terminal breaks lines, but no number is cut (`make accept | less -S`)."""
 
 
-def line_of(name: str, row: dict[str, Any], seconds: float) -> str:
+def line_of(name: str, row: RowFigures, seconds: float) -> str:
     """Return a line about a row that has just been done."""
     if "rms" not in row:
         return f"{name}: {'; '.join(f'{key}: {value}' for key, value in row.items())}"
@@ -26,18 +67,19 @@ def line_of(name: str, row: dict[str, Any], seconds: float) -> str:
     )
 
 
-def print_table(now: dict[str, Any], kept: dict[str, Any]) -> None:
+def print_table(now: Mapping[str, RowFigures], kept: Mapping[str, RowFigures]) -> None:
     """Print all rows beside the kept ones, then what they took."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     table.add_column("row", overflow="fold", max_width=60)
-    for title in HEAD:
+    for title, _ in CELLS:
         table.add_column(title, justify="right", no_wrap=True)
     for name, row in now.items():
         before = kept.get(name, {})
         if "rms" in row:
             both = compared(row, kept.get(name))
             style = "red" if both and both.worse else None
-            table.add_row(name, *cells_of(row, before, both), style=style)
+            cells = (cell(row, before, both) for _, cell in CELLS)
+            table.add_row(name, *cells, style=style)
         else:
             reason = "; ".join(f"{key}: {value}" for key, value in row.items())
             table.add_row(f"{name} – {reason}", style="red" if "failed" in row else "dim")
@@ -46,45 +88,7 @@ def print_table(now: dict[str, Any], kept: dict[str, Any]) -> None:
     console.print(_totals(now))
 
 
-def cells_of(row: dict[str, Any], kept: dict[str, Any], both: Comparison | None) -> list[str]:
-    """Return the cells of a row, in the order of `HEAD`."""
-    fix, fix_kept = row["fix_ms"], kept.get("fix_ms", {})
-    pair = "–" if both is None else f"{both.ratio:.3f}±{both.ratio_error:.3f}"
-    ratio = _number(row["ratio"])
-    if row.get("ratio_error") is not None:
-        ratio += f"±{row['ratio_error']:.2f}"
-    return [
-        str(row["runs"]),
-        _number(row["rms"]),
-        _number(kept.get("rms")),
-        pair,
-        _number(row["bound"]),
-        ratio,
-        _number(row.get("unaided")),
-        _number(row["nees"]),
-        _number(kept.get("nees")),
-        _found(row) or "",
-        *(str(row.get(key, "–")) for key in ("diverged", "declined", "beyond_claim")),
-        *(_number(fix.get(key)) for key in ("median", "p99", "max")),
-        _number(fix_kept.get("median")),
-        _number(row.get("run_hours_per_cpu_s")),
-        _number(kept.get("run_hours_per_cpu_s")),
-        f"{row['memory_mb']:.0f}",
-        ", ".join(both.worse) if both else "",
-    ]
-
-
-def _found(row: dict[str, Any]) -> str:
-    return " ".join(f"{100 * share:.0f}" for share in row.get("found", {}).values())
-
-
-def _number(value: float | None, digits: int = 3) -> str:
-    if value is None or not math.isfinite(value):
-        return "–"
-    return f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}"
-
-
-def _totals(now: dict[str, Any]) -> str:
+def _totals(now: Mapping[str, RowFigures]) -> str:
     """Return in a line what the rows took."""
     rows = [row for row in now.values() if "run_hours_per_cpu_s" in row]
     if not rows:

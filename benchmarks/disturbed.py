@@ -8,11 +8,11 @@ the same runs without: RMS error after half an hour, of an outage over the last 
 axis. Of late fixes it also says what the delay alone costs, where matching knows nothing of it:
 what has not come yet cannot be used."""
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import closed_loop
 import numpy as np
 
 from isogal.arrays import Array, Integers
@@ -188,13 +188,8 @@ CASES: dict[str, Callable[[Scenario, int], Run]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--runs", type=int, default=16)
+    parser = closed_loop.parser(__doc__, "set", runs=16, duration=9000.0)
     parser.add_argument("--only", default="", help="cases whose names have this in them")
-    parser.add_argument("--duration", type=float, default=9000.0, help="s to simulate")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     options = parser.parse_args()
     scenario = load_scenario(None, [*options.set, f"route.duration={options.duration}"])
     cases = {name: fly for name, fly in CASES.items() if options.only in name or "un" in name}

@@ -6,25 +6,11 @@
 Standard aiding every 30 scans on an exact map, as in the paper. Prints a table of RMS errors, and
 puts it into a page between its marks."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from pathlib import Path
-
+import closed_loop
 import numpy as np
-from pages import write_between
 
-from isogal.evaluation.judgement import SETTLED_AFTER
+from isogal.arrays import Array
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import summarise
-from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 
 ROWS = {
@@ -44,60 +30,35 @@ WORLDS = {
     "sensed, not specified": ("gravity.field=normal", "truth.gravity.field=map"),
 }
 COMMON = ("matcher.batch_length=30", "matcher.stride=30", "matcher.map_sigma=0")
-CHUNK = 6
-"""Runs of a job."""
-MARKS = "<!-- table of benchmarks/felt_gravity.py -->", "<!-- end of the table -->"
-HEAD = (
-    "| readings | matcher | world | unaided (m) | RMS after 1 h (m) | NEES at all scans | good |\n"
-    "|---|---|---|---|---|---|---|"
-)
+COLUMNS = {
+    "unaided (m)": "{unaided:.0f}",
+    "RMS after 1 h (m)": "{rms:.1f}",
+    "NEES at all scans": "{nees_all_scans:.3g}",
+    "good": "{good_percent:.0f} %",
+}
+MARKS = closed_loop.marks_of(__file__)
 
 
-def line(row: str, matcher: str, world: str, scenario: Scenario, record: Runs) -> str:
-    """Return a line of the table."""
-    late = record.elapsed > SETTLED_AFTER
-    unaided, aided = (
-        np.sqrt((error[:, late] ** 2).mean())
-        for error in (record.unaided_horizontal_error, record.horizontal_error)
-    )
-    summary = summarise(record, scenario, np.full(len(record.time), np.nan))
-    nees, share = summary["nees_all_scans"]["mean"], summary["judgement"]["share"]["good"]
-    return (
-        f"| {row} | `{matcher}` | {world} | {unaided:.0f} | {aided:.1f} | {nees:.3g} |"
-        f" {100 * share:.0f} % |"
-    )
-
-
-def lines(runs: int, map_file: str, pool: ProcessPoolExecutor) -> Iterator[str]:
-    """Measure all cases, and yield a line for each."""
-    for row, readings in ROWS.items():
-        for matcher in MATCHERS:
-            for world, gravity in WORLDS.items():
-                settings = [*COMMON, *readings, *gravity, f"matcher.name={matcher}"]
-                scenario = load_scenario(None, [*settings, f"map.source={map_file}"])
-                parts = [range(k, min(k + CHUNK, runs)) for k in range(0, runs, CHUNK)]
-                record = Runs.concatenate(list(pool.map(partial(simulate, scenario), parts)))
-                yield line(row, matcher, world, scenario, record)
+def no_bound(_scenario: Scenario, record: Runs) -> Array:
+    """Return NaN: nothing is compared with a bound here."""
+    return np.full(record.time.shape, np.nan)
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = closed_loop.parser(__doc__, "workers", "page", runs=24)
     parser.add_argument("--map", required=True, help="of gravity and the disturbance")
-    parser.add_argument("--runs", type=int, default=24)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--page", type=Path, help="page whose table is replaced")
     options = parser.parse_args()
-    found = [f"{options.runs} runs of each:", "", HEAD]
-    print(HEAD)
-    with ProcessPoolExecutor(options.workers) as pool:
-        for text in lines(options.runs, options.map, pool):
-            found.append(text)
-            print(text, flush=True)
-    if options.page:
-        write_between(options.page, MARKS, "\n".join(found))
+    cases = {}
+    for row, readings in ROWS.items():
+        for matcher in MATCHERS:
+            for world, gravity in WORLDS.items():
+                keys = [*COMMON, *readings, *gravity, f"matcher.name={matcher}"]
+                scenario = load_scenario(None, [*keys, f"map.source={options.map}"])
+                cases[row, f"`{matcher}`", world] = scenario
+    head = ("readings", "matcher", "world")
+    table = closed_loop.study(head, cases, COLUMNS, options, bound=no_bound)
+    closed_loop.write_between(options.page, MARKS, f"{options.runs} runs of each:\n\n{table}")
 
 
 if __name__ == "__main__":

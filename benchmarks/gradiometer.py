@@ -6,24 +6,12 @@
 Ratio is the RMS error of all scans after the first half hour over the RMS bound of that world at
 the same scans, for a navigator that learns at the ends of batches."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
-import json
+from functools import partial
 from pathlib import Path
 
-import numpy as np
+import closed_loop
 
-from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.consistency import nees_per_axis
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.montecarlo.engine import simulate
-from isogal.scenario import Scenario, load_scenario
-from isogal.sensors.trajectory import build_trajectory
+from isogal.scenario import load_scenario
 
 BASE = (
     "field=gradient",
@@ -57,60 +45,40 @@ CASES = {
     "all, and 1 mrad over an hour": ((*LESS, *OFFSET, *WALK), POTENTIAL),
 }
 """Keys of the gradiometer that are told or not, and keys that are told in any case."""
-_SETTLED = 1800.0
+SETTLED = 1800.0
+"""s, from when on errors count."""
+COLUMNS = {
+    "RMS, m": "{rms:.1f}",
+    "bound, m": "{bound:.1f}",
+    "ratio": "{ratio:.2f} ± {ratio_error:.2f}",
+    "NEES": "{nees_settled:.2f}",
+    "at all scans": "{nees_all_scans:.2f}",
+    "ms per fix": "{fix_ms:.0f}",
+}
 
 
-def study(scenario: Scenario, runs: range) -> dict[str, float]:
-    """Return RMS error (m), bound and NEES of some runs."""
-    trajectory = build_trajectory(scenario)
-    field_map = map_for_scenario(scenario, trajectory)
-    found = simulate(scenario, runs, field_map)
-    bound = posterior_cramer_rao(scenario, trajectory, field_map, batchwise=True)
-    late = found.time > _SETTLED
-    error, covariance = found.error[:, late], found.covariance[:, late]
-    limit = float(np.sqrt((bound.rms_at(found.time[late]) ** 2).mean()))
-    squared = (error**2).sum(axis=-1).mean(axis=1)
-    rms = float(np.sqrt(squared.mean()))
-    return {
-        "rms": rms,
-        "bound": limit,
-        "ratio": rms / limit,
-        "ratio_error": float(squared.std() / np.sqrt(len(squared)) / (2.0 * rms) / limit),
-        "nees_all_scans": float(np.mean(nees_per_axis(found.error, found.covariance))),
-        "nees": float(np.mean(nees_per_axis(error, covariance))),
-        "fix_ms": float(1e3 * np.nanmedian(found.fix_seconds)),
-    }
+def settings_of(case: str, kind: str) -> list[str]:
+    """Return the settings of a case whose errors are told or not."""
+    keys, always = CASES[case]
+    section = "gradiometer" if kind == "told" else "truth.gradiometer"
+    known = (f"gradiometer.{key}" for key in always)
+    return [*BASE, *known, *(f"{section}.{key}" for key in keys)]
 
 
 def main() -> None:
     """Run all cases and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=16)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--case", action="append", help="of the table, by its beginning")
-    parser.add_argument("--out", type=Path, default=Path("out/gradiometer"))
+    out = Path("out/gradiometer")
+    parser = closed_loop.parser(__doc__, "case", "workers", runs=16, out=out)
+    parser.add_argument("--first", type=int, default=0, help="number of the first run")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    table = {}
-    print("| what errs | | RMS, m | bound, m | ratio | NEES | at all scans | ms per fix |")
-    print("|---|---|---|---|---|---|---|---|", flush=True)
-    for name, (keys, always) in CASES.items():
-        if options.case and not any(name.startswith(one) for one in options.case):
-            continue
-        known = [f"gradiometer.{key}" for key in always]
-        for kind, section in (("told", "gradiometer"), ("untold", "truth.gradiometer")):
-            if kind == "untold" and not keys:
-                continue
-            items = [*BASE, *known, *(f"{section}.{key}" for key in keys)]
-            runs = range(options.first, options.first + options.runs)
-            table[f"{name}, {kind}"] = one = study(load_scenario(None, items), runs)
-            print(
-                f"| {name} | {kind} | {one['rms']:.1f} | {one['bound']:.1f}"
-                f" | {one['ratio']:.2f} ± {one['ratio_error']:.2f} | {one['nees']:.2f}"
-                f" | {one['nees_all_scans']:.2f} | {one['fix_ms']:.0f} |",
-                flush=True,
-            )
-            (options.out / "results.json").write_text(json.dumps(table, indent=1))
+    cases = {
+        (name, kind): load_scenario(None, settings_of(name, kind))
+        for name, (keys, _) in CASES.items()
+        for kind in ("told", "untold")
+        if closed_loop.matching(name, options.case) and (kind == "told" or keys)
+    }
+    bound = partial(closed_loop.bound_of, batchwise=True)
+    closed_loop.study(("what errs", ""), cases, COLUMNS, options, bound=bound, settled=SETTLED)
 
 
 if __name__ == "__main__":

@@ -5,26 +5,37 @@
 Runs the scenario as four node processes and a recorder, then in one process, then once more in one
 process with clocks on every callback."""
 
-import argparse
 import json
 import tempfile
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+import closed_loop
 import psutil
+from clock import Clock
+from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.scenario import Scenario, load_scenario
+from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags import recorder as recorder_module
-from isogal_ros.graph.in_process import run_in_process
 from isogal_ros.graph.plan import CLASSES, Plan
-from isogal_ros.graph.processes import run_processes
+from isogal_ros.graph.running import run_in_process, run_processes
 from isogal_ros.nodes import base as node_module
 from isogal_ros.nodes.signals import interrupts
+from isogal_ros.topics import Topic
 
+Handler = Callable[..., None]
+
+
+Figures = dict[str, float | dict[str, dict[str, float]] | list[dict[str, str | float]]]
+"""Times, and figures of processes or parts."""
 SAMPLE_EVERY = 0.25
 """s between looks at the processes."""
 
@@ -51,19 +62,17 @@ class Usage(threading.Thread):
                     continue
 
 
-def as_processes(scenario: Scenario, folder: Path) -> dict[str, Any]:
+def as_processes(scenario: Scenario, folder: Path) -> Figures:
     usage = Usage()
     usage.start()
     begun = time.monotonic()
     with interrupts() as interrupt:
-        outcome = run_processes(
-            Plan(scenario, folder / "bag"), folder / "log", interrupt, lambda progress: None
-        )
+        wall = run_processes(Plan(scenario, folder / "bag"), folder / "log", interrupt)
     total = time.monotonic() - begun
     usage.done.set()
     usage.join()
     return {
-        "wall_s": outcome.wall_seconds,
+        "wall_s": wall,
         "with_start_and_end_s": total,
         "processes": {
             name: {"rss_mb": usage.peak[name], "cpu_s": usage.seconds[name]}
@@ -72,138 +81,95 @@ def as_processes(scenario: Scenario, folder: Path) -> dict[str, Any]:
     }
 
 
-def in_one_process(scenario: Scenario, folder: Path) -> dict[str, Any]:
+def in_one_process(scenario: Scenario, folder: Path) -> dict[str, float]:
     with interrupts() as interrupt:
-        outcome = run_in_process(Plan(scenario, folder / "bag"), interrupt, lambda progress: None)
-    return {"wall_s": outcome.wall_seconds, "rss_mb": psutil.Process().memory_info().rss / 1e6}
+        wall = run_in_process(Plan(scenario, folder / "bag"), interrupt)
+    return {"wall_s": wall, "rss_mb": psutil.Process().memory_info().rss / 1e6}
 
 
-class Clocks:
-    """Adds up the time in callbacks and in publishing; a publication inside a callback counts as
-    publication only."""
-
-    def __init__(self) -> None:
-        self.calls: dict[str, int] = defaultdict(int)
-        self.seconds: dict[str, float] = defaultdict(float)
-        self.publishing = 0.0
-
-    def around(self, name: str, function: Any) -> Any:
-        def timed(*arguments: Any) -> Any:
-            begun, published = time.perf_counter(), self.publishing
-            try:
-                return function(*arguments)
-            finally:
-                self.calls[name] += 1
-                self.seconds[name] += time.perf_counter() - begun - (self.publishing - published)
-
-        return timed
-
-    def install(self) -> None:
-        listen, publish = node_module.GraphNode.listen, Publisher.publish
-        subscribe = recorder_module.RecorderNode.create_subscription
-
-        def timed_listen(this: Any, topic: Any, handler: Any, raw: bool = False) -> Any:
-            return listen(
-                this, topic, self.around(f"{this.get_name()}: {topic.name}", handler), raw
-            )
-
-        def timed_publish(this: Any, message: Any) -> None:
-            begun = time.perf_counter()
-            publish(this, message)
-            self.publishing += time.perf_counter() - begun
-            self.calls["publish: serialise and send"] += 1
-
-        def timed_subscribe(
-            this: Any, kind: Any, name: str, callback: Any, *rest: Any, **keys: Any
-        ) -> Any:
-            return subscribe(
-                this, kind, name, self.around("isogal_recorder: write", callback), *rest, **keys
-            )
-
-        node_module.GraphNode.listen = timed_listen  # type: ignore[method-assign]
-        recorder_module.RecorderNode.create_subscription = timed_subscribe
-        Publisher.publish = timed_publish
+PUBLISH = "publish: serialise and send"
 
 
-def where_time_goes(scenario: Scenario, folder: Path) -> dict[str, Any]:
-    clocks = Clocks()
-    clocks.install()
+def watch_callbacks(clock: Clock) -> None:
+    """Time every callback of the nodes and the recorder, and publishing: what is published inside
+    a callback counts as publication only."""
+    listen = node_module.GraphNode.listen
+    subscribe = recorder_module.RecorderNode.create_subscription
+
+    def timed_listen(
+        node: node_module.GraphNode, topic: Topic, handler: Handler, raw: bool = False
+    ) -> Subscription:
+        return listen(node, topic, clock.timed(f"{node.get_name()}: {topic.name}", handler), raw)
+
+    def timed_subscribe(
+        node: Node, kind: type, name: str, callback: Handler, *rest: QoSProfile, **keys: bool
+    ) -> Subscription:
+        timed = clock.timed("isogal_recorder: write", callback)
+        return subscribe(node, kind, name, timed, *rest, **keys)
+
+    node_module.GraphNode.listen = timed_listen
+    recorder_module.RecorderNode.create_subscription = timed_subscribe
+    clock.watch(PUBLISH, Publisher, "publish")
+
+
+def where_time_goes(scenario: Scenario, folder: Path) -> Figures:
+    clock = Clock(time.perf_counter)
+    watch_callbacks(clock)
     wall = in_one_process(scenario, folder)["wall_s"]
-    clocks.seconds["publish: serialise and send"] = clocks.publishing
-    rest = wall - sum(clocks.seconds.values())
-    clocks.seconds["executor: take, decode, dispatch (the rest)"] = rest
-    rows = sorted(clocks.seconds.items(), key=lambda item: -item[1])
+    rest = "executor: take, decode, dispatch (the rest)"
+    clock.seconds[rest] = wall - sum(clock.seconds.values())
+    rows = sorted(clock.seconds.items(), key=lambda item: -item[1])
     return {
         "wall_s": wall,
         "parts": [
-            {"part": name, "calls": clocks.calls[name], "seconds": seconds}
+            {"part": name, "calls": len(clock.calls[name]), "seconds": seconds}
             for name, seconds in rows
         ],
     }
 
 
-def show(result: dict[str, Any]) -> None:
+def show(result: dict[str, float | Figures]) -> None:
     simulated = result["simulated_s"]
     processes, one, parts = result["processes"], result["in_process"], result["where_time_goes"]
-
-    def speed(wall: float) -> str:
-        return f"{wall:7.1f} s   {simulated / wall:6.0f} x real time"
-
+    runs = [
+        ["four processes and recorder", processes["wall_s"], None],
+        *(
+            [f"  {name}", usage["cpu_s"], usage["rss_mb"]]
+            for name, usage in processes["processes"].items()
+        ),
+        ["one process", one["wall_s"], one["rss_mb"]],
+    ]
     print(
         f"Scenario of {simulated:.0f} s, {psutil.cpu_count()} processors, load before the start"
-        f" {result['load']:.1f}\n"
+        f" {result['load']:.1f}; processes with start and end"
+        f" {processes['with_start_and_end_s']:.1f} s.\n"
     )
-    print(
-        f"four processes and recorder {speed(processes['wall_s'])}  "
-        f" ({processes['with_start_and_end_s']:.1f} s with start and end)"
+    rows = (
+        [name, f"{wall:.1f}", f"{simulated / wall:.0f}", "" if memory is None else f"{memory:.0f}"]
+        for name, wall, memory in runs
     )
-    for name, usage in processes["processes"].items():
-        print(
-            f"  {name:<25} {usage['cpu_s']:7.1f} s of processor   {usage['rss_mb']:6.0f} MB"
-            " resident at most"
-        )
-    print(
-        f"one process                 {speed(one['wall_s'])}   {one['rss_mb']:6.0f} MB resident\n"
-    )
-    print(f"Where the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):")
-    for row in parts["parts"]:
-        each = (
-            f"{row['seconds'] / row['calls'] * 1e6:8.0f} us each of {row['calls']}"
-            if row["calls"]
-            else ""
-        )
-        print(f"  {row['seconds']:7.2f} s  {row['part']:<44} {each}")
+    head = ("run, or process", "s (of processes: CPU)", "x real time", "MB resident at most")
+    print(closed_loop.markdown(head, rows))
+    print(f"\nWhere the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):\n")
+    rows = ([row["part"], f"{row['seconds']:.2f}", f"{row['calls']}"] for row in parts["parts"])
+    print(closed_loop.markdown(("part", "s", "calls"), rows))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--duration", type=float, help="s to simulate; default: the scenario's")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change a key of the scenario",
-    )
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
+    options = closed_loop.parser(__doc__, "duration", "set", "json").parse_args()
     changes = options.set + ([f"route.duration={options.duration}"] if options.duration else [])
     scenario = load_scenario(None, changes)
-    from isogal.fields.scenario_map import map_for_scenario
-    from isogal.sensors.trajectory import build_trajectory
-
     trajectory = build_trajectory(scenario)
     map_for_scenario(scenario, trajectory)  # made once, so that no run makes it
-    result: dict[str, Any] = {
-        "simulated_s": float(trajectory.time[-1]),
-        "load": psutil.getloadavg()[0],
-    }
+    load = psutil.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
-        result["processes"] = as_processes(scenario, Path(folder))
-        result["in_process"] = in_one_process(scenario, Path(folder))
-        result["where_time_goes"] = where_time_goes(scenario, Path(folder))
+        result = {
+            "simulated_s": float(trajectory.time[-1]),
+            "load": load,
+            "processes": as_processes(scenario, Path(folder)),
+            "in_process": in_one_process(scenario, Path(folder)),
+            "where_time_goes": where_time_goes(scenario, Path(folder)),
+        }
     if options.json:
         print(json.dumps(result, indent=2))
     else:

@@ -9,17 +9,10 @@ of the workers are added up. The exponent is the slope of the logarithms over th
 the sizes; memory is what comes on top of the imported program. The routes of up to 6,000 km lie
 over GGMplus tiles that are made first, in a temporary folder (250 MB)."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
 import argparse
 import json
 import math
 import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -28,6 +21,7 @@ from dataclasses import dataclass
 from multiprocessing import forkserver
 from pathlib import Path
 
+import closed_loop
 import numpy as np
 from long_routes import make_tiles
 from long_routes import settings as long_route
@@ -82,12 +76,7 @@ def make_map(path: Path, thousands: int) -> None:
         side * np.linspace(-0.5, 0.5, count)
         for side, count in zip(SIDES, (rows, columns), strict=True)
     )
-    values = np.full((rows, columns), 9.8)
-    for k, length in enumerate(WAVES):
-        angle = 0.4 + 2.4 * k
-        phase = 2.0 * math.pi / length
-        wave = np.exp(1j * phase * math.sin(angle) * east)
-        values += 1e-5 * (np.exp(1j * phase * math.cos(angle) * north)[:, None] * wave).real
+    values = 9.8 + 1e-5 * closed_loop.plane_waves(WAVES, north, east)
     middle = len(route.latitude) // 2
     latitude = route.latitude[middle] + north / 6371.0
     longitude = route.longitude[middle] + east / 6371.0 / math.cos(route.latitude[middle])
@@ -116,7 +105,7 @@ def case(name: str, size: int, folder: Path) -> tuple[Scenario, int]:
 
 def measure(name: str, size: int, folder: Path) -> dict[str, float]:
     """Compute one size here; return CPU seconds and the growth of the peak of memory, MB."""
-    before = _peaks()
+    before = closed_loop.peak_memory()
     scenario, runs = case(name, size, folder)
     begun = time.process_time()
     if name == "workers":
@@ -130,12 +119,7 @@ def measure(name: str, size: int, folder: Path) -> dict[str, float]:
     below = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = time.process_time() - begun + below.ru_utime + below.ru_stime
     workers = size * below.ru_maxrss / 1024.0 if name == "workers" else 0.0
-    return {"cpu_s": cpu, "memory_mb": _peaks() - before + workers}
-
-
-def _peaks() -> float:
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
+    return {"cpu_s": cpu, "memory_mb": closed_loop.peak_memory() - before + workers}
 
 
 def exponent(sizes: Sequence[int], values: Sequence[float]) -> float:
@@ -166,9 +150,7 @@ def grow(name: str) -> str:
         for size in (axis.sizes[0], *axis.sizes):  # the first once more: it may have compiled
             if name == "nodes":
                 make_map(folder / "map.nc", size)
-            command = [sys.executable, __file__, "--here", name, str(size), str(folder)]
-            done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-            found.append(json.loads(done.stdout))
+            found.append(closed_loop.run_apart(__file__, name, str(size), str(folder)))
             print(name, size, found[-1], file=sys.stderr)
     return row(axis, found[1:])
 

@@ -5,7 +5,6 @@
 Files are read in processes with a limit of memory; one that ends a process, takes longer than
 TIMEOUT, needs more memory or raises anything but InputError is kept in --out."""
 
-import argparse
 import json
 import resource
 import signal
@@ -18,6 +17,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from types import FrameType
 
+import closed_loop
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -75,14 +75,10 @@ def read_some(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = closed_loop.parser(__doc__, "workers", out=Path("out/hostile"))
     parser.add_argument("--files", type=int, default=100_000, help="of all kinds together")
-    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", action="append", choices=list(READERS), help="of these kinds")
     parser.add_argument("--seed", type=int, default=6, help="another one changes them otherwise")
-    parser.add_argument("--out", type=Path, default=Path("out/hostile"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:

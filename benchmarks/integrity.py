@@ -11,25 +11,19 @@ Run-hours are of the row "nothing" of `mismatch.py` (a map 3 mGal wrong, told), 
 `--out`/integrity and not computed again. `--present` computes nothing: it counts what is there.
 After a change of the library, begin with an empty folder."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
 import argparse
 import math
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+import closed_loop
 import mismatch
 import numpy as np
 from mismatch_maps import coarse_map
 from mismatch_rows import ROWS
-from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
@@ -41,7 +35,7 @@ from isogal.files import atomic_path, write_atomic
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Integrity, Scenario
 
-MARKS = "<!-- table of benchmarks/integrity.py -->", "<!-- end of the table -->"
+MARKS = closed_loop.marks_of(__file__)
 HOURS = 3.6
 """Of a run."""
 SHOWN = 10
@@ -49,66 +43,56 @@ SHOWN = 10
 THINNED = 5
 """States to one whose squared error the tails are fitted to."""
 HEAD = (
-    "| what differs | | run-hours | correlation time (s) | factor, freedom | median level (m)"
-    " | in 1-sigmas | "
-    + " | ".join(f"events at {risk:g} per hour" for risk in RISKS)
-    + " |\n|---|---|---|---|---|---|---|---|---|---|"
+    *("what differs", "", "run-hours", "correlation time (s)", "factor, freedom"),
+    *("median level (m)", "in 1-sigmas", *(f"events at {risk:g} per hour" for risk in RISKS)),
 )
 
 
-@dataclass
+@dataclass(frozen=True)
 class Count:
-    """Figures of a row, part by part."""
+    """Figures of a part of the runs."""
 
-    settings: Integrity = field(default_factory=Integrity)
-    hours: float = 0.0
-    events: dict[float, int] = field(default_factory=lambda: dict.fromkeys(RISKS, 0))
-    levels: list[Array] = field(default_factory=list)
+    hours: float
+    events: dict[float, int]
+    """By risk per hour."""
+    levels: Array
     """m, at the settings' risk."""
-    sigmas: list[Array] = field(default_factory=list)
-    times: list[float] = field(default_factory=list)
-    """Correlation time of each part, s."""
-    squares: list[Array] = field(default_factory=list)
-    """e' P^-1 e of each part, of some states."""
-    shown: list[Solution] = field(default_factory=list)
-    """The first parts, for the figure."""
+    sigmas: Array
+    """The same in 1-sigmas."""
+    time: float
+    """Correlation time, s."""
+    squares: Array
+    """e' P^-1 e of some states."""
 
-    def add(self, part: Solution) -> None:
+    @classmethod
+    def of(cls, part: Solution, settings: Integrity) -> "Count":
         """Count a part."""
-        self.hours += part.hours
-        for risk in RISKS:
-            self.events[risk] += exceedances(part, self.settings, risk).events
-        level = part.level(self.settings)
-        self.levels.append(level.ravel().astype(np.float32))
-        self.sigmas.append(part.sigmas(level).ravel().astype(np.float32))
-        self.times.append(correlation_time(part))
-        some = slice(None, None, THINNED)
+        level, some = part.level(settings), slice(None, None, THINNED)
         nees = nees_per_axis(part.error[:, some], part.covariance[:, some])
-        self.squares.append(2.0 * nees[np.isfinite(nees)])
-        if len(self.shown) < SHOWN:
-            self.shown.append(part)
+        return cls(
+            part.hours,
+            {risk: exceedances(part, settings, risk).events for risk in RISKS},
+            level.ravel().astype(np.float32),
+            part.sigmas(level).ravel().astype(np.float32),
+            correlation_time(part),
+            2.0 * nees[np.isfinite(nees)],
+        )
 
-    def merge(self, other: "Count") -> None:
-        """Count a row."""
-        self.hours += other.hours
-        for risk in RISKS:
-            self.events[risk] += other.events[risk]
-        self.levels += other.levels
-        self.sigmas += other.sigmas
-        self.times += other.times
-        self.squares += other.squares
 
-    def line(self, name: str, kind: str) -> str:
-        """Return a line of the table."""
-        level, sigmas = (np.median(np.concatenate(it)) for it in (self.levels, self.sigmas))
-        rates = (cell(Rate(self.events[risk], self.hours), risk) for risk in RISKS)
-        factor, freedom = tails(np.concatenate(self.squares))
-        words = f"{freedom:.0f}" if freedom < 1000.0 else "Gaussian"
-        cells = (
-            name, kind, f"{self.hours:.0f}", f"{np.nanmedian(self.times):.0f}",
-            f"{factor:.2f}, {words}", f"{level:.0f}", f"{sigmas:.2f}", *rates,
-        )  # fmt: skip
-        return f"| {' | '.join(cells)} |"
+def line_of(name: str, kind: str, counts: Sequence[Count]) -> str:
+    """Return a line of the table."""
+    hours = sum(one.hours for one in counts)
+    level, sigmas, squares = (
+        np.concatenate([getattr(one, part) for one in counts])
+        for part in ("levels", "sigmas", "squares")
+    )
+    rates = (cell(Rate(sum(one.events[risk] for one in counts), hours), risk) for risk in RISKS)
+    factor, freedom = tails(squares)
+    words = f"{freedom:.0f}" if freedom < 1000.0 else "Gaussian"
+    time = np.nanmedian([one.time for one in counts])
+    numbers = f"{hours:.0f}", f"{time:.0f}", f"{factor:.2f}, {words}"
+    middles = f"{np.median(level):.0f}", f"{np.median(sigmas):.2f}"
+    return closed_loop.line_of([name, kind, *numbers, *middles, *rates])
 
 
 def tails(squares: Array) -> tuple[float, float]:
@@ -127,14 +111,12 @@ def tails(squares: Array) -> tuple[float, float]:
     return float(factor), float(freedom)
 
 
-def picture(count: Count) -> bytes:
+def picture(parts: Sequence[Solution], settings: Integrity) -> bytes:
     """Return the Stanford diagram of a row's first parts as PNG."""
     error, covariance = (
-        np.concatenate([getattr(part, name) for part in count.shown])
-        for name in ("error", "covariance")
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("error", "covariance")
     )
-    solution = Solution(count.shown[0].time, error, covariance)
-    return style.png(stanford_figure(solution, count.settings))
+    return style.png(stanford_figure(Solution(parts[0].time, error, covariance), settings))
 
 
 def cell(rate: Rate, allowed: float) -> str:
@@ -171,23 +153,19 @@ def load(path: Path) -> Solution:
     return Solution(time, error.astype(np.float64), covariance)
 
 
-def counted(
-    scenario: Scenario, runs: int, options: argparse.Namespace, pool: ProcessPoolExecutor
-) -> Count:
-    """Return the figures of so many runs of a scenario, or of those that are there."""
-    count = Count(scenario.integrity)
-    parts = list(mismatch.parts_of(scenario, runs, options.out / "parts"))
+def parts_of(
+    scenario: Scenario, runs: int, options: argparse.Namespace, pool: Executor
+) -> Iterator[Solution]:
+    """Yield so many runs of a scenario in parts, or those that are there."""
     jobs = [
         pool.submit(
             some, scenario, which, full, options.out / "integrity" / full.name, options.present
         )
-        for which, full in parts
+        for which, full in closed_loop.parts_of(scenario, runs, options.out / "parts")
     ]
     for job in jobs:
-        path = job.result()
-        if path is not None:
-            count.add(load(path))
-    return count
+        if (path := job.result()) is not None:
+            yield load(path)
 
 
 def cases(options: argparse.Namespace) -> Iterator[mismatch.Case]:
@@ -201,41 +179,40 @@ def cases(options: argparse.Namespace) -> Iterator[mismatch.Case]:
 
 def main() -> None:
     """Count and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    mismatch.add_options(parser)
+    parser = mismatch.parser_of(__doc__)
     parser.add_argument("--run-hours", type=float, default=360.0)
     parser.add_argument("--mismatch", action="store_true", help="the other rows, too")
     parser.add_argument("--present", action="store_true", help="compute nothing")
     parser.add_argument("--figure", type=Path, help="PNG file for the first row's diagram")
     options = parser.parse_args()
     maps = coarse_map(options.data, options.out)
-    together = {kind: Count() for kind in reversed(get_args(mismatch.Kind))}
+    together: dict[str, list[Count]] = {kind: [] for kind in reversed(get_args(mismatch.Kind))}
     seen: list[Scenario] = []
-    lines = [HEAD]
-    print(HEAD, flush=True)
+    lines = [closed_loop.head_of(HEAD)]
+    print(lines[0], flush=True)
     with ProcessPoolExecutor(options.workers) as pool:
         for case in cases(options):
-            scenario = case.scenario(maps)
-            count = counted(scenario, case.runs, options, pool)
-            if count.hours == 0.0:
+            scenario, shown, counts = case.scenario(maps), [], []
+            for part in parts_of(scenario, case.runs, options, pool):
+                counts.append(Count.of(part, scenario.integrity))
+                shown += [part] if len(shown) < SHOWN else []
+            if not counts:
                 continue
             if options.figure and case.kind == "told" and case.row is ROWS[0]:
-                write_atomic(options.figure, picture(count))
+                write_atomic(options.figure, picture(shown, scenario.integrity))
             if scenario not in seen:  # "map 3 mGal wrong", told, is "nothing" once more
-                together[case.kind].merge(count)
+                together[case.kind] += counts
                 seen.append(scenario)
             world = f", {case.base_name}" if len(options.map_errors) > 1 else ""
-            lines.append(count.line(case.row.name + world, mismatch.label(case.row, case.kind)))
+            kind = mismatch.label(case.row, case.kind)
+            lines.append(line_of(case.row.name + world, kind, counts))
             print(lines[-1], flush=True)
-    for kind, count in together.items():
-        if count.hours > 0.0 and options.mismatch:
-            lines.append(count.line("all rows together", mismatch.LABELS[kind]))
+    for kind, counts in together.items():
+        if counts and options.mismatch:
+            lines.append(line_of("all rows together", mismatch.LABELS[kind], counts))
             print(lines[-1])
     write_atomic(options.out / "integrity.md", "\n".join(lines) + "\n")
-    if options.page:
-        write_between(options.page, MARKS, "\n".join(lines))
+    closed_loop.write_between(options.page, MARKS, "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -13,12 +13,11 @@ The synthetic map's tiles along the route are made first if they are not in the 
 import argparse
 import json
 import math
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
+import closed_loop
 import numpy as np
 
 from isogal.evaluation.bound import posterior_cramer_rao
@@ -67,14 +66,7 @@ def make_tiles(scenario: Scenario, folder: Path) -> None:
         west = int(name[4:7]) * (-1 if name[3] == "W" else 1)
         side = 111.2 * STEP_DEG * (np.arange(CELLS) + 0.5)  # km
         north, east = 111.2 * south + side, 111.2 * west + side
-        total = np.zeros((CELLS, CELLS))
-        for number, length in enumerate(_WAVES):
-            angle = 0.4 + 2.4 * number
-            phase = 2.0 * math.pi / length
-            wave = np.exp(1j * phase * math.sin(angle) * east)[:, None] * np.exp(
-                1j * phase * math.cos(angle) * north
-            )
-            total += _AMPLITUDE * wave.real
+        total = _AMPLITUDE * closed_loop.plane_waves(_WAVES, north, east).T
         np.rint(total / kind.step).astype(kind.dtype).tofile(folder / name)
 
 
@@ -91,7 +83,7 @@ def run_here(changes: list[str]) -> dict[str, float]:
     return {
         "route_km": SPEED * float(trajectory.time[-1]) / 1e3,
         "window_cells": math.prod(channels_of(field_map)[0].shape),
-        "peak_mb": _peak_memory(),
+        "peak_mb": closed_loop.peak_memory(),
         "map_s": ready - begun,
         "run_s": done - ready,
         "fixes": int(np.isfinite(runs.fix_error[0, :, 0]).sum()),
@@ -101,20 +93,6 @@ def run_here(changes: list[str]) -> dict[str, float]:
         "unaided_rms_m": float(np.sqrt(np.mean(np.sum(runs.unaided_error[0] ** 2, axis=-1)))),
         "bound_rms_m": float(np.sqrt(np.mean(bound.rms_at(runs.time) ** 2))),
     }
-
-
-def _peak_memory() -> float:
-    """Return the peak of resident memory, MB (not as `resource` has it: that counts what the
-    parent had when it started this process)."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
-
-
-def run_apart(changes: list[str]) -> dict[str, float]:
-    """Do the same in a process of its own."""
-    command = [sys.executable, __file__, "--here", *changes]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return dict(json.loads(done.stdout))
 
 
 def main() -> None:
@@ -137,7 +115,7 @@ def main() -> None:
                 source = folder
                 make_tiles(load_scenario(None, settings(route, source)), Path(folder))
             changes = settings(route, source)
-            found = run_apart(changes)
+            found = closed_loop.run_apart(__file__, *changes)
         print(f"{route}: {' '.join(changes)}")
         print("  ", ", ".join(f"{name} {value:.6g}" for name, value in found.items()))
 

@@ -8,30 +8,18 @@ map errors for every matcher. Errors are after the first hour, as ratios of RMS 
 posterior Cramér-Rao bound of the same case; time is the median over fixes, on one thread, and as a
 ratio to `pmht`, since absolute times are this machine's."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
 import json
 from itertools import cycle
-from pathlib import Path
-from typing import Any
 
+import closed_loop
 import numpy as np
 from matplotlib.figure import Figure
 
 from isogal import plugins
-from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.figures import style
-from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import summarise
-from isogal.fields.scenario_map import map_for_scenario
+from isogal.files import write_atomic
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
-from isogal.sensors.trajectory import build_trajectory
 
 MATCHERS = plugins.names(plugins.MATCHERS)
 EXACT = ["matcher.map_sigma=0"]
@@ -54,30 +42,26 @@ CASES: dict[str, list[str]] = {
         "matcher.map_sigma=8e-5",
     ],
 }
+COLUMNS = {
+    "RMS/bound": "{ratio:.2f}",
+    "RMS m": "{rms:.1f}",
+    "NEES": "{nees:.2f}",
+    "div.": "{diverged}",
+    "decl.": "{declined}",
+    "ms": "{fix_ms:.2f}",
+    "ms/pmht": "{fix_ms_over_pmht:.2f}",
+}
 
 
-def measure(scenario: Scenario, runs: int) -> dict[str, float]:
-    """Run one matcher on one case."""
-    trajectory = build_trajectory(scenario)
-    field_map = map_for_scenario(scenario, trajectory)
-    simulate(scenario, range(1), field_map)  # compiled before anything is timed
-    record: Runs = simulate(scenario, range(runs), field_map)
-    bound = posterior_cramer_rao(scenario, trajectory, field_map)
-    summary = summarise(record, scenario, bound.rms_at(record.time), wall_seconds=0.0)
-    return {
-        "ratio": summary["position_error"]["rms_after_1h"] / summary["bound"]["rms_after_1h"],
-        "rms_after_1h_m": summary["position_error"]["rms_after_1h"],
-        "bound_after_1h_m": summary["bound"]["rms_after_1h"],
-        "unaided_rms_m": summary["unaided"]["rms"],
-        "nees_per_axis": summary["nees_per_axis"]["mean"],
-        "diverged": summary["diverged"],
-        "declined": summary["fixes"]["declined"],
-        "fix_ms": float(np.median(record.fix_seconds)) * 1e3,
-    }
+def measure(scenario: Scenario, runs: int) -> closed_loop.Figures:
+    """Run one matcher on one case, in this process."""
+    simulate(scenario, range(1))  # compiled before anything is timed
+    record = simulate(scenario, range(runs))
+    return closed_loop.figures_of(scenario, record, closed_loop.bound_of(scenario, record))
 
 
 @style.journal
-def draw(results: dict[str, dict[str, dict[str, float]]]) -> Figure:
+def draw(results: dict[str, dict[str, closed_loop.Figures]]) -> Figure:
     """Error ratio against time per fix, one panel a case."""
     names = list(results)
     rows = -(-len(names) // 2)
@@ -113,59 +97,31 @@ def draw(results: dict[str, dict[str, dict[str, float]]]) -> Figure:
 
 def main() -> None:
     """Measure, print, draw."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--runs", type=int, default=8)
-    parser.add_argument("--map", help="map file; default: the synthetic map")
+    parser = closed_loop.parser(__doc__, "map", "figure", "json", runs=8)
     parser.add_argument("--batch-length", type=int, default=30)
     parser.add_argument("--matchers", nargs="+", default=list(MATCHERS), choices=list(MATCHERS))
-    parser.add_argument(
-        "--cases",
-        nargs="+",
-        type=int,
-        default=list(range(len(CASES))),
-        help="indices of the cases",
-    )
-    parser.add_argument("--figure", type=Path)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    results: dict[str, dict[str, Any]] = {}
-    for index in arguments.cases:
-        case, settings = list(CASES.items())[index]
+    every = list(range(len(CASES)))
+    parser.add_argument("--cases", nargs="+", type=int, default=every, help="indices of the cases")
+    options = parser.parse_args()
+    length, results = options.batch_length, {}
+    common = [f"matcher.batch_length={length}", f"matcher.stride={length}"]
+    common += [f"map.source={options.map}"] if options.map else []
+    for case, settings in [list(CASES.items())[index] for index in options.cases]:
         results[case] = {}
-        if not arguments.json:
-            print(
-                f"\n{case}\n{'matcher':12} {'RMS/bound':>9} {'RMS m':>8} {'NEES':>9} {'div.':>5}"
-                f" {'decl.':>6} {'ms':>7} {'ms/pmht':>8}"
-            )
-        for name in arguments.matchers:
-            overrides = [
-                *settings,
-                f"matcher.name={name}",
-                f"matcher.batch_length={arguments.batch_length}",
-                f"matcher.stride={arguments.batch_length}",
-            ]
-            if arguments.map:
-                overrides.append(f"map.source={arguments.map}")
-            row = results[case][name] = measure(load_scenario(None, overrides), arguments.runs)
-            if not arguments.json:
-                relative = (
-                    row["fix_ms"] / results[case]["pmht"]["fix_ms"]
-                    if "pmht" in results[case]
-                    else np.nan
-                )
-                print(
-                    f"{name:12} {row['ratio']:9.2f} {row['rms_after_1h_m']:8.1f}"
-                    f" {row['nees_per_axis']:9.2f} {row['diverged']:5d} {row['declined']:6d}"
-                    f" {row['fix_ms']:7.2f} {relative:8.2f}",
-                    flush=True,
-                )
-    if arguments.json:
+        if not options.json:
+            print(f"\n{case}\n\n{closed_loop.head_of(['matcher', *COLUMNS])}")
+        for name in options.matchers:
+            scenario = load_scenario(None, [*settings, *common, f"matcher.name={name}"])
+            row = results[case][name] = measure(scenario, options.runs)
+            default = results[case].get("pmht", {"fix_ms": np.nan})
+            row["fix_ms_over_pmht"] = row["fix_ms"] / default["fix_ms"]
+            if not options.json:
+                cells = closed_loop.cells_of(row, COLUMNS)
+                print(closed_loop.line_of([name, *cells]), flush=True)
+    if options.json:
         print(json.dumps(results, indent=1))
-    if arguments.figure:
-        arguments.figure.parent.mkdir(parents=True, exist_ok=True)
-        arguments.figure.write_bytes(style.png(draw(results), 150))
+    if options.figure:
+        write_atomic(options.figure, style.png(draw(results), 150))
 
 
 if __name__ == "__main__":

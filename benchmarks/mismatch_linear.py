@@ -11,21 +11,16 @@ linearised at the truth, which nobody knows. Where it does no better than its bo
 consistent, in these runs, neither can a matcher. Rows with aids of height or velocity, or readings
 of several channels, are left out."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
 import argparse
 from dataclasses import replace
 from pathlib import Path
 
+import closed_loop
 import numpy as np
-from mismatch import changed, map_share, parts_of, scenario_of
+from closed_loop import jackknife
+from mismatch import changed, map_share, scenario_of
 from mismatch_maps import coarse_map
 from mismatch_rows import MGAL_3, ROWS, Row
-from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.bound import BoundModel, bound_model, condition, posterior_cramer_rao
@@ -39,10 +34,10 @@ from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
-MARKS = "<!-- table of benchmarks/mismatch_linear.py -->", "<!-- end of the linear table -->"
+MARKS = closed_loop.marks_of(__file__, "<!-- end of the linear table -->")
 HEAD = (
-    "| what differs, specified | runs | bound (m) | linear (m) | its NEES | `pmht` (m) |"
-    " `pmht` / linear |\n|---|---|---|---|---|---|---|"
+    *("what differs, specified", "runs", "bound (m)", "linear (m)", "its NEES"),
+    *("`pmht` (m)", "`pmht` / linear"),
 )
 
 
@@ -76,7 +71,7 @@ def differences(
     field_map = map_for_scenario(scenario, trajectory)
     world, field = scenario.true, measured_field(scenario)
     source, index = true_map(scenario, trajectory, field_map), scan_index(scenario, trajectory)
-    felt = ReadingSimulator(world, trajectory, source, range(len(record))).felt
+    felt = ReadingSimulator(world, trajectory, source, range(len(record))).raw
     lag = Lag.of(world.gravimeter)
     if lag.mean > 0.0:
         every = np.arange(len(trajectory) + 1)
@@ -97,7 +92,9 @@ def line_of(row: Row, options: argparse.Namespace) -> str | None:
     """Return the line of a told row; None where it is left out or has not been run."""
     maps = coarse_map(options.data, options.out)
     scenario = scenario_of(row, "told", MGAL_3, maps)
-    parts = [path for _, path in parts_of(scenario, options.runs, options.out / "parts")]
+    parts = [
+        path for _, path in closed_loop.parts_of(scenario, options.runs, options.out / "parts")
+    ]
     aided = scenario.height.measured or scenario.velocity.kind != "none"
     several = measured_field(scenario).channels is not None
     if aided or several or not all(path.exists() for path in parts):
@@ -118,14 +115,10 @@ def line_of(row: Row, options: argparse.Namespace) -> str | None:
     of_run = (error[:, late] ** 2).sum(axis=2).mean(axis=1)
     of_pmht = (record.horizontal_error[:, late] ** 2).mean(axis=1)
     linear, pmht, limit = (np.sqrt(one.mean()) for one in (of_run, of_pmht, bound[late] ** 2))
-    count = len(record)
-    without = [
-        np.sqrt(np.delete(of_pmht, i).mean() / np.delete(of_run, i).mean()) for i in range(count)
-    ]
-    spread = np.sqrt((count - 1) * np.var(without))  # jackknife
-    return (
-        f"| {row.name} | {count} | {limit:.1f} | {linear:.1f} | {nees.mean() / 2.0:.2f} |"
-        f" {pmht:.1f} | {pmht / linear:.3f} ± {spread:.3f} |"
+    pair, spread = jackknife(lambda a, b: float(np.sqrt(a.mean() / b.mean())), of_pmht, of_run)
+    numbers = f"{limit:.1f}", f"{linear:.1f}", f"{nees.mean() / 2.0:.2f}", f"{pmht:.1f}"
+    return closed_loop.line_of(
+        [row.name, str(len(record)), *numbers, f"{pair:.3f} ± {spread:.3f}"]
     )
 
 
@@ -145,23 +138,15 @@ def one_by_one(world: Scenario, difference: Array, model: BoundModel) -> tuple[A
 
 def main() -> None:
     """Compute and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--data", type=Path, required=True, help="folder of the maps")
-    parser.add_argument("--out", type=Path, default=Path("out/mismatch"), help="of mismatch.py")
-    parser.add_argument("--rows", nargs="+", metavar="TEXT", help="rows with TEXT in their name")
-    parser.add_argument("--runs", type=int, default=100)
-    parser.add_argument("--page", type=Path, help="page whose table is replaced")
-    options = parser.parse_args()
-    lines = [HEAD]
+    out = Path("out/mismatch")
+    options = closed_loop.parser(__doc__, "data", "rows", "page", out=out, runs=100).parse_args()
+    lines = [closed_loop.head_of(HEAD)]
     for row in ROWS:
-        chosen = not options.rows or any(text in row.name for text in options.rows)
-        if row.tellable and chosen and (line := line_of(row, options)):
+        chosen = row.tellable and closed_loop.containing(row.name, options.rows)
+        if chosen and (line := line_of(row, options)):
             lines.append(line)
             print(line, flush=True)
-    if options.page:
-        write_between(options.page, MARKS, "\n".join(lines))
+    closed_loop.write_between(options.page, MARKS, "\n".join(lines))
 
 
 if __name__ == "__main__":

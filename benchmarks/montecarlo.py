@@ -13,17 +13,10 @@ times of this process with one thread; rates are extrapolated to an hour of one 
 Stone Soup is not a dependency: pip install -r benchmarks/requirements.txt. Without it that part is
 left out, and said so."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
 import json
 from importlib.util import find_spec
-from typing import Any
 
+import closed_loop
 from comparison.closed_loop import measure_closed_loop
 from comparison.filterpy_filter import measure_filters
 
@@ -33,9 +26,10 @@ from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 HOUR = 3600.0
+Result = dict[str, str | float | dict[str, float | dict[str, float]]]
 
 
-def measure(runs: int, matcher: str) -> dict[str, Any]:
+def measure(runs: int, matcher: str) -> Result:
     """Measure everything; all rates are run-hours of navigation per CPU second."""
     scenario = validate_scenario({"matcher": {"name": matcher}})
     trajectory = build_trajectory(scenario)
@@ -49,7 +43,7 @@ def measure(runs: int, matcher: str) -> dict[str, Any]:
     hours = runs * duration / HOUR
     filters = measure_filters(scenario)
     batch = scenario.matcher.batch_length * scenario.gravimeter.interval
-    result: dict[str, Any] = {
+    result: Result = {
         "matcher": matcher,
         "runs": runs,
         "run_hours": hours,
@@ -85,50 +79,44 @@ def measure(runs: int, matcher: str) -> dict[str, Any]:
     return result
 
 
-def show(result: dict[str, Any]) -> None:
+def show(result: Result) -> None:
+    """Print rates, and what the others' are beside them."""
     loop, filters, matching = result["closed_loop"], result["filter"], result.get("matching")
-    share = loop["share"]
-    rest = 1.0 - sum(share.values())
-    lines = [
-        f"Run-hours of navigation per CPU second, one core ({result['runs']} runs of the default"
-        " scenario)",
-        "",
-        f"  Isogal, closed loop with {result['matcher']:<12}"
-        f" {loop['run_hours_per_cpu_second']:10.2f}",
-        f"    strapdown {share['strapdown']:.0%}, filter {share['filter']:.0%} (of which strapdown"
-        f" of the sigma points {loop['share_strapdown_in_filter']:.0%}), matching"
-        f" {share['matching']:.0%}, rest {rest:.0%}",
-        f"  filter alone:    Isogal {filters['isogal']:8.1f}   filterpy {filters['filterpy']:8.4f}"
-        f"   ratio {filters['ratio']:7.0f}",
-        "  PMHT alone:      Stone Soup is not installed (pip install -r"
-        " benchmarks/requirements.txt)"
-        if matching is None
-        else f"  PMHT alone:      Isogal {matching['isogal']:8.1f}   Stone Soup"
-        f" {matching['stonesoup']:6.4f}   ratio {matching['ratio']:7.0f}",
-        "",
-        "  Isogal's closed loop over filterpy's filter alone:"
-        f" {result['closed_loop_over_filterpy_filter']:.0f} times",
+    rows = [
+        [
+            f"closed loop with {result['matcher']}",
+            f"{loop['run_hours_per_cpu_second']:.2f}",
+            "",
+            "",
+        ],
+        ["filter alone, beside filterpy's", *_beside(filters, "filterpy")],
     ]
-    checks = f"filterpy's filter ends {filters['apart_m']:.2g} m from ours"
     if matching is not None:
-        lines.append(
-            "  Isogal's closed loop over Stone Soup's PMHT alone:"
-            f" {result['closed_loop_over_stonesoup_matching']:.0f} times"
-        )
-        checks += (
+        rows.append(["PMHT alone, beside Stone Soup's", *_beside(matching, "stonesoup")])
+    print(f"Run-hours of navigation per CPU second, one core, {result['runs']} runs:\n")
+    print(closed_loop.markdown(("", "Isogal", "the other", "ratio"), rows))
+    parts = [f"{part} {share:.0%}" for part, share in loop["share"].items()]
+    over = {name: x for name, x in result.items() if name.startswith("closed_loop_over_")}
+    parts += [f"{name.replace('_', ' ')} {x:.0f} times" for name, x in over.items()]
+    print(f"\nClosed loop: {', '.join(parts)}; sigma points' strapdown"
+          f" {loop['share_strapdown_in_filter']:.0%} of the filter.")  # fmt: skip
+    print(f"Checked: filterpy's filter ends {filters['apart_m']:.2g} m from ours", end="")
+    if matching is None:
+        print("; Stone Soup is not installed (pip install -r benchmarks/requirements.txt).")
+    else:
+        print(
             f"; Stone Soup's fixes are {matching['apart_m']:.0f} m from ours (median; it has one"
-            " covariance for all candidates)"
+            " covariance for all candidates)."
         )
-    print("\n".join([*lines, f"  Checked: {checks}."]))
+
+
+def _beside(rates: dict[str, float], other: str) -> list[str]:
+    return [f"{rates['isogal']:.1f}", f"{rates[other]:.4f}", f"{rates['ratio']:.0f}"]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--runs", type=int, default=8)
+    parser = closed_loop.parser(__doc__, "json", runs=8)
     parser.add_argument("--matcher", default="pmht-paper")
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     result = measure(arguments.runs, arguments.matcher)
     if arguments.json:

@@ -1,24 +1,19 @@
 """An underwater vehicle over a made-up sea floor: one beam against several, with a tide that is an
 unknown offset and a speed of sound that is an unknown scale (docs/mathematics.md, section 2.7).
 
-    python benchmarks/multibeam.py [--runs 24] [--out DIR]
+    python benchmarks/multibeam.py [--runs 24] [--out DIR] [--case TEXT ...]
 """
 
-import argparse
-import json
+from functools import partial
 from pathlib import Path
 
+import closed_loop
 import numpy as np
 
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.consistency import nees_per_axis
-from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.montecarlo.engine import simulate
-from isogal.scenario import Scenario, load_scenario
-from isogal.sensors.trajectory import build_trajectory
+from isogal.scenario import load_scenario
 
 ORIGIN = (60.0, 5.0)
 """deg."""
@@ -53,6 +48,16 @@ CASES = {
     "8 beams, the same": (*FAN, "altimeter.scale_sigma=0.01"),
     "8 beams, the same, neither told nor estimated": (*FAN, SCALE),
 }
+SETTLED = 600.0
+"""s, from when on errors count."""
+COLUMNS = {
+    "RMS (m)": "{rms:.2f}",
+    "NEES per axis": "{nees_settled:.2f}",
+    "bound (m)": "{bound:.2f}",
+    "RMS / bound": "{ratio:.2f}",
+    "fixes": "{fixes:.0%}",
+    "ms per fix": "{fix_ms:.0f}",
+}
 
 
 def sea_floor() -> FieldMap:
@@ -69,46 +74,20 @@ def sea_floor() -> FieldMap:
     return FieldMap(*axes, values, "m", "height", provenance="made-up sea floor")
 
 
-def study(scenario: Scenario, runs: int) -> dict[str, float]:
-    """Return the position's errors of a case: RMS of all scans (m), NEES, and the bound."""
-    trajectory = build_trajectory(scenario)
-    field_map = map_for_scenario(scenario, trajectory)
-    found = simulate(scenario, range(runs), field_map)
-    bound = posterior_cramer_rao(scenario, trajectory, field_map, batchwise=True)
-    settled = found.time > 600.0
-    error = found.error[:, settled]
-    return {
-        "rms": float(np.sqrt((error**2).sum(axis=-1).mean())),
-        "nees": float(np.mean(nees_per_axis(error, found.covariance[:, settled]))),
-        "bound": float(np.sqrt((bound.rms_at(found.time[settled]) ** 2).mean())),
-        "fixes": float(np.isfinite(found.fix_error[..., 0]).mean()),
-        "fix_ms": float(1e3 * np.nanmedian(found.fix_seconds)),
-    }
-
-
 def main() -> None:
     """Run all cases and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=24)
-    parser.add_argument("--out", type=Path, default=Path("out/multibeam"))
-    parser.add_argument("--case", action="append", help="of the table, by its beginning")
-    arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    path = arguments.out / "sea_floor.nc"
+    parser = closed_loop.parser(__doc__, "case", "workers", runs=24, out=Path("out/multibeam"))
+    options = parser.parse_args()
+    path = options.out / "sea_floor.nc"
+    options.out.mkdir(parents=True, exist_ok=True)
     write_netcdf(sea_floor(), path)
-    table = {}
-    print("case | RMS (m) | NEES per axis | bound (m) | RMS / bound | fixes | ms per fix")
-    for name, keys in CASES.items():
-        if arguments.case and not any(name.startswith(one) for one in arguments.case):
-            continue
-        scenario = load_scenario(None, [*SCENARIO, f"map.source={path}", *keys])
-        table[name] = one = study(scenario, arguments.runs)
-        print(
-            f"{name} | {one['rms']:.2f} | {one['nees']:.2f} | {one['bound']:.2f}"
-            f" | {one['rms'] / one['bound']:.2f} | {one['fixes']:.0%} | {one['fix_ms']:.0f}",
-            flush=True,
-        )
-    (arguments.out / "results.json").write_text(json.dumps(table, indent=1))
+    cases = {
+        (name,): load_scenario(None, [*SCENARIO, f"map.source={path}", *keys])
+        for name, keys in CASES.items()
+        if closed_loop.matching(name, options.case)
+    }
+    bound = partial(closed_loop.bound_of, batchwise=True)
+    closed_loop.study(("case",), cases, COLUMNS, options, bound=bound, settled=SETTLED)
 
 
 if __name__ == "__main__":

@@ -10,23 +10,16 @@ with a start known to `--far` m (1-sigma) only: places are drawn until there are
 range of what is promised. There, each run is one batch, matched by itself. The best place is wrong
 where the true one is outside its 99.9 % ellipse."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
 import argparse
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+import closed_loop
 import numpy as np
-from pages import write_between
 
 from isogal.arrays import Array
 from isogal.evaluation.navigability.area import Area
@@ -34,14 +27,15 @@ from isogal.evaluation.navigability.leg import leg_scenario
 from isogal.files import write_atomic
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
-from isogal.matching.interfaces import Batch, Fix, declined
+from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 from isogal.matching.pmht.hypotheses import Hypotheses
+from isogal.matching.pmht.memory import Diverged
 from isogal.matching.registry import load_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
 from isogal.seeds import generator
 
-MARKS = "<!-- table of benchmarks/navigability.py -->", "<!-- end of the table -->"
+MARKS = closed_loop.marks_of(__file__)
 RANGES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 """Of the promised probability of a second place."""
 _OUTSIDE = 13.8
@@ -49,6 +43,7 @@ _OUTSIDE = 13.8
 _TOUCHING, _VALLEY = 4.0, 0.1
 """Squared distance of two hypotheses of one place, and density in units of the largest one below
 which there is a valley between two places."""
+Memory = TypeVar("Memory")
 _MARGIN = 0.12
 """Share of the map along its edges in which no place is drawn."""
 _SECOND = 0.05
@@ -69,7 +64,7 @@ class Case:
 class Listening:
     """A matcher that says nothing to the navigator, and remembers what it found."""
 
-    matcher: Any
+    matcher: Matcher
     found: list[tuple[Array, Array, float]] = field(default_factory=list)
     """Of each batch: mean (2,), covariance (2, 2) and probability of the heaviest place."""
 
@@ -77,7 +72,7 @@ class Listening:
         self.name, self.context = self.matcher.name, self.matcher.context
         self.takes_channels = self.matcher.takes_channels
 
-    def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: FieldMap, memory: Memory) -> tuple[Fix, Memory]:
         """Match one batch; see `isogal.matching.interfaces.Matcher`."""
         _, after = self.matcher.match(batch, field_map, None)
         bank = after.fields[0].bank
@@ -88,7 +83,7 @@ class Listening:
         return declined(batch, "only listening"), after
 
 
-def _searched(diverged: Any, field_map: FieldMap) -> Hypotheses | None:
+def _searched(diverged: Diverged, field_map: FieldMap) -> Hypotheses | None:
     """Return the hypotheses of a search that takes all readings at once; None where it has too
     many places to begin with."""
     search = diverged.search
@@ -141,7 +136,7 @@ def at(area: Area, case: tuple[int, int, float]) -> Scenario:
     )
 
 
-def errors(ground: FieldMap, places: int, runs: int) -> dict[str, Any]:
+def errors(ground: FieldMap, places: int, runs: int) -> dict[str, list[float]]:
     """Return promised and reached RMS errors on arrival (m) of the default scenario, whose matcher
     is told that the map is exact."""
     settings = {"gravity": {"field": "normal"}, "matcher": {"map_sigma": 0.0}}
@@ -169,9 +164,29 @@ def places_of(area: Area, each: int) -> list[Case]:
     return [case for one in kept for case in one]
 
 
-def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[dict[str, Any]]:
-    """Return of each case what is promised, in how many runs the best place was wrong, or there
-    was a second one, and the mean probability that the matcher gave the others."""
+@dataclass(frozen=True)
+class Found:
+    """What runs at a place have found."""
+
+    promised: float
+    """Probability of a second place."""
+    wrong: int
+    """Runs whose best place was wrong."""
+    second: int
+    """Runs that held a second place."""
+    left: float
+    """Mean probability beside the best place."""
+    runs: int
+
+
+HEAD = (
+    *("promised", "mean", "places", "best place wrong (95 %)", "a second place held"),
+    "probability beside the best place",
+)
+
+
+def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[Found]:
+    """Return of each case what is promised, and what runs find there."""
     settings = {
         "gravity": {"field": "normal"},
         "initial_error": {"position": far},
@@ -188,15 +203,8 @@ def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[di
             _outside(*place[:2], error) for place, error in zip(ear.found, truth, strict=True)
         ]
         left = np.array([1.0 - sure for _, _, sure in ear.found])
-        results.append(
-            {
-                "promised": case.promised,
-                "wrong": int(sum(wrong)),
-                "second": int((left > _SECOND).sum()),
-                "left": float(left.mean()),
-                "runs": runs,
-            }
-        )
+        seconds = int((left > _SECOND).sum())
+        results.append(Found(case.promised, int(sum(wrong)), seconds, float(left.mean()), runs))
         print(results[-1], flush=True)
     return results
 
@@ -213,68 +221,60 @@ def rank_correlation(a: Sequence[float], b: Sequence[float]) -> float:
     return float(spearmanr(a, b).statistic)
 
 
-def table(error: dict[str, Any], second: list[dict[str, Any]], told: Any) -> str:
+def table(
+    error: dict[str, list[float]], second: Sequence[Found], options: argparse.Namespace
+) -> str:
     """Return the results as Markdown."""
     from scipy.stats import binomtest
 
     ratio = np.array(error["reached"]) / np.array(error["promised"])
-    shares = [one["wrong"] / one["runs"] for one in second]
-    order = rank_correlation([one["promised"] for one in second], shares)
-    lines = [
-        f"Expected error: {told.places} places, {told.runs} runs at each: rank correlation of"
-        f" promised and reached {rank_correlation(error['promised'], error['reached']):.2f},"
+    shares = [one.wrong / one.runs for one in second]
+    order = rank_correlation([one.promised for one in second], shares)
+    text = (
+        f"Expected error: {options.places} places, {options.runs} runs at each: rank correlation"
+        f" of promised and reached {rank_correlation(error['promised'], error['reached']):.2f},"
         f" median of reached / promised {np.median(ratio):.2f} ({ratio.min():.2f} to"
-        f" {ratio.max():.2f}).",
-        "",
-        f"Second place: a start known to {told.far:.0f} m, {len(second)} places,"
-        f" {told.bin_runs} runs at each; rank correlation of what is promised and the share of"
-        f" runs whose best place is wrong {order:.2f}.",
-        "",
-        "| promised | mean | places | best place wrong (95 %) | a second place held |"
-        " probability beside the best place |",
-        "|---|---|---|---|---|---|",
-    ]
+        f" {ratio.max():.2f}).\n\nSecond place: a start known to {options.far:.0f} m,"
+        f" {len(second)} places, {options.bin_runs} runs at each; rank correlation of what is"
+        f" promised and the share of runs whose best place is wrong {order:.2f}."
+    )
+    rows = []
     for low, high in pairwise(RANGES):
-        part = [one for one in second if low <= one["promised"] < high]
+        part = [one for one in second if low <= one.promised < high]
         if not part:
             continue
-        runs = sum(one["runs"] for one in part)
-        bad = sum(one["wrong"] for one in part)
+        runs = sum(one.runs for one in part)
+        bad = sum(one.wrong for one in part)
         interval = binomtest(bad, runs).proportion_ci(0.95, "wilson")
-        cells = [
-            f"{low:.2f} to {high:.2f}",
-            f"{np.mean([one['promised'] for one in part]):.3f}",
-            f"{len(part)}",
-            f"{bad / runs:.3f} ({interval.low:.3f} to {interval.high:.3f})",
-            f"{sum(one['second'] for one in part) / runs:.3f}",
-            f"{np.mean([one['left'] for one in part]):.3f}",
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append(
+            [
+                f"{low:.2f} to {high:.2f}",
+                f"{np.mean([one.promised for one in part]):.3f}",
+                f"{len(part)}",
+                f"{bad / runs:.3f} ({interval.low:.3f} to {interval.high:.3f})",
+                f"{sum(one.second for one in part) / runs:.3f}",
+                f"{np.mean([one.left for one in part]):.3f}",
+            ]
+        )
+    return f"{text}\n\n{closed_loop.markdown(HEAD, rows)}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Compute both, print the tables, and write them into a page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
+    parser = closed_loop.parser(__doc__, "data", "out", "page", runs=24)
     parser.add_argument("--places", type=int, default=30)
-    parser.add_argument("--runs", type=int, default=24)
     parser.add_argument("--bin-places", type=int, default=10)
     parser.add_argument("--bin-runs", type=int, default=40)
     parser.add_argument("--far", type=float, default=2000.0)
-    parser.add_argument("--page", type=Path)
-    told = parser.parse_args(arguments)
-    ground = load_map(told.data / "se_australia_gravity.nc", "dg")
-    second = second_places(ground, told.far, told.bin_places, told.bin_runs)
-    error = errors(ground, told.places, told.runs)
-    text = table(error, second, told)
+    options = parser.parse_args(arguments)
+    ground = load_map(options.data / "se_australia_gravity.nc", "dg")
+    second = second_places(ground, options.far, options.bin_places, options.bin_runs)
+    error = errors(ground, options.places, options.runs)
+    text = table(error, second, options)
     print(text)
-    told.out.mkdir(parents=True, exist_ok=True)
-    results = {"error": error, "second": second}
-    write_atomic(told.out / "navigability.json", json.dumps(results, indent=1))
-    if told.page is not None:
-        write_between(told.page, MARKS, text)
+    results = {"error": error, "second": [asdict(one) for one in second]}
+    write_atomic(options.out / "navigability.json", json.dumps(results, indent=1))
+    closed_loop.write_between(options.page, MARKS, text)
 
 
 if __name__ == "__main__":

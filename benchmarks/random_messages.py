@@ -7,7 +7,6 @@ As tests/ros/nodes/test_random_messages.py, whose messages these are, with many 
 without the middleware (`isogal_ros.graph.bus`). A message of which a node had to say that it did
 not foresee the exception is counted as a surprise."""
 
-import argparse
 import json
 import sys
 import warnings
@@ -15,6 +14,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import closed_loop
 import numpy as np
 import psutil
 from rclpy.serialization import deserialize_message
@@ -24,8 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
 from isogal_ros import topics
-from isogal_ros.faults.stage import without_numbers
-from isogal_ros.faults.trial import UNEXPECTED
+from isogal_ros.faults.trials import UNEXPECTED, without_numbers
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import node_class
 from isogal_ros.messages.imu import fill_imu
@@ -96,11 +95,8 @@ def one_node(scenario: Scenario, name: str, messages: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = closed_loop.parser(__doc__, "set")
     parser.add_argument("--messages", type=int, default=100_000, help="for each callback")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     options = parser.parse_args()
     scenario = load_scenario(None, options.set)
     with warnings.catch_warnings():

@@ -8,16 +8,10 @@ docs/evidence/real-data.md describes them and shows the results. Nothing is tune
 reported on: correlation length and sensor noise for a line at Clear Lake come from the other
 lines, those for the tie lines of Scotland from its flight lines."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
 import json
 from pathlib import Path
 
+import closed_loop
 from measured_data.clear_lake import study_clear_lake
 from measured_data.exact import study_exact
 from measured_data.figures import write_figures
@@ -25,33 +19,33 @@ from measured_data.scotland import study_scotland
 from measured_data.tables import tables, untold_table
 from measured_data.untold import study_gridded, study_left_out, study_untold
 
+STUDIES = {
+    "--untold": (study_untold, "with nothing told"),
+    "--gridded": (study_gridded, "on maps made of the surveys"),
+    "--left-out": (study_left_out, "lines of the survey itself"),
+    "--exact": (study_exact, "the likelihood by kriging"),
+}
+"""That are asked for by an option each."""
+
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = closed_loop.parser(__doc__, "json")
     parser.add_argument(
         "data", nargs="?", type=Path, default=Path("../shared/data"), help="folder of the data"
     )
     parser.add_argument("--out", type=Path, help="write the results there as real_data.json")
     parser.add_argument("--figures", type=Path, help="write the figures there")
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
-    parser.add_argument("--untold", action="store_true", help="only with nothing told")
-    parser.add_argument("--gridded", action="store_true", help="only on maps made of the surveys")
-    parser.add_argument("--left-out", action="store_true", help="only lines of the survey itself")
-    parser.add_argument("--exact", action="store_true", help="only the likelihood by kriging")
+    for name, (_, what) in STUDIES.items():
+        parser.add_argument(name, action="store_true", help=f"only {what}")
     options = parser.parse_args()
     if not options.data.is_dir():
         parser.error(f"{options.data}: no such folder; name the folder of the data")
-    if options.exact:
-        print(json.dumps(study_exact(options.data), indent=1))
-        return
-    if options.untold or options.gridded or options.left_out:
-        studies = (study_untold, study_gridded, study_left_out)
-        asked = (options.untold, options.gridded, options.left_out)
-        untold = studies[asked.index(True)](options.data)
-        print(json.dumps(untold) if options.json else untold_table(untold))
-        return
+    for name, (study, _) in STUDIES.items():
+        if getattr(options, name[2:].replace("-", "_")):
+            found = study(options.data)
+            as_json = options.json or study is study_exact
+            print(json.dumps(found, indent=1) if as_json else untold_table(found))
+            return
     results = {
         "untold": study_untold(options.data),
         "clear_lake": study_clear_lake(options.data),
@@ -62,7 +56,7 @@ def main() -> None:
         (options.out / "real_data.json").write_text(json.dumps(results, indent=1))
     if options.figures:
         write_figures(options.data, results, options.figures)
-    print(json.dumps(results) if options.json else tables(results))
+    print(json.dumps(results) if options.json else tables(**results))
 
 
 if __name__ == "__main__":

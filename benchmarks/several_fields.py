@@ -9,38 +9,22 @@ runs of two hours, with gravity, with magnetics, and with both. RMS errors and t
 the time after the first hour. Runs that are in `--out` are not computed again; after a change of
 the library, begin with an empty folder."""
 
-import os
-
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
-import hashlib
 import json
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from pages import write_between
+import closed_loop
 
-from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.judgement import SETTLED_AFTER
-from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import summarise
-from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import write_atomic
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
-from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
-from isogal.sensors.trajectory import build_trajectory
 
-MARKS = "<!-- table of benchmarks/several_fields.py -->", "<!-- end of the table -->"
-CHUNK = 4
-"""Runs that are kept together."""
+Section = dict[str, float | dict[str, float]]
+"""Keys of a scenario, or of an entry of its list of fields."""
+MARKS = closed_loop.marks_of(__file__)
 BASE = {
     "route": {
         "start": [-31.9, 121.0], "end": [-30.3, 122.2], "speed": 22.0, "duration": 7200.0,
@@ -51,7 +35,7 @@ BASE = {
 }  # fmt: skip
 
 
-def _wrong(sigma: float, told: float | None = None) -> dict[str, Any]:
+def _wrong(sigma: float, told: float | None = None) -> Section:
     """Return the keys of a map in error by a 1-sigma, which is told unless another is."""
     return {
         "map_error": {"sigma": sigma},
@@ -64,9 +48,9 @@ class Case:
     """Keys of both entries, and of the scenario."""
 
     name: str
-    gravity: dict[str, Any]
-    magnetic: dict[str, Any]
-    more: dict[str, Any] = field(default_factory=dict)
+    gravity: Section
+    magnetic: Section
+    more: Section = field(default_factory=dict)
 
 
 _GRAVITY, _MAGNETIC = {"sigma": 1e-6}, {"sigma": 10.0}
@@ -110,85 +94,42 @@ def scenarios(case: Case, data: Path, out: Path) -> dict[str, Scenario]:
     }
 
 
-def runs_of(scenario: Scenario, count: int, out: Path) -> Runs:
-    """Return runs of a scenario, from the folder where they are."""
-    text = json.dumps(scenario.model_dump(mode="json", exclude_defaults=True), sort_keys=True)
-    name = hashlib.sha256(text.encode()).hexdigest()[:16]
-    maps = maps_for_scenario(scenario)
-    parts = []
-    for first in range(0, count, CHUNK):
-        runs = range(first, min(first + CHUNK, count))
-        path = out / f"{name}-{runs.start}-{runs.stop}.npz"
-        if not path.exists():
-            simulate(scenario, runs, maps).save(path)
-        parts.append(Runs.load(path))
-    return Runs.concatenate(parts)
+HEAD = (
+    *("case", "gravity", "magnetics", "both", "both / better one"),
+    *("its bound / better one's", "NEES of both"),
+)
 
 
-def figures(scenario: Scenario, runs: Runs) -> dict[str, Any]:
-    """Return RMS errors after the first hour, of all runs (m) and of each (m²), and what to
-    compare them with."""
-    trajectory = build_trajectory(scenario)
-    bound = posterior_cramer_rao(scenario, trajectory, maps_for_scenario(scenario, trajectory))
-    summary = summarise(runs, scenario, bound.rms_at(runs.time))
-    settled = runs.elapsed >= SETTLED_AFTER
-    squared = (runs.error[:, settled] ** 2).sum(axis=2).mean(axis=1)
-    rms, best = float(np.sqrt(squared.mean())), summary["bound"]["rms_after_1h"]
-    return {
-        "rms": rms,
-        "bound": best,
-        "ratio": rms / best,
-        "nees": summary["nees_per_axis"]["mean"],
-        "squared": squared.tolist(),
-    }
-
-
-def table(results: dict[str, dict[str, Any]], runs: int) -> str:
-    """Return the table as Markdown."""
-    lines = [
-        f"{runs} runs of each; m, and in brackets times the bound of the same fields.",
-        "",
-        "| case | gravity | magnetics | both | both / better one | its bound / better one's | NEES"
-        " of both |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, one in results.items():
-        better = min(one["gravity"]["rms"], one["magnetics"]["rms"])
-        bound = min(one["gravity"]["bound"], one["magnetics"]["bound"])
-        both = one["both"]
-        cells = [
-            f"{one[which]['rms']:.1f} ({one[which]['ratio']:.2f})"
-            for which in ("gravity", "magnetics", "both")
-        ]
-        shares = both["rms"] / better, both["bound"] / bound, both["nees"]
-        lines.append(f"| {name} | {' | '.join([*cells, *(f'{x:.2f}' for x in shares)])} |")
-    return "\n".join(lines)
+def cells(one: dict[str, closed_loop.Figures]) -> list[str]:
+    """Return the cells of a case: errors with their ratio to the bound, then what both bring."""
+    alone, both = (one["gravity"], one["magnetics"]), one["both"]
+    gains = [both[name] / min(figures[name] for figures in alone) for name in ("rms", "bound")]
+    errors = [f"{x['rms']:.1f} ({x['ratio']:.2f})" for x in (*alone, both)]
+    return [*errors, *(f"{gain:.2f}" for gain in (*gains, both["nees"]))]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Compute the cases, print the table, and write it into a page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--runs", type=int, default=16)
-    parser.add_argument("--cases", nargs="*", default=[""])
-    parser.add_argument("--page", type=Path)
-    told = parser.parse_args(arguments)
+    parser = closed_loop.parser(__doc__, "data", "out", "workers", "page", runs=16)
+    parser.add_argument("--cases", nargs="*", metavar="TEXT", help="with TEXT in their name")
+    options = parser.parse_args(arguments)
     results = {}
-    for case in CASES:
-        if not any(text in case.name for text in told.cases):
-            continue
-        results[case.name] = {
-            name: figures(scenario, runs_of(scenario, told.runs, told.out))
-            for name, scenario in scenarios(case, told.data, told.out).items()
-        }
-        shown = {name: round(one["rms"], 1) for name, one in results[case.name].items()}
-        print(case.name, shown, flush=True)
-    text = table(results, told.runs)
+    with ProcessPoolExecutor(options.workers) as pool:
+        for case in CASES:
+            if not closed_loop.containing(case.name, options.cases):
+                continue
+            one = results[case.name] = {}
+            for name, scenario in scenarios(case, options.data, options.out).items():
+                record = closed_loop.kept_runs(scenario, options.runs, options.out, pool)
+                bound = closed_loop.bound_of(scenario, record)
+                one[name] = closed_loop.figures_of(scenario, record, bound)
+            print(closed_loop.line_of([case.name, *cells(one)]), flush=True)
+    rows = ([name, *cells(one)] for name, one in results.items())
+    text = f"{options.runs} runs of each; m, and in brackets times the bound of the same fields."
+    text += f"\n\n{closed_loop.markdown(HEAD, rows)}"
     print(text)
-    write_atomic(told.out / "several_fields.json", json.dumps(results, indent=1))
-    if told.page is not None:
-        write_between(told.page, MARKS, text)
+    write_atomic(options.out / "several_fields.json", json.dumps(results, indent=1))
+    closed_loop.write_between(options.page, MARKS, text)
 
 
 if __name__ == "__main__":

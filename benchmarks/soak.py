@@ -6,7 +6,6 @@ Runs the graph as processes to and fro over an area for many simulated hours, an
 node that is drawn, `--faults` times an hour. Says for each process how much more memory it has in
 the last tenth of the time than after the first fifth, and how many more open files."""
 
-import argparse
 import json
 import shutil
 import tempfile
@@ -15,15 +14,16 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import closed_loop
 import numpy as np
 import psutil
 
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
 from isogal_ros.faults.catalogue import PROCESS_FAULTS
-from isogal_ros.faults.processes import Signals
+from isogal_ros.faults.trials import Signals
 from isogal_ros.graph.plan import Plan
-from isogal_ros.graph.processes import Processes, run_processes
+from isogal_ros.graph.running import Processes, run_processes
 from isogal_ros.nodes.signals import interrupts
 
 LIMIT_MB, LIMIT_FILES = 5.0, 0
@@ -86,12 +86,9 @@ class Soak:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = closed_loop.parser(__doc__, "set")
     parser.add_argument("--hours", type=float, default=24.0, help="to simulate")
     parser.add_argument("--faults", type=float, default=4.0, help="per simulated hour")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     options = parser.parse_args()
     duration = options.hours * 3600.0
     legs = int(duration / LEG) + 3
@@ -104,7 +101,7 @@ def main() -> None:
         with interrupts() as interrupt:
             soak = Soak(scenario, options.faults)
             plan = Plan(scenario, folder / "bag")
-            run_processes(plan, folder / "log", interrupt, lambda progress: None, meddle=soak)
+            run_processes(plan, folder / "log", interrupt, inject=soak)
     finally:
         shutil.rmtree(folder)
     rows = soak.growth()

@@ -7,19 +7,11 @@ DIR holds `se_australia_gravity.nc`; the map is 3 mGal wrong, which the matcher 
 without those that it calls. On a machine that does other work besides, compare two versions by
 turns: times of both then grow alike."""
 
-import os
+from types import ModuleType
 
-from isogal.threads import VARIABLES
-
-os.environ.update(dict.fromkeys(VARIABLES, "1"))  # read when NumPy is imported
-
-import argparse
-from collections import defaultdict
-from collections.abc import Callable
-from time import thread_time
-from typing import Any
-
+import closed_loop
 import numpy as np
+from clock import Clock
 
 from isogal import navigator
 from isogal.fusion import inertial_navigator
@@ -30,7 +22,8 @@ from isogal.montecarlo import engine, recorder
 from isogal.scenario import load_scenario
 
 _own = inertial_navigator.InertialNavigator
-STAGES: tuple[tuple[str, Any, str], ...] = (
+MATCHER = "the matcher's rest"
+STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (
     ("hypotheses carried along", Hypotheses, "carried"),
     ("rows", matcher, "rows_of"),
     ("split: looks at the map", mixture_kernels, "curvature"),
@@ -40,7 +33,7 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
     ("search: cells", diverged, "_ranked"),
     ("search: rest", matcher, "pursued"),
     ("publish", matcher, "published"),
-    ("the matcher's rest", matcher.Pmht, "match"),
+    (MATCHER, matcher.Pmht, "match"),
     ("batch built", joint_batches.JointBatches, "build"),
     ("batch corrected", joint_batches.JointBatches, "correct"),
     ("fix applied", _own, "measure_all"),
@@ -53,71 +46,30 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
 """Name, and where the function is looked up."""
 
 
-class Clock:
-    """CPU seconds of each stage without those inside it."""
-
-    def __init__(self) -> None:
-        self.spent: dict[str, float] = defaultdict(float)
-        self._open: list[str] = []
-        self._since = 0.0
-
-    def timed(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function that is timed."""
-
-        def run(*values: Any, **named: Any) -> Any:
-            self._turn(name)
-            try:
-                return function(*values, **named)
-            finally:
-                self._turn(None)
-
-        return run
-
-    def _turn(self, opened: str | None) -> None:
-        now = thread_time()
-        if self._open:
-            self.spent[self._open[-1]] += now - self._since
-        self._since = now
-        if opened is None:
-            self._open.pop()
-        else:
-            self._open.append(opened)
-
-
 def measure(settings: list[str], runs: int, hours: float) -> None:
     """Print the stages of a scenario's runs."""
     short = load_scenario(None, [*settings, "route.duration=1500"])
     scenario = load_scenario(None, [*settings, f"route.duration={hours * 3600.0}"])
     engine.simulate(short, [0])  # compiles
     clock = Clock()
-    for name, owner, attribute in STAGES:
-        setattr(owner, attribute, clock.timed(name, getattr(owner, attribute)))
-    fixes: list[float] = []
-    timed = matcher.Pmht.match
-
-    def match(*values: Any) -> Any:
-        start = thread_time()
-        result = timed(*values)
-        fixes.append(1e3 * (thread_time() - start))
-        return result
-
-    matcher.Pmht.match = match
+    for stage in STAGES:
+        clock.watch(*stage)
     engine.simulate(scenario, range(runs))
-    total = sum(clock.spent.values())
+    total = sum(clock.seconds.values())
+    fixes = 1e3 * np.array(clock.calls[MATCHER])
     print(f"{runs * hours / total:.2f} run-hours per CPU second")
     print(
         f"a fix: median {np.median(fixes):.2f} ms, mean {np.mean(fixes):.2f} ms,"
-        f" 99 % {np.percentile(fixes, 99.0):.2f} ms, longest {max(fixes):.2f} ms"
+        f" 99 % {np.percentile(fixes, 99.0):.2f} ms, longest {fixes.max():.2f} ms"
     )
-    for name, seconds in sorted(clock.spent.items(), key=lambda item: -item[1]):
+    for name, seconds in sorted(clock.seconds.items(), key=lambda item: -item[1]):
         print(f"{1e3 * seconds / len(fixes):8.3f} ms  {name}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", required=True)
-    parser.add_argument("--untold", action="store_true")
-    parser.add_argument("--runs", type=int, default=4)
+    """Measure and print."""
+    parser = closed_loop.parser(__doc__, "data", runs=4)
+    parser.add_argument("--untold", action="store_true", help="the matcher is told nothing")
     parser.add_argument("--hours", type=float, default=3.6)
     options = parser.parse_args()
     settings = [

@@ -4,35 +4,9 @@ import numpy as np
 import pytest
 
 from helpers.navigators import random_covariance
-from isogal.matrices import (
-    cholesky,
-    eigen,
-    inverse,
-    inverse_of_lower,
-    lower,
-    positive_part,
-    square_root,
-)
+from isogal.matrices import eigen, inverse_of_lower, lower, square_root
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_inverse_is_that_of_numpy(seed):
-    random = np.random.default_rng(seed)
-    matrix = random.standard_normal((7, 7))
-    matrix[0, 0] = 0.0  # the first pivot is not where it stands
-    np.testing.assert_allclose(inverse(matrix), np.linalg.inv(matrix), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(inverse(matrix.T), inverse(matrix).T, rtol=1e-9, atol=1e-12)
-    covariance = random_covariance(SIGMA, seed)
-    scaled = inverse(covariance) @ covariance * SIGMA[:, None] / SIGMA
-    np.testing.assert_allclose(scaled, np.eye(7), atol=1e-9)
-
-
-@pytest.mark.parametrize("matrix", [np.zeros((2, 2)), np.ones((3, 3)), np.full((2, 2), np.nan)])
-def test_what_has_no_inverse_is_refused(matrix):
-    with pytest.raises(np.linalg.LinAlgError):
-        inverse(matrix)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -44,8 +18,6 @@ def test_cholesky_factor_and_its_inverse_are_those_of_numpy(seed):
     np.testing.assert_allclose(inverse_of_lower(factor) @ factor, np.eye(7), atol=1e-9)
     covariance[3, 3] *= -1.0
     assert np.isnan(lower(covariance)[-1, -1])
-    with pytest.raises(np.linalg.LinAlgError):
-        cholesky(covariance)
 
 
 def symmetric_ones():
@@ -68,7 +40,6 @@ def test_eigenvalues_and_vectors_are_those_of_numpy(matrix):
     np.testing.assert_allclose(vectors @ vectors.T, np.eye(len(matrix)), atol=1e-14)
     values, vectors = np.linalg.eigh(matrix)
     positive = vectors * np.maximum(values, 0.0) @ vectors.T
-    np.testing.assert_allclose(positive_part(matrix) / size, positive / size, atol=1e-14)
     half = square_root(matrix)
     np.testing.assert_allclose(half @ half.T / size, positive / size, atol=1e-14)
 
@@ -78,11 +49,3 @@ def test_what_is_not_finite_comes_to_an_end(value):
     matrix = np.eye(4)
     matrix[1, 2] = matrix[2, 1] = value
     assert len(eigen(matrix)[0]) == 4
-
-
-def test_positive_part_in_units():
-    covariance = random_covariance(SIGMA, 1) - random_covariance(SIGMA, 2)
-    unit = SIGMA[:, None] * SIGMA
-    values, vectors = np.linalg.eigh(covariance / unit)
-    expected = vectors * np.maximum(values, 0.0) @ vectors.T
-    np.testing.assert_allclose(positive_part(covariance, SIGMA) / unit, expected, atol=1e-12)

@@ -12,42 +12,26 @@ from isogal.scenario import (
     validate_scenario,
 )
 
+DEFAULTS = """
+seed: 0
+route: {start: [-38.0, 144.5], end: [-35.0, 150.0], speed: 22.0, height: 100.0, duration: 12960.0}
+imu: {grade: precision, rate: 1.0}
+initial_error: {position: 50.0, velocity: 0.05, tilt: 2.5e-5, heading: 3.0e-4}
+gravimeter: {quantity: gravity, sigma: 1.0e-5, interval: 10.0}
+map: {source: synthetic, path: null, variable: null}
+map_error: {sigma: 0.0, correlation_length: 4000.0}
+matcher: {name: pmht, batch_length: 30, stride: null, mode: standard, map_sigma: auto,
+  map_correlation_length: 4000.0, bias_sigma: 0.0}
+"""
 
-def test_defaults():
+
+def test_defaults(tmp_path):
+    """What is the default is, written in a file, the default, and every key of it is checked."""
+    (tmp_path / "s.yaml").write_text(DEFAULTS)
     it = load_scenario()
-    assert it == Scenario()
-    assert it.seed == 0
-    assert (it.route.start, it.route.end) == ((-38.0, 144.5), (-35.0, 150.0))
-    assert (it.route.speed, it.route.height, it.route.duration) == (22.0, 100.0, 12960.0)
-    assert (it.imu.grade, it.imu.rate) == ("precision", 1.0)
-    errors = it.initial_error
-    assert (errors.position, errors.velocity, errors.tilt, errors.heading) == (
-        50.0,
-        0.05,
-        2.5e-5,
-        3e-4,
-    )
-    assert (it.gravimeter.quantity, it.gravimeter.sigma, it.gravimeter.interval) == (
-        "gravity",
-        1e-5,
-        10.0,
-    )
-    assert (it.map.source, it.map.path, it.map.variable) == ("synthetic", None, None)
-    assert (it.map_error.sigma, it.map_error.correlation_length) == (0.0, 4000.0)
-    matcher = it.matcher
-    assert (matcher.name, matcher.batch_length, matcher.stride, matcher.mode) == (
-        "pmht",
-        30,
-        None,
-        "standard",
-    )
-    assert (matcher.map_sigma, matcher.map_correlation_length, matcher.bias_sigma) == (
-        "auto",
-        4000.0,
-        0.0,
-    )
+    assert it == load_scenario(tmp_path / "s.yaml") == Scenario()
     assert it.steps_per_scan == 10
-    assert matcher.scans_between_fixes == 5
+    assert it.matcher.scans_between_fixes == 5
 
 
 def test_file_and_overrides(tmp_path):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isogal.errors import InputError
-from isogal.scenario import Scenario, Truth, load_scenario, truth_of, validate_scenario
+from isogal.scenario import Assumed, Scenario, Truth, load_scenario, truth_of, validate_scenario
 from isogal.scenario.truth import SECTIONS, SHARED
 
 LARGE = ["gravimeter.bias=2e-5", "initial_error.hidden_position=1000"]
@@ -17,6 +17,9 @@ def test_without_truth_all_is_as_assumed():
     assert it.truth == {}
     assert dict(it.true) == {name: getattr(it, name) for name in Truth.model_fields}
     assert it.informed == it
+    # neither passes for the other
+    assert isinstance(it, Assumed) and not isinstance(it, Truth)
+    assert not isinstance(it.true, Assumed)
 
 
 def test_the_true_keys_stand_in_the_truth_alone():

@@ -1,8 +1,9 @@
 """CPU time of Isogal's Monte Carlo in closed loop, as a whole and by part."""
 
-import time
-from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
+from unittest.mock import patch
+
+from clock import Clock
 
 from isogal.fusion import inertial_navigator
 from isogal.maps.field_map import FieldMap
@@ -11,22 +12,7 @@ from isogal.matching.registry import load_matcher
 from isogal.montecarlo import engine
 from isogal.scenario import Scenario
 
-
-class Clock:
-    """CPU time spent in functions."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    def watch(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def watched(*args: Any, **kwargs: Any) -> Any:
-            start = time.thread_time()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                self.seconds[name] = self.seconds.get(name, 0.0) + time.thread_time() - start
-
-        return watched
+Memory = TypeVar("Memory")
 
 
 class WatchedMatcher:
@@ -34,14 +20,14 @@ class WatchedMatcher:
 
     def __init__(self, inner: Matcher, clock: Clock) -> None:
         self.inner, self.name, self.context = inner, inner.name, inner.context
-        self.timed = clock.watch("matching", inner.match)
+        self.timed = clock.timed("matching", inner.match)
         self.batches: list[Batch] = []
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: FieldMap, memory: Memory) -> tuple[Fix, Memory]:
+        """Match one batch; see `isogal.matching.interfaces.Matcher`."""
         if not self.batches or batch.time[-1] > self.batches[-1].time[-1]:
             self.batches.append(batch)
-        answer: tuple[Fix, Any] = self.timed(batch, field_map, memory)
-        return answer
+        return self.timed(batch, field_map, memory)
 
 
 def measure_closed_loop(
@@ -50,13 +36,11 @@ def measure_closed_loop(
     """CPU seconds of a Monte Carlo, in all and by part; the batches of its first run."""
     clock = Clock()
     matcher = WatchedMatcher(load_matcher(scenario.matcher), clock)
-    kept = inertial_navigator.propagate, engine.propagate_ins
-    inertial_navigator.propagate = clock.watch("filter", inertial_navigator.propagate)
-    engine.propagate_ins = clock.watch("strapdown", engine.propagate_ins)
-    try:
-        start = time.thread_time()
-        engine.simulate(scenario, range(runs), field_map, matcher)
-        clock.seconds["all"] = time.thread_time() - start
-    finally:
-        inertial_navigator.propagate, engine.propagate_ins = kept
-    return clock.seconds, matcher.batches
+    filtering = clock.timed("filter", inertial_navigator.propagate)
+    strapdown = clock.timed("strapdown", engine.propagate_ins)
+    with (
+        patch.object(inertial_navigator, "propagate", filtering),
+        patch.object(engine, "propagate_ins", strapdown),
+    ):
+        clock.timed("rest", engine.simulate)(scenario, range(runs), field_map, matcher)
+    return clock.seconds | {"all": sum(clock.seconds.values())}, matcher.batches

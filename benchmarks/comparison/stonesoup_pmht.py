@@ -20,8 +20,9 @@ from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, Candidates
 from isogal.matching.local_plane import LocalPlane
+from isogal.matching.paper.iteration import PaperOptions
 from isogal.matching.paper.kalman import constant_velocity
-from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
+from isogal.matching.paper.matcher import PmhtPaper
 
 BATCHES = 6
 ITERATIONS = 15

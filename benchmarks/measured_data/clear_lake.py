@@ -4,7 +4,6 @@ the sensor noise that the other three show."""
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,8 @@ from isogal.tracks.map_error import fit_map_error
 from measured_data.lines import MGAL, Line, Shift, clear_lake
 from measured_data.matches import (
     Noise,
+    Row,
+    Summary,
     bearings,
     match_line,
     nis,
@@ -30,40 +31,42 @@ BATCH = 30
 """Readings of a batch where lines are not taken as a whole."""
 DEFAULT = Noise(4000.0, 0.5 * MGAL)
 """Where nothing is learnt: the correlation length that `isogal match` assumes, and 0.5 mGal."""
-Rows = list[dict[str, Any]]
+DIRECTIONS = 4
+"""From which a line is matched."""
+Medians = dict[str, float]
+Lake = dict[str, dict[str, float | list[float] | Summary | list[dict[str, float | Medians]]]]
+"""What there is to say of Clear Lake, by kind and line; of `batches` by kind of assumptions."""
 
 
-def study_clear_lake(
-    data: Path, directions: int = 4, growth: Sequence[int] = GROWTH
-) -> dict[str, Any]:
+def study_clear_lake(data: Path) -> Lake:
     """Return everything about Clear Lake."""
     field_map, lines, scattered = clear_lake(data)
     everything = fit_map_error([line.track(1.0) for line in lines], field_map)
-    result: dict[str, Any] = {
+    result: Lake = {
         "stations": {line.name: int(line.value.size) for line in lines},
         "settings": {"all lines": settings_of(everything)},
         "nis": {"scattered": _nis(scattered, field_map, noise_of(everything))},
         **{kind: {} for kind in ("whole", "bare", "white", "unlearnt", "rigid_m", "growth")},
     }
-    batches: dict[str, Rows] = {}
+    batches: dict[str, list[Row]] = {}
     for line in lines:
         others = [other.track(1.0) for other in lines if other is not line]
         fit = fit_map_error(others, field_map)
         noise = noise_of(fit)
         result["settings"][line.name] = settings_of(fit)
         result["nis"][line.name] = _nis(line, field_map, noise)
-        for kind, rows in _whole(line, field_map, noise, bearings(directions)).items():
-            result[kind][line.name] = {"rows": rows, **summary_of(rows)}
+        for kind, rows in _whole(line, field_map, noise, bearings(DIRECTIONS)).items():
+            result[kind][line.name] = summary_of(rows)
         result["rigid_m"][line.name] = [
-            rigid_search(line, field_map, shift) for shift in bearings(directions)
+            rigid_search(line, field_map, shift) for shift in bearings(DIRECTIONS)
         ]
-        counts = [*(n for n in growth if n < line.value.size), line.value.size]
+        counts = [*(n for n in GROWTH if n < line.value.size), line.value.size]
         result["growth"][line.name] = [
             {"readings": n} | _growth_at(line.part(slice(n)), field_map, noise) for n in counts
         ]
-        for kind, rows in _batches(line, field_map, noise, bearings(directions)[:2]).items():
+        for kind, rows in _batches(line, field_map, noise, bearings(DIRECTIONS)[:2]).items():
             batches.setdefault(kind, []).extend(rows)
-    result["batches"] = {kind: summary_of(rows) | {"rows": rows} for kind, rows in batches.items()}
+    result["batches"] = {kind: summary_of(rows) for kind, rows in batches.items()}
     return result
 
 
@@ -74,7 +77,7 @@ def _nis(line: Line, field_map: FieldMap, noise: Noise) -> list[float]:
 
 def _whole(
     line: Line, field_map: FieldMap, noise: Noise, shifts: Sequence[Shift]
-) -> dict[str, Rows]:
+) -> dict[str, list[Row]]:
     """Match a line as one batch from each direction, with each kind of assumption."""
     kinds = {
         "whole": (noise, True),
@@ -90,7 +93,7 @@ def _whole(
 
 def _batches(
     line: Line, field_map: FieldMap, noise: Noise, shifts: Sequence[Shift]
-) -> dict[str, Rows]:
+) -> dict[str, list[Row]]:
     """Match a line in batches from each direction, with each kind of assumption."""
     kinds = {
         "independent": (noise, False, True),
@@ -98,7 +101,7 @@ def _batches(
         "chained": (noise, True, True),
         "white": (noise.white, False, False),
     }
-    found: dict[str, Rows] = {}
+    found: dict[str, list[Row]] = {}
     for kind, (own, chained, checked) in kinds.items():
         how = {"batch_length": BATCH, "chained": chained, "checked": checked}
         found[kind] = [
@@ -109,7 +112,7 @@ def _batches(
     return found
 
 
-def _growth_at(line: Line, field_map: FieldMap, noise: Noise) -> dict[str, Any]:
+def _growth_at(line: Line, field_map: FieldMap, noise: Noise) -> dict[str, Medians]:
     """Return medians over two directions of error and 1-sigma of prior and fix together after the
     readings of a line; white: from the likelihood alone."""
     shifts = [shift for shift in bearings(2) if _starts_on_map(line, field_map, shift)]

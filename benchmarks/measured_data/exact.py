@@ -3,7 +3,6 @@ kriging knows, its mean and the whole covariance of its errors among readings, a
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ SCALES = np.geomspace(0.4, 2.5, 9)
 """Factors on the map's sigma, the likeliest of which counts."""
 
 
-def study_exact(data: Path) -> dict[str, Any]:
+def study_exact(data: Path) -> dict[str, dict[str, float | list[float]]]:
     """Return what each line shows at its true place (`shapes`), and of each flight line the
     likeliest place (m north, east of the true one), how much more likely it is, and what share of
     the places are more likely than the true one."""

@@ -4,7 +4,6 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,16 +13,21 @@ from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.figures import style
 from isogal.maps.field_map import FieldMap
+from measured_data.clear_lake import Lake
 from measured_data.lines import Line, clear_lake, scotland
 from measured_data.map_figures import clear_lake_figure, learnt_error, scotland_figure
-from measured_data.matches import residuals
+from measured_data.matches import Summary, residuals
+from measured_data.scotland import Part
 
+Results = dict[str, Lake | dict[str, Part] | dict[str, Summary]]
+"""Of all studies: `clear_lake`, `scotland`, `untold`."""
 CORRELATED = style.AIDED
 WHITE = style.UNAIDED
+DOT = {"markersize": 4.0, "markeredgecolor": "black", "markeredgewidth": 0.4}
 MARKS = {"correlated": ("o", style.BLUE), "white": ("^", style.VERMILION)}
 
 
-def write_figures(data: Path, results: dict[str, Any], folder: Path) -> None:
+def write_figures(data: Path, results: Results, folder: Path) -> None:
     """Write all figures as PNG."""
     folder.mkdir(parents=True, exist_ok=True)
     figures = {
@@ -40,7 +44,7 @@ def write_figures(data: Path, results: dict[str, Any], folder: Path) -> None:
 
 
 @style.journal
-def correlation_figure(data: Path, results: dict[str, Any]) -> Figure:
+def correlation_figure(data: Path, results: Results) -> Figure:
     """Correlation of the map's errors at two readings of a line by their distance: measured, and
     as assumed."""
     figure = style.new_figure(2.7)
@@ -100,7 +104,7 @@ def _correlation(lines: Sequence[Line], field_map: FieldMap, edges: Array) -> tu
 
 
 @style.journal
-def growth_figure(result: dict[str, Any]) -> Figure:
+def growth_figure(result: Lake) -> Figure:
     """Error and 1-sigma of the fix on each line as it gets longer, with correlated and with white
     map errors."""
     figure = style.new_figure(4.4)
@@ -115,14 +119,8 @@ def growth_figure(result: dict[str, Any]) -> Figure:
             panel.plot(
                 count, sigma, **line.options(), label=rf"$1\sigma$ claimed, {kind} map error"
             )
-            panel.plot(
-                *(count, error, marker),
-                color=line.colour,
-                markersize=4.0,
-                markeredgecolor="black",
-                markeredgewidth=0.4,
-                label=f"error, {kind} map error",
-            )
+            label = f"error, {kind} map error"
+            panel.plot(count, error, marker, color=line.colour, label=label, **DOT)
         style.logarithmic(panel)
         panel.set_title(name, loc="left")
     for panel in panels[1]:
@@ -135,7 +133,7 @@ def growth_figure(result: dict[str, Any]) -> Figure:
 
 
 @style.journal
-def honesty_figure(results: dict[str, Any]) -> Figure:
+def honesty_figure(results: Results) -> Figure:
     """Error of each whole-line fix against its own 1-sigma."""
     figure = style.new_figure(3.4)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -155,29 +153,14 @@ def honesty_figure(results: dict[str, Any]) -> Figure:
     for panel, (title, kinds) in zip(panels, groups, strict=True):
         for kind, rows in kinds.items():
             fixes = [row for row in rows if "error_m" in row]
-            sigma = np.array(
-                [math.hypot(row["sigma_long_m"], row["sigma_short_m"]) for row in fixes]
-            )
-            error = np.array([row["error_m"] for row in fixes])
+            sigma = [math.hypot(row["sigma_long_m"], row["sigma_short_m"]) for row in fixes]
+            error = [row["error_m"] for row in fixes]
             marker, colour = MARKS[kind]
-            panel.plot(
-                *(sigma, error, marker),
-                color=colour,
-                markersize=4.2,
-                markeredgecolor="black",
-                markeredgewidth=0.4,
-                label=f"{kind} map error",
-            )
+            panel.plot(sigma, error, marker, color=colour, label=f"{kind} map error", **DOT)
         x = np.array([50.0, 2000.0])
-        panel.plot(x, x, color="black", linewidth=0.9, label=r"error = $1\sigma$")
-        panel.plot(
-            x,
-            2.5 * x,
-            color="black",
-            linewidth=0.9,
-            linestyle=(0, (4, 2)),
-            label=r"error = $2.5\sigma$",
-        )
+        for factor, dashes in ((1, "-"), (2.5, (0, (4, 2)))):
+            label = rf"error = ${factor}\sigma$"
+            panel.plot(x, factor * x, color="black", linewidth=0.9, linestyle=dashes, label=label)
         panel.set_xscale("log")
         style.logarithmic(panel)
         panel.set_xlim(60.0, 1500.0)

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,12 +15,14 @@ from isogal.evaluation.figures.track import Frame
 from isogal.maps.field_map import FieldMap
 from isogal.tracks.figures import MATCHED, RECORDED, matched_positions
 from isogal.tracks.map_error import MapError
+from measured_data.clear_lake import Lake
 from measured_data.lines import Line, clear_lake, scotland
 from measured_data.matches import Noise, bearings, match_line
+from measured_data.scotland import Part
 
 
 @style.journal
-def clear_lake_figure(data: Path, result: dict[str, Any]) -> Figure:
+def clear_lake_figure(data: Path, result: Lake) -> Figure:
     """The four lines on the map, as recorded by a navigator 3 km off and as matched; beside it,
     the map's own error."""
     field_map, lines, _ = clear_lake(data)
@@ -71,13 +72,13 @@ def _numbered_line(panel: Axes, line: Line, number: int) -> None:
     )
 
 
-def learnt_error(part: dict[str, Any]) -> MapError:
+def learnt_error(part: Part) -> MapError:
     """Return the map error in the results of a group of lines over Scotland."""
     return MapError(**{k: v for k, v in part["settings"].items() if k != "even_sigma"})
 
 
 @style.journal
-def scotland_figure(data: Path, part: dict[str, Any]) -> Figure:
+def scotland_figure(data: Path, part: Part) -> Figure:
     """The map with flight lines and tie lines; the map error that was learnt from the flight
     lines."""
     field_map, flights, ties = scotland(data)
@@ -103,7 +104,7 @@ def scotland_figure(data: Path, part: dict[str, Any]) -> Figure:
     return figure
 
 
-def _write_error(panel: Axes, line: Line, part: dict[str, Any]) -> None:
+def _write_error(panel: Axes, line: Line, part: Part) -> None:
     """Write the median error of a line's fixes at its end."""
     errors = [
         row["error_m"]

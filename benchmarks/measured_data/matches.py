@@ -5,7 +5,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -28,6 +28,13 @@ WHOLE = 1000
 """Batch length that takes a line at once."""
 WHITE = 1.0
 """m, correlation length of map errors that are as good as independent."""
+
+
+Row = dict[str, str | float | None]
+"""Figures of a match (`row_of`)."""
+Summary = dict[str, float | Sequence[Row]]
+"""Figures of many matches (`summary_of`), and `nis`, normalised innovation squared, where it is
+known."""
 
 
 class Noise(NamedTuple):
@@ -103,7 +110,7 @@ def match_line(
         return match_track(track, field_map, settings, Uncertainty(position=AWAY), chained=chained)
 
 
-def row_of(line: Line, match: Match, aided: bool = False) -> dict[str, Any]:
+def row_of(line: Line, match: Match, aided: bool = False) -> Row:
     """Return error, 1-sigma axes and NEES of a match; `aided` = of the track after it, with the
     prior and all earlier fixes."""
     last = match.rows.stop - 1
@@ -131,24 +138,28 @@ def whole_line(
     *,
     checked: bool = True,
     aided: bool = False,
-) -> dict[str, Any]:
+) -> Row:
     """Match a line as one batch and return its row (see `match_line` and `row_of`)."""
     return row_of(line, match_line(line, field_map, noise, shift, checked=checked)[0], aided)
 
 
-def summary_of(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return figures of many matches."""
+def summary_of(rows: Sequence[Row]) -> Summary:
+    """Return figures of many matches, and the rows themselves."""
     fixes = [row for row in rows if "error_m" in row]
-    result: dict[str, Any] = {"fixes": len(fixes), "batches": len(rows)}
+    result: Summary = {"fixes": len(fixes), "batches": len(rows), "rows": rows}
     if fixes:
-        errors = np.array([row["error_m"] for row in fixes])
+        errors = [row["error_m"] for row in fixes]
         result |= {
             "error_median_m": float(np.median(errors)),
             "error_90_m": float(np.percentile(errors, 90.0)),
-            "error_largest_m": float(errors.max()),
+            "error_largest_m": float(np.max(errors)),
+        }
+    if fixes and "nees_per_axis" in fixes[0]:
+        nees = [row["nees_per_axis"] for row in fixes]
+        result |= {
             "sigma_long_median_m": float(np.median([row["sigma_long_m"] for row in fixes])),
-            "nees_per_axis": float(np.mean([row["nees_per_axis"] for row in fixes])),
-            "nees_per_axis_median": float(np.median([row["nees_per_axis"] for row in fixes])),
+            "nees_per_axis": float(np.mean(nees)),
+            "nees_per_axis_median": float(np.median(nees)),
         }
     return result
 

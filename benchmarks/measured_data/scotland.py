@@ -4,7 +4,6 @@ shows."""
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.tracks.map_error import fit_map_error
 from measured_data.lines import Line, scotland
 from measured_data.matches import (
+    Summary,
     bearings,
     nis,
     noise_of,
@@ -26,27 +26,28 @@ LEAST_SENSOR = 1.0
 """nT; no aeromagnetic reading of the time was more precise."""
 
 
-def study_scotland(
-    data: Path, directions: int = 2, thin: int = 3, swap: bool = True
-) -> dict[str, Any]:
+DIRECTIONS, THIN = 2, 3
+"""From which a line is matched; settings are taken from every third reading."""
+
+
+Part = dict[str, dict[str, float] | Summary]
+"""What becomes of lines: the `settings` that others show (with `even_sigma`, nT, the same
+everywhere), and summaries with these, of the likelihood alone (`bare`), with `even_sigma`, with
+white noise, and by least squares (`rigid`)."""
+
+
+def study_scotland(data: Path) -> dict[str, Part]:
     """Return everything about Scotland: settings from the flight lines, applied to the tie lines,
-    and with `swap` the other way round; settings are taken from every `thin`-th reading."""
+    and the other way round."""
     field_map, flights, ties = scotland(data)
-    result = {"tie lines": _matched(field_map, flights, ties, directions, thin)}
-    if swap:
-        result["flight lines"] = _matched(field_map, ties, flights, directions, thin)
-    return result
+    return {
+        "tie lines": _matched(field_map, flights, ties),
+        "flight lines": _matched(field_map, ties, flights),
+    }
 
 
-def _matched(
-    field_map: FieldMap,
-    references: Sequence[Line],
-    lines: Sequence[Line],
-    directions: int,
-    thin: int,
-) -> dict[str, Any]:
-    """Return what becomes of lines with the settings that the references show."""
-    thinned = [line.part(slice(None, None, thin)).track(1.0) for line in references]
+def _matched(field_map: FieldMap, references: Sequence[Line], lines: Sequence[Line]) -> Part:
+    thinned = [line.part(slice(None, None, THIN)).track(1.0) for line in references]
     fit = fit_map_error(thinned, field_map)
     noise = noise_of(fit, LEAST_SENSOR)
     own = fit.apply(field_map)
@@ -59,23 +60,17 @@ def _matched(
         "even": (even, noise, True),
         "white": (own, noise.white, False),
     }
-    part: dict[str, Any] = {
+    errors = [rigid_search(line, field_map, bearings(DIRECTIONS)[0]) for line in lines]
+    part: Part = {
         "settings": settings_of(fit) | {"even_sigma": even_sigma},
-        "nis": {
-            kind: np.mean([nis(line, used, assumed) for line in lines], axis=0).tolist()
-            for kind, (used, assumed, _) in kinds.items()
-        },
+        "rigid": summary_of([{"error_m": error} for error in errors]),
     }
     for kind, (used, assumed, checked) in kinds.items():
         rows = [
             whole_line(line, used, assumed, shift, checked=checked)
             for line in lines
-            for shift in bearings(directions)
+            for shift in bearings(DIRECTIONS)
         ]
-        part[kind] = summary_of(rows) | {"rows": rows}
-    errors = [rigid_search(line, field_map, bearings(directions)[0]) for line in lines]
-    part["rigid"] = {
-        "error_median_m": float(np.median(errors)),
-        "error_90_m": float(np.percentile(errors, 90.0)),
-    }
+        per_reading = float(np.mean([nis(line, used, assumed)[0] for line in lines]))
+        part[kind] = summary_of(rows) | {"nis": per_reading}
     return part

@@ -1,77 +1,52 @@
 """The tables of docs/evidence/real-data.md, from the results of real_data.py.
 Lengths in km, gravity in mGal, magnetic anomalies in nT."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+import math
+from collections.abc import Mapping
 
 import numpy as np
+from closed_loop import cells_of, markdown
 
 from isogal.tracks.map_error import SMOOTHING
+from measured_data.clear_lake import Lake
 from measured_data.lines import MGAL
+from measured_data.matches import Summary
+from measured_data.scotland import Part
 
 
-def tables(results: dict[str, Any]) -> str:
+def tables(clear_lake: Lake, scotland: Mapping[str, Part], untold: Mapping[str, Summary]) -> str:
     """Return all of them, in Markdown."""
-    lake, scotland = results["clear_lake"], results["scotland"]
     parts = [
-        ("Clear Lake, how wrong the map is", nis_table(lake)),
-        ("Clear Lake, whole lines", whole_table(lake)),
-        ("Clear Lake, after n stations", growth_table(lake)),
-        ("Clear Lake, batches of 30", batch_table(lake)),
+        ("Clear Lake, how wrong the map is", nis_table(clear_lake)),
+        ("Clear Lake, whole lines", whole_table(clear_lake)),
+        ("Clear Lake, after n stations", growth_table(clear_lake)),
+        ("Clear Lake, batches of 30", batch_table(clear_lake)),
         ("Scotland", scotland_table(scotland)),
-        ("Nothing specified", untold_table(results["untold"])),
+        ("Nothing specified", untold_table(untold)),
     ]
     return "\n".join(f"{title}\n\n{table}\n" for title, table in parts)
 
 
-def _markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def nis_table(lake: dict[str, Any]) -> str:
+def nis_table(lake: Lake) -> str:
     """NIS per reading and of a line's mean residual, with independent and with correlated
     errors."""
     header = (
-        "stations",
-        "L",
-        "sensor",
-        "NIS, independent errors",
-        "NIS, correlated",
-        "NIS of the mean, independent",
-        "NIS of the mean, correlated",
+        *("stations", "L", "sensor", "NIS, independent errors", "NIS, correlated"),
+        *("NIS of the mean, independent", "NIS of the mean, correlated"),
     )
-    rows = []
-    for name, (white, white_mean, correlated, mean) in lake["nis"].items():
-        fit = lake["settings"].get(name, lake["settings"]["all lines"])
-        settings = [f"{fit['correlation_length'] / 1e3:.2f}", f"{fit['sensor_sigma'] / MGAL:.2f}"]
-        rows.append(
-            [
-                name,
-                *settings,
-                f"{white:.2f}",
-                f"{correlated:.2f}",
-                f"{white_mean:.1f}",
-                f"{mean:.1f}",
-            ]
-        )
     sizes = np.array([lake["stations"][name] for name in lake["whole"]], dtype=float)
     means = sizes @ np.array([lake["nis"][name] for name in lake["whole"]]) / sizes.sum()
-    rows.append(
-        [
-            "all lines, mean",
-            "",
-            "",
-            f"{means[0]:.2f}",
-            f"{means[2]:.2f}",
-            f"{means[1]:.1f}",
-            f"{means[3]:.1f}",
-        ]
-    )
-    return _markdown(header, rows)
+    rows = []
+    for name, found in [*lake["nis"].items(), ("all lines, mean", means)]:
+        fit = lake["settings"].get(name, lake["settings"]["all lines"])
+        settings = f"{fit['correlation_length'] / 1e3:.2f}", f"{fit['sensor_sigma'] / MGAL:.2f}"
+        white, white_mean, correlated, mean = found
+        shown = f"{white:.2f}", f"{correlated:.2f}", f"{white_mean:.1f}", f"{mean:.1f}"
+        rows.append([name, *(settings if found is not means else ("", "")), *shown])
+    return markdown(header, rows)
 
 
-def whole_table(lake: dict[str, Any]) -> str:
+def whole_table(lake: Lake) -> str:
     """Whole lines, each from some directions: error, 1-sigma and NEES per axis."""
     header = (
         *("line", "correlated: error", "1-sigma", "NEES"),
@@ -87,10 +62,10 @@ def whole_table(lake: dict[str, Any]) -> str:
         )
         rigid = f"{np.median(lake['rigid_m'][name]) / 1e3:.2f}"
         rows.append([name, *whole, bare[-1], *unlearnt, *white, rigid])
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
-def _whole(summary: dict[str, Any]) -> list[str]:
+def _whole(summary: Summary) -> list[str]:
     if not summary["fixes"]:
         return ["no fix", "", ""]
     missing = summary["batches"] - summary["fixes"]
@@ -102,7 +77,7 @@ def _whole(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-def growth_table(lake: dict[str, Any]) -> str:
+def growth_table(lake: Lake) -> str:
     """Error / long 1-sigma after some stations."""
     counts = sorted({step["readings"] for steps in lake["growth"].values() for step in steps[:-1]})
     rows = []
@@ -118,10 +93,10 @@ def growth_table(lake: dict[str, Any]) -> str:
                 for n in counts
             ]
             rows.append([f"{name}, {kind}", *cells])
-    return _markdown(["line", *map(str, counts)], rows)
+    return markdown(["line", *map(str, counts)], rows)
 
 
-def batch_table(lake: dict[str, Any]) -> str:
+def batch_table(lake: Lake) -> str:
     """Batches of 30 stations."""
     names = {
         "independent": "correlated",
@@ -134,9 +109,9 @@ def batch_table(lake: dict[str, Any]) -> str:
     )
 
 
-def scotland_table(scotland: dict[str, Any]) -> str:
+def scotland_table(scotland: Mapping[str, Part]) -> str:
     """Whole lines of Scotland, with the map error learnt from the others."""
-    kinds: dict[str, dict[str, Any]] = {}
+    kinds: dict[str, Summary] = {}
     for name, part in scotland.items():
         fit = part["settings"]
         learnt = (
@@ -144,46 +119,42 @@ def scotland_table(scotland: dict[str, Any]) -> str:
             f" hypot({fit['floor']:.1f}, {fit['reach'] / 1e3:.2f} km x gradient over"
             f" {SMOOTHING / 1e3:.0f} km)"
         )
-        kinds[f"{name}: {learnt}"] = part["own"] | {"nis": part["nis"]["own"][0]}
-        kinds[f"{name}: its likelihood alone"] = part["bare"] | {"nis": part["nis"]["bare"][0]}
-        kinds[f"{name}: the same sigma everywhere, {fit['even_sigma']:.0f}"] = part["even"] | {
-            "nis": part["nis"]["even"][0]
+        kinds |= {
+            f"{name}: {learnt}": part["own"],
+            f"{name}: its likelihood alone": part["bare"],
+            f"{name}: the same sigma everywhere, {fit['even_sigma']:.0f}": part["even"],
+            f"{name}: white noise": part["white"],
+            f"{name}: least squares": part["rigid"],
         }
-        kinds[f"{name}: white noise"] = part["white"] | {"nis": part["nis"]["white"][0]}
-        rigid = {"fixes": 0, "batches": 0, "nis": float("nan")} | part["rigid"]
-        kinds[f"{name}: least squares"] = rigid
     return _summaries("lines", kinds)
 
 
-def untold_table(untold: dict[str, Any]) -> str:
+def untold_table(untold: Mapping[str, Summary]) -> str:
     """Lines with nothing told."""
     return _summaries("lines", untold)
 
 
-def _summaries(title: str, kinds: dict[str, dict[str, Any]]) -> str:
-    header = [
-        title,
-        "fixes",
-        "error, median",
-        "error, 90 %",
-        "1-sigma, median",
-        "NEES, mean",
-        "NEES, median",
-    ]
+_NAMES = (
+    *("error_median_m", "error_90_m", "sigma_long_median_m"),
+    *("nees_per_axis", "nees_per_axis_median", "nis"),
+)
+_COLUMNS = {
+    "fixes": "{fixes} of {batches}",
+    "error, median": "{error_median_km:.2f}",
+    "error, 90 %": "{error_90_km:.2f}",
+    "1-sigma, median": "{sigma_long_median_km:.2f}",
+    "NEES, mean": "{nees_per_axis:.1f}",
+    "NEES, median": "{nees_per_axis_median:.1f}",
+}
+
+
+def _summaries(title: str, kinds: Mapping[str, Summary]) -> str:
+    """Return a table of summaries; what one has not is a dash."""
     with_nis = any("nis" in summary for summary in kinds.values())
+    columns = _COLUMNS | ({"NIS": "{nis:.2f}"} if with_nis else {})
     rows = []
-    for kind, s in kinds.items():
-        kilometres = (
-            f"{s[key] / 1e3:.2f}" if key in s else "–"
-            for key in ("error_median_m", "error_90_m", "sigma_long_median_m")
-        )
-        nees = (
-            f"{s[key]:.1f}" if key in s else "–"
-            for key in ("nees_per_axis", "nees_per_axis_median")
-        )
-        fixes = f"{s['fixes']} of {s['batches']}" if s["batches"] else "all"
-        row = [kind, fixes, *kilometres, *nees]
-        if with_nis:
-            row.append(f"{s['nis']:.2f}" if np.isfinite(s["nis"]) else "–")
-        rows.append(row)
-    return _markdown([*header, "NIS"] if with_nis else header, rows)
+    for kind, summary in kinds.items():
+        known = dict.fromkeys(_NAMES, math.nan) | summary
+        known |= {f"{name[:-2]}_km": known[name] / 1e3 for name in known if name[-2:] == "_m"}
+        rows.append([kind, *(cell.replace("nan", "–") for cell in cells_of(known, columns))])
+    return markdown([title, *columns], rows)

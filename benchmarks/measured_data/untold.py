@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from isogal.scenario import Matcher
 from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.track import fit_to_map
 from measured_data.lines import FEWEST, MGAL, Line, clear_lake, scotland
-from measured_data.matches import AWAY, WHOLE, bearings, row_of, summary_of
+from measured_data.matches import AWAY, WHOLE, Row, Summary, bearings, row_of, summary_of
 
 GRAVITY_SIGMA = 0.5 * MGAL
 MAGNETIC_SIGMA = 2.0
@@ -22,7 +22,6 @@ BATCH = 30
 LEFT_OUT = (2, 3, 4, 5, 6)
 """Numbers, modulo 8, of the survey's lines over Scotland that are left out together; 0 are not
 among them, and 1 and 7 lie beside those."""
-Rows = list[dict[str, Any]]
 
 
 class Group(NamedTuple):
@@ -55,44 +54,47 @@ def group_of(name: str, data: Path) -> Group:
     return Group(field_map, lines, *GROUPS[name])
 
 
-def study_untold(data: Path) -> dict[str, Any]:
+def study_untold(data: Path) -> dict[str, Summary]:
     """Return summaries of all lines, whole and at Clear Lake in batches as well."""
     return {name: matched(*group_of(name, data)) for name in GROUPS}
 
 
-def study_gridded(data: Path) -> dict[str, Any]:
+def study_gridded(data: Path) -> dict[str, Summary]:
     """Return summaries of whole lines on maps made of the surveys (`isogal map grid`), and on the
     maps that come with the data."""
     lake, lines, _ = clear_lake(data)
     midland, flights, ties = scotland(data)
-    own = {
-        name: grid_survey(read_survey(data / f"{name}_survey.nc", variable), GridSettings())[0]
+    own_lake, own_scotland = (
+        grid_survey(read_survey(data / f"{name}_survey.nc", variable), GridSettings())[0]
         for name, variable in (
             ("clear_lake_gravity", "bouguer_disturbance"),
             ("scotland_magnetic", "magnetic_anomaly"),
         )
-    }
-    results = {}
-    for kind, lake_map, scotland_map in (
-        ("`isogal map grid`", own["clear_lake_gravity"], own["scotland_magnetic"]),
-        ("shipped map", lake, midland),
-    ):
-        results |= {
-            f"Clear Lake, {kind}": matched(lake_map, lines, GRAVITY_SIGMA, 2, WHOLE),
-            f"Scotland, tie lines, {kind}": matched(scotland_map, ties, MAGNETIC_SIGMA, 2, WHOLE),
-            f"Scotland, flight lines, {kind}": matched(
-                scotland_map, flights, MAGNETIC_SIGMA, 2, WHOLE
+    )
+    return {
+        f"{where}, {kind}": matched(field_map, group, sigma, 2, WHOLE)
+        for kind, maps in (
+            ("`isogal map grid`", (own_lake, own_scotland, own_scotland)),
+            ("shipped map", (lake, midland, midland)),
+        )
+        for (where, group, sigma), field_map in zip(
+            (
+                ("Clear Lake", lines, GRAVITY_SIGMA),
+                ("Scotland, tie lines", ties, MAGNETIC_SIGMA),
+                ("Scotland, flight lines", flights, MAGNETIC_SIGMA),
             ),
-        }
-    return results
+            maps,
+            strict=True,
+        )
+    }
 
 
-def study_left_out(data: Path) -> dict[str, Any]:
+def study_left_out(data: Path) -> dict[str, Summary]:
     """Return summaries of lines of Scotland's survey itself, every eighth matched on a map that is
     made of the others: what there is to learn from the survey of how right fixes are."""
     survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
     assert survey.line is not None
-    rows: Rows = []
+    rows: list[Row] = []
     results = {}
     for first in LEFT_OUT:
         out = survey.line % 8 == first
@@ -108,7 +110,7 @@ def study_left_out(data: Path) -> dict[str, Any]:
         found = matched(field_map, lines, MAGNETIC_SIGMA, 2, WHOLE)
         rows += found["rows"]
         results[f"lines {first}, {first + 8}, ..."] = found
-    return results | {"all": summary_of(rows) | {"rows": rows}}
+    return results | {"all": summary_of(rows)}
 
 
 def matched(
@@ -118,8 +120,8 @@ def matched(
     directions: int,
     length: int,
     name: str = "pmht",
-) -> dict[str, Any]:
-    """Return the summary and the rows of lines that are matched from some directions."""
+) -> Summary:
+    """Return the summary of lines that are matched from some directions."""
     settings = Matcher(name=name, batch_length=length)
     rows = []
     for line in lines:
@@ -127,4 +129,4 @@ def matched(
             track, _ = fit_to_map(line.track(sigma, shift), field_map)
             matches = match_track(track, field_map, settings, Uncertainty(position=AWAY))
             rows += [row_of(line, match) for match in matches]
-    return summary_of(rows) | {"rows": rows}
+    return summary_of(rows)

@@ -39,7 +39,7 @@ def main() -> None:
     means = np.hstack([vehicle.imu.specific_force[0], vehicle.imu.angular_rate[0]])
     header = ["utc", "dv_x", "dv_y", "dv_z", "da_x", "da_y", "da_z"]
     _write(folder / "imu.csv", header, zip(time[1:], *(trajectory.dt * means).T, strict=True))
-    gravity = zip(time[readings.index], readings.felt[0] / 1e-5, strict=True)
+    gravity = zip(time[readings.index], readings.raw[0] / 1e-5, strict=True)
     _write(folder / "gravimeter.csv", ["utc", "gravity_mgal"], gravity)
     places = zip(time, *np.degrees([trajectory.latitude, trajectory.longitude]), strict=True)
     _write(folder / "truth.csv", ["utc", "latitude", "longitude"], places)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from acceptance_figures import compared, jackknife, rms
 from acceptance_rows import Place, Row, all_rows
-from acceptance_table import HEAD, cells_of, print_table
+from acceptance_table import print_table
 
 from helpers.batches import ORIGIN
 from isogal.errors import InputError
@@ -67,7 +67,6 @@ def test_a_row_has_all_figures_and_cells(monkeypatch, place, capsys):
     assert 0.0 < row["fix_ms"]["median"] <= row["fix_ms"]["p99"] <= row["fix_ms"]["max"]
     assert row["run_hours_per_cpu_s"] > 0.0
     assert row["memory_mb"] > 50.0
-    assert len(cells_of(row, row, compared(row, row))) == len(HEAD)
     print_table({"tiny": row, "other": {"skipped": "no file"}}, {"tiny": row})
     assert "1.000±0.000" in capsys.readouterr().out
     fewer = measured(monkeypatch, place, runs=2)  # other jobs, the same runs

@@ -4,8 +4,8 @@ import argparse
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import closed_loop
 import integrity
-import mismatch
 import numpy as np
 import pytest
 
@@ -39,25 +39,26 @@ def part(runs: int) -> Runs:
     )
 
 
-def count(folder: Path, runs: int, present: bool = False) -> integrity.Count:
+def count(folder: Path, runs: int, present: bool = False) -> tuple[float, dict[float, int]]:
+    """Hours and events of runs."""
     options = argparse.Namespace(out=folder, present=present)
     with ThreadPoolExecutor(1) as pool:
-        return integrity.counted(Scenario(), runs, options, pool)
+        parts = integrity.parts_of(Scenario(), runs, options, pool)
+        counts = [integrity.Count.of(one, Integrity()) for one in parts]
+    events = {risk: sum(one.events[risk] for one in counts) for risk in RISKS}
+    return sum(one.hours for one in counts), events
 
 
 def test_parts_that_are_there_are_counted(tmp_path, monkeypatch):
-    (_, first), (_, _) = mismatch.parts_of(Scenario(), 12, tmp_path / "parts")
+    (_, first), (_, _) = closed_loop.parts_of(Scenario(), 12, tmp_path / "parts")
     part(10).save(first)
     monkeypatch.setattr(integrity, "simulate", lambda *_: pytest.fail("is to compute nothing"))
     found = count(tmp_path, 12, present=True)
-    assert found.hours == pytest.approx(10.0)
-    assert found.events == dict.fromkeys(RISKS, 1)
+    assert found == (pytest.approx(10.0), dict.fromkeys(RISKS, 1))
     first.unlink()  # what integrity needs has been kept
-    assert count(tmp_path, 12, present=True).events == found.events
+    assert count(tmp_path, 12, present=True) == found
     monkeypatch.setattr(integrity, "simulate", lambda _, runs: part(len(runs)))
-    again = count(tmp_path, 12)
-    assert again.hours == pytest.approx(12.0)
-    assert again.events == dict.fromkeys(RISKS, 2)
+    assert count(tmp_path, 12) == (pytest.approx(12.0), dict.fromkeys(RISKS, 2))
 
 
 def test_what_is_kept_is_the_record(tmp_path):
@@ -73,10 +74,9 @@ def test_what_is_kept_is_the_record(tmp_path):
 
 
 def test_a_line_of_the_table(tmp_path):
-    found = integrity.Count()
-    found.add(integrity.Solution.of(part(4)))
-    line = found.line("readings late", "untold")
-    assert line.count("|") == integrity.HEAD.splitlines()[0].count("|")
+    found = integrity.Count.of(integrity.Solution.of(part(4)), Integrity())
+    line = integrity.line_of("readings late", "untold", [found])
+    assert line.count("|") == len(integrity.HEAD) + 1
     assert line.startswith("| readings late | untold | 4 | ")
     level = float(integrity.Solution.of(part(4)).level(Integrity())[0, 0])
     assert f"| {level:.0f} | {level / 50.0:.2f} |" in line

@@ -4,17 +4,17 @@ import argparse
 import importlib
 import re
 
+import closed_loop
 import mismatch
 import numpy as np
 import pytest
+from closed_loop import write_between
 from mismatch_maps import Maps
 from mismatch_rows import MGAL_3, ROWS
-from pages import write_between
 
 from helpers.batches import ORIGIN
 from helpers.packages import ROOT
 from isogal.evaluation.records import Runs
-from isogal.evaluation.summary import summarise
 from isogal.scenario import Scenario, load_scenario
 
 MAPS = Maps("fine.nc", "coarse.nc", "rated.nc", "magnetic.nc", 7e-5, 700.0)
@@ -101,16 +101,19 @@ def test_parts_are_computed_once_and_make_a_line(tmp_path, monkeypatch):
             "route.duration=300",
         ],
     )
-    parts = list(mismatch.parts_of(scenario, 23, tmp_path))
+    parts = list(closed_loop.parts_of(scenario, 23, tmp_path))
     assert [runs for runs, _ in parts] == [range(10), range(10, 20), range(20, 23)]
-    first = mismatch.some_runs(scenario, range(2), parts[0][1])
-    monkeypatch.setattr(mismatch, "simulate", lambda *_: pytest.fail("computed again"))
-    again = mismatch.some_runs(scenario, range(2), parts[0][1])
+    first = closed_loop.some_runs(scenario, range(2), parts[0][1])
+    monkeypatch.setattr(closed_loop, "simulate", lambda *_: pytest.fail("computed again"))
+    again = closed_loop.some_runs(scenario, range(2), parts[0][1])
     assert isinstance(again, Runs)
     np.testing.assert_array_equal(first.error, again.error)
     other = scenario.model_copy(update={"truth": {"gravimeter": {"sigma": "3x"}}})
-    assert {path for _, path in mismatch.parts_of(other, 8, tmp_path)}.isdisjoint(
+    assert {path for _, path in closed_loop.parts_of(other, 8, tmp_path)}.isdisjoint(
         path for _, path in parts
     )
-    summary = summarise(again, scenario, np.full(again.time.shape, 10.0))
-    assert mismatch.number(summary["nees_all_scans"]["mean"]) != "–"
+    figures = closed_loop.figures_of(scenario, again, np.full(again.time.shape, 10.0), 60.0)
+    assert figures["ratio"] == pytest.approx(0.1 * figures["rms"])
+    cells = closed_loop.cells_of(figures, mismatch.COLUMNS)
+    assert cells[0] == "2" and cells[2] == "10.0" and cells[-1].endswith(" %")
+    assert figures["unaided"] > 10.0  # m: not the share of runs that are judged so

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -12,35 +13,24 @@ from isogal.cli.errors import clean_errors
 ISOGAL = Path(sys.executable).with_name("isogal")
 
 
+def version_into(stream: IO[bytes]) -> tuple[int, str]:
+    done = subprocess.run(
+        [ISOGAL, "--version"], stdout=stream, stderr=subprocess.PIPE, timeout=60, check=False
+    )
+    return done.returncode, done.stderr.decode()
+
+
 def test_a_closed_pipe_is_not_reported() -> None:
     read_end, write_end = os.pipe()
     os.close(read_end)
     with os.fdopen(write_end, "wb") as closed_pipe:
-        done = subprocess.run(
-            [ISOGAL, "--version"],
-            stdout=closed_pipe,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-    assert (done.returncode, done.stderr) == (141, "")
+        assert version_into(closed_pipe) == (141, "")
 
 
 def test_a_full_disk_is_one_line() -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [ISOGAL, "--version"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-    assert (done.returncode, done.stderr) == (
-        2,
-        "isogal: the output cannot be written: No space left on device\n",
-    )
+    line = "isogal: the output cannot be written: No space left on device\n"
+    with Path("/dev/full").open("wb") as full:
+        assert version_into(full) == (2, line)
 
 
 def test_the_extra_is_named(capsys) -> None:

@@ -68,7 +68,7 @@ def second() -> None:
     monkeypatch.delitem(sys.modules, "isogal.cli.sample_commands", raising=False)
     for name in ("plain", "bad_input", "interrupted", "unreadable", "defect", "group"):
         monkeypatch.setitem(
-            main.COMMANDS, name, main.Command("sample_commands", name, f"Help of {name}.")
+            main.COMMANDS, name, main.Place("sample_commands", name, f"Help of {name}.")
         )
 
 

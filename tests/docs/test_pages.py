@@ -108,4 +108,5 @@ def test_the_reference_lists_every_package_of_the_library() -> None:
     library = ROOT / "src" / "isogal" / "isogal"
     listed = re.findall(r"^\| `isogal\.(\w+)`", (ROOT / "docs/api/index.md").read_text(), re.M)
     there = {init.parent.name for init in library.glob("*/__init__.py")}
-    assert {*listed} == there - {"cli", "paper"}  # as in .ci/mkdocs_pages.py
+    modules = {name for name in listed if (library / f"{name}.py").is_file()}
+    assert {*listed} - modules == there - {"cli", "paper"}  # as in .ci/mkdocs_pages.py

@@ -75,7 +75,7 @@ def test_readings_have_it():
     field_map, plain = field_map_of(wavy), scenario()
     trajectory = build_trajectory(plain)
     wrong = scenario(map_error={"offset": 5e-5, "tilt": 1e-9})
-    felt = [ReadingSimulator(it.true, trajectory, field_map, [7]).felt for it in (plain, wrong)]
+    felt = [ReadingSimulator(it.true, trajectory, field_map, [7]).raw for it in (plain, wrong)]
     np.testing.assert_allclose(
         felt[1] - felt[0], drawn([7], offset=5e-5, tilt=1e-9)[0], atol=1e-14
     )

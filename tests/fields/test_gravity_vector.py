@@ -9,7 +9,7 @@ from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.fields import gravity_vector as vector
-from isogal.fields.gravity_vector import averaged, felt_gravity, gravity_vector
+from isogal.fields.gravity_vector import averaged, gravity_vector, sensed_gravity
 from isogal.fields.known_gravity import known_gravity, true_residual_gravity
 from isogal.fields.map_error import draw_horizontal_error, draw_map_error
 from isogal.fields.simulator import scan_index
@@ -73,7 +73,7 @@ def made_by_the_mass(trajectory):
 
 def test_the_vehicle_feels_what_a_point_mass_does(world):
     trajectory = build_trajectory(world)
-    (felt,) = felt_gravity(world.true, trajectory, [0])
+    (felt,) = sensed_gravity(world.true, trajectory, [0])
     expected = made_by_the_mass(trajectory)
     assert np.abs(expected[:, :2]).max() > 3e-5
     # what lies beyond the map is the transform's error: a per cent of the peak
@@ -86,14 +86,14 @@ def test_of_a_map_in_tiles_it_feels_the_same(world, monkeypatch):
     monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 5000)
     trajectory = build_trajectory(world)
     assert isinstance(gravity_vector(world, trajectory).disturbance, TiledMap)
-    (felt,) = felt_gravity(world.true, trajectory, [0])
+    (felt,) = sensed_gravity(world.true, trajectory, [0])
     expected = made_by_the_mass(trajectory)
     np.testing.assert_allclose(felt, expected, atol=0.05 * np.abs(expected).max())
 
 
 def test_accelerometers_feel_its_negative(world):
     trajectory = build_trajectory(world)
-    felt = felt_gravity(world.true, trajectory, [0])
+    felt = sensed_gravity(world.true, trajectory, [0])
     without, with_it = (
         simulate_imu(world.true, trajectory, [0], gravity).specific_force
         for gravity in (None, felt)
@@ -107,7 +107,7 @@ def test_normal_gravity_is_no_vector(world):
     scenario = changed(world, gravity={"field": "normal"})
     trajectory = build_trajectory(scenario)
     assert gravity_vector(scenario, trajectory) is None
-    assert felt_gravity(scenario.true, trajectory, [0]) is None
+    assert sensed_gravity(scenario.true, trajectory, [0]) is None
     assert known_gravity(scenario, trajectory).residual_sigma == 0.0
 
 
@@ -178,7 +178,7 @@ def test_drawn_errors_have_these_covariances(world):
     later = vertical[:, np.searchsorted(index, stations[1:-3]) + 6]
     found = (later[..., None] * errors[:, 1:-3]).mean(axis=(0, 1)) / 3e-5**2
     rows = index[[6, 0]]
-    apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])[:1, 1:]
+    apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])[:1, [1, 1]]
     channels = np.zeros(1, int), np.array([1, 2])
     expected = tensor_covariance(("dd", "nd", "ed"), channels[0], apart, 4e3, channels[1])
     np.testing.assert_allclose(found, expected[0], atol=0.03)
@@ -213,8 +213,8 @@ def test_maps_of_the_deflection_come_before_the_transform(world, tmp_path):
     xarray.merge(parts).to_netcdf(tmp_path / "all.nc")
     scenario = changed(world, map={"source": str(tmp_path / "all.nc"), "continuation": "none"})
     trajectory = build_trajectory(scenario)
-    transformed = felt_gravity(world.true, trajectory, [0])[0, :, :2]
-    measured = felt_gravity(scenario.true, trajectory, [0])[0, :, :2]
+    transformed = sensed_gravity(world.true, trajectory, [0])[0, :, :2]
+    measured = sensed_gravity(scenario.true, trajectory, [0])[0, :, :2]
     np.testing.assert_allclose(measured, 3.0 * transformed, atol=0.1 * np.abs(transformed).max())
 
 

@@ -29,7 +29,7 @@ def simulate(runs, field_map, **keys):
     simulator = ReadingSimulator(it.true, trajectory, field_map, runs)
     i = simulator.index
     at = State(trajectory.latitude[i], 0.0, 100.0, *trajectory.velocity[i, :2].T)
-    surface = GravityReduction().reduce(simulator.felt, at)
+    surface = GravityReduction().reduce(simulator.raw, at)
     return surface, trajectory.latitude[i], trajectory.longitude[i], simulator
 
 
@@ -111,8 +111,8 @@ def test_map_error_has_the_stated_covariance():
 def test_a_run_reads_the_same_alone_and_among_others():
     keys = {"map_error": MapError(sigma=3e-5), "gravimeter": Gravimeter(outlier_fraction=0.2)}
     field_map = field_map_of(wavy)
-    together = simulate([4, 1, 9], field_map, **keys)[3].felt
-    assert (simulate([1], field_map, **keys)[3].felt[0] == together[1]).all()
+    together = simulate([4, 1, 9], field_map, **keys)[3].raw
+    assert (simulate([1], field_map, **keys)[3].raw[0] == together[1]).all()
     assert (together[0] != together[2]).all()
 
 
@@ -120,7 +120,7 @@ def test_a_run_reads_the_same_alone_and_among_others():
     ({"route": Route(start=(-30.0, 147.0), end=(-30.0, 148.0), duration=100.0)},
      r"does not cover the route at latitude -30.0000, longitude 147\.\d{4} deg "
      r"\(10 s after the start\)"),
-    ({}, "a gravimeter does not feel magnetic_anomaly; give disturbance or gravity"),
+    ({}, "a gravimeter does not measure magnetic_anomaly; give disturbance or gravity"),
 ])  # fmt: skip
 def test_maps_that_cannot_be_used(change, message):
     field_map = field_map_of(wavy, half=30e3, step=1000.0, provenance="test.nc")
@@ -153,7 +153,7 @@ def clearance(runs, height, field_map, **keys):
     ground = field_map.value(
         trajectory.latitude[simulator.index], trajectory.longitude[simulator.index]
     )
-    return simulator.felt, ground
+    return simulator.raw, ground
 
 
 def test_clearance_is_height_above_the_ground():
@@ -192,5 +192,5 @@ def test_a_route_below_the_terrain_is_refused():
 
 
 def test_a_map_that_the_instrument_does_not_measure_is_refused():
-    with pytest.raises(InputError, match="an altimeter does not feel disturbance; give height"):
+    with pytest.raises(InputError, match="an altimeter does not measure disturbance; give height"):
         clearance([0], 900.0, field_map_of(wavy))

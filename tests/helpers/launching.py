@@ -26,20 +26,8 @@ class Action:
         self.arguments, self.keys = arguments, keys
 
 
-class Description(Action):
-    """A LaunchDescription."""
-
-
 class Argument(Action):
     """A DeclareLaunchArgument."""
-
-
-class Opaque(Action):
-    """An OpaqueFunction."""
-
-
-class Shutdown(Action):
-    """A Shutdown."""
 
 
 class Share(Action):
@@ -68,23 +56,19 @@ class Configuration(Action):
         return context.values[self.arguments[0]]
 
 
-class NodeAction(Action):
-    """launch_ros's Node."""
-
-
 MODULES = {
-    "launch": {"LaunchDescription": Description},
+    "launch": {"LaunchDescription": Action},
     "launch.actions": {
         "DeclareLaunchArgument": Argument,
-        "OpaqueFunction": Opaque,
-        "Shutdown": Shutdown,
+        "OpaqueFunction": Action,
+        "Shutdown": Action,
     },
     "launch.substitutions": {
         "LaunchConfiguration": Configuration,
         "PathJoinSubstitution": Joined,
     },
     "launch_ros": {},
-    "launch_ros.actions": {"Node": NodeAction},
+    "launch_ros.actions": {"Node": Action},
     "launch_ros.substitutions": {"FindPackageShare": Share},
 }
 

@@ -19,8 +19,8 @@ from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.bus import Bus, Publisher
-from isogal_ros.graph.in_process import run_in_process
-from isogal_ros.graph.plan import Outcome, Plan, node_class
+from isogal_ros.graph.plan import Plan, node_class
+from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.adapter import adapter_of, all_topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.gravimeter import PLATFORM, accelerations
@@ -211,8 +211,6 @@ def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:
     made.node.destroy_node()
 
 
-def run_here(scenario: Scenario, bag: Path | None) -> Outcome:
+def run_here(scenario: Scenario, bag: Path | None) -> None:
     """Run the graph in this process to its end."""
-    outcome = run_in_process(Plan(scenario, bag), Interrupt(), lambda progress: None)
-    assert not outcome.interrupted
-    return outcome
+    run_in_process(Plan(scenario, bag), Interrupt())

@@ -3,7 +3,8 @@
 import time
 from typing import Any
 
-from isogal_ros.graph.domain import claim_domain, local_context
+from helpers.domains import claim_domain
+from isogal_ros.graph.domain import local_context
 from isogal_ros.graph.plan import node_class
 
 ATTEMPTS, PATIENCE = 4, 15.0

@@ -10,13 +10,19 @@ from sensor_msgs.msg import NavSatFix
 from isogal.evaluation.records import Runs
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import RunMap
+from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
 from isogal_ros.bags.writer import BagWriter
+from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.messages.position import read_position
+from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic
+
+METRES = np.array([6.4e6, 6.4e6, 1.0])
+"""What latitude, longitude (rad) and height are in metres, or a little more."""
 
 
 def rewritten(bag: Path, folder: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
@@ -76,3 +82,43 @@ def same(a: Runs, b: Runs, tolerance: float = 1e-6, fixes: bool = True) -> None:
         np.testing.assert_allclose(
             getattr(a, name), getattr(b, name), rtol=1e-6, atol=1e-6, err_msg=name
         )
+
+
+def assert_closed_loop(
+    bag: Path, scenario: Scenario, tolerance: float = 1e-4, fixes: bool = True, run: int = 0
+) -> tuple[Runs, Runs]:
+    """Assert that a recorded graph is the closed loop of the library, and return both records.
+    The sampler turns the nanometres that degrees cost into micrometres."""
+    field_map = maps_for_scenario(scenario)
+    graph, library = record(bag, scenario, field_map), simulate(scenario, [run], field_map)
+    same(graph, library, tolerance, fixes)
+    return graph, library
+
+
+def replayed(bag: Path, scenario: Scenario | None = None) -> Replay:
+    """A replay of a bag, by another scenario if there is one."""
+    return replay(BagReader(bag), Interrupt(), scenario=scenario)
+
+
+def assert_replayed(bag: Path, tolerance: float = 1e-6) -> Replay:
+    """Assert that a replay gives the recorded fixes and the recorded navigation (m), and return
+    it."""
+    result, recorded = replayed(bag), collect(bag)
+    found = result.comparison
+    assert found.recorded == found.replayed == found.common > 0
+    assert found.disagreements == 0
+    assert found.largest_difference < tolerance
+    assert result.outputs.last_nav.keys() == recorded.last_nav.keys()
+    apart = METRES * (nav_positions(result.outputs) - nav_positions(recorded))
+    np.testing.assert_allclose(apart, 0.0, atol=tolerance)
+    assert result.notes == []
+    return result
+
+
+def assert_replayed_as_run(bag: Path, scenario: Scenario, again: Path) -> None:
+    """Assert that a replay with another scenario is as if it had been run, recorded in `again`."""
+    result, ran = replayed(bag, scenario), collect(again)
+    assert len(ran.fixes) > 0
+    assert sorted(ran.fixes) == sorted(result.outputs.fixes)
+    np.testing.assert_allclose(nav_positions(result.outputs), nav_positions(ran), atol=1e-12)
+    assert result.notes == []

@@ -14,7 +14,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import CLASSES, Plan
-from isogal_ros.graph.processes import run_processes
+from isogal_ros.graph.running import run_processes
 from isogal_ros.nodes.signals import Interrupt
 
 ENOUGH = 100
@@ -72,4 +72,4 @@ def start(folder: Path) -> subprocess.Popen:
 
 if __name__ == "__main__":
     out = Path(sys.argv[1])
-    run_processes(small_plan(out / "bag"), out / "log", Interrupt(), lambda progress: None)
+    run_processes(small_plan(out / "bag"), out / "log", Interrupt())

@@ -205,24 +205,6 @@ def test_correcting_leaves_later_scans_alone_and_forgives_an_empty_builder():
     BatchBuilder(Matcher(), REDUCTIONS["gravity"]).correct(10.0, np.ones(7))
 
 
-def test_correcting_is_the_same_after_a_batch_has_been_built_and_again():
-    position, velocity, _ = flown(TRAJECTORY)
-    jumps = [np.array([3e4, -2e4, 3.0, 1.0, 1e-4, 0.0, 1e-3]), np.full(7, 1e-3)]
-    built, alone = builder_of(position, velocity), builder_of(position, velocity)
-    built.build(independent_prior())
-    for jump in jumps:
-        built.correct(300.0, jump)
-        alone.correct(300.0, jump)
-    places = [(scan.latitude, scan.longitude, scan.reading) for scan in alone.collected.scans]
-    assert places == [(s.latitude, s.longitude, s.reading) for s in built.collected.scans]
-    for builder in (built, alone):
-        builder.build(independent_prior())
-        builder.add_scan(310.0, *position[-1], velocity[-1], 0.0, 1e-5)
-        builder.correct(310.0, jumps[0])
-    assert built.collected.scans[-2].latitude == alone.collected.scans[-2].latitude
-    assert built.collected.scans[-1].latitude != position[-1, 0]
-
-
 def test_batches_hold_context_and_count_what_is_new():
     position, velocity, _ = flown(TRAJECTORY, scans=50)
     builder = BatchBuilder(Matcher(batch_length=20, stride=10), REDUCTIONS["gravity"], context=15)

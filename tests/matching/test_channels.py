@@ -11,7 +11,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.channels import ChannelMap
 from isogal.maps.potential import tensor_maps
-from isogal.matching.channels import channel_batch, first_channel
+from isogal.matching.expansion import channel_batch, first_channel
 from isogal.matching.pmht.matcher import Pmht
 from isogal.scenario import Matcher
 

@@ -7,8 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from helpers.navigators import random_covariance
-from isogal.matching.information import likelihood_information, measurement_only, shares
-from isogal.matching.interfaces import Information
+from isogal.matching.information import likelihood_information, measurement_only
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2])
 seeds = st.integers(0, 2**32 - 1)
@@ -108,24 +107,3 @@ def test_position_fix_of_one_direction_leaves_the_other_open():
     assert abs(R[0, 1]) < 1e-6 * R[1, 1]
     assert fix[1] == pytest.approx(40.0 / (1.0 - (10.0 / 200.0) ** 2))
     assert fix[0] == 0.0
-
-
-@given(seeds, st.integers(1, 8))
-def test_shares_taken_scan_by_scan_are_the_whole(seed, count):
-    prior, mean, covariance, vector, M = cases(seed)
-    # from scan to scan, and from the last one back to each
-    steps = np.eye(4) + np.diag([0.3, 0.3], 2) * np.arange(1.0, count + 1)[:, None, None]
-    backward = [np.eye(4)]
-    for step in steps[:0:-1]:
-        backward.insert(0, np.linalg.solve(step, backward[0]))
-    estimate, P = np.zeros(4), backward[0] @ prior @ backward[0].T  # its error is the unknown
-    for scan, share in enumerate(shares(Information(vector, M), prior, np.array(backward))):
-        if scan:
-            estimate, P = steps[scan] @ estimate, steps[scan] @ P @ steps[scan].T
-        gain, P = bayes(P, share.vector, share.matrix)
-        estimate = estimate + gain
-    sigma = np.sqrt(np.diag(prior))
-    np.testing.assert_allclose(estimate / sigma, mean / sigma, atol=1e-6)
-    np.testing.assert_allclose(
-        P / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-6
-    )

@@ -41,7 +41,7 @@ def batch_of(it, scans=60, error=(0.0, 0.0)):
     trajectory = build_trajectory(it)
     simulator = ReadingSimulator(it, trajectory, MAP, [0])
     reduction = DISTURBANCE.reduction(it)
-    builder = BatchBuilder(Matcher(batch_length=40), reduction, 0, None, it.gravimeter)
+    builder = BatchBuilder(Matcher(batch_length=40), reduction, 0, it.gravimeter)
     metres = horizontal_difference(ORIGIN[0] + 1e-5, ORIGIN[1] + 1e-5, *ORIGIN) / 1e-5
     for j in range(scans):
         i = simulator.index[j]
@@ -51,7 +51,7 @@ def batch_of(it, scans=60, error=(0.0, 0.0)):
             trajectory.height[i],
             *trajectory.velocity[i, :2],
         )
-        reading = reduction.reduce(simulator.felt[0, j], at)
+        reading = reduction.reduce(simulator.raw[0, j], at)
         builder.add_scan(
             trajectory.time[i], at.latitude, at.longitude, trajectory.velocity[i, :2],
             float(reading), 1e-6, height=at.height,

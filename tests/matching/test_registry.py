@@ -1,7 +1,11 @@
 """Matchers by name: each is built, and whatever is wrong with its settings gives one line."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from helpers.batches import make_batch
 from isogal import plugins
 from isogal.errors import InputError
 from isogal.matching.registry import load_matcher
@@ -16,6 +20,21 @@ def test_every_matcher_builds_and_knows_its_name(name):
     assert it.name == name
     assert it.context >= 0
     assert callable(it.match)
+
+
+@pytest.mark.parametrize(("changes", "reason"), [
+    ({"latitude": np.full(30, np.nan)}, "latitude of the navigator is not finite"),
+    ({"covariance": np.full((7, 7), np.nan)}, "covariance of the navigator is not finite"),
+    ({"covariance": -np.eye(7)}, "the navigator's covariance is not positive definite"),
+    ({"time": np.zeros(30)}, "the stamps of the scans do not increase"),
+    ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),
+])  # fmt: skip
+@pytest.mark.parametrize("name", MATCHERS)
+def test_what_no_matcher_can_use_is_declined(name, changes, reason, rough_map):
+    batch = replace(make_batch(rough_map)[0], **changes)
+    fix, memory = load_matcher(Matcher(name=name)).match(batch, rough_map, None)
+    assert fix.reason == reason
+    assert memory is None
 
 
 @pytest.mark.parametrize("name", MATCHERS)

@@ -127,59 +127,70 @@ def test_paired_difference_uses_common_runs() -> None:
     assert paired(a, a) == 0.0
 
 
-def test_noise_and_batch_length_trends() -> None:
-    worse_by_noise = all_outcomes(
-        lambda s: {
-            "mean": 100.0 * (5 if s.sigma > 1.5e-5 else 1) * (2 if s.batch_length == 15 else 1)
-        }
-    )
-    assert verdict("sensor", results(worse_by_noise)) == HOLDS
-    assert verdict("shorter batches", results(worse_by_noise)) == HOLDS
-    assert verdict("T and noise", results(worse_by_noise)) == HOLDS
-    turned = all_outcomes(
-        lambda s: {
-            "mean": 100.0 / (5 if s.sigma > 1.5e-5 else 1) / (2 if s.batch_length == 15 else 1)
-        }
-    )
-    assert verdict("sensor", results(turned)) == FAILS
-    assert verdict("shorter batches", results(turned)) == FAILS
-    assert (
-        verdict(
-            "sensor",
-            results(all_outcomes(lambda s: {"seed": round(s.sigma * 1e6) + s.batch_length})),
-        )
-        == OPEN
-    )
+def trend(noise: float, short: float) -> dict[Setting, Outcome]:
+    """Errors that are so many times larger at high noise, and with T = 15."""
+
+    def change(s: Setting) -> dict[str, float]:
+        factors = noise if s.sigma > 1.5e-5 else 1, short if s.batch_length == 15 else 1
+        return {"mean": 100.0 * factors[0] * factors[1]}
+
+    return all_outcomes(change)
 
 
-def test_divergence() -> None:
-    as_published = all_outcomes(lambda s: {"diverged": 22 if s.sigma > 1.5e-5 else 0})
-    assert verdict("divergence by noise", results(as_published)) == HOLDS
-    assert verdict("no divergence", results(as_published)) == HOLDS
-    assert verdict("short batch suffices", results(as_published)) == HOLDS
-    none = all_outcomes()
-    assert verdict("divergence by noise", results(none)) == FAILS  # 0 of 100 excludes even 6 %
-    few = {setting: replace(value, error=value.error[:20]) for setting, value in none.items()}
-    assert verdict("divergence by noise", results(few)) == OPEN
-    often = all_outcomes(lambda s: {"diverged": 10})
-    assert verdict("no divergence", results(often)) == FAILS
+def means(mean: float, matcher: str | None = None) -> dict[Setting, Outcome]:
+    """Outcomes of a mean error, all or those of a matcher; 100 m else."""
+    return all_outcomes(lambda s: {"mean": mean if matcher in (None, s.matcher) else 100.0})
 
 
-def test_published_level() -> None:
-    assert verdict("500 m", results(all_outcomes(lambda s: {"mean": 520.0}))) == HOLDS
-    assert verdict("500 m", results(all_outcomes(lambda s: {"mean": 135.0}))) == FAILS
+def diverging(count: int, at_low_noise: int = 0) -> dict[Setting, Outcome]:
+    return all_outcomes(lambda s: {"diverged": count if s.sigma > 1.5e-5 else at_low_noise})
 
 
-def test_unaided_and_bounded() -> None:
-    assert verdict("unbounded", results(all_outcomes())) == HOLDS
-    assert verdict("bounded", results(all_outcomes())) == HOLDS
-    growing = all_outcomes()
-    for setting, value in growing.items():
-        growing[setting] = replace(
-            value, error=value.unaided, unaided=np.full_like(value.unaided, 100.0)
-        )
-    assert verdict("bounded", results(growing)) == FAILS
-    assert verdict("unbounded", results(growing)) == FAILS
+def scattered() -> dict[Setting, Outcome]:
+    return all_outcomes(lambda s: {"seed": round(s.sigma * 1e6) + s.batch_length})
+
+
+def twenty_runs() -> dict[Setting, Outcome]:
+    return {setting: replace(one, error=one.error[:20]) for setting, one in all_outcomes().items()}
+
+
+def growing() -> dict[Setting, Outcome]:
+    """Aided errors that drift, unaided ones that do not."""
+    return {
+        setting: replace(one, error=one.unaided, unaided=np.full_like(one.unaided, 100.0))
+        for setting, one in all_outcomes().items()
+    }
+
+
+VERDICTS = [
+    (HOLDS, trend(5.0, 2.0), ("sensor", "shorter batches", "T and noise")),
+    (FAILS, trend(0.2, 0.5), ("sensor", "shorter batches")),
+    (OPEN, scattered(), ("sensor",)),
+    (HOLDS, diverging(22), ("divergence by noise", "no divergence", "short batch suffices")),
+    (FAILS, all_outcomes(), ("divergence by noise",)),  # 0 of 100 excludes even 6 %
+    (OPEN, twenty_runs(), ("divergence by noise",)),
+    (FAILS, diverging(10, 10), ("no divergence",)),
+    (HOLDS, means(520.0), ("500 m",)),
+    (FAILS, means(135.0), ("500 m",)),
+    (HOLDS, means(520.0, PAPER), ("500 m",)),
+    (FAILS, means(520.0, DEFAULT), ("500 m",)),
+    (HOLDS, all_outcomes(), ("unbounded", "bounded", "retrodiction")),
+    (FAILS, growing(), ("unbounded", "bounded")),
+    (HOLDS, means(570.0), ("benefit",)),
+    (FAILS, means(10.0), ("benefit",)),
+    (HOLDS, means(400.0, "tercom"), ("little data",)),
+    (FAILS, means(50.0, "tercom"), ("little data",)),
+    (FAILS, all_outcomes(), ("first hour",)),
+    (OPEN, all_outcomes(), ("drag",)),
+]
+
+
+@pytest.mark.parametrize(
+    ("expected", "outcomes", "key"),
+    [(expected, outcomes, key) for expected, outcomes, keys in VERDICTS for key in keys],
+)
+def test_verdicts(expected: str, outcomes: dict[Setting, Outcome], key: str) -> None:
+    assert verdict(key, results(outcomes)) == expected
 
 
 def test_benefit_begins_where_the_aided_error_stays_below() -> None:
@@ -187,8 +198,6 @@ def test_benefit_begins_where_the_aided_error_stays_below() -> None:
     crossing = TIME[np.flatnonzero(made.rms >= made.unaided_rms)[-1] + 1]
     assert benefit_time(made) == crossing
     assert np.isnan(benefit_time(outcome(Setting(), 5000.0)))
-    assert verdict("benefit", results(all_outcomes(lambda s: {"mean": 570.0}))) == HOLDS
-    assert verdict("benefit", results(all_outcomes(lambda s: {"mean": 10.0}))) == FAILS
 
 
 @pytest.mark.parametrize(("factor", "expected"), [(0.94, HOLDS), (0.997, FAILS)])
@@ -213,7 +222,6 @@ def test_first_hour_needs_its_premise() -> None:
     assert verdict("first hour", results(outcomes)) == HOLDS
     flat = AlongTrack(TIME, np.sin(TIME), np.full(TIME.size, 1e-10), np.ones(TIME.size))
     assert verdict("first hour", results(outcomes, signal={"disturbance": flat})) == OPEN
-    assert verdict("first hour", results(all_outcomes())) == FAILS
 
 
 def snapshot(movement: float, before: float, after: float) -> Snapshot:
@@ -223,32 +231,15 @@ def snapshot(movement: float, before: float, after: float) -> Snapshot:
     return Snapshot(150.0, states, np.zeros((15, 2)), np.zeros((1, 2)), np.ones(1))
 
 
-def test_iterations() -> None:
+@pytest.mark.parametrize("key", ["iterations", "drag"])
+def test_iterations(key: str) -> None:
     good = tuple(snapshot(0.01, 500.0, 50.0) for _ in range(30))
     bad = tuple(snapshot(50.0, 50.0, 500.0) for _ in range(30))
-    assert verdict("iterations", results(all_outcomes(), snapshots=good)) == HOLDS
-    assert verdict("drag", results(all_outcomes(), snapshots=good)) == HOLDS
-    assert verdict("iterations", results(all_outcomes(), snapshots=bad)) == FAILS
-    assert verdict("drag", results(all_outcomes(), snapshots=bad)) == FAILS
-    assert verdict("drag", results(all_outcomes())) == OPEN
+    assert verdict(key, results(all_outcomes(), snapshots=good)) == HOLDS
+    assert verdict(key, results(all_outcomes(), snapshots=bad)) == FAILS
 
 
-def test_smoothness() -> None:
+def test_roughness() -> None:
     assert roughness(np.array([[[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]]])) == pytest.approx(
         np.sqrt(12.5)
     )
-    assert verdict("retrodiction", results(all_outcomes())) == HOLDS
-
-
-def test_area_correlation() -> None:
-    worse = all_outcomes(lambda s: {"mean": 400.0 if s.matcher == "tercom" else 100.0})
-    better = all_outcomes(lambda s: {"mean": 50.0 if s.matcher == "tercom" else 100.0})
-    assert verdict("little data", results(worse)) == HOLDS
-    assert verdict("little data", results(better)) == FAILS
-
-
-def test_the_verdicts_are_the_papers_matcher_s() -> None:
-    only_default = all_outcomes(lambda s: {"mean": 520.0 if s.matcher == DEFAULT else 100.0})
-    only_paper = all_outcomes(lambda s: {"mean": 520.0 if s.matcher == PAPER else 100.0})
-    assert verdict("500 m", results(only_default)) == FAILS
-    assert verdict("500 m", results(only_paper)) == HOLDS

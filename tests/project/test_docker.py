@@ -39,28 +39,19 @@ def compose() -> dict[str, Any]:
     return document
 
 
-def test_every_copied_source_exists() -> None:
-    copied = 0
-    for word, argument in instructions():
-        parts = [part for part in shlex.split(argument) if not part.startswith("--chmod")]
-        if word != "COPY" or parts[0].startswith("--from"):
-            continue
-        for source in parts[:-1]:
-            assert (ROOT / source).exists(), source
-            copied += 1
+def test_every_copied_source_exists_and_is_in_the_build_context() -> None:
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    kept = {line[1:] for line in ignored if line.startswith("!")}
+    copied = [
+        source
+        for word, argument in instructions()
+        if word == "COPY" and "--from" not in argument
+        for source in [part for part in shlex.split(argument) if not part.startswith("--")][:-1]
+    ]
     assert copied
-
-
-def test_the_build_context_holds_what_is_copied() -> None:
-    kept = {
-        line[1:]
-        for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
-        if line.startswith("!")
-    }
-    for word, argument in instructions():
-        if word == "COPY" and "--from" not in argument:
-            for source in [part for part in argument.split() if not part.startswith("--")][:-1]:
-                assert source.split("/")[0] in kept, source
+    for source in copied:
+        assert (ROOT / source).exists(), source
+        assert source.split("/")[0] in kept, source
 
 
 def test_the_container_does_not_run_as_root() -> None:
@@ -125,7 +116,7 @@ def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.Mon
     rclpy = pytest.importorskip("rclpy")
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-    from isogal_ros.graph.domain import claim_domain
+    from helpers.domains import claim_domain
 
     statuses = [
         DiagnosticStatus(name="vehicle/live", level=DiagnosticStatus.OK),

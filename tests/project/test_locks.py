@@ -103,10 +103,17 @@ def test_the_locks_agree() -> None:
     }
 
 
-def test_every_tool_is_locked_and_none_is_in_the_way_of_a_run() -> None:
-    wanted = (ROOT / "requirements-development.in").read_text(encoding="utf-8").splitlines()
-    direct = {line.split("==")[0].lower() for line in wanted if re.match(r"[A-Za-z]", line)}
-    assert direct <= set(pins("requirements-development.lock"))
+@pytest.mark.parametrize("name", ["requirements", "requirements-development"])
+def test_every_direct_dependency_is_locked_by_make(name: str) -> None:
+    wanted = (ROOT / f"{name}.in").read_text(encoding="utf-8").splitlines()
+    direct = {
+        re.split(r"[\[<>=]", line, maxsplit=1)[0].lower() for line in wanted if line[:1].isalpha()
+    }
+    assert direct <= set(pins(f"{name}.lock"))
+    assert "make lock" in (ROOT / f"{name}.lock").read_text(encoding="utf-8").splitlines()[1]
+
+
+def test_no_tool_is_in_the_way_of_a_run() -> None:
     assert not {"pytest", "ruff", "mypy", "import-linter"} & set(pins("requirements.lock"))
 
 

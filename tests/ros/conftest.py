@@ -12,12 +12,13 @@ pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 
 from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.computed_once import maps_once
+from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.made_once import made_once
 from helpers.node_bench import run_here
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
-from isogal_ros.graph.domain import DOMAIN, claim_domain, participants
+from isogal_ros.graph.domain import DOMAIN, participants
 
 __all__ = ["maps_once"]
 

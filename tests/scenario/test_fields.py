@@ -75,8 +75,8 @@ def test_truth_is_that_of_the_navigator_or_of_the_entries():
 
 
 def test_the_field_of_gravity_is_felt():
-    assert of(MAGNETIC, GRAVITY).felt_field.measured_field == "gravity"
-    assert of(MAGNETIC).felt_field.measured_field == "magnetic"
+    assert of(MAGNETIC, GRAVITY).gravity_field.measured_field == "gravity"
+    assert of(MAGNETIC).gravity_field.measured_field == "magnetic"
 
 
 @pytest.mark.parametrize(

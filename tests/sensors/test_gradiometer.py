@@ -99,15 +99,15 @@ def test_readings_are_the_maps_channels():
     it = vehicle(sigma_eotvos=2.0)
     trajectory = build_trajectory(it)
     simulator = ReadingSimulator(it.true, trajectory, TENSOR, range(20))
-    assert simulator.felt.shape == (20, 60, 2)
+    assert simulator.raw.shape == (20, 60, 2)
     i = simulator.index
     at = State(trajectory.latitude[i], trajectory.longitude[i], 100.0, 0.0, 0.0)
-    noise = GRADIENT.reduction(it).reduce(simulator.felt, at) - TENSOR.value(
+    noise = GRADIENT.reduction(it).reduce(simulator.raw, at) - TENSOR.value(
         at.latitude, at.longitude
     )
     assert within_chi_square(((noise / (2.0 * EOTVOS)) ** 2).sum(), noise.size)
-    alone = ReadingSimulator(it.true, trajectory, TENSOR, [7]).felt
-    np.testing.assert_array_equal(alone[0], simulator.felt[7])
+    alone = ReadingSimulator(it.true, trajectory, TENSOR, [7]).raw
+    np.testing.assert_array_equal(alone[0], simulator.raw[7])
 
 
 def test_each_channel_has_a_map_error_of_its_own():
@@ -124,7 +124,9 @@ def test_each_channel_has_a_map_error_of_its_own():
 
 def test_a_map_of_another_quantity_is_refused():
     it = vehicle()
-    with pytest.raises(InputError, match="a gradiometer does not feel disturbance; give gradient"):
+    with pytest.raises(
+        InputError, match="a gradiometer does not measure disturbance; give gradient"
+    ):
         ReadingSimulator(it.true, build_trajectory(it), field_map_of(wavy, half=50e3), [0])
     holed = replace(
         TENSOR.channels[1], values=np.where(TENSOR.channels[1].values > 0.0, np.nan, 1.0)

@@ -127,6 +127,9 @@ def test_a_batch_has_what_is_told_as_parameters():
     np.testing.assert_allclose(parameters.reading[:2], np.column_stack([effect, np.eye(2)]))
     np.testing.assert_allclose(parameters.reading[4:], parameters.reading[:2])
     level = "gradiometer.allowed_tilt=0"
-    assert BatchBuilder.of(load_scenario(None, [*items, level])).expansion is None
+    builder = BatchBuilder.of(load_scenario(None, [*items, level]))
+    for k in range(3):
+        builder.add_scan(10.0 * k, LATITUDE, 2.5, np.array([0.0, 20.0]), np.ones(2), 1.0)
+    assert builder.build(np.diag([1e4, 1e4, 1.0, 1.0, 1e-8, 1e-8, 1e-8])).parameters is None
     with pytest.raises(InputError, match=r"platform_tilt"):
         load_scenario(None, [*items, "gradiometer.platform_tilt=0.2"])

@@ -43,12 +43,6 @@ def test_it_reads_too_little_by_g_times_the_variance():
     )
 
 
-def test_a_run_does_not_depend_on_others():
-    np.testing.assert_array_equal(
-        errors_of([4, 7], platform_tilt=1e-3)[1], errors_of([7], platform_tilt=1e-3)[0]
-    )
-
-
 def test_its_mean_and_covariance_are_those_that_the_matcher_assumes():
     """60 runs of 6000 s, correlated over 150 s, so of some 1200 independent values; for a
     chi-square the standard error of a variance is 8 % then."""

@@ -176,7 +176,7 @@ def simulated_readings(
     trajectory = build_trajectory(scenario)
     found = ReadingSimulator(truth, trajectory, map_for_scenario(truth, trajectory), [run])
     stamps = [from_seconds(time) for time in trajectory.time]
-    sensed = {stamps[i]: value for i, value in zip(found.index, found.felt[0], strict=True)}
+    sensed = {stamps[i]: value for i, value in zip(found.index, found.raw[0], strict=True)}
     magnetic = truth.measured_field == "magnetic" and truth.magnetometer.aircraft.magnetic
     if not magnetic and assumed_compensation(scenario) is None:
         return sensed, None

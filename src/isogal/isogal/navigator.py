@@ -161,7 +161,7 @@ class Navigator:
             return None
         self._ends = self._ends[1], self.time
         matched = self.matching.match(self.state.batch_prior)
-        self._scan_times = matched.batch.time
+        self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched
 
     def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:

@@ -9,6 +9,7 @@ and the launch ends when the simulated vehicle has arrived. The launch exits wit
 argument cannot be used or a node has failed.
 """
 
+import os
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -18,7 +19,9 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-from isogal_ros.graph.launching import DESCRIBED, Launched, check, check_words
+from isogal_ros.graph.domain import defaults
+from isogal_ros.graph.launching import DESCRIBED, Launched, check
+from isogal_ros.topics import kind_of
 from launch import LaunchDescription
 
 RESPAWN_DELAY = 1.0
@@ -38,9 +41,9 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: object) -> list:
     """Check the arguments, then return the nodes."""
-    check_words(sys.argv, Path(__file__).name)
     print("isogal: checking parameters, maps and folders ...", file=sys.stderr)
-    launched = check({name: LaunchConfiguration(name).perform(context) for name in DESCRIBED})
+    values = {name: LaunchConfiguration(name).perform(context) for name in DESCRIBED}
+    launched = check(values, sys.argv, Path(__file__).name)
     return [node(name, launched) for name in launched.names]
 
 
@@ -54,14 +57,14 @@ def node(name: str, launched: Launched) -> Node:
 
     return Node(
         package=launched.package(name),
-        executable=launched.executable(name),
+        executable=kind_of(name),
         name=name,
-        namespace=launched.namespace,
-        ros_arguments=launched.ros_arguments,
-        parameters=[launched.params, launched.own(name)],
-        additional_env=launched.environment,
+        namespace=launched.arguments.namespace,
+        ros_arguments=["--log-level", launched.arguments.log_level],
+        parameters=[launched.arguments.params, launched.own(name)],
+        additional_env=defaults(os.environ),
         output="screen",
-        respawn=launched.respawn,
+        respawn=launched.arguments.respawn,
         respawn_delay=RESPAWN_DELAY,
         on_exit=ended,
     )

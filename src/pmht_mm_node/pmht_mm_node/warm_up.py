@@ -8,6 +8,7 @@ import numpy as np
 from isogal.fields.measured import measured_field, reading_sigma
 from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder
+from isogal.matching.expansion import Channels
 from isogal.matching.failures import match_or_decline
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Scenario
@@ -25,8 +26,10 @@ def _match(scenario: Scenario, field_map: RouteMap) -> None:
     trajectory = build_trajectory(scenario)
     settings, field = scenario.matcher, measured_field(scenario)
     matcher = load_matcher(settings, field.channels is not None)
+    covariance = field.covariance(scenario)
+    expansion = None if covariance is None else Channels(covariance)
     builder = BatchBuilder(
-        settings, field.reduction(scenario), matcher.context, field.covariance(scenario)
+        settings, field.reduction(scenario), matcher.context, expansion=expansion
     )
     for scan in range(1, settings.batch_length + 1):
         k = min(scan * scenario.steps_per_scan, len(trajectory))

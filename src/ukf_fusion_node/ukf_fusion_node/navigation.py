@@ -43,7 +43,7 @@ class Navigation:
         measured = node.scenario.height.measured
         self._height = math.nan if measured else node.scenario.route.height
         self._log = node.get_logger()
-        known = known_gravity(node.scenario.felt_field, build_trajectory(node.scenario))
+        known = known_gravity(node.scenario.gravity_field, build_trajectory(node.scenario))
         self.model = filter_model(node.scenario, known)
         self._sample = 1.0 / node.scenario.imu.rate
         of_step = node.scenario.samples_per_step

@@ -20,12 +20,11 @@ from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.corrections import Corrections
 from ukf_fusion_node.fixes import FixQueue
-from ukf_fusion_node.lone import LoneSamples
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
 from ukf_fusion_node.settings import UkfFusionSettings
-from ukf_fusion_node.watch import Leaps, StuckError, Watch
+from ukf_fusion_node.watch import Leaps, LoneSamples, StuckError, Watch
 
 
 class UkfFusionNode(GraphNode):

@@ -149,7 +149,10 @@ def test_a_gradiometer_and_a_magnetometer(survey):
     [
         (("--also", "map=a.nc"), "column must be given"),
         (("--also", "map=a.nc,colum=tmi"), "unknown key 'colum'"),
-        (("--also", "map=a.nc,column=tmi,height=low"), "height must be a number"),
+        (
+            ("--also", "map=a.nc,column=tmi,height=low"),
+            "height=low: Invalid value for '--height'",
+        ),
         (("--also", "a.nc"), "'a.nc' is not KEY=VALUE"),
         (("--also", "map=a.nc,column=tmi,column=tmi"), "column is given twice"),
         (("--gradients", "nn", "--reduction", "total"), "--reduction: does not go with"),
@@ -157,10 +160,10 @@ def test_a_gradiometer_and_a_magnetometer(survey):
         (("--gradients", "nn,xx"), "has no column 't_xx'"),
         (("--gradients", "nn", "--spacing", 500), "--spacing: does not go with --gradients"),
         (("--one-potential",), "--one-potential: goes with --gradients"),
-        (("--offset-sigma", 5), "--offset-sigma, --offset-walk: go with --gradients"),
+        (("--offset-sigma", 5), "--offset-sigma: goes with --gradients"),
         (("--gradients", "nn,nn"), "components: each once"),
-        (("--gradients", "nn", "--column", "tmi"), "--gradients names its own columns"),
-        (("--gradients", "nn", "--report", "report"), "--report: shows tracks of one number"),
+        (("--gradients", "nn", "--column", "tmi"), "--column: does not go with --gradients"),
+        (("--gradients", "nn", "--report", "report"), "--report: does not go with --gradients"),
         (("--gradients", "nn", "--height", -5, "--map-height", 0), "below the map's level"),
     ],
 )

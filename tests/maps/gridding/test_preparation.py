@@ -49,8 +49,8 @@ def test_blocks_are_means_of_each_line():
     places = scattered(900, 5e3, seed=4)
     line = np.arange(900) % 2
     survey = survey_at(places, plane(places), line=line, sigma=np.full(900, 2e-6))
-    blocks = block_reduced(survey, places, 1000.0)
+    blocks = block_reduced(survey, 1000.0)
     assert 190 <= len(blocks) <= 242
     assert blocks.value.mean() == pytest.approx(survey.value.mean(), abs=5e-7)
     assert np.median(blocks.sigma) == pytest.approx(2e-6 / np.sqrt(4.1), rel=0.2)
-    assert block_reduced(survey, places, 0.0) is survey
+    assert block_reduced(survey, 0.0) is survey

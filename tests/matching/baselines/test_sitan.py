@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
-from isogal.maps.interpolation import Grid
 from isogal.matching.baselines.readings import AssumedNoise, UsableReadings
 from isogal.matching.baselines.sitan import Sitan, SitanOptions, plane
-
-STEP, METRES = 1e-3, (1e5, 1e5)  # cells of 100 m
 
 
 @pytest.mark.parametrize("region", [0.0, 1.5])
@@ -45,14 +42,9 @@ def test_gate_leaves_a_spike_out(rough_map):
     assert every.diagnostics["misfit"] > 3.0 * fix.diagnostics["misfit"]
 
 
-def grid_of(function):
-    side = 100.0 * np.arange(41)
-    values = function(side[:, None], side[None, :]) + np.zeros((41, 41))
-    return Grid(values, 41, 0.0, STEP, 0.0, STEP)
-
-
 def test_plane_through_a_bowl_by_hand():
     # n² over n = -200, -100, ..., 200: mean (4 + 1 + 0 + 1 + 4) / 5 = 2, mean square (16 + 1 + 0 +
-    # 1 + 16) / 5 = 6.8, of 100² m²
-    fit = plane(grid_of(lambda n, e: (n - 2000.0) ** 2), 2e-2, 2e-2, (200.0, 200.0), METRES)
-    np.testing.assert_allclose(fit, [2e4, 0.0, 0.0, (6.8 - 4.0) * 1e8], rtol=1e-6, atol=1e-4)
+    # 1 + 16) / 5 = 6.8, of 100² m²; a slope of 3 east
+    side = 100.0 * np.arange(-2.0, 3.0)
+    value, slope, left = plane(side[:, None] ** 2 + 3.0 * side, np.array([200.0, 200.0]))
+    np.testing.assert_allclose([value, *slope, left], [2e4, 0.0, 3.0, (6.8 - 4.0) * 1e8])

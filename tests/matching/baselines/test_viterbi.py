@@ -6,8 +6,8 @@ import numpy as np
 
 from helpers.batches import make_batch
 from isogal.maps.interpolation import Grid, value_and_gradient
-from isogal.matching.baselines.readings import ReadingArrays
-from isogal.matching.baselines.viterbi import Viterbi, _trellis
+from isogal.matching.baselines.readings import ReadingArrays, UsableReadings
+from isogal.matching.baselines.viterbi import Viterbi, _emissions, _trellis
 
 
 def test_trellis_equals_trying_all_paths():
@@ -23,8 +23,10 @@ def test_trellis_equals_trying_all_paths():
     start = -0.5 * (side[:, None] ** 2 + side[None, :] ** 2) / 100.0**2
     noise = np.full(scans, sigma)
     transition = np.zeros((scans, 2, 4))
-    readings = ReadingArrays(grid, latitude, longitude, radian, level, noise, transition, jacobian)
-    path, marginal = _trellis(readings, noise**2, side, start, drift)
+    arrays = ReadingArrays(grid, latitude, longitude, radian, level, noise, transition, jacobian)
+    readings = UsableReadings(arrays, np.arange(scans))
+    place = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
+    path, marginal = _trellis(_emissions(readings, place, 120.0, noise**2), start, drift)
 
     places = list(itertools.product(range(cells), range(cells)))
     emission = np.zeros((scans, cells, cells))

@@ -7,10 +7,9 @@ from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
 from helpers.batches import field_map_of, make_batch
-from isogal.errors import InputError
-from isogal.matching.paper.iteration import Process, ScanCandidates, maximise
+from isogal.matching.paper.iteration import PaperOptions, ScanCandidates, maximise
 from isogal.matching.paper.kalman import constant_velocity
-from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
+from isogal.matching.paper.matcher import PmhtPaper
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
@@ -30,12 +29,13 @@ def made_up_batch():
     )
     position = navigator[:, None, :2] + rng.normal(scale=300.0, size=(SCANS, WANTED, 2))
     variance = rng.uniform(80.0, 200.0, (SCANS, WANTED)) ** 2
-    return navigator, ScanCandidates(position, variance, np.array([4, 4, 0, 3, 4, 4]))
+    variance[2], variance[3, 3:] = np.inf, np.inf
+    return navigator, ScanCandidates(position, variance)
 
 
 def associated(candidates, t, centre, R_bar):
     """Eqs. s3-01, s3-02, s3-021 and s32-1 of a scan: z-bar and R-bar."""
-    n = candidates.found[t]
+    n = candidates.there[t].sum()
     used = candidates.variance[t] if R_bar is None else np.full(WANTED, R_bar[t])
     p = np.array(
         [
@@ -73,18 +73,23 @@ def test_iteration_equals_section_3_2_written_out(predicted):
     X, centre, R_bar = navigator.copy(), navigator[:, :2].copy(), None
     for _ in range(ITERATIONS):
         z_bar, new_R = [None] * SCANS, np.zeros(SCANS)
-        for t in np.flatnonzero(candidates.found):
+        for t in np.flatnonzero(candidates.there.any(axis=1)):
             z_bar[t], new_R[t] = associated(candidates, t, centre, R_bar)
         R_bar = new_R
         X, last_P, predictions = smoothed(X[0], z_bar, R_bar)
         centre = (predictions if predicted else X)[:, :2].copy()
 
-    process = Process(Q, ITERATIONS, 0.0, predicted)
-    estimate = maximise(navigator, FIRST, np.diff(TIME), candidates, process)
+    options = PaperOptions(
+        acceleration_density=Q, iterations=ITERATIONS,
+        association="predicted" if predicted else "smoothed",
+    )  # fmt: skip
+    estimate = maximise(navigator, FIRST, np.diff(TIME), candidates, options)
     assert estimate.iterations == ITERATIONS
     np.testing.assert_allclose(estimate.state, X, rtol=1e-8)
     np.testing.assert_allclose(estimate.covariance[-1], last_P, rtol=1e-8)
-    np.testing.assert_allclose(estimate.weight.sum(axis=1), (candidates.found > 0).astype(float))
+    np.testing.assert_allclose(
+        estimate.weight.sum(axis=1), candidates.there.any(axis=1).astype(float)
+    )
 
 
 def test_along_the_real_route(shared_data):
@@ -184,24 +189,3 @@ def test_stops_early_when_told_to(rough_map):
     batch, _ = make_batch(rough_map, ERROR)
     fix, _ = PmhtPaper(PaperOptions(epsilon=1e4)).match(batch, rough_map, None)
     assert fix.diagnostics["iterations"] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"prior": np.full((4, 4), np.nan)}, "covariance of the navigator is not finite"),
-        ({"prior": np.zeros((4, 4))}, "the navigator's covariance is not positive definite"),
-        ({"time": np.zeros(30)}, "the stamps of the scans do not increase"),
-        ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),
-    ],
-)
-def test_odd_data_is_declined(rough_map, changes, reason):
-    fix, _ = PmhtPaper().match(make_batch(rough_map, **changes)[0], rough_map, None)
-    assert fix.reason == reason
-
-
-def test_bad_options_are_one_clear_line():
-    with pytest.raises(InputError, match=r"^matcher.options of pmht-paper: unknown key 'gama'.*$"):
-        load_matcher(Matcher(name="pmht-paper", options={"gama": 9.0}))
-    with pytest.raises(InputError, match=r"gamma: input should be greater than 0, not -1"):
-        load_matcher(Matcher(name="pmht-paper", options={"gamma": -1}))

@@ -11,8 +11,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
 from isogal.maps.error_model import filtered_chain, tensor_covariance
-from isogal.matching.channels import channel_batch
-from isogal.matching.expansion import Soundings
+from isogal.matching.expansion import Soundings, channel_batch
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
 from isogal.matching.pmht.rows import rows_of
@@ -167,7 +166,8 @@ def test_map_errors_under_beams_are_those_of_the_places_that_they_meet():
     """Those of the fore beam come back under the one behind it."""
     one, _ = make_batch(plane(2e-8, -3e-8), scans=5, seed=None, velocity=(10.0, 0.0))
     foot = np.array([[100.0, 0.0, 0.0], [-100.0, 0.0, 0.0], [0.0, 70.0, 0.0]])
-    batch = Soundings(3, 0.0).expand(one, np.zeros((5, 3)), [foot] * 5)
+    readings = np.tile(np.pad(foot, ((0, 0), (1, 0))), (5, 1, 1))
+    batch = Soundings(3, 0.0).expand(one, readings, np.zeros(5))
     states = States.of(batch, plane(2e-8, -3e-8))
     assert states.order == 2
     rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([80.0]), None)
@@ -198,8 +198,8 @@ def test_a_map_error_behind_a_filter_is_as_if_filtered_step_by_step(length):
 def test_beams_share_what_is_not_white():
     one, _ = make_batch(plane(2e-8, -3e-8), scans=T)
     noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
-    beams = Soundings(3, 0.0)
-    batch = beams.expand(replace(one, parameters=noise), np.zeros((T, 3)), [np.zeros((3, 3))] * T)
+    several = replace(one, parameters=noise)
+    batch = Soundings(3, 0.0).expand(several, np.zeros((T, 3, 4)), np.zeros(T))
     states = States.of(batch, plane(2e-8, -3e-8))
     rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([4000.0]), None)
     np.testing.assert_allclose(rows.noise, np.repeat(one.sigma**2, 3))

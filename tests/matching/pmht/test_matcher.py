@@ -176,19 +176,6 @@ def test_a_map_without_features_tells_nothing():
             assert fix.reason == "the batch tells nothing that the navigator does not know"
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"latitude": np.full(30, np.nan)}, "latitude of the navigator is not finite"),
-    ({"sigma": np.zeros(30)}, "sigma of a reading is not positive"),
-    ({"covariance": -np.eye(7)}, "covariance is not positive definite"),
-    ({"time": np.zeros(30)}, "do not increase"),
-])  # fmt: skip
-def test_what_no_matcher_can_use_is_declined(changes, words):
-    batch, _ = make_batch(PLANE)
-    fix, memory = UNTOLD.match(replace(batch, **changes), PLANE, None)
-    assert words in fix.reason
-    assert memory is None
-
-
 @pytest.mark.parametrize("value", [1e300, -1e300, np.inf])
 def test_readings_that_cannot_be_true_do_no_harm(value):
     batch, _ = make_batch(ROUGH, (60.0, -50.0, 0.0, 0.0), prior_sigma=(100.0, 0.02))

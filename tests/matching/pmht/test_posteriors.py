@@ -21,7 +21,7 @@ from helpers.bank import (
 )
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.channels import ChannelMap
-from isogal.matching.channels import channel_batch
+from isogal.matching.expansion import channel_batch
 from isogal.matching.parameters import Parameters
 
 ERROR = np.array([250.0, -300.0, 0.03, 0.02])

@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 
 from isogal_ros import topics
-from isogal_ros.faults import campaign, processes, stage, trial
+from isogal_ros.faults import campaign, trials
 from isogal_ros.faults.campaign import OUTCOMES, PAGE, run_campaign
 from isogal_ros.faults.catalogue import FAULTS, PROCESS_FAULTS, QUICK, Fault
-from isogal_ros.faults.stage import Feed
-from isogal_ros.faults.trial import run_trials
+from isogal_ros.faults.trials import Feed, run_process_trial, run_trials
 from isogal_ros.nodes.signals import Interrupt
 
 
@@ -33,7 +32,7 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeyp
     short = feed.scenario
     monkeypatch.chdir(tmp_path.parent)  # what is made lies where the folder was when it was named
     out = Path(tmp_path.name)
-    table = run_campaign(short, out, (1, 1), True, Interrupt(), lambda text: None)
+    table = run_campaign(short, out, (1, 1), True, Interrupt())
     assert table["trials"] == len(QUICK)
     for row in table["faults"]:
         assert (row["crashes"], row["not_finite"], row["unexpected_errors"]) == (0, 0, [])
@@ -46,12 +45,12 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeyp
     monkeypatch.setattr(campaign, "run_trials", None)
     with (tmp_path / OUTCOMES).open("a") as stream:
         stream.write('{"fault": "imu NaN", "tri')
-    again = run_campaign(short, out, (1, 1), True, Interrupt(), lambda text: None)
+    again = run_campaign(short, out, (1, 1), True, Interrupt())
     assert again == table
 
 
 def one(feed: Feed, change, monkeypatch, limit: float = 60.0):
-    monkeypatch.setattr(trial, "LIMIT", limit)
+    monkeypatch.setattr(trials, "LIMIT", limit)
     (outcome,) = run_trials(feed, [Fault("x", ("imu",), change, 5.0)])
     return outcome
 
@@ -83,13 +82,13 @@ def test_a_leap_of_one_stamp_costs_one_sample(scenario) -> None:
         assert made.node.health.dropped == {"imu/data_raw": 2}
 
 
-@pytest.mark.parametrize("trials", [(1, 0), (0, 1)], ids=["nodes", "processes"])
+@pytest.mark.parametrize("counts", [(1, 0), (0, 1)], ids=["nodes", "processes"])
 def test_an_interrupt_while_simulating_keeps_nothing(
-    scenario, tmp_path, monkeypatch, trials
+    scenario, tmp_path, monkeypatch, counts
 ) -> None:
     interrupt, short = Interrupt(), scenario("route.duration=400.0")
-    monkeypatch.setattr(stage, "run_in_process", lambda *_: interrupt(signal.SIGINT))
-    table = run_campaign(short, tmp_path, trials, False, interrupt, lambda text: None)
+    monkeypatch.setattr(trials, "run_in_process", lambda *_: interrupt(signal.SIGINT))
+    table = run_campaign(short, tmp_path, counts, False, interrupt)
     assert table["trials"] == 0
     assert not (tmp_path / OUTCOMES).exists()
     assert not interrupt.ends_at_once
@@ -97,7 +96,7 @@ def test_an_interrupt_while_simulating_keeps_nothing(
 
 def test_an_interrupted_trial_is_no_outcome(feed, monkeypatch, tmp_path) -> None:
     """Its process is ended; what has been run before is in the table."""
-    interrupt, children, started = Interrupt(), [], trial._FORK.Process.start
+    interrupt, children, started = Interrupt(), [], trials._FORK.Process.start
 
     def start(child) -> None:
         started(child)
@@ -106,8 +105,8 @@ def test_an_interrupted_trial_is_no_outcome(feed, monkeypatch, tmp_path) -> None
             interrupt(signal.SIGINT)
 
     monkeypatch.setattr(campaign, "Feed", lambda *_: feed)
-    monkeypatch.setattr(trial._FORK.Process, "start", start)
-    table = run_campaign(feed.scenario, tmp_path, (1, 0), True, interrupt, lambda text: None)
+    monkeypatch.setattr(trials._FORK.Process, "start", start)
+    table = run_campaign(feed.scenario, tmp_path, (1, 0), True, interrupt)
     assert table["trials"] == 1
     assert not any(child.is_alive() for child in children)
 
@@ -115,19 +114,19 @@ def test_an_interrupted_trial_is_no_outcome(feed, monkeypatch, tmp_path) -> None
 def test_an_interrupted_trial_of_processes_is_none(feed, tmp_path, monkeypatch) -> None:
     interrupt = Interrupt()
 
-    def run(plan, folder, interrupt, report, meddle) -> None:
+    def run(plan, folder, interrupt, inject) -> None:
         folder.mkdir()
         interrupt(signal.SIGINT)
 
-    monkeypatch.setattr(processes, "run_processes", run)
+    monkeypatch.setattr(trials, "run_processes", run)
     folder = tmp_path / "run"
-    assert processes.run_process_trial(feed, PROCESS_FAULTS[0], folder, interrupt) is None
+    assert run_process_trial(feed, PROCESS_FAULTS[0], folder, interrupt) is None
     assert not folder.exists()
 
 
 def test_a_run_of_processes_that_hangs_is_a_crash(feed, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(processes, "PATIENCE", -1.0)
-    monkeypatch.setattr(processes, "run_processes", lambda *_, meddle: meddle(None, 10.0))
-    found = processes.run_process_trial(feed, PROCESS_FAULTS[0], tmp_path / "run", Interrupt())
+    monkeypatch.setattr(trials, "PROCESS_LIMIT", -1.0)
+    monkeypatch.setattr(trials, "run_processes", lambda *_, inject: inject(None, 10.0))
+    found = run_process_trial(feed, PROCESS_FAULTS[0], tmp_path / "run", Interrupt())
     assert "the run did not arrive" in found["crash"]
     assert found["lost"] > 800

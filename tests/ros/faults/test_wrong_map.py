@@ -8,8 +8,8 @@ from rclpy.serialization import deserialize_message
 from helpers.batches import field_map_of, wavy
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal_ros import topics
-from isogal_ros.faults.judgement import track_of, two_batches
-from isogal_ros.faults.stage import Feed, Stage
+from isogal_ros.faults.judgement import two_batches
+from isogal_ros.faults.trials import Feed, track_of
 from isogal_ros.nodes.health import OK
 
 WRONG = {
@@ -38,14 +38,14 @@ def test_a_wrong_map_is_reported_and_does_no_harm(feed, tmp_path, what) -> None:
         )
     assumed = copy(feed)
     assumed.scenario = taken
-    stage = Stage(assumed)
+    player = assumed.player()
     levels, warned = {}, {}
-    stage.bus.hear(topics.DIAGNOSTICS, lambda data: take_levels(data, levels))
-    for ns in stage.stamps():
-        stage.step(ns)
+    player.bus.hear(topics.DIAGNOSTICS, lambda data: take_levels(data, levels))
+    for ns in sorted(player.recorded.sensors[topics.IMU]):
+        player.play(ns / 1e9)
         warned[ns / 1e9] = any(levels.values())
-    track = track_of(stage.collector)
-    reports = [now for now, text in stage.reports if "agree" in text or "lost" in text]
+    track = track_of(player.collector)
+    reports = [now for now, text in player.reports if "agree" in text or "lost" in text]
     assert bool(reports) == (what in WRONG)
     assert all(now <= two_batches(taken) for now in reports[:1])
     right = track.error < 3.0 * track.sigma

@@ -9,7 +9,6 @@ import pytest
 
 from helpers.commands import PATIENCE, command, sets
 from helpers.own_memory import left_of, own_memory
-from isogal_ros.graph.shared_memory import shared_memory
 
 
 @dataclass(frozen=True)
@@ -18,9 +17,9 @@ class Finished:
 
     result: subprocess.CompletedProcess
     out: Path
-    mapped: set[str]
+    mapped: set[Path]
     """Shared memory files that its processes used."""
-    abandoned: set[str]
+    abandoned: set[Path]
     """Those of them that are still there."""
 
 
@@ -30,10 +29,9 @@ def finished(
 ) -> Finished:
     """A whole run in processes."""
     out = tmp_path_factory.mktemp("processes")
-    before = shared_memory()
     words = command("run", *sets(settings()), "--out", out)
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    own: set[str] = set()
+    own: set[Path] = set()
     for _ in range(round(PATIENCE)):
         try:
             said, complained = process.communicate(timeout=1.0)
@@ -44,4 +42,4 @@ def finished(
         process.kill()
         pytest.fail("the run does not end")
     result = subprocess.CompletedProcess(words, process.returncode, said, complained)
-    return Finished(result, out, own, left_of(own, before))
+    return Finished(result, out, own, left_of(own))

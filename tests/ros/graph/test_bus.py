@@ -5,7 +5,7 @@ from rclpy.serialization import deserialize_message
 
 from helpers.recordings import collect
 from isogal_ros import topics
-from isogal_ros.faults.stage import Feed, Stage
+from isogal_ros.faults.trials import Feed
 
 KEPT = {
     "truth": topics.TRUTH_FIX,
@@ -22,10 +22,10 @@ def feed(scenario) -> Feed:
 
 
 def test_it_says_what_a_graph_says(feed, recording) -> None:
-    stage, recorded = Stage(feed).play(), collect(recording)
-    assert stage.bus.errors == []
+    player, recorded = feed.player().play(), collect(recording)
+    assert player.bus.errors == []
     for name, topic in KEPT.items():
-        here, there = (getattr(one, name) for one in (stage.collector, recorded))
+        here, there = (getattr(one, name) for one in (player.collector, recorded))
         assert here.keys() == there.keys(), name
         for ns in here:  # serialised, the same message may have other padding
             one, other = (deserialize_message(store[ns], topic.type) for store in (here, there))

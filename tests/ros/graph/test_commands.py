@@ -21,7 +21,7 @@ from isogal_ros.faults import campaign
 
 def test_a_replay_beyond_the_tolerance_fails(recording) -> None:
     """Changed on purpose, any difference will do, unless a tolerance is given."""
-    change = ("--set", "gravimeter.sigma=9e-5", "--json")
+    change = ("--set", "initial_error.position=300", "--json")
     code, out, _ = call("replay", recording, *change)
     assert code == 0
     assert json.loads(out)["largest_difference_m"] > 0.01

@@ -12,6 +12,7 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
+from helpers.domains import claim_domain
 from helpers.node_bench import run_here
 from isogal.cli.main import main
 from isogal.errors import InputError
@@ -19,7 +20,6 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.domain import (
     DOMAIN,
-    claim_domain,
     defaults,
     graph_domain,
     names_of,
@@ -56,38 +56,26 @@ def node_in(domain: int) -> Iterator[Node]:
         node.destroy_node()
 
 
-def test_the_users_domain_is_taken(monkeypatch) -> None:
-    monkeypatch.setenv(DOMAIN, "77")
-    with claim_domain() as domain:
-        assert domain == 77
-
-
 @pytest.mark.parametrize("value", ["-1", "233", "seven"])
 def test_no_such_domain(monkeypatch, value) -> None:
     monkeypatch.setenv(DOMAIN, value)
     with (
         pytest.raises(InputError, match="ROS_DOMAIN_ID: must be a number from 0 to 232"),
-        claim_domain(),
+        graph_domain(NAMES),
     ):
         pass
 
 
-def test_two_graphs_get_two_domains(monkeypatch) -> None:
+def test_a_domain_that_is_claimed_or_has_a_participant_is_not_free(monkeypatch) -> None:
     monkeypatch.delenv(DOMAIN)
-    with claim_domain() as first, claim_domain() as second:
+    with graph_domain(NAMES) as first, graph_domain(NAMES) as second:
         assert first != second
-    with claim_domain() as third:
+    with graph_domain(NAMES) as third:
         assert third == first
-
-
-def test_a_domain_with_a_participant_is_not_free(monkeypatch) -> None:
-    monkeypatch.delenv(DOMAIN)
-    with claim_domain() as domain:
-        pass
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
-        participant.bind(("", 7410 + 250 * domain))
-        with claim_domain() as other:
-            assert other != domain
+        participant.bind(("", 7410 + 250 * first))
+        with graph_domain(NAMES) as other:
+            assert other != first
 
 
 def test_the_graph_gets_what_the_user_does_not_say() -> None:

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
+from helpers.domains import claim_domain
 from isogal_ros import topics
-from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.domain import local_context
 from isogal_ros.graph.plan import Plan, node_class
 from isogal_ros.nodes.health import WARN
 from isogal_ros.nodes.spin import make_executor

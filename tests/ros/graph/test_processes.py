@@ -20,17 +20,15 @@ from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, star
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph import session
+from isogal_ros.graph import commands
 from isogal_ros.graph.plan import CLASSES, GraphError
-from isogal_ros.graph.processes import run_processes
-from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
+from isogal_ros.graph.running import run_processes, shared_memory, sweep_shared_memory
 from isogal_ros.nodes.signals import Interrupt
 
 
 @pytest.fixture
 def running(tmp_path, settings):
-    """`isogal run` in processes that has recorded something, and the shared memory before it;
-    ended afterwards whatever happens."""
+    """`isogal run` in processes that has recorded something, ended afterwards whatever happens."""
     before = shared_memory()
     options = sets(settings("route.duration=1900.0"))
     process = subprocess.Popen(
@@ -45,7 +43,7 @@ def running(tmp_path, settings):
     )
     assert process.poll() is None, process.communicate()
     nodes = nodes_of(process.pid)
-    yield process, nodes, tmp_path / "out", before
+    yield process, nodes, tmp_path / "out"
     kill(process, nodes)
     sweep_shared_memory(before)  # a test may have killed what sweeps
 
@@ -118,7 +116,7 @@ def test_what_a_run_leaves_behind(finished) -> None:
     for name in CLASSES:
         assert (out / "log" / f"{name}.log").exists()
     assert "ROS domain" in result.stderr
-    assert "aided navigator" in result.stdout
+    assert "RMS position error (m)" in result.stdout
     assert "Traceback" not in result.stderr
 
 
@@ -145,7 +143,7 @@ def test_nodes_end_with_their_parent(orphaned) -> None:
 
 def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     """After a whole run, so that no node is compiling, which takes memory."""
-    process, nodes, out, before = running
+    process, nodes, out = running
     assert set(nodes) == set(CLASSES)
     for name, node in nodes.items():
         assert node.memory_info().rss < 300e6, name
@@ -158,7 +156,7 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     assert "Traceback" not in err
     assert not any(node.is_running() for node in nodes.values())
     assert own
-    assert not left_of(own, before)
+    assert not left_of(own)
     reader = BagReader(out / "bag")
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is None
@@ -168,7 +166,7 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
 
 @pytest.mark.parametrize("name", [topics.INS_SIM, RECORDER])
 def test_a_node_that_dies_ends_the_run_and_leaves_a_bag_that_can_be_read(tmp_path, name) -> None:
-    before, own, bag = shared_memory(), set(), tmp_path / "bag"
+    own, bag = set(), tmp_path / "bag"
 
     def report(progress) -> None:
         if not own and has_recorded(bag):  # once: it is told of progress until the death is seen
@@ -179,7 +177,7 @@ def test_a_node_that_dies_ends_the_run_and_leaves_a_bag_that_can_be_read(tmp_pat
         run_processes(small_plan(bag), tmp_path / "log", Interrupt(), report)
     assert not nodes_of(os.getpid())
     assert own
-    assert not left_of(own, before)
+    assert not left_of(own)
     reader = BagReader(bag)
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert (reader.cut is None) == (name != RECORDER)
@@ -189,7 +187,7 @@ def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path
     def ends(*_) -> None:
         raise GraphError("ukf_fusion_node ended (killed by SIGKILL)")
 
-    monkeypatch.setattr(session, "run_processes", ends)
+    monkeypatch.setattr(commands, "run_processes", ends)
     status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
     assert status == 1
     assert err.splitlines()[-1] == "isogal: ukf_fusion_node ended (killed by SIGKILL)"

@@ -9,16 +9,14 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from helpers.command_line import answer, refusal
-from helpers.recordings import collect, nav_positions
+from helpers.recordings import collect, nav_positions, replayed, rewritten
 from isogal.fields.scenario_map import map_for_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Places
 from isogal_ros.bags.viewing import viewed_run
 from isogal_ros.bags.writer import BagWriter
-from isogal_ros.graph.replay import replay
 from isogal_ros.messages.stamps import peek_ns, set_stamp
-from isogal_ros.nodes.signals import Interrupt
 
 SIMULATED = ("/ground_truth/fix", "/ground_truth/odom", "/ins/fix", "/clock")
 BEGIN = 100
@@ -29,18 +27,13 @@ SECOND = 10**9
 @pytest.fixture(scope="module")
 def voyage(recording, tmp_path_factory):
     """The recording without what only a simulation knows, and without its first part."""
-    bag, reader = tmp_path_factory.mktemp("voyage") / "bag", BagReader(recording)
-    writer = BagWriter(bag, {"scenario": reader.texts["scenario"], "run": "7"})
-    for message in reader.messages():
-        name = message.topic
-        stamped = name not in ("/nav/covariance", "/nav/protection_level", "/diagnostics")
-        if name in SIMULATED or (stamped and peek_ns(message.data) < BEGIN * SECOND):
-            continue
-        if not writer.knows(name):
-            writer.add_topic(name, reader.types[name], [], "")
-        writer.write(name, message.data, message.log_ns, message.log_ns)
-    writer.close()
-    return bag
+
+    def kept(topic: str, data: bytes) -> bytes | None:
+        stamped = topic not in ("/nav/covariance", "/nav/protection_level", "/diagnostics")
+        early = stamped and peek_ns(data) < BEGIN * SECOND
+        return None if topic in SIMULATED or early else data
+
+    return rewritten(recording, tmp_path_factory.mktemp("voyage") / "bag", kept)
 
 
 def test_it_is_viewed_without_errors(voyage, tmp_path) -> None:
@@ -62,7 +55,7 @@ def test_it_is_viewed_without_errors(voyage, tmp_path) -> None:
 
 def test_it_is_replayed_from_where_the_navigator_was(voyage, recording) -> None:
     """It once began at the scenario's start: 100 s of way off."""
-    result = replay(BagReader(voyage), Interrupt(), lambda progress: None)
+    result = replayed(voyage)
     (note,) = result.notes
     assert "begins at 100 s: the filter starts there where the recorded navigator was" in note
     known = collect(recording)

@@ -3,11 +3,10 @@
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from helpers.node_bench import absolute, run_here, topics_of
-from helpers.recordings import collect, nav_positions
+from helpers.recordings import assert_replayed, assert_replayed_as_run, replayed
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
@@ -19,23 +18,10 @@ from isogal_ros.nodes.signals import Interrupt
 SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sample"
 
 
-def test_it_gives_the_same_fixes(recording) -> None:
-    result = replay(BagReader(recording), Interrupt(), lambda progress: None)
-    comparison = result.comparison
-    assert comparison.recorded == comparison.replayed == comparison.common > 0
-    assert comparison.disagreements == 0
-    assert comparison.largest_difference < 1e-6
-    assert result.notes == []
-    # and the same navigation
-    old, new = collect(recording), result.outputs
-    assert set(old.last_nav) == set(new.last_nav)
-    np.testing.assert_allclose(nav_positions(old), nav_positions(new), atol=1e-13, rtol=0)
-
-
 def test_a_bag_that_is_cut_off(recording, tmp_path) -> None:
     data = (recording / "bag_0.mcap").read_bytes()
     (tmp_path / "part.mcap").write_bytes(data[: len(data) // 2])
-    result = replay(BagReader(tmp_path / "part.mcap"), Interrupt(), lambda progress: None)
+    result = replayed(tmp_path / "part.mcap")
     (note,) = result.notes
     assert "ends early" in note
     assert "read up to" in note
@@ -48,18 +34,9 @@ def test_a_bag_that_is_cut_off(recording, tmp_path) -> None:
 def test_it_can_be_interrupted(recording) -> None:
     interrupt = Interrupt()
     interrupt(2)
-    result = replay(BagReader(recording), interrupt, lambda progress: None)
+    result = replay(BagReader(recording), interrupt)
     assert result.interrupted
     assert result.simulated == 0.0
-
-
-@pytest.mark.parametrize("field", ["magnetic", "terrain", "gradient"])
-def test_other_fields(recorded, field) -> None:
-    _, bag = recorded(field)
-    comparison = replay(BagReader(bag), Interrupt(), lambda progress: None).comparison
-    assert comparison.recorded == comparison.replayed == comparison.common == 6
-    assert comparison.disagreements == 0
-    assert comparison.largest_difference < 1e-4
 
 
 def test_the_sample_is_small_and_whole() -> None:
@@ -75,12 +52,7 @@ def test_the_sample_is_small_and_whole() -> None:
 def test_the_sample_replays_to_the_same_fixes() -> None:
     """Within a metre: the last digits are the machine's, but another filter or matcher has to make
     another sample."""
-    result = replay(BagReader(SAMPLE), Interrupt(), lambda progress: None)
-    assert result.notes == []
-    assert result.comparison.recorded == result.comparison.replayed == result.comparison.common
-    assert result.comparison.recorded >= 3
-    assert result.comparison.disagreements == 0
-    assert result.comparison.largest_difference < 1.0
+    assert assert_replayed(SAMPLE, 1.0).comparison.common >= 3
 
 
 def thinned(scenario, interval: float) -> Scenario:
@@ -92,10 +64,10 @@ def thinned(scenario, interval: float) -> Scenario:
 def test_keys_of_the_reduction_reduce_the_readings_anew(recording, scenario) -> None:
     """They were once taken as they had been reduced, without a word."""
     again = thinned(scenario, 20.0)  # every second reading from the first, at 10 s, on
-    result = replay(BagReader(recording), Interrupt(), lambda progress: None, again)
+    result = replayed(recording, again)
     assert sorted(result.outputs.fixes) == [10**9 * k for k in range(50, 360, 60)]
     # at the bag's interval they are the recorded ones
-    result = replay(BagReader(recording), Interrupt(), lambda progress: None, scenario())
+    result = replayed(recording, scenario())
     assert result.comparison.largest_difference < 1e-6
 
 
@@ -103,39 +75,35 @@ def test_other_settings_are_as_if_they_had_been_run(recording, scenario, tmp_pat
     """Readings that the recorded navigator had reduced were once taken by one that did otherwise:
     with T = 20 instead of 30 a vessel erred 200 m instead of 40."""
     again = scenario("matcher.batch_length=4", "matcher.stride=2")
-    result = replay(BagReader(recording), Interrupt(), lambda progress: None, again)
     run_here(again, tmp_path / "bag")
-    ran = collect(tmp_path / "bag")
-    assert sorted(ran.fixes) == sorted(result.outputs.fixes)
-    np.testing.assert_allclose(nav_positions(result.outputs), nav_positions(ran), atol=1e-12)
-    assert not any("Eötvös" in note for note in result.notes)
+    assert_replayed_as_run(recording, again, tmp_path / "bag")
 
 
-def test_without_readings_of_the_instrument_other_settings_are_told_of(
-    recording, scenario, monkeypatch
-) -> None:
+def without_the_instrument(monkeypatch) -> None:
+    """Let the bag have none of its readings."""
     every = of_bag.wanted_messages
     monkeypatch.setattr(
         of_bag,
         "wanted_messages",
         lambda *wanted: (found for found in every(*wanted) if found[0] is not topics.FELT),
     )
+
+
+def test_without_readings_of_the_instrument_other_settings_are_told_of(
+    recording, scenario, monkeypatch
+) -> None:
+    without_the_instrument(monkeypatch)
     again = scenario("matcher.batch_length=4", "matcher.stride=2")
-    result = replay(BagReader(recording), Interrupt(), lambda progress: None, again)
+    result = replayed(recording, again)
     assert "wrong by the Eötvös effect" in result.notes[-1]
-    same = replay(BagReader(recording), Interrupt(), lambda progress: None)
+    same = replayed(recording)
     assert same.notes == []
 
 
 def test_a_reduction_that_the_bag_does_not_allow(recording, scenario, monkeypatch) -> None:
     said = r"cannot make gravimeter.interval shorter than it was \(10 s\)"
     with pytest.raises(InputError, match=said):
-        replay(BagReader(recording), Interrupt(), lambda progress: None, thinned(scenario, 5.0))
-    every = of_bag.wanted_messages
-    monkeypatch.setattr(
-        of_bag,
-        "wanted_messages",
-        lambda *wanted: (found for found in every(*wanted) if found[0] is not topics.FELT),
-    )
+        replayed(recording, thinned(scenario, 5.0))
+    without_the_instrument(monkeypatch)
     with pytest.raises(InputError, match=r"a replay cannot change gravimeter\.interval"):
-        replay(BagReader(recording), Interrupt(), lambda progress: None, thinned(scenario, 20.0))
+        replayed(recording, thinned(scenario, 20.0))

@@ -13,7 +13,7 @@ import yaml
 
 from helpers.batches import field_map_of, wavy
 from helpers.node_bench import run_here
-from helpers.recordings import collect, nav_positions, record
+from helpers.recordings import assert_replayed, assert_replayed_as_run, record, replayed
 from isogal.errors import InputError
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.engine import simulate
@@ -21,8 +21,6 @@ from isogal.scenario import Scenario, validate_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.plan import Plan, nodes_of
-from isogal_ros.graph.replay import replay
-from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.security.policy import policy
 
 PLACE = {
@@ -70,25 +68,17 @@ def recorded(two, tmp_path_factory) -> Callable[[str], Path]:
 def test_a_recording_is_replayed(two, recorded) -> None:
     """The fixes of a graph with several fields, from its readings."""
     bag = recorded("second misses the batch ends")
-    found = replay(BagReader(bag), Interrupt(), lambda progress: None)
-    assert found.comparison.common == found.comparison.recorded > 5
-    assert found.comparison.disagreements == 0
-    assert found.comparison.largest_difference < 1e-3
+    assert assert_replayed(bag, 1e-3).comparison.common > 5
     with pytest.raises(InputError, match=r"fields\.1\.gravimeter\.interval shorter .* \(35 s\)"):
-        replay(BagReader(bag), Interrupt(), lambda progress: None, two())
+        replayed(bag, two())
 
 
 def test_a_replay_with_other_settings_is_as_if_they_had_been_run(two, recorded, tmp_path) -> None:
     """Each instrument's own readings are reduced with what the replayed navigator believes."""
     matcher = {"matcher": {"batch_length": 4, "map_sigma": 0.0}}
     scenario, bag = two(matcher, **matcher), recorded("one rate")
-    found = replay(BagReader(bag), Interrupt(), lambda progress: None, scenario)
     run_here(scenario, tmp_path / "bag")
-    ran = collect(tmp_path / "bag")
-    assert len(ran.fixes) > 5
-    assert sorted(found.outputs.fixes) == sorted(ran.fixes)
-    np.testing.assert_allclose(nav_positions(found.outputs), nav_positions(ran), atol=1e-12)
-    assert found.notes == []
+    assert_replayed_as_run(bag, scenario, tmp_path / "bag")
 
 
 def test_the_policy_names_each_node(two) -> None:

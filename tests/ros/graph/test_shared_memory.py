@@ -1,91 +1,35 @@
 """Files that killed processes leave behind."""
 
-import os
-import subprocess
-import sys
-import time
-from pathlib import Path
+import fcntl
 
 import pytest
 
-from isogal_ros.graph import shared_memory as module
-from isogal_ros.graph.shared_memory import abandoned_memory, shared_memory, sweep_shared_memory
+from isogal_ros.graph import running
+from isogal_ros.graph.running import shared_memory, sweep_shared_memory
 
 
-def age(folder: Path, seconds: float = 10.0) -> None:
-    """Make all files as old as that."""
-    for entry in folder.iterdir():
-        os.utime(entry, times=(time.time() - seconds,) * 2)
+def test_only_new_files_that_nobody_uses_are_deleted(monkeypatch, tmp_path) -> None:
+    """One that is just being made is locked when it is looked at."""
+    monkeypatch.setattr(running, "SHARED_MEMORY", tmp_path)
+    names = ("old", "abandoned", "port7", "used", "being_made")
+    files = {name: tmp_path / f"fastrtps_{name}" for name in names}
+    for name in ("old", "abandoned", "port7", "used"):
+        files[name].touch()
+        files[name].with_name(f"fastrtps_{name}_el").touch()
+    (tmp_path / "sem.fastrtps_port7_mutex").touch()
+    (tmp_path / "something else").touch()
+    before = {name for name in shared_memory() if "_old" in name}
+    made = tmp_path / "fastrtps_being_made_el"
 
+    def settle(seconds: float) -> None:
+        assert seconds == running.SETTLED
+        fcntl.flock(lock, fcntl.LOCK_EX)
 
-@pytest.fixture
-def folder(monkeypatch, tmp_path) -> Path:
-    """What stands for /dev/shm."""
-    monkeypatch.setattr(module, "_FOLDER", tmp_path)
-    return tmp_path
-
-
-def test_only_files_that_nobody_has_open_are_deleted(folder) -> None:
-    (folder / "fastrtps_old").touch()
-    before = shared_memory()
-    (folder / "fastrtps_abandoned").touch()
-    (folder / "sem.fastrtps_abandoned_mutex").touch()
-    (folder / "fastrtps_used").write_bytes(b"x")
-    (folder / "something else").touch()
-    age(folder)
-    code = f"stream = open({str(folder / 'fastrtps_used')!r}); print('open', flush=True); input()"
-    command = [sys.executable, "-c", code]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout.readline() == "open\n"
-        assert abandoned_memory(before) == {
-            "fastrtps_abandoned",
-            "sem.fastrtps_abandoned_mutex",
-        }
+    monkeypatch.setattr(running.time, "sleep", settle)
+    with made.open("wb") as lock, (tmp_path / "fastrtps_used_el").open("rb") as used:
+        fcntl.flock(used, fcntl.LOCK_EX)
         sweep_shared_memory(before)
-        process.communicate("\n")
-    assert sorted(entry.name for entry in folder.iterdir()) == [
-        "fastrtps_old",
-        "fastrtps_used",
-        "something else",
-    ]
-
-
-def test_files_that_are_just_being_made_are_left_alone(folder, monkeypatch) -> None:
-    (folder / "fastrtps_abandoned").touch()
-    age(folder)
-    for name in ("fastrtps_new", "fastrtps_new_el", "fastrtps_late"):
-        (folder / name).touch()
-    assert abandoned_memory(set()) == {"fastrtps_abandoned"}
-    taken_up = []
-
-    def sleep(seconds: float) -> None:
-        assert seconds == module.SETTLED
-        assert {entry.name for entry in folder.iterdir()} == {
-            "fastrtps_new",
-            "fastrtps_new_el",
-            "fastrtps_late",
-        }
-        (folder / "fastrtps_newer").touch()
-        taken_up.extend((folder / name).open("rb") for name in ("fastrtps_new", "fastrtps_new_el"))
-
-    monkeypatch.setattr(module.time, "sleep", sleep)
-    # this process counts as one that no longer needs its own, so another one has to hold them
-    monkeypatch.setattr(module.os, "getpid", lambda: 0)
-    sweep_shared_memory(set())
-    assert {entry.name for entry in folder.iterdir()} == {
-        "fastrtps_new",
-        "fastrtps_new_el",
-        "fastrtps_newer",
-    }
-    for stream in taken_up:
-        stream.close()
-
-
-def test_old_files_cost_no_wait(folder, monkeypatch) -> None:
-    (folder / "fastrtps_abandoned").touch()
-    age(folder)
-    monkeypatch.setattr(module.time, "sleep", lambda seconds: pytest.fail("waits"))
-    sweep_shared_memory(set())
-    assert list(folder.iterdir()) == []
+    kept = {"fastrtps_old", "fastrtps_old_el", "fastrtps_used", "fastrtps_used_el"}
+    assert {path.name for path in tmp_path.iterdir()} == kept | {made.name, "something else"}
+    monkeypatch.setattr(running.time, "sleep", lambda seconds: pytest.fail("waits"))
+    sweep_shared_memory(shared_memory())

@@ -17,10 +17,8 @@ from isogal.fields.scenario_map import map_for_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.collect import Collector, Follower
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.dashboard import curve, picture
-from isogal_ros.graph.live_page import serve
-from isogal_ros.graph.progress import Progress
-from isogal_ros.graph.watching import Watch
+from isogal_ros.graph.running import Progress
+from isogal_ros.graph.watching import Watch, curve, picture, serve
 
 
 @pytest.fixture
@@ -75,7 +73,7 @@ def test_the_dashboard(watch) -> None:
     console.print(picture(Progress(180.0, 360.0, 50.0, 12.0), watch.look()[1]))
     text = screen.getvalue()
     assert "Waiting for the first reading" in text
-    for words in ("0.05 of 0.10 h", "protection level", "unaided INS", "6 min"):
+    for words in ("0:03:00 of 0:06:00", "protection level", "unaided INS", "6 min"):
         assert words in text
 
 

@@ -122,7 +122,7 @@ def test_a_simulated_vehicle_has_both_instruments(magnetic) -> None:
         field_map = map_for_scenario(scenario, trajectory)
         readings = ReadingSimulator(scenario, trajectory, field_map, [0])
         clean = compensated(scenario, trajectory, readings)[0, 0]
-        assert abs(clean - readings.felt[0, 0]) > 50.0
+        assert abs(clean - readings.raw[0, 0]) > 50.0
         main_field = float(intensity(*np.degrees(PLACE), 100.0, 2025.0))
         anomaly = made.heard["magnetometer/anomaly"][0].magnetic_field.z * 1e9
         assert anomaly == pytest.approx(clean - main_field, abs=0.05)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from helpers.domains import claim_domain
 from helpers.launching import BRINGUP, Launch
 from helpers.player import Player
 from helpers.small_graph import ENOUGH
@@ -17,9 +18,9 @@ from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph import launching
-from isogal_ros.graph.domain import DOMAIN, claim_domain
+from isogal_ros.graph.domain import DOMAIN
 from isogal_ros.graph.plan import CLASSES, node_class
-from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
+from isogal_ros.graph.running import shared_memory, sweep_shared_memory
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.parameters.values import parameter_file
 
@@ -84,13 +85,13 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"rate": "abc"}, "rate: must be a number, not 'abc'"),
-        ({"rate": "-1.0"}, "rate: must be from"),
-        ({"rate": "nan"}, "rate: must be from"),
-        ({"run": "1.5"}, "run: must be a number"),
-        ({"run": "-1"}, "run: must be 0 or more"),
-        ({"recorder": "maybe"}, "recorder: must be true or false"),
-        ({"respawn": "2"}, "respawn: must be true or false"),
+        ({"rate": "abc"}, "rate: input should be a valid number, .*, not 'abc'"),
+        ({"rate": "-1.0"}, "rate: input should be greater than or equal to 0"),
+        ({"rate": "nan"}, "rate: input should be a finite number"),
+        ({"run": "1.5"}, "run: input should be a valid integer"),
+        ({"run": "-1"}, "run: input should be greater than or equal to 0"),
+        ({"recorder": "maybe"}, "recorder: input should be a valid boolean"),
+        ({"respawn": "2"}, "respawn: input should be a valid boolean"),
         ({"params": "/no/such/file.yaml"}, "params: /no/such/file.yaml: cannot be read"),
         ({"bag": "EXISTS"}, "there is something already"),
         ({"params": "BROKEN"}, "not valid YAML"),
@@ -99,9 +100,9 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         ({"bag": "/proc/x"}, "bag: /proc/x: /proc cannot be written"),
         ({"checkpoint": "/proc/x"}, "checkpoint: /proc/x: /proc cannot be written"),
         ({"set": "map.source=/no/such.nc"}, "/no/such.nc"),
-        ({"vehicle": "toy"}, "vehicle: must be simulated, real, not 'toy'"),
-        ({"use_sim_time": "maybe"}, "use_sim_time: must be true or false"),
-        ({"log_level": "loud"}, "log_level: must be debug, info"),
+        ({"vehicle": "toy"}, "vehicle: input should be 'simulated' or 'real', not 'toy'"),
+        ({"use_sim_time": "maybe"}, "use_sim_time: input should be 'auto', 'true', 'false'"),
+        ({"log_level": "loud"}, "log_level: input should be 'debug', 'info'"),
         ({"namespace": "a b"}, "namespace: must be words"),
         ({"set": "route.speed"}, "set: must be KEY=VALUE, not 'route.speed'"),
         ({"set": "route.sped=3"}, "did you mean 'route.speed'"),
@@ -138,8 +139,8 @@ def test_a_node_that_fails_while_all_end_fails_the_launch(launch, tmp_path, code
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["raet:=5.0"], "raet: no argument of isogal.launch.py; did you mean 'rate'?"),
-        (["rate:=5.0", "xyzzy:=1"], "xyzzy: no argument of isogal.launch.py; allowed: params, "),
+        (["raet:=5.0"], "isogal.launch.py: unknown key 'raet', did you mean 'rate'?"),
+        (["rate:=5.0", "xyzzy:=1"], "isogal.launch.py: unknown key 'xyzzy'; allowed: params, "),
     ],
 )
 def test_an_argument_that_is_none_is_named(launch, tmp_path, monkeypatch, words, message) -> None:

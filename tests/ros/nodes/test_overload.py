@@ -7,13 +7,14 @@ import pytest
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from helpers.domains import claim_domain
 from helpers.node_bench import bench
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER, RecorderNode
-from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.domain import local_context
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.messages.whole_fix import WholeFix

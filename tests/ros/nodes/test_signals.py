@@ -7,7 +7,7 @@ import pytest
 
 from helpers.processes import end_all, end_as_launch_does, is_up, start_node, until
 from isogal_ros import topics
-from isogal_ros.graph.shared_memory import shared_memory, sweep_shared_memory
+from isogal_ros.graph.running import shared_memory, sweep_shared_memory
 from isogal_ros.nodes.signals import INTERRUPTED
 
 

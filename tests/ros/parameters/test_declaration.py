@@ -3,8 +3,9 @@
 import pytest
 from rclpy.parameter import Parameter
 
+from helpers.domains import claim_domain
 from isogal.errors import InputError
-from isogal_ros.graph.domain import claim_domain, local_context
+from isogal_ros.graph.domain import local_context
 from isogal_ros.nodes.base import GraphNode
 
 

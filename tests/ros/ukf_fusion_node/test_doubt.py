@@ -7,8 +7,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from isogal_ros import topics
-from isogal_ros.faults.judgement import track_of
-from isogal_ros.faults.stage import Feed, Stage
+from isogal_ros.faults.trials import Feed, track_of
 from isogal_ros.nodes.health import OK
 from ukf_fusion_node.doubt import Doubt
 
@@ -44,16 +43,16 @@ def elbow(degrees: float) -> str:
 def test_a_sharp_turn_in_a_gap_is_never_silent(scenario, degrees) -> None:
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
     turning = scenario(elbow(degrees), "route.turn_rate=0.1", "route.duration=960.0", *own)
-    stage, wrong = Stage(Feed(turning, 0)), {}
-    stage.bus.hear(topics.DIAGNOSTICS, lambda data: take(data, wrong))
-    stage.bus.change = lambda topic, data: (
-        [] if topic == topics.IMU.name and abs(stage.bus.now - 600.0) <= GAP / 2.0 else [data]
+    player, wrong = Feed(turning, 0).player(), {}
+    player.bus.hear(topics.DIAGNOSTICS, lambda data: take(data, wrong))
+    player.bus.change = lambda topic, data: (
+        [] if topic == topics.IMU.name and abs(player.bus.now - 600.0) <= GAP / 2.0 else [data]
     )
     told = {}
-    for ns in stage.stamps():
-        stage.step(ns)
+    for ns in sorted(player.recorded.sensors[topics.IMU]):
+        player.play(ns / 1e9)
         told[ns / 1e9] = any(wrong.values())
-    track = track_of(stage.collector)
+    track = track_of(player.collector)
     after = track.time > 600.0
     assert track.error[after].max() > 150.0
     honest = track.error < 3.0 * track.sigma

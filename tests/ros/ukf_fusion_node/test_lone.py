@@ -5,7 +5,7 @@ import pytest
 
 from helpers.node_bench import bench, stamps
 from isogal_ros import topics
-from ukf_fusion_node.lone import REMEMBERED, LoneSamples
+from ukf_fusion_node.watch import REMEMBERED, LoneSamples
 
 LEVEL = np.array([0.0, 0.0, -9.8])
 NOISE = np.random.default_rng(1).normal(0.0, 1e-5, (500, 6))

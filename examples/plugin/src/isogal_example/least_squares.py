@@ -6,7 +6,6 @@ the curvature is the inverse covariance of the shift. Where the residuals are la
 1-sigma, the covariance grows by their mean square."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.maps.field_map import FieldMap
@@ -49,11 +48,12 @@ class LeastSquares(Baseline[LeastSquaresOptions]):
         side = np.linspace(-1.0, 1.0, self.options.nodes)
         grid = np.stack(np.meshgrid(*(side * width for width in half), indexing="ij"), axis=-1)
         sigma = readings.arrays.sigma
-        misfit = _misfit(readings, field_map, grid.reshape(-1, 2))
+        shifts = np.pad(grid.reshape(-1, 2), ((0, 0), (0, 2)))  # the velocity error is taken as 0
+        residual, _ = readings.linearise(field_map, shifts)
+        misfit = ((residual / sigma[:, None]) ** 2).mean(axis=0)
         if not np.isfinite(misfit).any():
             return declined(batch, "no shift in the search window lies on the map")
-        xi = np.zeros(4)  # north, east (m) and a velocity error, which is taken as zero
-        xi[:2] = grid.reshape(-1, 2)[np.nanargmin(misfit)]
+        xi = shifts[np.nanargmin(misfit)]
         for _ in range(self.options.steps):
             residual, slope = readings.linearise(field_map, xi)
             if not np.isfinite(residual).all():
@@ -71,17 +71,3 @@ class LeastSquares(Baseline[LeastSquaresOptions]):
         if np.linalg.eigvalsh(covariance)[0] > half.max() ** 2:
             return declined(batch, "the map is too flat for the search window")
         return publish_measured(batch, xi[:2], covariance, {"chi_square_ratio": ratio})
-
-
-def _misfit(
-    readings: UsableReadings, field_map: FieldMap, shift: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the mean square residual (K,) of position errors (K, 2) m; NaN off the map."""
-    arrays = readings.arrays
-    moved = np.einsum("nij,kj->kni", arrays.transition[:, :, :2], shift)
-    value = field_map.value(
-        arrays.latitude - moved[..., 0] * arrays.radian[:, 0],
-        arrays.longitude - moved[..., 1] * arrays.radian[:, 1],
-    )
-    residual = arrays.level - value - shift @ arrays.jacobian[:, :2].T
-    return ((residual / arrays.sigma) ** 2).mean(axis=1)

@@ -2,17 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from isogal.cli.checks import finite, not_negative
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, written_file, written_folder
-from isogal.cli.tables import print_json
+from isogal.cli.tables import print_result
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
+    from pydantic import JsonValue
+
     from isogal.arrays import Array
     from isogal.magnetics.calibration import Calibration, Settings
     from isogal.tracks.magnetic_flight import MagneticFlight
@@ -143,7 +145,22 @@ def calibrate(
     files = [str(out)]
     if report is not None:
         files.append(str(write_calibration_report(flight, found, report)))
-    _show(summary(flight, found) | {"files": files}, found, json)
+    numbers = summary(flight, found)
+    lines = _said(found, numbers["readings"], numbers["own_field_peak_to_peak"])
+    print_result(numbers | {"files": files}, json, *lines, *files)
+
+
+def _said(found: "Calibration", readings: int, own_field: float) -> list[str]:
+    """Return what a calibration has found in lines; the vehicle's field in nT, peak to peak."""
+    improvement = found.rms_before / max(found.rms_after, 1e-9)
+    lines = [
+        f"{found.used} of {readings} readings count; in the band {found.rms_before:.2f} nT before,"
+        f" {found.rms_after:.2f} nT after (RMS), improvement {improvement:.0f}",
+        f"the vehicle adds {own_field:.0f} nT, peak to peak",
+    ]
+    if found.compensation.lag:
+        lines.append(f"the vector magnetometer is {found.compensation.lag:.3f} s late")
+    return lines
 
 
 @dataclass(frozen=True)
@@ -204,24 +221,15 @@ def compensate(
     own = vehicle.own_field(flight, main_field)
     total = flight.readings.total - own
     write_compensated(out, flight, total, total - main_field)
-    found: dict[str, Any] = {
-        "readings": len(flight.readings),
+    count, least, most = len(total), float(np.nanmin(own)), float(np.nanmax(own))
+    found: dict[str, JsonValue] = {
+        "readings": count,
         "without": int(np.isnan(total).sum()),
-        "own_field": [float(np.nanmin(own)), float(np.nanmax(own))],
+        "own_field": [least, most],
         "file": str(out),
     }
-    _show_track(found, json)
-
-
-def _show_track(found: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print_json(found)
-        return
-    least, most = found["own_field"]
-    typer.echo(
-        f"{found['readings']} readings, the vehicle's field from {least:.1f} to {most:.1f} nT"
-    )
-    typer.echo(found["file"])
+    line = f"{count} readings, the vehicle's field from {least:.1f} to {most:.1f} nT"
+    print_result(found, json, line, str(out))
 
 
 def _main_field_or_height(chosen: FlightChoice, flight: "MagneticFlight") -> "Array":
@@ -230,19 +238,3 @@ def _main_field_or_height(chosen: FlightChoice, flight: "MagneticFlight") -> "Ar
     if flight.height is None and chosen.height is None:
         return flight.main_field(chosen.epoch, 0.0)
     return chosen.main_field(flight)
-
-
-def _show(numbers: dict[str, Any], found: "Calibration", as_json: bool) -> None:
-    if as_json:
-        print_json(numbers)
-        return
-    typer.echo(
-        f"{numbers['used']} of {numbers['readings']} readings count; in the band"
-        f" {found.rms_before:.2f} nT before, {found.rms_after:.2f} nT after (RMS), improvement"
-        f" {numbers['improvement']:.0f}"
-    )
-    typer.echo(f"the vehicle adds {numbers['own_field_peak_to_peak']:.0f} nT, peak to peak")
-    if found.compensation.lag:
-        typer.echo(f"the vector magnetometer is {found.compensation.lag:.3f} s late")
-    for name in numbers["files"]:
-        typer.echo(name)

@@ -4,7 +4,7 @@ only when it is called: ``isogal --help`` starts without NumPy and numba."""
 import importlib
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -14,8 +14,11 @@ from isogal import __version__
 from isogal.cli.errors import clean_errors, fail
 from isogal.threads import one_thread
 
+if TYPE_CHECKING:
+    from typer._click import Command, Context
 
-class Command(NamedTuple):
+
+class Place(NamedTuple):
     """Where a command lives: ``attribute`` of ``isogal.cli.<module>`` is a function, or a
     ``typer.Typer`` with commands of its own."""
 
@@ -25,41 +28,41 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "run": Command(
+    "run": Place(
         "run",
         "run",
         "Simulate a scenario with the navigator in the loop; write a bag, figures and a report.",
     ),
-    "replay": Command(
+    "replay": Place(
         "run",
         "replay",
         "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ.",
     ),
-    "faults": Command(
+    "faults": Place(
         "run", "faults", "Run the nodes with faulty sensors, links and nodes; table of the harm."
     ),
-    "montecarlo": Command(
+    "montecarlo": Place(
         "montecarlo",
         "montecarlo",
         "Run a scenario many times with other random numbers; write the statistics.",
     ),
-    "paper": Command(
+    "paper": Place(
         "paper",
         "paper",
         "Reproduce every table and figure of the paper, beside the paper's values.",
     ),
-    "match": Command(
+    "match": Place(
         "match.command", "match", "Match a recorded track of any scalar field against a map."
     ),
-    "view": Command(
+    "view": Place(
         "view", "view", "Write one page to look through a run: map, errors, messages over time."
     ),
-    "compare": Command("view", "compare", "Put runs or studies side by side."),
-    "plan": Command(
+    "compare": Place("view", "compare", "Put runs or studies side by side."),
+    "plan": Place(
         "plan", "plan", "Find the route on which the navigator arrives with the least error."
     ),
-    "mag": Command("mag", "app", "Clean a magnetometer of the vehicle's own field."),
-    "map": Command("map.app", "app", "Look at maps, make, fetch and convert them."),
+    "mag": Place("mag", "app", "Clean a magnetometer of the vehicle's own field."),
+    "map": Place("map.app", "app", "Look at maps, make, fetch and convert them."),
 }
 
 
@@ -67,25 +70,29 @@ class _Deferred(TyperCommand):
     """A command in the list of commands, which is imported when it is called."""
 
     def make_context(
-        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
-    ) -> Any:
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: "Context | None" = None,
+        **extra: Any,
+    ) -> "Context":
         return _load(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
 
-def _load(name: str) -> Any:
+def _load(name: str) -> "Command":
     where = COMMANDS[name]
     target = getattr(importlib.import_module(f"isogal.cli.{where.module}"), where.attribute)
     if not isinstance(target, typer.Typer):
         app = typer.Typer(add_completion=False)
         app.command(name)(target)
         target = app
-    command: Any = get_command(target)
+    command = get_command(target)
     command.name = name
     _fill_paragraphs(command)
     return command
 
 
-def _fill_paragraphs(command: Any, below: bool = True) -> None:
+def _fill_paragraphs(command: "Command", below: bool = True) -> None:
     """Let the help of a command, which is its docstring, fill the width of the terminal: keep the
     paragraphs, join their lines."""
     if command.help:
@@ -106,7 +113,7 @@ class _Isogal(TyperGroup):
                 _Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode)
             )
 
-    def main(self, args: Sequence[str] | None = None, *_: Any, **__: Any) -> Any:
+    def main(self, args: Sequence[str] | None = None, *_: Any, **__: Any) -> NoReturn:
         """Run and exit; replaces the boxes in which typer would frame an error."""
         sys.exit(_call(self, list(sys.argv[1:] if args is None else args)))
 

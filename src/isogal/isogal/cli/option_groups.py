@@ -7,10 +7,16 @@ that is the heading of its options in the help."""
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, TypeVar, get_args, get_type_hints
+
+import typer
+from typer.main import get_command
+
+Value = TypeVar("Value")
+"""Of an option: whatever typer makes of its annotation."""
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -33,31 +39,40 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
 
     @functools.wraps(command)
-    def wrapper(**values: Any) -> None:
-        for name, group in groups.items():
-            given = [field.name for field in fields(group) if field.name in values]
-            values[name] = group(**{option: values.pop(option) for option in given})
-        command(**values)
+    def wrapper(**values: Value) -> None:
+        of_groups = {
+            name: group(**{field.name: values.pop(field.name) for field in fields(group)})
+            for name, group in groups.items()
+        }
+        command(**values, **of_groups)
 
-    wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    vars(wrapper)["__signature__"] = inspect.Signature(parameters)
     return wrapper
+
+
+def run_with_groups(command: Callable[..., None], words: Sequence[str]) -> None:
+    """Call a command with options as they stand on a command line.
+
+    Raises
+    ------
+    typer.TyperException
+        A word is no option, or its value is not allowed.
+    """
+    app = typer.Typer(add_completion=False)
+    app.command()(with_groups(command))
+    get_command(app).main(list(words), standalone_mode=False)
 
 
 def _parameters(group: type) -> Iterator[inspect.Parameter]:
     """Yield the fields of a group as parameters."""
     hints = get_type_hints(group, include_extras=True)
     for field in fields(group):
+        kind, declared = get_args(hints[field.name])
+        option = copy(declared)
+        option.rich_help_panel = option.rich_help_panel or getattr(group, "PANEL", None)
         yield inspect.Parameter(
             field.name,
             inspect.Parameter.KEYWORD_ONLY,
-            annotation=_in_panel(hints[field.name], getattr(group, "PANEL", None)),
+            annotation=Annotated[kind, option],
             default=inspect.Parameter.empty if field.default is MISSING else field.default,
         )
-
-
-def _in_panel(annotation: Any, panel: str | None) -> Any:
-    """Return the annotation of an option with its heading in the help."""
-    kind, option = get_args(annotation)
-    option = copy(option)
-    option.rich_help_panel = option.rich_help_panel or panel
-    return Annotated[kind, option]

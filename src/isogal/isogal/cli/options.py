@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 from typer.models import OptionInfo
@@ -44,19 +44,28 @@ def number(
     least : float, optional
         Smallest number that is allowed.
     """
-    return typer.Option(metavar=unit, callback=check, help=help_, rich_help_panel=panel, min=least)
+    option: OptionInfo = typer.Option(
+        metavar=unit, callback=check, help=help_, rich_help_panel=panel, min=least
+    )
+    return option
 
 
-def written_folder(help_: str) -> Any:
+def written_folder(help_: str) -> OptionInfo:
     """Return the option of a folder that is written into, which is checked before all else."""
-    return typer.Option(metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS)
+    option: OptionInfo = typer.Option(
+        metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS
+    )
+    return option
 
 
 def written_file(
     metavar: str, help_: str, check: Callable[..., Path | list[Path] | None] = output_file
-) -> Any:
+) -> OptionInfo:
     """Return the option of a file that is written, which is checked before all else."""
-    return typer.Option(metavar=metavar, callback=check, help=help_, rich_help_panel=RESULTS)
+    option: OptionInfo = typer.Option(
+        metavar=metavar, callback=check, help=help_, rich_help_panel=RESULTS
+    )
+    return option
 
 
 @dataclass(frozen=True)

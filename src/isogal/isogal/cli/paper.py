@@ -1,7 +1,8 @@
 """``isogal paper``: the paper's tables and figures, simulated anew and set beside its values."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +11,10 @@ from isogal.cli.montecarlo import ending_well
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import StudyResults, Workers
 from isogal.cli.tables import print_table
+
+if TYPE_CHECKING:
+    from isogal.paper.claims import Claim
+    from isogal.paper.measure import Results
 
 
 @with_groups
@@ -58,7 +63,7 @@ def paper(
         _print(found, claims, page)
 
 
-def _print(results: Any, claims: Any, page: Path) -> None:
+def _print(results: "Results", claims: "Sequence[Claim]", page: Path) -> None:
     from isogal.evaluation.html_report import number
     from isogal.paper.cases import MATCHERS
     from isogal.paper.published import ROWS

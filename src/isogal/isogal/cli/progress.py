@@ -1,6 +1,9 @@
 """Bars on the standard error stream for what takes time."""
 
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 class Bars:
@@ -36,7 +39,7 @@ class Bars:
             transient=True,
             disable=not console.is_terminal,
         )
-        self.tasks: dict[str, Any] = {}
+        self.tasks: dict[str, TaskID] = {}
 
     def __enter__(self) -> "Bars":
         self.bars.start()

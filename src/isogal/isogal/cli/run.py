@@ -76,15 +76,12 @@ def run(
     Writes a bag, summary.json, report.html and the figures. Ctrl-C stops all nodes and keeps the
     bag."""
     require_ros()
-    from isogal_ros.graph.commands import run_command
-    from isogal_ros.graph.session import Manner
-    from isogal_ros.graph.watching import Live
+    from isogal_ros.graph.commands import Manner, run_command
 
     settings = chosen.load()
     _check(port if not live else 0, respawn and in_process)
-    how = Manner(in_process, rate, respawn, domain)
-    watched = Live(live, port, dashboard)
-    raise typer.Exit(run_command(settings, out, bag, how=how, json=json, live=watched))
+    how = Manner(in_process, rate, respawn, domain, dashboard, page=live, port=port)
+    raise typer.Exit(run_command(settings, out, bag, how=how, json=json))
 
 
 def _check(unused_port: int, respawn_in_process: bool) -> None:

@@ -1,9 +1,13 @@
-"""Results on the terminal: tables, and JSON."""
+"""Tables and results on the terminal."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from pydantic import JsonValue
 
 
 def print_table(
@@ -49,3 +53,11 @@ def print_table(
 def print_json(found: Mapping[str, object]) -> None:
     """Print a result as JSON."""
     typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def print_result(found: "Mapping[str, JsonValue]", as_json: bool, *lines: str) -> None:
+    """Print a result: as JSON, or in some lines."""
+    if as_json:
+        print_json(found)
+    else:
+        typer.echo("\n".join(lines))

@@ -431,7 +431,7 @@ def _model(
     """Return the model of a navigator with the aids of a scenario and readings of some fields."""
     world = scenario.informed
     segments = divide(world, trajectory)
-    gravity = true_residual_gravity(scenario.felt_field.true, trajectory)
+    gravity = true_residual_gravity(scenario.gravity_field.true, trajectory)
     model = filter_model(world, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)

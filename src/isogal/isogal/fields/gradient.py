@@ -21,10 +21,12 @@ def _maps(settings: Settings, disturbance: FieldMap) -> ChannelMap:
     return tensor_maps(level, settings.gradiometer.components, height=height, edge=_REACH)
 
 
-def _errors(truth: Truth, run: int, trajectory: Trajectory, index: Integers, felt: Array) -> Array:
+def _errors(
+    truth: Truth, run: int, trajectory: Trajectory, index: Integers, sensed: Array
+) -> Array:
     settings, time = truth.gradiometer, trajectory.time[index]
-    noise = noise_of(settings, truth.gravimeter).draw(truth.seed, run, time, felt.shape[1:])
-    return noise + tilt_errors(settings, truth.seed, run, trajectory, index, felt)
+    noise = noise_of(settings, truth.gravimeter).draw(truth.seed, run, time, sensed.shape[1:])
+    return noise + tilt_errors(settings, truth.seed, run, trajectory, index, sensed)
 
 
 GRADIENT = MeasuredField(

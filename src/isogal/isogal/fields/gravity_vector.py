@@ -148,11 +148,11 @@ def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     )
 
 
-def felt_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
+def sensed_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
     """Return (R, K, 3) what gravity is in a world beside normal gravity, mean over each IMU
     interval: north, east, down, m/s². None where it is nothing.
 
-    Includes the map error that the gravimeter of the same run feels, all three components of it.
+    Includes the map error that the gravimeter of the same run senses, all three components of it.
     """
     vector = gravity_vector(scenario, trajectory)
     if vector is None:

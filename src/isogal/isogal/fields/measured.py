@@ -40,7 +40,7 @@ class Channels:
     """Returns the covariance (C, C) of a reading's noise, unit of the maps squared."""
     errors: Callable[[Truth, int, Trajectory, Integers, Array], Array]
     """Returns what the instrument adds (scans, C) to a run's readings, given truth, run,
-    trajectory, the scans' index in it, and what a perfect one feels (scans, C)."""
+    trajectory, the scans' index in it, and what a perfect one senses (scans, C)."""
     source: str
     """Quantity of the map that the channels' maps are computed from."""
     reach: float

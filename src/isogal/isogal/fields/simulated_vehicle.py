@@ -6,7 +6,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
-from isogal.fields.gravity_vector import felt_gravity
+from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
@@ -55,8 +55,8 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         The route cannot be driven, or its map does not say what gravity is there.
     """
     truth, trajectory = scenario.true, build_trajectory(scenario)
-    of_gravity = scenario.felt_field
-    gravity = felt_gravity(of_gravity.true, trajectory, [run])
+    of_gravity = scenario.gravity_field
+    gravity = sensed_gravity(of_gravity.true, trajectory, [run])
     imu = simulate_imu(truth, trajectory, [run], gravity)
     compensation = known_gravity(of_gravity, trajectory).compensation
     start = draw_initial_state(truth, trajectory, [run])

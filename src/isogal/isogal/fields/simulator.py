@@ -62,11 +62,11 @@ class ReadingSimulator:
         """(scans,) index into the trajectory of each scan."""
         field = _measured(truth, field_map)
         several = field.instrument == ALTIMETER and truth.altimeter.sounds
-        felt = self._soundings() if several else self._readings(field)
-        felt = field.reduction(truth).report(felt)
+        sensed = self._soundings() if several else self._readings(field)
+        sensed = field.reduction(truth).report(sensed)
         for row, run in enumerate(runs):
-            felt[row, missing(truth.gravimeter, truth.seed, run, trajectory, i)] = np.nan
-        self.felt = felt
+            sensed[row, missing(truth.gravimeter, truth.seed, run, trajectory, i)] = np.nan
+        self.raw = sensed
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels, (R,
         scans, B, 3) of an altimeter with B beams."""
 
@@ -78,20 +78,20 @@ class ReadingSimulator:
             map_error = draw_potential_error(truth, trajectory, i, runs)
         else:
             map_error = draw_map_error(truth, trajectory, i, runs, size)
-        felt = perfect + field.sign * map_error
+        sensed = perfect + field.sign * map_error
         if Lag.of(truth.gravimeter).mean > 0.0:
-            felt = _late(truth, trajectory, self._map, felt, runs)
-        felt = felt + field.sign * draw_datum_error(truth, trajectory, i, runs, size)
+            sensed = _late(truth, trajectory, self._map, sensed, runs)
+        sensed = sensed + field.sign * draw_datum_error(truth, trajectory, i, runs, size)
         errors = [
             reading_errors(truth.gravimeter, truth.seed, run, trajectory, i)
             if field.channels is None
-            else field.channels.errors(truth, run, trajectory, i, felt[row])
+            else field.channels.errors(truth, run, trajectory, i, sensed[row])
             for row, run in enumerate(runs)
         ]
-        felt = felt + np.stack(errors)
+        sensed = sensed + np.stack(errors)
         if field.instrument == MAGNETOMETER and truth.magnetometer.aircraft.magnetic:
-            felt = felt + self.vehicle.added[i]
-        return felt
+            sensed = sensed + self.vehicle.added[i]
+        return sensed
 
     def _soundings(self) -> Array:
         truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
@@ -102,7 +102,7 @@ class ReadingSimulator:
 
     @cached_property
     def vehicle(self) -> Vehicle:
-        """What a magnetic vehicle adds to the readings, and what its vector magnetometer feels,
+        """What a magnetic vehicle adds to the readings, and what its vector magnetometer senses,
         at every step of the trajectory; raises InputError as `true_readings` does."""
         every = np.arange(len(self._trajectory) + 1)
         total = true_readings(self._truth, self._trajectory, self._map, every)
@@ -119,15 +119,15 @@ def compensated(scenario: Assumed, trajectory: Trajectory, readings: ReadingSimu
     InputError
         The file of coefficients cannot be read, or `true_readings` refuses the map.
     """
-    assumed, felt = assumed_compensation(scenario), readings.felt
+    assumed, sensed = assumed_compensation(scenario), readings.raw
     if assumed is None:
-        return felt
+        return sensed
     i, vector = readings.index, readings.vehicle.vector
     rate = (vector[:, i] - vector[:, i - 1]) / trajectory.dt
-    clean = felt - assumed.one(vector[:, i], rate, felt)
+    clean = sensed - assumed.one(vector[:, i], rate, sensed)
     if not scenario.magnetometer.online:
         return clean
-    return np.concatenate([clean[..., None], terms(vector[:, i], rate, felt)], axis=-1)
+    return np.concatenate([clean[..., None], terms(vector[:, i], rate, sensed)], axis=-1)
 
 
 def true_readings(
@@ -189,8 +189,8 @@ def _measured(truth: Truth, field_map: RouteMap) -> MeasuredField:
             return field
     article = "an" if instrument[0] in "aeiou" else "a"
     raise InputError(
-        f"map {field_map.provenance}: {article} {instrument} does not feel {field_map.quantity};"
-        f" give {' or '.join(field.quantity for field in fields)}"
+        f"map {field_map.provenance}: {article} {instrument} does not measure"
+        f" {field_map.quantity}; give {' or '.join(field.quantity for field in fields)}"
     )
 
 
@@ -198,7 +198,7 @@ def _late(
     truth: Truth,
     trajectory: Trajectory,
     field_map: RouteMap,
-    felt: Array,
+    sensed: Array,
     runs: Sequence[int],
 ) -> Array:
     """Return (R, scans) what an instrument with a filter or a delay reports, from what a perfect
@@ -206,7 +206,7 @@ def _late(
     scans = scan_index(truth, trajectory)
     every = np.arange(len(trajectory) + 1)
     perfect = true_readings(truth, trajectory, field_map, every)
-    error = felt - perfect[scans]  # of the map
+    error = sensed - perfect[scans]  # of the map
     if truth.map_error.sigma > 0.0:
         error = between_scans(truth, trajectory, error, runs)
     else:

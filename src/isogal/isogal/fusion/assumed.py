@@ -7,7 +7,7 @@ from isogal.fusion import gravity_states, imu_states
 from isogal.fusion.measurements.height import UNKNOWN_HEIGHT, height_error_states
 from isogal.fusion.measurements.velocity import velocity_error_states
 from isogal.fusion.model import FilterModel
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal.sensors.imu_model import bias_sigma, noise_density
 
 # Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive
@@ -25,12 +25,12 @@ KNOWN_HEIGHT = 0.1
 """m, 1-sigma of a height that the scenario gives."""
 
 
-def filter_model(scenario: Scenario, gravity: KnownGravity | None = None) -> FilterModel:
+def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> FilterModel:
     """Return the model that agrees with a scenario.
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Assumed
     gravity : KnownGravity, optional
         What the navigator knows of horizontal gravity; default: that there is none beside normal
         gravity.

@@ -12,13 +12,13 @@ and are in the biases (`isogal.sensors.imu_model.bias_sigma`)."""
 from collections.abc import Iterator
 
 from isogal.fusion.auxiliary import AuxiliaryState, Enters
-from isogal.scenario import Scenario, SensorErrors
+from isogal.scenario import Assumed, SensorErrors
 from isogal.scenario.inertial import Axes
 
 _AXES = "xyz"
 
 
-def states(scenario: Scenario) -> tuple[AuxiliaryState, ...]:
+def states(scenario: Assumed) -> tuple[AuxiliaryState, ...]:
     """Return the states of the inertial sensors that a scenario assumes; none where they have only
     biases and white noise."""
     force, rate = scenario.imu.sensors.accelerometer, scenario.imu.sensors.gyroscope

@@ -104,6 +104,14 @@ def update_height(
     move(nominal, error)
 
 
+@kernel(**INLINE)
+def write_symmetric(n: int, P: Array, covariance: Array) -> None:
+    """Write the symmetric part of P (N, W) into a covariance (N, N)."""
+    for i in range(n):
+        for j in range(n):
+            covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
+
+
 @kernel(error_model="numpy")
 def advance(
     nominal: Nominal,
@@ -182,7 +190,5 @@ def advance(
         for i in range(4):
             track[k, 6 + i] = q[i]
         track[k, 10], track[k, 11], track[k, 12] = P[0, 0], P[0, 1], P[1, 1]
-    for i in range(n):
-        for j in range(n):
-            covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
+    write_symmetric(n, P, covariance)
     return done

@@ -118,13 +118,11 @@ def step_at(
     dt: float,
     coning: float,
 ) -> tuple[Vector, Vector, Quaternion]:
-    """`step` with the sine and cosine of the latitude given: without calls, so that loops over it
-    are vectorised."""
+    """`step` with the latitude's sine and cosine: no calls, so loops over it are vectorised."""
     lat, lon, h = position
     vn, ve, vd = velocity
     qw, qx, qy, qz = attitude
-    fx, fy, fz = force
-    wx, wy, wz = rate
+    (fx, fy, fz), (wx, wy, wz) = force, rate
     gn, ge, gd = gravity
     # increments in the navigation axes of the interval's start
     un, ue, ud = rotate(qw, qx, qy, qz, fx * dt, fy * dt, fz * dt)

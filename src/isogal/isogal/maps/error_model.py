@@ -125,15 +125,14 @@ def tensor_covariance(
     safe = np.where(distance > 0.0, distance, 1.0)
     unit = (apart[..., 0] + 1j * apart[..., 1]) / safe
     second = channel if other is None else other
-    coefficients = products(tuple(components))[:, channel[:, None], second]
-    x = distance / length
-    total = coefficients[0].real * decay(distance, length)
-    turned = np.ones_like(unit)
-    for order in range(1, _ORDERS):
-        turned = turned * unit
-        if coefficients[order].any():
-            total += (coefficients[order] * turned).real * _hankel(order, x)
-    return np.asarray(total)
+    table, x = products(tuple(components)), distance / length
+    total, turned = np.zeros(distance.shape), np.ones_like(unit)
+    for order in range(_ORDERS):
+        if table[order][np.ix_(np.unique(channel), np.unique(second))].any():
+            coefficient = table[order][channel[:, None], second]
+            total += (coefficient * turned).real * _hankel(order, x)
+        turned *= unit
+    return total
 
 
 @lru_cache(maxsize=8)
@@ -167,7 +166,9 @@ def shares(components: Sequence[str]) -> Array:
 
 
 def _hankel(order: int, x: Array) -> Array:
-    """Return C_m(x) for an order m >= 1."""
+    """Return C_m(x) for an order m."""
+    if order == 0:
+        return np.exp(-x)
     log_x, table = _table()
     near = np.interp(np.log(np.maximum(x, 1e-300)), log_x, table[order], left=0.0)
     return np.where(x > _FARTHEST, order / np.maximum(x, _FARTHEST) ** 2, near)

@@ -6,10 +6,9 @@
     batching               from scans, one by one, to batches
     transitions            the error at each scan per unit of that at the end; gaps between them
     path                   where the navigator was, for readings that are late
-    reading_noise          covariance of the readings' noise, as told
-    channels               batches of readings that are several numbers each
-    expansion              readings with what else belongs to them: own field of a vehicle,
-                           footprints of several beams
+    reading_noise          covariance of the readings' noise, as specified
+    expansion              readings that are more than one number: channels, the own field of a
+                           vehicle, footprints of several beams
     parameters             constants, or what changes slowly, estimated along
     several                when batches of several fields end
     joint_batches          from scans of several fields to batches with a common end

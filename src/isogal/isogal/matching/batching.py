@@ -9,15 +9,14 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field
-from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.channels import channel_batch
+from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_states, joined, noise_states
 from isogal.matching.residual_gravity import UNMOVED
-from isogal.matching.scans import Collected, Scan, Scans, Track
+from isogal.matching.scans import Collected, Scan, Scans
 from isogal.matching.transitions import (
     Bridge,
     across,
@@ -26,7 +25,7 @@ from isogal.matching.transitions import (
     reading_rate,
 )
 from isogal.matrices import symmetric
-from isogal.scenario import Gravimeter, Height, Scenario
+from isogal.scenario import Assumed, Gravimeter, Height
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
@@ -51,15 +50,13 @@ class BatchBuilder:
         How the readings were reduced; says how the navigator's error got into them.
     context : int
         How many scans before the batch the matcher wants to see as well.
-    covariance : (C, C) array, optional
-        Of the noise of readings that are C numbers each; None = they are one number.
     instrument : scenario.Gravimeter, optional
         What is known of readings that are one number: how late they are, and their noise beside
         the white one; default: nothing.
     height : scenario.Height, optional
         What is known of the height that readings are reduced with; default: that it is exact.
     expansion : Expansion, optional
-        Of readings that are more than one number, but for those of channels.
+        Of readings that are more than one number.
     marks : int
         How many empty scans (`mark`) there may be in a batch beside its own.
     """
@@ -69,7 +66,6 @@ class BatchBuilder:
         settings: MatcherSettings,
         reduction: Reduction,
         context: int = 0,
-        covariance: Array | None = None,
         instrument: Gravimeter | None = None,
         height: Height | None = None,
         expansion: Expansion | None = None,
@@ -78,32 +74,28 @@ class BatchBuilder:
         self.settings = settings
         self.expansion = expansion
         self.reduction = reduction
-        self.covariance = covariance
         self.instrument = instrument or Gravimeter()
         self._height = height or Height()
         self._lag = Lag.of(self.instrument)
         self._longest = settings.batch_length + context + marks
         older = math.ceil(self._lag.reach / self.instrument.interval)
-        self._most = self._longest + older
-        self._scans = Scans(self._most)
+        shape = (1, 1) if expansion is None else expansion.shape
+        self._scans = Scans(self._longest + older, shape)
         self._count = 0
         self._unused = 0
         self._bridge: Bridge | None = None
-        self._track: Track | None = None
         self._correction: Array | None = np.zeros(BATCH_STATES)
         self.gravity = UNMOVED
         """What moves the navigator within a batch; nothing, unless it is set."""
 
     @classmethod
-    def of(cls, scenario: Scenario, context: int = 0, marks: int = 0) -> "BatchBuilder":
+    def of(cls, scenario: Assumed, context: int = 0, marks: int = 0) -> "BatchBuilder":
         """Return the builder of a scenario's batches for a matcher with a context, with room for
         marks; raises InputError where the scenario cannot be used."""
-        field = measured_field(scenario)
         return cls(
             scenario.matcher,
-            field.reduction(scenario),
+            measured_field(scenario).reduction(scenario),
             context,
-            field.covariance(scenario),
             scenario.gravimeter,
             scenario.height,
             expansion_of(scenario),
@@ -124,7 +116,7 @@ class BatchBuilder:
     def has_new(self) -> bool:
         """Whether any reading has come since the last batch."""
         newest = self._scans.readings(self._scans.last(self._unused))
-        return bool(np.isfinite(newest).any())
+        return bool(np.isfinite(newest[..., 0]).any())
 
     @property
     def collected(self) -> Collected:
@@ -136,9 +128,9 @@ class BatchBuilder:
 
     def restore(self, collected: Collected) -> None:
         """Go on from what an earlier builder of the same settings had collected."""
-        self._scans = Scans(self._most)
+        self._scans = Scans(self._scans.most, self._scans.shape)
         self._scans.extend(collected.scans)
-        self._count, self._unused, self._track = collected.count, collected.unused, None
+        self._count, self._unused = collected.count, collected.unused
         self._bridge, self._correction = collected.bridge, collected.correction
         self.gravity = collected.gravity or self.gravity
 
@@ -159,18 +151,28 @@ class BatchBuilder:
         offset: float = 0.0,
         height: float = 0.0,
     ) -> None:
-        """Add a scan: where the navigator was (rad; m), its velocity (2,) north-east m/s, the
-        reading (NaN = none) reduced with the navigator's state of the scan.
+        """Add a scan.
 
-        A reading of several channels is (C,), NaN where a channel has none, and its noise is
-        `covariance` instead of sigma; others are as the `Expansion` has them.
+        Parameters
+        ----------
+        time : float
+            s, later than that of the scan before.
+        latitude, longitude : float
+            rad, where the navigator believes to be.
+        velocity : (2,) array
+            Its velocity north and east, m/s.
+        reading : float or array
+            Reduced with the navigator's state of the scan, map's unit; of more than one number
+            those of `Expansion.shape`. NaN = none.
+        sigma : float
+            1-sigma of its white noise.
+        offset : float
+            What is known to be wrong with it.
+        height : float
+            m.
         """
-        place, detail = (latitude, longitude, velocity), None
-        if self.expansion is not None:
-            reading, detail = self.expansion.split(reading)
-        if self.covariance is not None:
-            reading = np.broadcast_to(reading, len(self.covariance))
-        self._scans.add(Scan(time, *place, reading, sigma, offset, height, detail))
+        place = latitude, longitude, velocity
+        self._scans.add(Scan(time, *place, reading, sigma, offset, height))
         self._count += 1
         self._unused += 1
 
@@ -180,15 +182,21 @@ class BatchBuilder:
         whether the batch can end there: this one has none after it."""
         newest, own = end._scans[-1], self._scans[-1]
         if newest.time > own.time + 1e-9:
-            nothing, sigma = np.nan * own.reading, self.instrument.sigma
-            self._scans.add(replace(newest, reading=nothing, sigma=sigma, detail=own.detail))
+            self._scans.add(replace(newest, reading=np.nan, sigma=self.instrument.sigma))
             self._unused = min(self._unused + 1, len(self._scans))
         return own.time <= newest.time + 1e-9
 
     def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:
-        """Note that there were no inertial data between two times, and the navigator's covariance
-        (7, 7) at both: scans on either side then no longer hang together by the navigator's track
-        alone (docs/mathematics.md, section 4.8). Readings before an earlier gap are given up.
+        """Note that there were no inertial data between two times: scans on either side then no
+        longer hang together by the navigator's track alone (docs/mathematics.md, section 4.8).
+        Readings before an earlier gap are given up.
+
+        Parameters
+        ----------
+        begin, end : float
+            s.
+        before, after : (7, 7) arrays
+            The navigator's covariance at both.
         """
         if not len(self._scans):
             return
@@ -213,13 +221,12 @@ class BatchBuilder:
         which = self._scans.until(time + 1e-9)
         if which.start == which.stop:
             return
-        track, self._track = self._track, None
-        if track is None or not track.is_of(self._scans, which, time, self._bridge):
-            latitude, longitude, velocity, times = self._scans.track(which)
-            every = self._errors(latitude, velocity, times, time)[1]
-            jacobian = self._jacobian(latitude, longitude, velocity)
-            track = Track(every, jacobian, self._scans.added, time)
-        self._scans.move(which, *track.moves(jump))
+        latitude, longitude, velocity, times = self._scans.track(which)
+        plain = backwards(latitude, velocity, times, time)
+        every, _ = across(self._bridge, plain, latitude, velocity, times, time)
+        moved = (every @ jump)[:, :HORIZONTAL_STATES]
+        at_scan = self._jacobian(latitude, longitude, velocity)
+        self._scans.move(which, moved, (at_scan * moved).sum(axis=1))
 
     def build(self, prior: Array) -> Batch:
         """Return the batch that the newest scan ends.
@@ -234,10 +241,8 @@ class BatchBuilder:
         prior = symmetric(prior)
         backward, every, apart = self._errors(latitude, velocity, times, times[-1], prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        end = float(times[-1])
-        self._track = Track(every, at_scan, self._scans.added, end, self._bridge)
         effects = _Effects.of(every, apart, at_scan)
-        sigma, reading = self._scans.sigmas(scans), self._scans.readings(scans)
+        sigma, readings = self._scans.sigmas(scans), self._scans.readings(scans)
         offset = mean_error(self.instrument) + self._scans.offsets(scans)
         new = min(self._unused, len(times))
         self._unused = 0
@@ -247,7 +252,7 @@ class BatchBuilder:
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
-            reading=np.full(len(times), np.nan) if reading.ndim > 1 else reading - offset,
+            reading=readings[:, 0, 0] - offset,
             sigma=sigma,
             covariance=prior,
             **effects._asdict(),
@@ -260,14 +265,11 @@ class BatchBuilder:
             correction=correction,
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
         )
-        if self.covariance is None:
-            whole = batch if self._lag.mean == 0.0 else self._late(batch, prior)
-        else:
-            whole = channel_batch(batch, reading, self.covariance)
+        if self._lag.mean > 0.0:
+            batch = self._late(batch, prior)
         if self.expansion is None:
-            return whole
-        values = reading - offset.reshape(-1, *[1] * (reading.ndim - 1))
-        return self.expansion.expand(whole, values, self._scans.details(scans))
+            return batch
+        return self.expansion.expand(batch, readings, offset)
 
     def _noise(self, scans: slice, velocity: Array, times: Array) -> Parameters | None:
         """Return what readings have beside white noise, errors of their height included."""
@@ -280,8 +282,8 @@ class BatchBuilder:
         return joined(states)
 
     def _late(self, batch: Batch, prior: Array) -> Batch:
-        """Return a batch of readings that are late, each where the vehicle was at the time that it
-        tells of (docs/mathematics.md, section 4.7)."""
+        """Return a batch of readings that are late, each where the vehicle was when it
+        was sensed (docs/mathematics.md, section 4.7)."""
         every_scan = self._scans.every
         latitude, longitude, velocity, times = self._scans.track(every_scan)
         path = Path(times, latitude, longitude, self._scans.heights(every_scan), velocity)
@@ -313,16 +315,14 @@ class BatchBuilder:
         velocity: Array,
         times: Array,
         end: float,
-        prior: Array | None = None,
+        prior: Array,
     ) -> tuple[Array, Array, Array]:
-        """Return `backwards` of scans, and both of `across`; given the prior at the end, with what
-        gravity moves beside the latter."""
+        """Return `backwards` of scans, and both of `across`, what gravity moves with the latter;
+        `prior` (7, 7) is the navigator's covariance at the end."""
         plain = backwards(latitude, velocity, times, end)
         every, apart = across(self._bridge, plain, latitude, velocity, times, end)
-        if prior is not None:
-            moved = self.gravity.apart(velocity, times, end, prior)
-            apart = np.concatenate([apart, moved], axis=2)
-        return plain, every, apart
+        moved = self.gravity.apart(velocity, times, end, prior)
+        return plain, every, np.concatenate([apart, moved], axis=2)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height

@@ -1,124 +1,195 @@
-"""Readings that are more than one number: from what a scan gave to rows of a batch.
+"""Readings that are more than one number: from what the scans of a batch gave to its rows.
 
-A `BatchBuilder` asks an `Expansion` for it; which one a scenario needs says `expansion_of`."""
+Rows of a batch are scans times channels or beams. A row names its channel, whose map predicts it
+(`isogal.maps.channels`), or its beam, which has a place of its own; what the rows of a scan have
+in common are parameters. Everything else a matcher does with a batch stays as it is for one
+number. Which expansion a scenario needs says `expansion_of`."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
 from isogal.fields.magnetic_vehicle import prior_sigma
+from isogal.fields.measured import measured_field
+from isogal.maps.channels import ChannelMap, channels_of
+from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import Parameters
+from isogal.matching.reading_noise import scan_noise
 from isogal.matching.registry import able, require
-from isogal.scenario import Gradiometer, Scenario
+from isogal.scenario import Assumed, Gradiometer
 from isogal.sensors.beams import PARTS
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
-
-_NOTHING = np.zeros(0)
 
 
 class Expansion(Protocol):
     """What is done with the readings of an instrument."""
 
-    def split(self, reading: Any) -> tuple[Any, Array]:
-        """Return of a reduced reading what the map is compared with, and what else belongs to it;
-        NaN = no reading."""
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows of a scan, and numbers of each: the value that the map is compared with, and what
+        else belongs to it."""
         ...
 
-    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
-        """Return the whole batch, given the one of a row for each scan, and what `split` has
-        returned of each: readings, less what is known to be wrong with them, and the rest."""
+    def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
+        """Return the whole batch, given that of a row for each scan, the readings (T, *shape), NaN
+        = none, and what is known to be wrong with the values (T,)."""
         ...
 
 
-def expansion_of(scenario: Scenario) -> Expansion | None:
-    """Return what is done with readings in a scenario; None where they are numbers, or one number
-    for each channel.
+def expansion_of(scenario: Assumed) -> Expansion | None:
+    """Return what is done with readings in a scenario; None where they are numbers.
 
     Raises
     ------
     InputError
         The scenario's matcher does not estimate parameters, or a file cannot be read.
     """
-    if scenario.measured_field == "magnetic" and scenario.magnetometer.online:
-        require(scenario.matcher.name, "takes_parameters", "magnetometer.online")
+    name, matcher = scenario.measured_field, scenario.matcher.name
+    if (covariance := measured_field(scenario).covariance(scenario)) is not None:
+        if name != "gradient":
+            return Channels(covariance)
+        return Channels(covariance, with_allowed_tilt(scenario.gradiometer, matcher))
+    if name == "magnetic" and scenario.magnetometer.online:
+        require(matcher, "takes_parameters", "magnetometer.online")
         return OwnField(prior_sigma(scenario))
-    if scenario.measured_field == "gradient":
-        return tensor_of(scenario.gradiometer, scenario.matcher.name)
     altimeter = scenario.altimeter
-    if scenario.measured_field == "terrain" and altimeter.sounds:
-        require(scenario.matcher.name, "takes_parameters", "altimeter.beams, scale_sigma")
+    if name == "terrain" and altimeter.sounds:
+        require(matcher, "takes_parameters", "altimeter.beams, scale_sigma")
         return Soundings(altimeter.count, altimeter.scale_sigma)
     return None
 
 
-def tensor_of(told: Gradiometer, matcher: str) -> "Tensor | None":
-    """Return what is done with the readings of a gradiometer for a matcher; raises InputError
-    where that does not estimate what is told of tilt and offsets."""
-    if told.wanders:
+def with_allowed_tilt(assumed: Gradiometer, matcher: str) -> Gradiometer:
+    """Return what a matcher assumes of a gradiometer; raises InputError where it does not estimate
+    what is assumed of tilt and offsets."""
+    if assumed.wanders:
         require(matcher, "takes_parameters", "gradiometer.bias_eotvos ...")
-    if not told.platform_tilt and len(told.components) > 1 and able(matcher, "takes_parameters"):
-        # nobody has told of a tilt, but what is not allowed for passes for an error of position
-        told = told.model_copy(update={"platform_tilt": told.allowed_tilt})
-    return Tensor(told) if told.of_one_potential or told.wanders else None
+    several = len(assumed.components) > 1
+    if several and not assumed.platform_tilt and able(matcher, "takes_parameters"):
+        # no tilt is specified, but what is not allowed for passes for an error of position
+        return assumed.model_copy(update={"platform_tilt": assumed.allowed_tilt})
+    return assumed
 
 
-class Tensor:
-    """Components of the gravity gradient tensor, beside what a `channel_batch` knows of them
+class Channels:
+    """Several numbers at each scan, such as components of the gravity gradient tensor
     (docs/mathematics.md, section 12.4).
 
     Parameters
     ----------
-    settings : scenario.Gradiometer
+    covariance : (C, C) array
+        Of the sensor's noise.
+    gradiometer : scenario.Gradiometer, optional
+        Whose components they are; None = of another instrument.
     """
 
-    def __init__(self, settings: Gradiometer) -> None:
-        self._settings = settings
+    def __init__(self, covariance: Array, gradiometer: Gradiometer | None = None) -> None:
+        self._covariance, self._gradiometer = covariance, gradiometer
 
-    def split(self, reading: Any) -> tuple[Any, Array]:
-        """Return the reading (C,) as it is, and nothing else."""
-        return reading, _NOTHING
+    @property
+    def shape(self) -> tuple[int, int]:
+        """One number of each channel."""
+        return len(self._covariance), 1
 
-    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
-        """Return the batch with how the map errors of its channels go together, and with tilt and
-        offsets as parameters."""
-        told = self._settings
-        return replace(
-            batch,
-            of_one_potential=told.of_one_potential,
-            parameters=Parameters.together(
-                [batch.parameters, self._parameters(batch) if told.wanders else None]
-            ),
+    def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
+        """Return the batch with a row for each channel, with how the map errors of channels go
+        together, and with tilt and offsets as parameters."""
+        whole = channel_batch(batch, readings[..., 0], self._covariance)
+        assumed = self._gradiometer
+        if assumed is None:
+            return whole
+        slow = _slow_errors(assumed, whole) if assumed.wanders else None
+        parameters = Parameters.together([whole.parameters, slow])
+        return replace(whole, of_one_potential=assumed.of_one_potential, parameters=parameters)
+
+
+def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Batch:
+    """Return a batch with several readings at each scan.
+
+    Parameters
+    ----------
+    batch : Batch
+        Of one channel: stamps, positions, transition and prior are taken over; its readings, sigma
+        and offset are not. What the navigator's error does to readings by their reduction is not
+        known for other channels, and taken as nothing.
+    readings : (T, C) array
+        Unit of the maps; NaN = no reading of that channel at that scan.
+    covariance : (C, C) or (T, C, C) array
+        Of the sensor's noise, positive definite.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, or a covariance that is not positive definite.
+    """
+    readings = np.asarray(readings, dtype=np.float64)
+    if readings.ndim != 2 or readings.shape[0] != len(batch):
+        raise InputError(
+            f"readings of several channels must have shape ({len(batch)}, channels),"
+            f" have {readings.shape}"
         )
+    scans, channels = readings.shape
+    blocks = _of_each_scan(np.asarray(covariance, dtype=np.float64), scans, channels)
+    white, common = scan_noise(blocks)
+    rows = _repeated(batch, channels)
+    apart = rows.reading_apart
+    return replace(
+        rows,
+        reading=readings.reshape(-1),
+        sigma=white,
+        reading_by_error=np.zeros_like(rows.reading_by_error),
+        reading_apart=None if apart is None else np.zeros_like(apart),
+        channel=np.tile(np.arange(channels), scans),
+        parameters=common,
+    )
 
-    def _parameters(self, batch: Batch) -> Parameters:
-        told, rows = self._settings, np.arange(len(batch))
-        channel = np.zeros_like(rows) if batch.channel is None else batch.channel
-        names, sigma, time, walk, columns = [], [], [], [], []
-        if told.platform_tilt > 0.0:
-            names += ["tilt_north", "tilt_east"]
-            sigma += [told.platform_tilt] * 2
-            time += [told.platform_time] * 2
-            walk += [0.0] * 2
-            columns.append(tilt_effect(told.components, batch.latitude)[rows, channel])
-        if told.bias_eotvos > 0.0 or told.bias_walk_eotvos > 0.0:
-            count = len(told.components)
-            names += [f"bias_{name}" for name in told.components]
-            sigma += [told.bias_eotvos * EOTVOS] * count
-            time += [np.inf] * count
-            walk += [told.bias_walk_eotvos * EOTVOS] * count
-            columns.append(np.eye(count)[channel])
-        return Parameters(
-            tuple(names),
-            np.array(sigma),
-            np.concatenate(columns, axis=1),
-            time=np.array(time),
-            walk=np.array(walk),
+
+def _repeated(batch: Batch, count: int) -> Batch:
+    """Return a batch with so many rows for each scan, whose readings were not reduced with the
+    scan's own place and velocity alone."""
+    rows = batch.part(np.repeat(np.arange(len(batch)), count))
+    return replace(rows, new=batch.new * count, reading_rate=None)
+
+
+def _of_each_scan(covariance: Array, scans: int, channels: int) -> Array:
+    """Return the covariance (T, C, C) of each scan's readings from that or one for all of them,
+    (C, C); raises InputError as `channel_batch`."""
+    if covariance.shape not in ((channels, channels), (scans, channels, channels)):
+        raise InputError(
+            f"covariance of readings of several channels must have shape ({channels}, {channels})"
+            f" or with {scans} scans in front, has {covariance.shape}"
         )
+    blocks = np.broadcast_to(covariance, (scans, channels, channels))
+    if not (
+        np.isfinite(blocks).all()
+        and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
+    ):
+        raise InputError("covariance of readings of several channels must be positive definite")
+    return np.asarray(0.5 * (blocks + blocks.swapaxes(1, 2)))
+
+
+def _slow_errors(assumed: Gradiometer, batch: Batch) -> Parameters:
+    """Return the platform's tilt and the components' offsets."""
+    assert batch.channel is not None
+    parts, components = list[Parameters](), assumed.components
+    if assumed.platform_tilt > 0.0:
+        effect = tilt_effect(components, batch.latitude)[np.arange(len(batch)), batch.channel]
+        sigma, time = np.full(2, assumed.platform_tilt), np.full(2, assumed.platform_time)
+        parts.append(Parameters(("tilt_north", "tilt_east"), sigma, effect, time=time))
+    if assumed.bias_eotvos > 0.0 or assumed.bias_walk_eotvos > 0.0:
+        names = tuple(f"bias_{name}" for name in components)
+        sigma = np.full(len(names), assumed.bias_eotvos * EOTVOS)
+        walk = np.full(len(names), assumed.bias_walk_eotvos * EOTVOS)
+        parts.append(Parameters(names, sigma, np.eye(len(names))[batch.channel], walk=walk))
+    together = Parameters.together(parts)
+    assert together is not None
+    return together
 
 
 class OwnField:
@@ -134,17 +205,18 @@ class OwnField:
     def __init__(self, sigma: Array) -> None:
         self._sigma = sigma
 
-    def split(self, reading: Any) -> tuple[Any, Array]:
-        """Return the anomaly, and the terms (C,) of the same reading."""
-        found = np.broadcast_to(reading, len(self._sigma) + 1)
-        if not np.isfinite(found).all():
-            return np.nan, np.zeros(len(self._sigma))
-        return float(found[0]), found[1:]
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The anomaly, and the terms of the same reading."""
+        return 1, 1 + len(self._sigma)
 
-    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
+    def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
         """Return the batch with the coefficients as parameters."""
-        own = Parameters((), self._sigma, np.stack(details))
-        return replace(batch, parameters=Parameters.together([batch.parameters, own]))
+        there = np.asarray(np.isfinite(readings[:, 0]).all(axis=1))
+        terms = np.where(there[:, None], readings[:, 0, 1:], 0.0)
+        parameters = Parameters.together([batch.parameters, Parameters((), self._sigma, terms)])
+        reading = np.where(there, batch.reading, np.nan)
+        return replace(batch, reading=reading, parameters=parameters)
 
 
 class Soundings:
@@ -162,35 +234,51 @@ class Soundings:
     def __init__(self, beams: int, scale_sigma: float) -> None:
         self._beams, self._scale_sigma = beams, scale_sigma
 
-    def split(self, reading: Any) -> tuple[Any, Array]:
-        """Return the heights (B,), and their footprints (B, 3) m north, east and down of the
-        vehicle."""
-        found = np.broadcast_to(reading, (self._beams, PARTS))
-        met = np.isfinite(found).all(axis=-1)
-        return np.where(met, found[:, 0], np.nan), np.where(met[:, None], found[:, 1:], 0.0)
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Heights, and footprints m north, east and down of the vehicle."""
+        return self._beams, PARTS
 
-    def expand(self, batch: Batch, values: Array, details: Sequence[Array]) -> Batch:
+    def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
         """Return the batch with a row for each beam, at the place of its footprint."""
-        count, foot = self._beams, np.concatenate(details)
-
-        rows = batch.part(np.repeat(np.arange(len(batch)), count))
+        met = np.asarray(np.isfinite(readings).all(axis=-1))
+        foot = np.where(met[..., None], readings[..., 1:], 0.0).reshape(-1, PARTS - 1)
+        height = np.where(met, readings[..., 0] - offset[:, None], np.nan)
+        rows = _repeated(batch, self._beams)
         north, east = metres_per_radian(rows.latitude)
         scale = None
         if self._scale_sigma > 0.0:
-            scale = Parameters(
-                ("range_scale",),
-                np.array([self._scale_sigma]),
-                -foot[:, 2:],
-                foot[:, :2, None],
-            )
+            sigma = np.array([self._scale_sigma])
+            scale = Parameters(("range_scale",), sigma, -foot[:, 2:], foot[:, :2, None])
         return replace(
             rows,
             latitude=rows.latitude + foot[:, 0] / north,
             longitude=rows.longitude + foot[:, 1] / east,
-            reading=values.reshape(-1),
-            new=batch.new * count,
-            reading_rate=None,
-            beam=np.tile(np.arange(count), len(batch)),
+            reading=height.reshape(-1),
+            beam=np.tile(np.arange(self._beams), len(batch)),
             parameters=Parameters.together([rows.parameters, scale]),
             end_place=batch.end,
         )
+
+
+def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch, FieldMap]:
+    """Return the part of a batch that belongs to the first map or beam, and that map; a batch of
+    one as it is.
+
+    For what is shown of a batch: candidates on contours, the map's variability.
+    """
+    first = channels_of(field_map)[0]
+    each = batch.channel if batch.beam is None else batch.beam
+    if each is None:
+        return batch, first
+    rows = np.flatnonzero(each == 0)
+    new = int((rows >= len(batch) - batch.new).sum())
+    part = replace(
+        batch.part(rows),
+        new=new,
+        channel=None,
+        beam=None,
+        parameters=None,
+        of_one_potential=None,
+    )
+    return part, first

@@ -1,6 +1,6 @@
 """A batch that a matcher cannot cope with costs that batch, never the run.
 
-Readings and maps of the world outside hold what nobody has thought of: a matrix that is not
+Readings and maps of the world outside hold what was not foreseen: a matrix that is not
 positive definite, an array without elements. Whoever matches batches one after the other asks a
 matcher through `match_or_decline`: the Monte Carlo engine, the node and `isogal match`."""
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 
 FAILED = "the matcher failed: "
@@ -22,7 +23,7 @@ _NUMERICAL = ("numpy", "scipy", "numba")
 
 
 def match_or_decline(
-    matcher: Matcher, batch: Batch, field_map: Any, memory: Any
+    matcher: Matcher, batch: Batch, field_map: AnyMap, memory: Any
 ) -> tuple[Fix, Any]:
     """Match a batch; where the matcher raises, decline it with the reason, and with the memory as
     it was before.
@@ -52,9 +53,9 @@ def _check(fix: Fix) -> None:
     """Raise ValueError where a published fix is not a position with a covariance."""
     if not fix.published:
         return
-    told = fix.information
+    information = fix.information
     numbers = [np.array([fix.time, fix.latitude, fix.longitude]), fix.covariance.ravel()]
-    numbers += [] if told is None else [told.vector, told.matrix.ravel()]
+    numbers += [] if information is None else [information.vector, information.matrix.ravel()]
     if not np.isfinite(np.concatenate(numbers)).all():
         raise ValueError("its fix is not finite")
     (nn, ne), (_, ee) = fix.covariance

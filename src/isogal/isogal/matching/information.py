@@ -3,9 +3,9 @@
 Information of the measurements = posterior information - prior information. It is negative in a
 direction in which the posterior is wider than the prior: of two places that fit, a prior between
 them knew neither. A navigator that is Gaussian has the posterior's mean and covariance only if it
-is told that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate
+is given that, too (moment matching; Minka 2001, UAI, "Expectation propagation for approximate
 Bayesian inference", where such terms have negative variances). A position fix with a covariance
-cannot say it: there, those directions tell nothing (docs/mathematics.md, section 7).
+cannot say it: there, those directions say nothing (docs/mathematics.md, section 7).
 """
 
 import numpy as np
@@ -17,9 +17,9 @@ from isogal.matching.interfaces import Batch, Information
 from isogal.matrices import eigen, inverse_of_lower, lower, product, symmetric
 
 UNINFORMED_RATIO = 1.0 - 1e-4
-"""Variance ratio posterior / prior above which a direction of a position fix tells nothing."""
+"""Variance ratio posterior / prior above which a direction of a position fix says nothing."""
 LEAST_CHANGE = 0.01
-"""Change of the variance ratio, in some direction, that a batch needs to tell anything."""
+"""Change of the variance ratio, in some direction, that a batch needs to say anything."""
 LARGEST_RATIO = 4.0
 """Variance ratio at most: a posterior is taken to be at most twice as wide as the prior."""
 
@@ -28,7 +28,7 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     """Return the Gaussian likelihood, perhaps with negative information, that turns the prior N(0,
     prior) into N(mean, covariance).
 
-    Zero where no direction tells anything. A posterior is taken to be at most twice as wide as the
+    Zero where no direction says anything. A posterior is taken to be at most twice as wide as the
     prior.
 
     Parameters
@@ -37,10 +37,10 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     covariance, prior : (n, n) arrays
         Positive definite.
     """
-    told = _likelihood(*map(np.ascontiguousarray, (mean, covariance, prior)))
-    if not np.isfinite(told[1][0, 0]):
+    found = _likelihood(*map(np.ascontiguousarray, (mean, covariance, prior)))
+    if not np.isfinite(found[1][0, 0]):
         raise np.linalg.LinAlgError("Matrix is not positive definite")
-    return Information(*told)
+    return Information(*found)
 
 
 def shares(information: Information, prior: Array, backward: Array) -> tuple[Information, ...]:
@@ -77,7 +77,16 @@ def shares(information: Information, prior: Array, backward: Array) -> tuple[Inf
 def position_information(
     batch: Batch, latitude: float, longitude: float, covariance: Array
 ) -> Information:
-    """Return what a position (rad; (2, 2) m²) at a batch's last scan says about xi."""
+    """Return what a position at a batch's last scan says about xi.
+
+    Parameters
+    ----------
+    batch : Batch
+    latitude, longitude : float
+        rad.
+    covariance : (2, 2) array
+        m², north and east.
+    """
     seen = -horizontal_difference(latitude, longitude, *batch.end)
     vector, matrix = np.zeros(4), np.zeros((4, 4))
     matrix[:2, :2] = np.linalg.inv(covariance)
@@ -86,17 +95,14 @@ def position_information(
 
 
 def informed(prior: Array, information: Information) -> tuple[Array, Array]:
-    """Return mean (4,) and covariance (4, 4) of xi ~ N(0, prior) given information about it."""
-    return informed_state(prior, Information(information.vector[:4], information.matrix[:4, :4]))
-
-
-def informed_state(prior: Array, information: Information) -> tuple[Array, Array]:
-    """Return mean and covariance of x ~ N(0, prior) given information about it, (n,) and
-    (n, n)."""
+    """Return mean (n,) and covariance (n, n) of the first n numbers x ~ N(0, prior) that
+    information is about."""
+    n = len(prior)
+    vector, matrix = information.vector[:n], information.matrix[:n, :n]
     # (P⁻¹ + M)⁻¹ without inverting P, whose velocity part may be tiny
-    covariance = np.linalg.solve(np.eye(len(prior)) + prior @ information.matrix, prior)
+    covariance = np.linalg.solve(np.eye(n) + prior @ matrix, prior)
     covariance = symmetric(covariance)
-    return np.asarray(covariance @ information.vector), covariance
+    return np.asarray(covariance @ vector), covariance
 
 
 def positive_part(information: Information, scale: Array) -> Information:
@@ -132,7 +138,7 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
 
 
 @kernel
-def _relative(covariance, prior):  # type: ignore[no-untyped-def]
+def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return the inverse of the prior's Cholesky factor, and eigenvalues and vectors of the
     posterior covariance in prior units."""
     whitening = inverse_of_lower(lower(prior))
@@ -143,15 +149,15 @@ def _relative(covariance, prior):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _likelihood(mean, covariance, prior):  # type: ignore[no-untyped-def]
+def _likelihood(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
     """Return vector (n,) and matrix (n, n) of `likelihood_information`."""
     n = mean.shape[0]
     whitening, ratio, vectors = _relative(covariance, prior)
     back, vector, matrix = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
-    told = False
+    informative = False
     for k in range(n):
-        told = told or not abs(ratio[k] - 1.0) < LEAST_CHANGE
-    for k in range(n if told else 0):
+        informative = informative or not abs(ratio[k] - 1.0) < LEAST_CHANGE
+    for k in range(n if informative else 0):
         size, coordinate = min(ratio[k], LARGEST_RATIO), 0.0
         for j in range(n):
             for i in range(n):
@@ -165,7 +171,7 @@ def _likelihood(mean, covariance, prior):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _measured(mean, covariance, prior):  # type: ignore[no-untyped-def]
+def _measured(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
     """Return position error (2,) and covariance (2, 2) of `measurement_only`."""
     n = mean.shape[0]
     whitening, ratio, vectors = _relative(covariance, prior)

@@ -23,6 +23,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.fix import LOST_COVARIANCE, LOST_SIGMA, Candidates, Fix, Information, Status
+from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 from isogal.matching.transitions import given_position_and_velocity
@@ -75,7 +76,7 @@ class Batch:
     they do not overlap)."""
     position_apart: Array | None = None
     """(T, 2, K) position error (m) at each scan that x does not explain, per unit-variance
-    component of K: of a gap in the inertial data, of gravity that nobody compensates; None = K is
+    component of K: of a gap in the inertial data, of gravity that is not compensated; None = K is
     0."""
     reading_apart: Array | None = None
     """(T, K) what the reduction adds to a reading of the same components."""
@@ -97,7 +98,7 @@ class Batch:
     """(T,) by how much what the reduction adds to a reading changes per s along the path, map's
     unit; None = not at all."""
     delay_sigma: float = 0.0
-    """1-sigma of a delay of the readings beyond what is told, s."""
+    """1-sigma of a delay of the readings beyond the specified one, s."""
     bias_walk: float = 0.0
     """Random walk of the readings' bias, map's unit per root second."""
     filter_path: FilterPath | None = None
@@ -108,7 +109,7 @@ class Batch:
     end_place: tuple[float, float] | None = None
     """(rad, rad) latitude and longitude where the navigator believes to be at the stamp of the
     last scan, where readings are late and `latitude`, `longitude`, `velocity` and what x does to
-    them are those of what they tell of; None = those of the last row."""
+    them are those of when they were sensed; None = those of the last row."""
     correction: Array | None = None
     """(7,) change of the navigator's estimate since the last batch; None = not known."""
     beside: "tuple[Beside, ...]" = ()
@@ -219,7 +220,7 @@ class Beside:
     """Its place in the list of fields."""
     batch: Batch
     """Of the same navigator, and with the same end."""
-    field_map: Any
+    field_map: AnyMap
     """What it is matched against."""
 
 
@@ -245,7 +246,7 @@ class Matcher(Protocol):
         """Whether it matches readings of several channels against a `ChannelMap`."""
         ...
 
-    def match(self, batch: Batch, field_map: Any, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: AnyMap, memory: Any) -> tuple[Fix, Any]:
         """Match one batch of one run; ``memory`` is None for a run's first batch, then what the
         last call returned.
 

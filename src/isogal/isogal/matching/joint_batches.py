@@ -6,10 +6,10 @@ marks it, so that its batch ends there, too."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity, residual_gravity
+from isogal.maps.channels import AnyMap
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.interfaces import Batch, Beside, Fix, Matcher
 from isogal.matching.residual_gravity import ResidualGravity
@@ -18,7 +18,7 @@ from isogal.matching.several import Rhythm
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 
-MapNear = Callable[[int, Batch], Any]
+MapNear = Callable[[int, Batch], AnyMap]
 """Returns the map of a field around a batch."""
 
 
@@ -62,7 +62,7 @@ class JointBatches:
             The scenario cannot be used.
         """
         if gravity is None:
-            gravity = residual_gravity(scenario.felt_field, build_trajectory(scenario))
+            gravity = residual_gravity(scenario.gravity_field, build_trajectory(scenario))
         each = scenario.each_field
         rhythm = Rhythm.of(each)
         builders = [

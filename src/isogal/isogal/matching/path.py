@@ -94,7 +94,7 @@ class FilterPath:
 def sensed(
     path: Path, times: Array, reading: Array, lag: Lag, reduction: Reduction
 ) -> tuple[State, Array, FilterPath | None]:
-    """Return the states (T,) at the mean time that each late reading tells of, the readings (T,)
+    """Return the states (T,) at the mean time that each late reading was sensed, the readings (T,)
     reduced with the navigator's states of then, and what of the path they are a mean over (None =
     a point).
 
@@ -112,10 +112,10 @@ def sensed(
     if lag.filter_time == 0.0:
         return at, reading, None
     ages, weight = lag.ages()
-    felt = path.at(times[:, None] - ages)
+    sensed_at = path.at(times[:, None] - ages)
     away = horizontal_difference(
-        felt.latitude,
-        felt.longitude,
+        sensed_at.latitude,
+        sensed_at.longitude,
         np.asarray(at.latitude)[:, None],
         np.asarray(at.longitude)[:, None],
     )

@@ -1,4 +1,4 @@
-"""What a batch's readings have beside white noise, as told: states with columns, and the
+"""What a batch's readings have beside white noise, as specified: states with columns, and the
 covariance that follows from them (docs/mathematics.md, section 5.2)."""
 
 from collections.abc import Sequence

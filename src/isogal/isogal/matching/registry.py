@@ -1,7 +1,7 @@
 """Matchers by name, found by `isogal.plugins`, built from a scenario's section ``matcher``."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -12,6 +12,8 @@ from isogal.matching.interfaces import Matcher
 from isogal.matching.several import Rhythm
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.scenario import Scenario, describe
+
+Options = TypeVar("Options", bound=BaseModel)
 
 
 def build_run_matcher(scenario: Scenario) -> Matcher:
@@ -80,7 +82,7 @@ def able(name: str, ability: str) -> bool:
     return bool(getattr(plugins.load(plugins.MATCHERS, name), ability, False))
 
 
-def check_options(matcher: str, options: Mapping[str, Any], model: type[BaseModel]) -> Any:
+def check_options(matcher: str, options: Mapping[str, Any], model: type[Options]) -> Options:
     """Validate ``matcher.options`` against the pydantic model of one matcher; raises InputError
     with one line.
     """

@@ -1,6 +1,5 @@
 """Scans that have been collected and wait to become a batch."""
 
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -8,7 +7,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.inertial.error_state import HORIZONTAL_STATES
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.transitions import Bridge
 
@@ -22,11 +20,10 @@ class Scan:
     longitude: float
     velocity: Array
     reading: float | Array
+    """One number, or those of `Scans.shape`; NaN = none."""
     sigma: float
     offset: float
     height: float
-    detail: Array | None = None
-    """What an `Expansion` needs beside the reading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,45 +51,38 @@ class Scans:
     ----------
     most : int
         Scans that are kept.
+    shape : (int, int)
+        Of a reading: rows, and numbers of each, the first of which moves with the navigator.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._numbers = np.zeros((_COUNT, 2 * most))
-        self._readings: Array = np.zeros(2 * most)
-        self._details: deque[Array | None] = deque(maxlen=most)
-        self._end = 0
-        self.added = 0
-        """How many there have been."""
+    def __init__(self, most: int, shape: tuple[int, int] = (1, 1)) -> None:
+        self.most, self.shape = most, shape
+        self._numbers: Array = np.zeros((_COUNT, 0))
+        self._readings: Array = np.zeros((0, *shape))
 
     def __len__(self) -> int:
-        return len(self._details)
+        return len(self._readings)
 
     def last(self, count: int) -> slice:
         """Return which are the last ones, so many at most; valid until another is added."""
-        return slice(self._end - min(count, len(self)), self._end)
+        return slice(max(len(self) - count, 0), len(self))
 
     @property
     def every(self) -> slice:
         """Which are all of them."""
-        return self.last(self._most)
+        return slice(0, len(self))
 
     def add(self, scan: Scan) -> None:
-        """Add one; readings of all have the shape of the first one's."""
-        if not self.added:
-            self._readings = np.zeros((2 * self._most, *np.shape(scan.reading)))
-        if self._end == 2 * self._most:  # the last ones to the front
-            kept = self.every
-            count = kept.stop - kept.start
-            self._numbers[:, :count] = self._numbers[:, kept].copy()
-            self._readings[:count] = self._readings[kept].copy()
-            self._end = count
+        """Add one."""
         numbers = (scan.time, scan.latitude, scan.longitude, *scan.velocity)
-        self._numbers[:, self._end] = (*numbers, scan.sigma, scan.offset, scan.height)
-        self._readings[self._end] = scan.reading
-        self._details.append(scan.detail)
-        self._end += 1
-        self.added += 1
+        new = np.array([*numbers, scan.sigma, scan.offset, scan.height])[:, None]
+        reading = np.asarray(scan.reading, dtype=np.float64)
+        if reading.ndim == 0:
+            reading = np.full(self.shape, reading)
+        self._numbers = np.concatenate([self._numbers, new], axis=1)[:, -self.most :]
+        self._readings = np.concatenate([self._readings, reading.reshape(1, *self.shape)])[
+            -self.most :
+        ]
 
     def extend(self, scans: Iterable[Scan]) -> None:
         """Add several."""
@@ -101,12 +91,12 @@ class Scans:
 
     def __getitem__(self, index: int) -> Scan:
         """Return a copy of one; negative: counted from the last."""
-        at = self._end + index if index < 0 else self.every.start + index
-        numbers = self._numbers[:, at].tolist()
+        numbers = self._numbers[:, index].tolist()
         time, latitude, longitude, north, east, sigma, offset, height = numbers
-        reading = self._readings[at] if self._readings.ndim == 1 else self._readings[at].copy()
-        velocity, detail = np.array([north, east]), self._details[index]
-        return Scan(time, latitude, longitude, velocity, reading, sigma, offset, height, detail)
+        reading = self._readings[index]
+        reading = reading.item() if self.shape == (1, 1) else reading.copy()
+        velocity = np.array([north, east])
+        return Scan(time, latitude, longitude, velocity, reading, sigma, offset, height)
 
     def track(self, which: slice) -> tuple[Array, Array, Array, Array]:
         """Return latitudes and longitudes (T,) rad, velocities (T, 2) m/s and times (T,) s."""
@@ -127,24 +117,16 @@ class Scans:
         return self._numbers[_OFFSET, which].copy()
 
     def readings(self, which: slice) -> Array:
-        """Return (T, ...)."""
+        """Return (T, *shape)."""
         return self._readings[which].copy()
-
-    def details(self, which: slice) -> list[Array]:
-        """Return those that there are."""
-        known = list(self._details)[which.start - self.every.start :]
-        return [detail for detail in known if detail is not None]
 
     def until(self, time: float) -> slice:
         """Return which are not after a time (s)."""
-        every = self.every
-        times = self._numbers[_TIME, every]
-        return slice(every.start, every.start + int(np.searchsorted(times, time, side="right")))
+        return slice(0, int(np.searchsorted(self._numbers[_TIME], time, side="right")))
 
     def forget_readings(self, before: float) -> None:
         """Give up the readings before a time (s)."""
-        every = self.every
-        self._readings[every][self._numbers[_TIME, every] < before] = np.nan
+        self._readings[self._numbers[_TIME] < before] = np.nan
 
     def move(self, which: slice, shift: Array, change: Array) -> None:
         """Add to positions (m) and velocities (T, 4), and to readings (T,)."""
@@ -153,31 +135,4 @@ class Scans:
         numbers[_LATITUDE] += shift[:, 0] / north
         numbers[_LONGITUDE] += shift[:, 1] / east
         numbers[_NORTH:_SIGMA] += shift[:, 2:].T
-        readings = self._readings[which]
-        readings += change.reshape(-1, *[1] * (readings.ndim - 1))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """What is known of scans at the end of a batch: the correction by its fix needs it again."""
-
-    every: Array
-    """(T, 7, 7) errors at the scans per unit of error at the end."""
-    jacobian: Array
-    """(T, 4) of the reduction."""
-    count: int
-    """Of scans that there have been."""
-    end: float
-    """s."""
-    bridge: Bridge | None = None
-
-    def is_of(self, scans: Scans, which: slice, end: float, bridge: Bridge | None) -> bool:
-        """Whether it is of these scans, with none after them, and of this end."""
-        same = self.count == scans.added and scans.last(len(self.every)) == which
-        return same and end == self.end and bridge is self.bridge
-
-    def moves(self, jump: Array) -> tuple[Array, Array]:
-        """Return what a jump (7,) of the navigator at the end adds to positions (m) and
-        velocities (T, 4) of the scans, and to readings (T,)."""
-        shift = (self.every @ jump)[:, :HORIZONTAL_STATES]
-        return shift, (self.jacobian * shift).sum(axis=1)
+        self._readings[which, :, 0] += change[:, None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,14 +20,14 @@ class Rhythm:
     """Of each field the time between its fixes if it were alone, s."""
 
     @classmethod
-    def of(cls, scenarios: Sequence[Scenario]) -> "Rhythm":
+    def of(cls, scenarios: Sequence[Assumed]) -> "Rhythm":
         """Return that of fields, each with its scenario (`Scenario.each_field`)."""
         times = tuple(
             one.matcher.scans_between_fixes * one.gravimeter.interval for one in scenarios
         )
         return cls(int(np.argmin(times)), times)
 
-    def marks(self, field: int, scenario: Scenario) -> int:
+    def marks(self, field: int, scenario: Assumed) -> int:
         """Return how many batch ends there are at most in a batch of a field."""
         if field == self.lead:
             return 0

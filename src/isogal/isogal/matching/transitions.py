@@ -13,7 +13,7 @@ from isogal.earth.ellipsoid import curvature
 from isogal.earth.gravity import normal_gravity_at
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matrices import inverse, square_root, symmetric
+from isogal.matrices import square_root, symmetric
 
 
 def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
@@ -24,7 +24,7 @@ def backwards(latitude: Array, velocity: Array, times: Array, end: float) -> Arr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bridge:
-    """The end of a time without inertial data, in which the vehicle moved as nobody knows: the
+    """The end of a time without inertial data, in which the motion of the vehicle is unknown: the
     navigator's error before it, given that after it, x, is N(gain x, root root')."""
 
     time: float
@@ -59,9 +59,20 @@ def carried(covariance: Array, at: tuple[float, Array, float], end: float) -> Ar
 def across(
     bridge: Bridge | None, plain: Array, latitude: Array, velocity: Array, times: Array, end: float
 ) -> tuple[Array, Array]:
-    """Return (T, 7, 7) the errors at scans per unit of error at a time `end`, with a gap in the
+    """Return (T, 7, 7) the errors at scans per unit of error at the end, with a gap in the
     inertial data between them, and (T, 7, K) what they are beside that, per unit-variance
-    component of K; `plain` is that of `backwards`.
+    component of K.
+
+    Parameters
+    ----------
+    bridge : Bridge, optional
+        None = there was no gap.
+    plain : (T, 7, 7) array
+        Of `backwards`.
+    latitude, velocity, times : (T,), (T, 2), (T,) arrays
+        Of the scans; rad, m/s, s.
+    end : float
+        s.
     """
     before = np.zeros(len(times), bool) if bridge is None else times < bridge.time
     if bridge is None or not before.any() or bridge.time > end:
@@ -78,7 +89,7 @@ def across(
 
 
 @kernel
-def rates(values, times):  # type: ignore[no-untyped-def]
+def rates(values: Array, times: Array) -> Array:
     """Return (T, n) how fast values (T, n) change at times (T,), to second order in between
     (Fornberg 1988, Math. Comp. 51:699); zero of a single one."""
     count = times.shape[0]
@@ -107,7 +118,7 @@ def reading_rate(jacobian: Array, velocity: Array, times: Array) -> Array | None
 
 
 @kernel
-def _chain(latitude, velocity, times, end):  # type: ignore[no-untyped-def]
+def _chain(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""
     count, n = times.shape[0], BATCH_STATES
     change = rates(velocity, times)
@@ -155,7 +166,7 @@ def given_position_and_velocity(
     The attitude given xi is A xi + e with e ~ N(0, S). Returns (T, R, 4) per unit of xi, and
     (T, R, 3 + K) per unit-variance component of e and of what is beside x, `apart` (T, R, K).
     """
-    gain = covariance[4:, :4] @ inverse(covariance[:4, :4])
+    gain = np.linalg.solve(covariance[:4, :4], covariance[:4, 4:]).T
     root = square_root(covariance[4:, 4:] - gain @ covariance[:4, 4:])
     attitude = by_error[:, :, 4:]
     rest = np.concatenate([attitude @ root, apart], axis=2)

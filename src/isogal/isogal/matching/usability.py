@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.matching.interfaces import Batch
 from isogal.matrices import lower
@@ -49,7 +50,7 @@ def too_few(batch: Batch, usable: int, minimum: int) -> str | None:
 
 
 @kernel
-def all_finite(values):  # type: ignore[no-untyped-def]
+def all_finite(values: Array) -> bool:
     """Whether all of (n,) are finite."""
     finite = True
     for value in values:

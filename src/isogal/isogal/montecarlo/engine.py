@@ -11,7 +11,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import Runs
-from isogal.fields.gravity_vector import felt_gravity
+from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator, compensated
@@ -149,9 +149,9 @@ class Simulation:
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
-        truth, of_gravity = scenario.true, scenario.felt_field
+        truth, of_gravity = scenario.true, scenario.gravity_field
         self._known = known_gravity(of_gravity, trajectory)
-        sensed = felt_gravity(of_gravity.true, trajectory, runs)
+        sensed = sensed_gravity(of_gravity.true, trajectory, runs)
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
         compensation = self._known.compensation
         self.unaided = simulate_unaided(truth, runs, trajectory, self._imu, compensation)

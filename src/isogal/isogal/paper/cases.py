@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 from isogal.errors import InputError
 from isogal.fields.source_map import MapSource
@@ -13,6 +12,7 @@ from isogal.montecarlo.chunks import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
 from isogal.scenario.imu_grades import PAPER_GRADES
+from isogal.scenario.section import Document
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 PAPER, DEFAULT = "pmht-paper", "pmht"
@@ -115,7 +115,7 @@ class Plan:
 
     def scenario(self, setting: Setting) -> Scenario:
         """Return the scenario of a setting."""
-        document: dict[str, Any] = {
+        document: Document = {
             "route": {"speed": setting.speed, "duration": self.duration},
             "imu": {"grade": setting.grade},
             "initial_error": {"heading": setting.heading},

@@ -66,23 +66,27 @@ def lookup_1d_figure(example: ProfileExample, field_map: FieldMap) -> "Figure":
     reading, centre = example.reading, example.centre / 1e3
     km, window = example.offset / 1e3, PROFILE_WINDOW / 1e3
 
-    def at(place: Any) -> Array:
+    def at(place: Array | float) -> Array:
         return scale(np.interp(place, example.offset, example.profile))
 
     figure = style.new_figure(3.4)
     panel = figure.subplots()
-    shade: dict[str, Any] = {"linewidth": 0, "zorder": 0}
-    panel.axvspan(centre - window, centre + window, color="0.92", label="search window", **shade)
     band = scale([reading - sigma, reading + sigma])
-    panel.axhspan(*band, color=style.SKY, alpha=0.5, label=r"reading $s \pm \sigma$", **shade)
+    for shaded in (
+        panel.axvspan(centre - window, centre + window, color="0.92", label="search window"),
+        panel.axhspan(*band, color=style.SKY, alpha=0.5, label=r"reading $s \pm \sigma$"),
+    ):
+        shaded.set(linewidth=0, zorder=0)
     panel.plot(km, scale(example.profile), **style.TRUTH.options(), label="map")
     panel.axvline(centre, **style.UNAIDED.options(), label=r"prior $x^s$")
     panel.plot(0.0, at(0.0), **_TRUTH, label="truth")
     places = example.candidates / 1e3
     panel.plot(places, at(example.candidates), **_dot("o", style.ORANGE, 6), label="candidates")
-    above: dict[str, Any] = {"xytext": (0, 8), "textcoords": "offset points", "ha": "center"}
     for number, place in enumerate(places, start=1):
-        panel.annotate(f"$x_{number}$", (place, float(scale(reading))), **above)
+        at_reading = place, float(scale(reading))
+        panel.annotate(
+            f"$x_{number}$", at_reading, xytext=(0, 8), textcoords="offset points", ha="center"
+        )
     ends = float(km[0]), float(km[-1])
     panel.set(xlim=ends, xlabel="east of the true place (km)", ylabel=scale.two_lines)
     style.legend_below(figure, columns=6)
@@ -104,9 +108,9 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
     panel.plot(*square, color="white", linestyle="--", linewidth=1.4)
     label = f"{len(example.weight)} candidates (size: weight)"
     size = 14.0 + 60.0 * example.weight / example.weight.max()
-    dots: dict[str, Any] = {"color": style.ORANGE, "edgecolors": "black", "linewidths": 0.5}
     north, east = example.candidates.T / 1e3
-    panel.scatter(east, north, s=size, label=label, **dots)
+    dots = panel.scatter(east, north, s=size, color=style.ORANGE, label=label)
+    dots.set(edgecolors="black", linewidths=0.5)
     panel.plot(0.0, 0.0, **_dot("P", "white", 8), label="prior (centre)")
     panel.plot(*example.truth[::-1] / 1e3, **_TRUTH, label="truth")
     panel.plot(*example.combined[::-1] / 1e3, **_dot("D", "black", 6), label="PDA solution")
@@ -195,7 +199,6 @@ def spread_figure(results: Results) -> "Figure":
     interval."""
     figure = style.new_figure(2.9)
     panels = figure.subplots(1, len(results.spreads), sharey=True)
-    look: dict[str, Any] = {"color": style.BLACK, "markersize": 3.5, "elinewidth": 0.9}
     for panel, spread in zip(panels, results.spreads, strict=True):
         outcome = results.unaided(spread.grade)
         runs = len(outcome.run_means)
@@ -206,7 +209,13 @@ def spread_figure(results: Results) -> "Figure":
         name = "filter's covariance, 95 % of such RMS"
         instants = style.hours(spread.time)
         panel.errorbar(
-            instants, spread.claimed, interval, fmt="s", capsize=2.5, label=name, **look
+            *(instants, spread.claimed, interval),
+            fmt="s",
+            color=style.BLACK,
+            markersize=3.5,
+            elinewidth=0.9,
+            capsize=2.5,
+            label=name,
         )
         panel.set_title(GRADE_LABELS[spread.grade], loc="left")
         panel.set_ylim(bottom=0.0)
@@ -249,9 +258,9 @@ def readings_figure(results: Results) -> "Figure":
         detail = results.at("gravity", sigma, 30).detail
         assert detail is not None  # run 0 is among the runs
         time, label = style.hours(detail.scan_time), rf"$\sigma$ = {sigma:g} m/s²"
-        look: dict[str, Any] = {"color": colour, "markersize": size, "label": label}
-        top.plot(time, scale(detail.reading), marker, **look)
-        bottom.plot(time, (detail.reading - detail.map_value) / scale.unit, marker, **look)
+        difference = (detail.reading - detail.map_value) / scale.unit
+        for panel, values in ((top, scale(detail.reading)), (bottom, difference)):
+            panel.plot(time, values, marker, color=colour, markersize=size, label=label)
     signal = results.signal["gravity"]
     time, noiseless = style.hours(signal.time), scale(signal.signal)
     top.plot(time, noiseless, **style.TRUTH.options(), label=r"$\sigma$ = 0")
@@ -307,16 +316,15 @@ def _one_batch(panel: "Axes", shot: Snapshot) -> None:
     """Draw the iterates of a batch's track, the candidates and the true track."""
     states, truth = shot.states / 1e3, shot.truth / 1e3
     size = 8.0 + 40.0 * shot.weight / max(float(shot.weight.max()), 1e-300)
-    crosses: dict[str, Any] = {"marker": "+", "color": style.BLUE, "linewidths": 0.8}
-    places = shot.candidates / 1e3
-    label = "candidates (size: weight)"
-    panel.scatter(places[:, 1], places[:, 0], s=size, label=label, **crosses)
+    north, east = shot.candidates.T / 1e3
+    crosses = panel.scatter(east, north, s=size, marker="+", color=style.BLUE)
+    crosses.set(linewidths=0.8, label="candidates (size: weight)")
     for number, track in enumerate(states[1:-1]):
         label = "iterations between" if number == 0 else ""
         panel.plot(*track.T[::-1], color="0.55", linewidth=0.6, label=label)
     panel.plot(*truth.T[::-1], "-", color=style.GREEN, linewidth=2.0, label="truth")
-    open_dot: dict[str, Any] = {"color": style.PURPLE, "markerfacecolor": "none"}
-    panel.plot(*states[0].T[::-1], "o", markersize=5.5, label="navigator", **open_dot)
+    (start,) = panel.plot(*states[0].T[::-1], "o", color=style.PURPLE, label="navigator")
+    start.set(markersize=5.5, markerfacecolor="none")
     last = f"after {len(states) - 1} iterations"
     panel.plot(*states[-1].T[::-1], "*", markersize=7.0, color="black", label=last)
     path = np.concatenate([truth, states.reshape(-1, 2)])

@@ -2,19 +2,22 @@
 (paper fig-64)."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.field_map import FieldMap
+from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch, Candidates, Fix
-from isogal.matching.paper.matcher import PaperOptions, PmhtPaper
+from isogal.matching.paper.iteration import PaperOptions
+from isogal.matching.paper.matcher import PmhtPaper
 from isogal.montecarlo.engine import simulate
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.published import FIGURE_64_SCAN, ITERATIONS
 from isogal.sensors.trajectory import Trajectory, build_trajectory
+
+Memory = TypeVar("Memory")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,12 +50,13 @@ class Snapshot:
 class BatchRecorder(PmhtPaper):
     """The paper's matcher, which keeps the batches that it is given."""
 
-    batches: list[tuple[Batch, Any]] = field(default_factory=list)
-    """Batches with the memory before each."""
+    batches: list[Batch] = field(default_factory=list)
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(
+        self, batch: Batch, field_map: AnyMap, memory: float | None
+    ) -> tuple[Fix, float | None]:
         """Match (see `isogal.matching.interfaces.Matcher`)."""
-        self.batches.append((batch, memory))
+        self.batches.append(batch)
         return super().match(batch, field_map, memory)
 
 
@@ -65,18 +69,16 @@ def follow_iterations(plan: Plan) -> list[Snapshot]:
     recorder = BatchRecorder()
     simulate(scenario, [0], field_map, recorder)
     trajectory = build_trajectory(scenario)
-    snapshots = [_follow(*recorded, field_map, trajectory) for recorded in recorder.batches]
+    snapshots = [_follow(batch, field_map, trajectory) for batch in recorder.batches]
     return [snapshot for snapshot in snapshots if snapshot is not None]
 
 
-def _follow(
-    batch: Batch, memory: Any, field_map: FieldMap, trajectory: Trajectory
-) -> Snapshot | None:
+def _follow(batch: Batch, field_map: AnyMap, trajectory: Trajectory) -> Snapshot | None:
     """Match a batch with one iteration, two, and so on; None where it gives no fix."""
-    fixes = []
+    fixes, memory = [], None  # of the map's mean variability, computed once
     for count in range(1, ITERATIONS + 1):
         matcher = PmhtPaper(PaperOptions(iterations=count))
-        fix, _ = matcher.match(batch, field_map, memory)
+        fix, memory = matcher.match(batch, field_map, memory)
         if fix.scan_position is None:
             return None
         fixes.append(fix.scan_position)
@@ -86,8 +88,8 @@ def _follow(
     longitude = np.interp(batch.time, trajectory.time, trajectory.longitude)
     metres = np.array([float(m) for m in metres_per_radian(latitude[-1])])
 
-    def offset(there: Any) -> Array:
-        return (np.asarray(there) - [latitude[-1], longitude[-1]]) * metres
+    def offset(there: Array) -> Array:
+        return (there - [latitude[-1], longitude[-1]]) * metres
 
     start = np.stack([batch.latitude, batch.longitude], axis=-1)
     return Snapshot(

@@ -105,5 +105,5 @@ def window_example(plan: Plan) -> WindowExample:
     variance = candidate_variance(sigma, gradient, step, half**2)
     # as wide as the window's own prior, as eq. s3-01 weighs by distance to the centre
     weight = association_weights(offset, np.zeros(2), variance + (half / 3.0) ** 2)
-    combined = np.array(combine(offset, weight, variance)[:2])
+    combined, _ = combine(offset, weight, variance)
     return WindowExample(truth, offset, weight, combined, float(reading), *prior)

@@ -4,7 +4,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+
+from pydantic import JsonValue
 
 import isogal
 from isogal.evaluation.summary import write_json
@@ -51,13 +52,13 @@ def reproduce(
     results = measure(plan, cases, store)
     claims = judge(results)
     page = write_page(results, claims, out)
-    document = as_json(results, claims)
-    document["time"]["wall_s"] = time.monotonic() - start
-    write_json(out / "results.json", document)
+    write_json(out / "results.json", as_json(results, claims, time.monotonic() - start))
     return results, claims, page
 
 
-def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
+def as_json(
+    results: Results, claims: Sequence[Claim], wall_seconds: float
+) -> dict[str, JsonValue]:
     """Return all numbers as one document.
 
     The figures of merit of each case are in the format of results.json of a Monte Carlo, without
@@ -100,14 +101,15 @@ def as_json(results: Results, claims: Sequence[Claim]) -> dict[str, Any]:
             for name, summary in summaries.items()
         },
         "time": {
+            "wall_s": wall_seconds,
             "fix_ms_median": {
                 name: summary["time"]["fix_ms_median"] for name, summary in summaries.items()
-            }
+            },
         },
     }
 
 
-def _row(results: Results, row: PublishedRow) -> dict[str, Any]:
+def _row(results: Results, row: PublishedRow) -> dict[str, JsonValue]:
     return {
         "batch_length": row.batch_length,
         "sigma": row.sigma,
@@ -121,7 +123,7 @@ def _row(results: Results, row: PublishedRow) -> dict[str, Any]:
     }
 
 
-def _brief(outcome: Outcome) -> dict[str, Any]:
+def _brief(outcome: Outcome) -> dict[str, JsonValue]:
     summary = outcome.summary
     return {
         "mean": outcome.mean,

@@ -216,7 +216,7 @@ class Scenario(Assumed):
         return (self,) if self.fields is None else scenarios_of(self)
 
     @property
-    def felt_field(self) -> "Scenario":
+    def gravity_field(self) -> "Scenario":
         """The scenario of the field whose map is one of gravity, which the inertial sensors feel;
         of the first where there is none."""
         every = self.each_field

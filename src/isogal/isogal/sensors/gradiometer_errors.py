@@ -51,9 +51,9 @@ def tilt_errors(
     run: int,
     trajectory: Trajectory,
     index: Integers,
-    felt: Array,
+    sensed: Array,
 ) -> Array:
-    """Return (scans, C) what a run's tilted platform adds to what a level instrument feels, 1/s².
+    """Return (scans, C) what a run's tilted platform adds to what a level instrument senses, 1/s².
 
     Parameters
     ----------
@@ -64,17 +64,17 @@ def tilt_errors(
     trajectory : Trajectory
     index : (scans,) array
         Of each scan in the trajectory.
-    felt : (scans, C) array
+    sensed : (scans, C) array
         1/s², normal gradient included.
     """
     if settings.platform_tilt == 0.0:
-        return np.zeros(felt.shape)
+        return np.zeros(sensed.shape)
     normal = generator(seed, run, "gradiometer_platform").standard_normal((3, len(index)))
     keep = np.exp(-np.diff(trajectory.time[index]) / settings.platform_time)
     tilt = settings.platform_tilt * gauss_markov(keep, normal)
     latitude, height = trajectory.latitude[index], trajectory.height[index]
-    tensor = _whole(settings.components, felt, normal_gradient(latitude, height))
-    return np.asarray(tilted(tensor, tilt.T)[..., *places_in_tensor(settings.components)] - felt)
+    tensor = _whole(settings.components, sensed, normal_gradient(latitude, height))
+    return np.asarray(tilted(tensor, tilt.T)[..., *places_in_tensor(settings.components)] - sensed)
 
 
 def tilted(tensor: Array, tilt: Array) -> Array:
@@ -96,13 +96,13 @@ def tilt_effect(components: Sequence[str], latitude: ArrayLike) -> Array:
     return np.asarray(np.moveaxis(change[..., rows, columns], -2, -1))
 
 
-def _whole(components: Sequence[str], felt: Array, normal: Array) -> Array:
+def _whole(components: Sequence[str], sensed: Array, normal: Array) -> Array:
     """Return (scans, 3, 3) the tensor of which components (scans, C) are known: one more follows
     by the trace, any other is taken as the normal gradient's (scans, 3, 3)."""
     tensor = normal.copy()
     rows, columns = places_in_tensor(components)
-    tensor[:, rows, columns] = felt
-    tensor[:, columns, rows] = felt
+    tensor[:, rows, columns] = sensed
+    tensor[:, columns, rows] = sensed
     unknown = [k for k in _TRACE if (k, k) not in zip(rows, columns, strict=True)]
     if len(unknown) == 1:
         k = unknown[0]

@@ -46,7 +46,7 @@ def simulate_imu(
         What is simulated.
     gravity : (R, K, 3) array, optional
         Gravity beside normal gravity, north, east, down, mean over each step, m/s²: an
-        accelerometer feels its negative.
+        accelerometer senses its negative.
     """
     force = np.empty((len(runs), len(trajectory), 3))
     rate = np.empty_like(force)

@@ -1,7 +1,7 @@
 """What a navigator assumes of inertial sensors: one bias and one white noise per axis that stand
 for errors that have no state of their own (docs/mathematics.md, section 3.3).
 
-A vehicle that is near level feels one g downwards, and turns with the Earth. There, what
+A vehicle that is near level senses one g downwards, and turns with the Earth. There, what
 misalignment and g-sensitivity add to a reading is constant, a bias: it takes the place of a
 bias in the filter's initial covariance and in the bound. In a turn that bias changes; what this
 costs is in docs/inertial-sensors.md."""

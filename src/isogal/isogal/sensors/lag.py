@@ -1,7 +1,7 @@
 """The low-pass filter and the delay of an instrument (docs/mathematics.md, section 2.8).
 
-What is reported at time t is y(t - delay) with T dy/dt = x - y: the mean of what was felt before,
-with weights exp(-s / T) / T for what is s older."""
+What is reported at time t is y(t - delay) with T dy/dt = x - y: the mean of what was sensed
+before, with weights exp(-s / T) / T for what is s older."""
 
 import math
 from typing import NamedTuple
@@ -50,7 +50,7 @@ class Lag(NamedTuple):
         nodes, weights = np.polynomial.laguerre.laggauss(NODES)
         return self.delay + self.filter_time * nodes, weights / weights.sum()
 
-    def report(self, time: Array, felt: Array, when: Array) -> Array:
+    def report(self, time: Array, sensed: Array, when: Array) -> Array:
         """Return (..., N) what the instrument reports at times (N,) in s; NaN until its filter
         has settled.
 
@@ -58,15 +58,15 @@ class Lag(NamedTuple):
         ----------
         time : (K,) array
             Evenly spaced, s; the instrument starts at the first.
-        felt : (..., K) array
+        sensed : (..., K) array
             By a perfect instrument, linear in between.
         """
-        smooth = low_pass(felt, float(time[1] - time[0]), self.filter_time)
+        smooth = low_pass(sensed, float(time[1] - time[0]), self.filter_time)
         at = when - self.delay
         flat = smooth.reshape(-1, len(time))
         reported = np.stack([np.interp(at, time, one) for one in flat])
         reported[:, at < time[0] + SETTLING * self.filter_time] = math.nan
-        return reported.reshape(*felt.shape[:-1], len(when))
+        return reported.reshape(*sensed.shape[:-1], len(when))
 
 
 def low_pass(signal: Array, dt: float, filter_time: float) -> Array:

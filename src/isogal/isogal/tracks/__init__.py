@@ -27,6 +27,6 @@ Results
 
 - `results`: how are fixes written as JSON, CSV and GeoJSON?
 - `figures`: how do track, fixes and readings look, and how likely is each shift?
-- `magnetic_report`: what did a calibration flight tell?
+- `magnetic_report`: what did a calibration flight find?
 - `match_report`: how is all this shown on one page?
 """

@@ -16,14 +16,14 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.channels import AnyMap
 from isogal.maps.field_map import FieldMap
 from isogal.matching.information import (
-    informed_state,
+    informed,
     likelihood_information,
     measurement_only,
     positive_part,
 )
 from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
 from isogal.matching.pmht.cells import at_cells
-from isogal.matching.pmht.publish import Told
+from isogal.matching.pmht.publish import FieldInformation
 from isogal.matching.pmht.rows import parts_of, rows_of, some
 from isogal.matching.pmht.states import BIAS, UNKNOWN, States
 from isogal.matching.quasi_random import standard_normal
@@ -147,10 +147,10 @@ def widened(information: Information, more: Array) -> Information:
     """Return information M, v with more covariance (2, 2) about the same place: (M⁻¹ + E)⁻¹ and
     (M⁻¹ + E)⁻¹ M⁻¹ v, where M may be singular. Directions without information stay without."""
     size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(information.matrix)), 1e-300))
-    told = positive_part(information, size)
+    positive = positive_part(information, size)
     spread = np.eye(4)
-    spread[:, :2] += told.matrix[:, :2] @ more
-    both = np.linalg.solve(spread, np.column_stack([told.matrix, told.vector]))
+    spread[:, :2] += positive.matrix[:, :2] @ more
+    both = np.linalg.solve(spread, np.column_stack([positive.matrix, positive.vector]))
     return Information(np.asarray(both[:, 4], np.float64), symmetric(both[:, :4]))
 
 
@@ -241,17 +241,17 @@ def rigid(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
 def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank, from the cells
     and models that all readings leave."""
-    told = Told.nothing()
+    shared = FieldInformation.nothing()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
         new, grid = some(seen.readings, seen.old, len(seen.readings.level)), seen.field_map.grid
-        them = at_cells(seen.models, centres, which, cell, prior).informed(told.total, prior)
+        them = at_cells(seen.models, centres, which, cell, prior).informed(shared.total, prior)
         for part in parts_of(new):
             them = them.split(grid, part).observed(grid, part)
             if not len(them):
                 return rigid(shifts, prior)
-        told = told.with_bank(field, them, prior)
-    return informed_state(prior, told.total)
+        shared = shared.with_bank(field, them, prior)
+    return informed(prior, shared.total)
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

@@ -9,7 +9,6 @@ deviation."""
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,7 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     if field_map.longitude.size * field_map.step[1] > 2.0 * math.pi - 1e-6:
         columns = 0  # goes round the Earth
 
-    def padded(values: NDArray[Any]) -> Array:
+    def padded(values: NDArray[np.floating]) -> Array:
         pad = ((rows, rows), (columns, columns))
         return np.pad(np.asarray(values, dtype=np.float64), pad, constant_values=np.nan)
 
@@ -61,18 +60,18 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     distance, nearest = distance_transform_edt(
         ~np.isfinite(values), sampling=size, return_indices=True
     )
-    error: dict[str, Any] = {"correlation_lengths": None}
-    if not isinstance(field_map.sigma, float):
-        error["sigma"] = known_of_error(field_map.sigma)
-    if field_map.error_ellipses is not None:
-        parts = np.moveaxis(field_map.error_ellipses, -1, 0)
-        error["error_ellipses"] = np.stack([known_of_error(part) for part in parts], axis=-1)
+    sigma, ellipses = field_map.sigma, field_map.error_ellipses
+    if ellipses is not None:
+        parts = np.moveaxis(ellipses, -1, 0)
+        ellipses = np.stack([known_of_error(part) for part in parts], axis=-1)
     field = replace(
         field_map,
         latitude=longer(field_map.latitude, field_map.step[0], rows),
         longitude=longer(field_map.longitude, field_map.step[1], columns),
         values=values[tuple(nearest)],
-        **error,
+        sigma=sigma if isinstance(sigma, float) else known_of_error(sigma),
+        error_ellipses=ellipses,
+        correlation_lengths=None,
     )
     slope = math.sqrt(float(np.nanmean(rms_gradient(field_map) ** 2)))
     doubt = np.minimum(slope * distance, float(np.nanstd(values)))

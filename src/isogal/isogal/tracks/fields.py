@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.channels import ChannelMap, RouteMap
-from isogal.matching.channels import channel_batch
-from isogal.matching.expansion import tensor_of
+from isogal.maps.channels import AnyMap, ChannelMap, RouteMap
+from isogal.matching.expansion import Channels, with_allowed_tilt
 from isogal.matching.interfaces import Batch, Beside, Matcher
 from isogal.matching.pmht.settings import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
@@ -54,11 +55,11 @@ class TrackField:
         batch = build_batch(self.track, jacobian, rows, new, error, covariance)
         if self.channels is None:
             return batch
-        whole = channel_batch(batch, self.channels.values[rows], self.channels.covariance)
-        if self.channels.gradiometer is None:
-            return whole
-        tensor = tensor_of(self.channels.gradiometer, self.settings.name)
-        return whole if tensor is None else tensor.expand(whole, whole.reading, ())
+        assumed = self.channels.gradiometer
+        if assumed is not None:
+            assumed = with_allowed_tilt(assumed, self.settings.name)
+        expansion, offset = Channels(self.channels.covariance, assumed), np.zeros(len(batch))
+        return expansion.expand(batch, self.channels.values[rows, :, None], offset)
 
 
 def check_fields(fields: Sequence[TrackField]) -> None:
@@ -87,7 +88,7 @@ def joint_batch(
     covariance: Array,
     *,
     edge: bool,
-) -> tuple[Batch, RouteMap]:
+) -> tuple[Batch, AnyMap]:
     """Return rows of the first field as a batch with those of the others beside it, and its map;
     `edge`: without readings near which a map ends. Other parameters as of
     `batches.build_batch`."""

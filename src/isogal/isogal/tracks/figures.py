@@ -3,7 +3,7 @@ each shift of it is by the readings and the prior."""
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -148,9 +148,16 @@ def _shifts(panel: "Axes", match: Match, shifts: Shifts) -> "AxesImage":
         edge / 1e3
         for edge in (cells.min(axis=0) - 0.5 * wide.size, cells.max(axis=0) + 0.5 * wide.size)
     )
-    limits: dict[str, Any] = {"vmin": -_DEPTH, "vmax": 0.0, "cmap": "viridis"}
     extent = (west, east, south, north)
-    image = panel.imshow(picture, origin="lower", extent=extent, aspect="equal", **limits)
+    image = panel.imshow(
+        picture,
+        origin="lower",
+        extent=extent,
+        aspect="equal",
+        vmin=-_DEPTH,
+        vmax=0.0,
+        cmap="viridis",
+    )
     mean, covariance = shifts.moments
     if match.fix.published:
         covariance = match.covariance[:2, :2]

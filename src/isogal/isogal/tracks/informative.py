@@ -1,6 +1,6 @@
 """Whether a fix of a recorded track says anything as a position.
 
-A fix holds the information of the readings alone. What little a batch tells can, as a position
+A fix holds the information of the readings alone. What little a batch says can, as a position
 with a covariance, lie anywhere: of a place known to 2 km, readings that narrow it to 1.9 km in one
 direction say "6 km, give or take". Whoever takes it for a position is misled by its place, and by
 its ellipse learns nothing. So a fix is declined whose 1-sigma exceeds what was known before in any
@@ -21,7 +21,7 @@ MOST_SIGMAS = 5.0
 
 def judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:
     """Return a fix as it is published, and as it counts for the track's error: one that is wider
-    than the prior (4, 4) still tells something of it, one that contradicts it does not."""
+    than the prior (4, 4) still says something of it, one that contradicts it does not."""
     if not fix.published:
         return fix, fix
     widening = 0.0 if fix.widening is None else fix.widening[:2, :2]

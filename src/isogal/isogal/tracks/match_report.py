@@ -27,7 +27,20 @@ def write_match_report(
     *,
     chained: bool = False,
 ) -> Path:
-    """Write `report.html` with two PNG figures beside it; return the path of the page."""
+    """Write `report.html` with two PNG figures beside it; return the path of the page.
+
+    Parameters
+    ----------
+    track : Track
+    field_map : FieldMap or TiledMap
+    settings : scenario.Matcher
+    uncertainty : Uncertainty
+        What was assumed of the track.
+    matches : sequence of Match
+    out_dir : path
+    chained : bool
+        Whether each batch started from what the earlier ones had found.
+    """
     published = sum(match.fix.published for match in matches)
     start = "what the earlier ones told" if chained else "the same prior"
     figures = {
@@ -101,7 +114,7 @@ def _table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
 
 
 def _unit(field_map: ScalarMap) -> tuple[str, float]:
-    """Return the unit that a map's values are told in, and how many inside it has."""
+    """Return the unit that a map's values are given in, and how many inside it has."""
     unit = field_map.file_unit or field_map.unit
     return ("mGal", 1e-5) if unit == "m/s²" else (unit, field_map.file_factor)
 
@@ -111,9 +124,10 @@ def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:
     was not."""
     unit, factor = _unit(field_map)
     rows = [
-        {"time (s)": f"{match.fix.time:.10g}"} | {key: number(x) for key, x in flat(told).items()}
+        {"time (s)": f"{match.fix.time:.10g}"}
+        | {key: number(x) for key, x in flat(estimates).items() if isinstance(x, float | int)}
         for match in matches
-        if (told := found(match, {"": factor}))
+        if (estimates := found(match, {"": factor}))
     ]
     title = f"Estimated with the fixes (sigma and offset in {unit}, length in m)"
     return [_table(title, rows)] if rows else []

@@ -29,25 +29,25 @@ from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher as MatcherSettings
 
 LENGTHS = (700.0, 1400.0, 2800.0, 5600.0)
-"""m, that nobody has told: of the maps that are known to us."""
+"""m, where none is specified: of the maps that are known to us."""
 OWN = np.geomspace(0.2, 4.0, 9)
 """Factors on a sigma that the map has of its own, node by node."""
 SHARES = (0.002, 1.0, 14)
-"""Grid of a sigma that nobody has told, least, largest, number: shares of the field's spread."""
+"""Grid of a sigma that is not specified, least, largest, number: shares of the field's spread."""
 SHAPES = 4
 """Of the map's error for each length, so that `Models.shape` counts four times as many: even along
 the track, with its gradient; smoother and even, smoother with its gradient."""
 MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
 """Factors on the variance of readings of several channels, in which an alignment or offset that
-nobody has told of is no constant, and their probability."""
+is not specified is no constant, and their probability."""
 
 
 def track_models(
     settings: MatcherSettings, batch: Batch, field_map: AnyMap, states: States
 ) -> Models:
     """Return the models of a field, of one map with four shapes for each length (`SHAPES`), by a
-    scenario's matcher section: what it does not say itself counts as not told; raises InputError
-    on a bad option."""
+    scenario's matcher section: its defaults count as not specified; raises InputError on a bad
+    option."""
     assumed, said = assumed_of(settings, batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
     length = assumed.length if "map_correlation_length" in said else None
@@ -76,12 +76,12 @@ def track_models(
     if one is None:
         return models
     by_gradient = assumed.sigma is None or not isinstance(one.sigma, float)
-    # a length that is told is that of an exponential
+    # a specified length is that of an exponential
     return _of_shapes(models, by_gradient, length is None)
 
 
 def _lengths(length: float | None, trust: float, field_map: AnyMap) -> tuple[Array, Array]:
-    """Return lengths (m), about one if it is told, and their log priors."""
+    """Return lengths (m), about the specified one if there is one, and their log priors."""
     if length is None and isinstance(field_map, FieldMap) and field_map.error_ellipses is not None:
         length = field_map.correlation_length
     if length is None:

@@ -15,6 +15,8 @@ from isogal.maps.corridor import Corridor, corridor_of
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.tracks.track import Track
 
+Message = Any
+"""Of a class that mcap_ros2 makes from the schema of a bag."""
 FIX_TOPIC = "nav/fix"
 _POSITION = "sensor_msgs/msg/NavSatFix"
 _ACCEL = "geometry_msgs/msg/AccelWithCovarianceStamped"
@@ -37,7 +39,7 @@ READINGS = {
     "height": ReadingSource("altimeter/terrain", _POSITION, "none"),
 }
 """Where the readings are that a map of a quantity needs."""
-_READ: dict[str, Callable[[Any], tuple[float, float]]] = {
+_READ: dict[str, Callable[[Message], tuple[float, float]]] = {
     _ACCEL: lambda m: (m.accel.accel.linear.z, m.accel.covariance[14]),
     # messages have T, maps have nT
     _FIELD: lambda m: (m.magnetic_field.z * 1e9, m.magnetic_field_covariance[8] * 1e9**2),
@@ -159,10 +161,11 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
     return Recording(str(path), time, *places, readings)
 
 
-def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
+def _messages(path: Path) -> Iterator[tuple[str, str, Message]]:
     """Yield (topic, type, decoded message) of a bag, in the order they were written, as far as it
     can be read; of topics with other types than those of positions and readings only the topic."""
-    from mcap.records import Channel, Message, Schema
+    from mcap.records import Channel, Schema
+    from mcap.records import Message as Record
     from mcap.stream_reader import StreamReader
     from mcap_ros2.decoder import DecoderFactory
 
@@ -178,13 +181,13 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Any]]:
                         schemas[item.id] = item
                     elif isinstance(item, Channel):
                         channels[item.id] = item
-                    elif isinstance(item, Message):
+                    elif isinstance(item, Record):
                         empty, channel = False, channels[item.channel_id]
                         schema = schemas[channel.schema_id]
                         if schema is None or schema.name not in _READ:
                             yield channel.topic, "", None
                             continue
-                        decode: Any = factory.decoder_for(channel.message_encoding, schema)
+                        decode = factory.decoder_for(channel.message_encoding, schema)
                         yield channel.topic, schema.name, decode(item.data)
         except Exception as error:
             if not is_damage(error):
@@ -208,7 +211,7 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _stamp(message: Any) -> float:
+def _stamp(message: Message) -> float:
     stamp = message.header.stamp
     seconds = stamp.sec + 1e-9 * stamp.nanosec
     if not math.isfinite(seconds):

@@ -6,14 +6,17 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import write_atomic
 from isogal.tracks.matching import Match
 
+Value = str | float | None | list[list[float]] | dict[str, float]
+Entry = dict[str, Value]
+"""Of a batch, as JSON has it."""
 FIX, NO_FIX = "fix", "no_fix"
+_NO_COVARIANCE = ((None, None), (None, None))
 _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
 
@@ -25,21 +28,31 @@ def as_objects(
     factor: float = 1.0,
     line: str | None = None,
     others: Mapping[str, float] | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Entry]:
     """Return one object for each batch: time s, latitude and longitude deg, covariance_enu m²
     (None = no fix), status, reason.
 
     Without a fix the position is that of the track. Objects also hold the position and its
     covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
-    (`aided_*`). Where noise was integrated out they hold what was estimated, in units of which one
-    has `factor` units inside, and m. `line` is that of the track's file. `others` are the factors
-    of further fields by name, of which NAME_estimated is told."""
+    (`aided_*`). Where noise was integrated out they hold what was estimated.
+
+    Parameters
+    ----------
+    matches : sequence of Match
+    chained : bool
+    factor : float
+        Units inside of one unit in which the estimates are given; lengths are in m.
+    line : str, optional
+        Of the track's file.
+    others : dict of float, optional
+        Factors of further fields by name, whose NAME_estimated are given.
+    """
     factors = {"": factor} | {f"{name}.": one for name, one in (others or {}).items()}
     name = "aided" if chained else "with_prior"
     objects = []
     for match in matches:
         fix = match.fix
-        result: dict[str, Any] = {} if line is None else {"line": line}
+        result: Entry = {} if line is None else {"line": line}
         result |= {"time": fix.time, **_place(fix.latitude, fix.longitude)}
         result["covariance_enu"] = _enu(fix.covariance) if fix.published else None
         result["status"] = FIX if fix.published else NO_FIX
@@ -50,13 +63,13 @@ def as_objects(
     return objects
 
 
-def found(match: Match, factors: Mapping[str, float]) -> dict[str, Any]:
-    """Return what a batch has told of errors and readings, each field's in a unit of which one has
-    so many units inside; nothing where noise was not integrated out."""
+def found(match: Match, factors: Mapping[str, float]) -> Entry:
+    """Return what a batch has found of errors and readings, each field's in a unit of which one
+    has so many units inside; nothing where noise was not integrated out."""
     numbers = match.fix.diagnostics
     if match.shifts is None or "map_sigma" not in numbers:
         return {}
-    result: dict[str, Any] = {}
+    result: Entry = {}
     for prefix, factor in factors.items():
         if f"{prefix}map_sigma" not in numbers:
             continue
@@ -87,13 +100,13 @@ def _enu(covariance: Array) -> list[list[float]]:
     return [[float(covariance[i, j]) for j in (1, 0)] for i in (1, 0)]
 
 
-def as_json(objects: Sequence[dict[str, Any]]) -> str:
+def as_json(objects: Sequence[Entry]) -> str:
     """Return a JSON array with one object in each line."""
     lines = ",\n  ".join(json.dumps(item, allow_nan=False) for item in objects)
     return f"[\n  {lines}\n]\n" if objects else "[]\n"
 
 
-def as_csv(objects: Sequence[dict[str, Any]]) -> str:
+def as_csv(objects: Sequence[Entry]) -> str:
     """Return a table with three columns for each covariance: east-east, east-north,
     north-north."""
     rows = [flat(entry) for entry in objects]
@@ -105,13 +118,13 @@ def as_csv(objects: Sequence[dict[str, Any]]) -> str:
     return stream.getvalue()
 
 
-def flat(entry: dict[str, Any]) -> dict[str, Any]:
+def flat(entry: Entry) -> Entry:
     """Return an object with a name of its own for each number."""
-    row: dict[str, Any] = {}
+    row: Entry = {}
     for key, value in entry.items():
         if key.endswith("covariance_enu"):
             name = key.removesuffix("_enu")
-            (ee, en), (_, nn) = value or [[None, None], [None, None]]
+            (ee, en), (_, nn) = value if isinstance(value, list) else _NO_COVARIANCE
             row |= {f"{name}_ee": ee, f"{name}_en": en, f"{name}_nn": nn}
         elif isinstance(value, dict):
             row |= {f"{key}_{name}": number for name, number in value.items()}
@@ -120,7 +133,7 @@ def flat(entry: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
-def as_geojson(objects: Sequence[dict[str, Any]]) -> str:
+def as_geojson(objects: Sequence[Entry]) -> str:
     """Return a FeatureCollection (RFC 7946) with a feature for each batch: a point, or without
     geometry where there is no fix."""
     features = []
@@ -133,7 +146,7 @@ def as_geojson(objects: Sequence[dict[str, Any]]) -> str:
     return json.dumps(collection, allow_nan=False, indent=1) + "\n"
 
 
-WRITERS: dict[str, Callable[[Sequence[dict[str, Any]]], str]] = {
+WRITERS: dict[str, Callable[[Sequence[Entry]], str]] = {
     ".json": as_json,
     ".csv": as_csv,
     ".geojson": as_geojson,
@@ -141,7 +154,7 @@ WRITERS: dict[str, Callable[[Sequence[dict[str, Any]]], str]] = {
 """Writer by suffix."""
 
 
-def writer_for(path: Path) -> Callable[[Sequence[dict[str, Any]]], str]:
+def writer_for(path: Path) -> Callable[[Sequence[Entry]], str]:
     """Return the writer for a file by its suffix; raises InputError where there is none."""
     writer = WRITERS.get(path.suffix.casefold())
     if writer is None:
@@ -151,6 +164,6 @@ def writer_for(path: Path) -> Callable[[Sequence[dict[str, Any]]], str]:
     return writer
 
 
-def write_results(objects: Sequence[dict[str, Any]], path: Path) -> None:
+def write_results(objects: Sequence[Entry], path: Path) -> None:
     """Write a file in the format of its suffix, whole or not at all; raises InputError."""
     write_atomic(path, writer_for(path)(objects))

@@ -2,18 +2,17 @@
 interrupted and goes on, and a table in the end."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import Any
+
+import typer
 
 from isogal.files import write_atomic
 from isogal.scenario import Scenario
-from isogal_ros.faults.catalogue import MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS, QUICK, Fault
-from isogal_ros.faults.judgement import Row, page_of, table_of
-from isogal_ros.faults.processes import run_process_trial
-from isogal_ros.faults.stage import Feed
-from isogal_ros.faults.trial import run_trials
+from isogal_ros.faults.catalogue import MESSAGE_FAULTS, NODE_FAULTS, PROCESS_FAULTS, QUICK
+from isogal_ros.faults.judgement import Outcome, Table, page_of, table_of
+from isogal_ros.faults.trials import Feed, run_process_trial, run_trials
 from isogal_ros.nodes.signals import Interrupt
 
 OUTCOMES, TABLE, PAGE = "outcomes.jsonl", "faults.json", "faults.md"
@@ -34,9 +33,9 @@ def run_campaign(
     trials: tuple[int, int],
     quick: bool,
     interrupt: Interrupt,
-    say: Callable[[str], None],
-) -> dict[str, Any]:
-    """Run what has not been run yet, write table and page, and return the table.
+) -> Table:
+    """Run what has not been run yet, with a line on standard error for each outcome, write table
+    and page, and return the table.
 
     Parameters
     ----------
@@ -48,8 +47,6 @@ def run_campaign(
     quick : bool
         Whether only the faults of `QUICK` are run.
     interrupt : Interrupt
-    say : callable
-        Takes a line on each outcome.
 
     Raises
     ------
@@ -60,14 +57,14 @@ def run_campaign(
     """
     done = _read(out / OUTCOMES)
 
-    def keep(outcome: Row) -> None:
+    def keep(outcome: Outcome) -> None:
         done[outcome["fault"], outcome["trial"]] = outcome
         with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(outcome) + "\n")
-        say(f"{outcome['fault']}, trial {outcome['trial']}: {_words(outcome)}")
+        typer.echo(_words(outcome), err=True)
 
     faults = [one for kind in KINDS for one in kind if not quick or one.name in QUICK]
-    try:
+    with suppress(KeyboardInterrupt):  # what has been run makes the table
         for trial in range(max(trials)):
             due = [one for one in faults if (one.name, trial) not in done]
             of_messages, of_nodes, of_processes = (
@@ -78,39 +75,27 @@ def run_campaign(
                 continue
             feed = Feed(scenario, trial, interrupt)
             interrupt.ends_at_once = True
-            for outcome in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
-                keep(outcome)
+            for one in chain(run_trials(feed, of_messages), run_trials(feed, of_nodes)):
+                keep(one)
             interrupt.ends_at_once = False
-            for outcome in _of_processes(feed, of_processes, out, interrupt):
-                keep(outcome)
-    except KeyboardInterrupt:
-        pass  # what has been run makes the table
-    finally:
-        interrupt.ends_at_once = False
+            for fault in of_processes:
+                if (found := run_process_trial(feed, fault, out / "running", interrupt)) is None:
+                    break
+                keep(found)
+    interrupt.ends_at_once = False
     return _write(out, table_of(scenario, faults, done.values()))
 
 
-def _write(out: Path, table: Row) -> Row:
+def _write(out: Path, table: Table) -> Table:
     """Write a table into a folder, also as a page, and return it."""
     write_atomic(out / TABLE, json.dumps(table, indent=2))
     write_atomic(out / PAGE, page_of(table))
     return table
 
 
-def _of_processes(
-    feed: Feed, faults: Sequence[Fault], out: Path, interrupt: Interrupt
-) -> Iterator[Row]:
-    """Yield what became of faults of processes, until interrupted."""
-    for fault in faults:
-        found = run_process_trial(feed, fault, out / "running", interrupt)
-        if found is None:
-            break
-        yield found
-
-
-def _read(path: Path) -> dict[tuple[str, int], Row]:
+def _read(path: Path) -> dict[tuple[str, int], Outcome]:
     """Return the outcomes on disk, without a line that is cut off or of an earlier version."""
-    found = {}
+    found: dict[tuple[str, int], Outcome] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
             outcome = json.loads(line)
@@ -121,9 +106,10 @@ def _read(path: Path) -> dict[tuple[str, int], Row]:
     return found
 
 
-def _words(outcome: Row) -> str:
+def _words(outcome: Outcome) -> str:
+    trial = f"{outcome['fault']}, trial {outcome['trial']}:"
     if outcome["crash"]:
-        return f"CRASH {outcome['crash']}"
+        return f"{trial} CRASH {outcome['crash']}"
     after, error = outcome["reported_after"], outcome["error_after"]
     reported = "not reported" if after is None else f"reported after {after:.0f} s"
-    return f"{reported}, error {'unknown' if error is None else f'{error:.0f} m'} after it"
+    return f"{trial} {reported}, error {'unknown' if error is None else f'{error:.0f} m'} after it"

@@ -2,20 +2,26 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
-from typing import Any
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import AccelWithCovarianceStamped
+from geometry_msgs.msg import Accel, AccelWithCovarianceStamped, Vector3
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
+from isogal.arrays import Array
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
 from isogal_ros.topics import Topic
+
+Message: TypeAlias = Imu | AccelWithCovarianceStamped | NavSatFix | Odometry | PointCloud2
+Kept: TypeAlias = Message | Vector3 | Accel | float
+"""What a fault may keep of a message: all of it, or a field."""
+T = TypeVar("T")
 
 
 @dataclass
@@ -25,14 +31,16 @@ class Moment:
     since: float
     """s since the fault began."""
     rng: np.random.Generator
-    kept: dict[str, Any]
-    """What it keeps from one message to the next."""
+    first: Kept | None = None
+    """What it keeps of the first message that came."""
+    last: dict[str, Message] = field(default_factory=dict)
+    """The last message by the name of its type."""
+    count: int = 0
+    """Of messages that came."""
 
 
-Change = Callable[[Any, Moment], Sequence[Any]]
+Change = Callable[[Message, Moment], Sequence[Message]]
 """Turns a message, which is its own, into those that come instead."""
-Of = Callable[[Any, Moment], Any]
-"""Turns a field of a message into what it becomes."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +77,11 @@ def topics_of(source: str, readings: tuple[Topic, ...]) -> tuple[Topic, ...]:
     return found.get(source, ())
 
 
-def _field(path: str, of: Of) -> Change:
+def _field(path: str, of: Callable[[T, Moment], T]) -> Change:
+    """What becomes of one field of a message."""
     *owners, name = path.split(".")
 
-    def change(message: Any, moment: Moment) -> Sequence[Any]:
+    def change(message: Message, moment: Moment) -> Sequence[Message]:
         owner = reduce(getattr, owners, message)
         setattr(owner, name, of(getattr(owner, name), moment))
         return [message]
@@ -88,14 +97,15 @@ _VALUES = {
 }
 
 
-def _value(of: Of) -> Change:
+def _value(of: Callable[[float, Moment], float]) -> Change:
     """One number of a message by its type, or all of a whole fix."""
 
-    def change(message: Any, moment: Moment) -> Sequence[Any]:
+    def every(data: bytes, moment: Moment) -> bytes:
+        return np.full(len(data) // 8, of(0.0, moment)).tobytes()
+
+    def change(message: Message, moment: Moment) -> Sequence[Message]:
         if isinstance(message, PointCloud2):
-            return _field("data", lambda old, m: np.full(len(old) // 8, of(0.0, m)).tobytes())(
-                message, moment
-            )
+            return _field("data", every)(message, moment)
         return _field(_VALUES[type(message)], of)(message, moment)
 
     return change
@@ -103,21 +113,31 @@ def _value(of: Of) -> Change:
 
 def _entry(path: str, index: int, number: float) -> Change:
     """One entry of a covariance."""
-    return _field(path, lambda old, _: np.where(np.arange(len(old)) == index, number, old))
+
+    def entry(old: Array, _: Moment) -> Array:
+        return np.where(np.arange(len(old)) == index, number, old)
+
+    return _field(path, entry)
 
 
-def _constant(value: Any) -> Of:
+def _constant(value: T) -> Callable[[T, Moment], T]:
     return lambda _old, _moment: value
 
 
-def _first(value: Any, moment: Moment) -> Any:
-    return moment.kept.setdefault("first", value)
+def _first(value: Kept, moment: Moment) -> Kept:
+    moment.first = value if moment.first is None else moment.first
+    return moment.first
+
+
+def _at_most(limit: float) -> Callable[[float, Moment], float]:
+    return lambda old, _moment: min(old, limit)
 
 
 def _shift(seconds: Callable[[Moment], float]) -> Change:
-    return _field(
-        "header.stamp", lambda old, m: from_ns(max(to_ns(old) + from_seconds(seconds(m)), 0))
-    )
+    def stamp(old: Time, moment: Moment) -> Time:
+        return from_ns(max(to_ns(old) + from_seconds(seconds(moment)), 0))
+
+    return _field("header.stamp", stamp)
 
 
 def _once(change: Change) -> Change:
@@ -130,21 +150,24 @@ def _copies(count: int) -> Change:
     return lambda message, _moment: [message] * count
 
 
-def _every_second(message: Any, moment: Moment) -> Sequence[Any]:
-    moment.kept["count"] = moment.kept.get("count", 0) + 1
-    return [message] if moment.kept["count"] % 2 else []
+def _every_second(message: Message, moment: Moment) -> Sequence[Message]:
+    moment.count += 1
+    return [message] if moment.count % 2 else []
 
 
-def _late(message: Any, moment: Moment) -> Sequence[Any]:
+def _late(message: Message, moment: Moment) -> Sequence[Message]:
     """Each message comes with the next of its type."""
-    before = moment.kept.get(type(message).__name__)
-    moment.kept[type(message).__name__] = message
+    kind = type(message).__name__
+    before, moment.last[kind] = moment.last.get(kind), message
     return [] if before is None else [before]
 
 
-def _of(source: str, lasts: float, *more: tuple[Any, ...]) -> tuple[Fault, ...]:
-    """Return the faults that messages of every source may have, and more of one source."""
-    every: tuple[tuple[Any, ...], ...] = (
+def _of(
+    source: str, lasts: float, *more: tuple[str, Change, *tuple[float, ...]]
+) -> tuple[Fault, ...]:
+    """Return the faults that messages of every source may have, and more of one source: name,
+    effect, and how long it lasts (s) and whether it matters, where that is not as usual."""
+    every: tuple[tuple[str, Change, *tuple[float, ...]], ...] = (
         ("NaN", _value(_constant(math.nan))),
         ("infinite", _value(_constant(math.inf))),
         ("wrong frame", _field("header.frame_id", _constant("camera"))),
@@ -182,7 +205,7 @@ MESSAGE_FAULTS = (
         ("stuck gyroscope", _field(f"{_RATE}.z", _first), 120.0),
         ("dead accelerometer", _field(f"{_FORCE}.x", _constant(0.0)), 120.0),
         ("stuck accelerometer", _field(f"{_FORCE}.y", _first), 120.0),
-        ("saturated accelerometer", _field(f"{_FORCE}.z", lambda old, m: min(old, 9.0)), 120.0),
+        ("saturated accelerometer", _field(f"{_FORCE}.z", _at_most(9.0)), 120.0),
         ("saturated gyroscope", _field(f"{_RATE}.z", _constant(4.0)), 120.0),
         ("accelerometer drift", _value(lambda old, m: old + 1e-5 * m.since), 60.0, False),
     ),

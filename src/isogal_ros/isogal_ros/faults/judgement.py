@@ -1,92 +1,81 @@
 """What became of the navigator, and whether that was right."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import TypedDict
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.scenario import Scenario
-from isogal_ros.bags.collect import Collector
 from isogal_ros.faults.catalogue import Fault
-from isogal_ros.faults.stage import Feed, track_of
-from isogal_ros.messages.stamps import to_seconds
 
-Row = dict[str, Any]
 RECOVERED = 1.3
 """Of the error of the same runs without fault at the same time, RMS."""
 ALLOWANCE = 30.0
 """m of error that is no harm in a single trial, where there is hardly any without fault; of n
 trials it is as much less as the RMS of n runs is surer."""
-STORES = ("truth", "last_nav", "readings", "fixes")
-"""Messages of a `Collector` that are lost where only the run without fault has their stamp."""
-COLUMNS = ("reported_after_s", "error_during_m", "error_after_m", "error_without_m")
 
 
-class Span(NamedTuple):
-    """When a fault was, and when it is looked at how it was recovered from, s."""
+class Outcome(TypedDict):
+    """What became of the navigator in a run with a fault: a line of ``outcomes.jsonl``. Times in
+    s, errors in m; None = not known, or it did not happen."""
 
+    fault: str
+    trial: int
+    crash: str | None
+    """What ended a node, or that the trial hung."""
+    restart: float | None
+    """For how long a faulty process said nothing, at most."""
+    unexpected_errors: list[str]
     begin: float
-    end: float
-    after: float
-    until: float
+    not_finite: int
+    reported_after: float | None
+    report: str | None
+    error_during: float
+    """The largest."""
+    error_after: float | None
+    """RMS, as the claimed 1-sigma and the error of the run without fault."""
+    sigma_after: float | None
+    error_without: float | None
+    lost: int
 
 
-def outcome_of(
-    fault: Fault,
-    feed: Feed,
-    span: Span,
-    collector: Collector,
-    reports: Iterable[tuple[float, str]],
-    crash: str | None = None,
-) -> Row:
-    """Return what became of the navigator in a run with a fault, as JSON can say it.
+class Row(TypedDict):
+    """What became of all trials of a fault: an entry of ``faults.json``."""
 
-    Parameters
-    ----------
-    fault : Fault
-    feed : Feed
-        The same run without the fault.
-    span : Span
-    collector : Collector
-        What was published.
-    reports : iterable
-        When (s) something was reported at WARN or ERROR because of the fault, and what.
-    crash : str, optional
-        What ended a node, or that the trial hung; None = nothing did.
-    """
-    track = track_of(collector)
-    during = track.error[(track.time >= span.begin) & (track.time <= span.end)]
-    after, without = (
-        (one.time > span.after) & (one.time <= span.until) for one in (track, feed.track)
-    )
-    first, text = next(iter(reports), (None, None))
-    kept = [[getattr(one, name) for name in STORES] for one in (feed.collector, collector)]
-    return {
-        "fault": fault.name,
-        "trial": feed.run,
-        "crash": crash,
-        "restart": None,
-        "unexpected_errors": [],
-        "begin": span.begin,
-        "not_finite": track.not_finite,
-        "reported_after": None if first is None else max(first - span.begin, 0.0),
-        "report": text,
-        "error_during": float(during.max(initial=0.0)),
-        "error_after": _rms(track.error[after]),
-        "sigma_after": _rms(track.sigma[after]),
-        "error_without": _rms(feed.track.error[without]),
-        "lost": sum(
-            to_seconds(ns) <= span.until
-            for before, now in zip(*kept, strict=True)
-            for ns in before.keys() - now.keys()
-        ),
-    }
+    fault: str
+    trials: int
+    matters: bool
+    reported: int
+    reported_after_s: float | None
+    report: str | None
+    error_during_m: float
+    error_after_m: float | None
+    error_without_m: float | None
+    ratio: float | None
+    honest: bool
+    lost: int
+    restart_s: float | None
+    crashes: int
+    not_finite: int
+    unexpected_errors: list[str]
+    not_reported: int
+    passed: bool
 
 
-def _rms(values: Any) -> float | None:
+class Table(TypedDict):
+    """``faults.json``."""
+
+    faults: list[Row]
+    trials: int
+    failed: list[str]
+
+
+def rms_of(values: Sequence[float | None] | Array) -> float | None:
     """Return the root mean square; None where a value is missing, or all are."""
-    whole = len(values) and not any(value is None for value in values)
-    return float(np.sqrt(np.mean(np.square(values)))) if whole else None
+    known = [value for value in values if value is not None]
+    whole = len(known) and len(known) == len(values)
+    return float(np.sqrt(np.mean(np.square(known)))) if whole else None
 
 
 def two_batches(scenario: Scenario) -> float:
@@ -94,7 +83,7 @@ def two_batches(scenario: Scenario) -> float:
     return 2.0 * scenario.matcher.batch_length * scenario.gravimeter.interval
 
 
-def table_of(scenario: Scenario, faults: Iterable[Fault], outcomes: Iterable[Row]) -> Row:
+def table_of(scenario: Scenario, faults: Iterable[Fault], outcomes: Iterable[Outcome]) -> Table:
     """Return the table of those faults of which there are outcomes."""
     known, limit = list(outcomes), two_batches(scenario)
     rows = [
@@ -109,19 +98,18 @@ def table_of(scenario: Scenario, faults: Iterable[Fault], outcomes: Iterable[Row
     }
 
 
-def _row(fault: Fault, outcomes: Sequence[Row], limit: float) -> Row:
+def _row(fault: Fault, outcomes: Sequence[Outcome], limit: float) -> Row:
     """Judge a fault, which is reported in time within a limit (s), by all of its trials."""
     after = [o["reported_after"] for o in outcomes if o["reported_after"] is not None]
-    in_time = sum(one <= limit for one in after)
-    bad = {
-        "crashes": sum(o["crash"] is not None for o in outcomes),
-        "not_finite": sum(o["not_finite"] for o in outcomes),
-        "unexpected_errors": sorted({text for o in outcomes for text in o["unexpected_errors"]}),
-        "not_reported": len(outcomes) - in_time if fault.matters else 0,
-    }
-    rms, plain = (_rms([o[name] for o in outcomes]) for name in ("error_after", "error_without"))
-    both = rms is not None and plain is not None
+    crashes = sum(o["crash"] is not None for o in outcomes)
+    not_finite = sum(o["not_finite"] for o in outcomes)
+    errors = sorted({text for o in outcomes for text in o["unexpected_errors"]})
+    late = len(outcomes) - sum(one <= limit for one in after) if fault.matters else 0
+    rms = rms_of([o["error_after"] for o in outcomes])
+    plain = rms_of([o["error_without"] for o in outcomes])
+    # of n trials the RMS is surer
     allowed = RECOVERED * (plain or 0.0) + ALLOWANCE / np.sqrt(len(outcomes))
+    recovered = rms is not None and plain is not None and bool(rms <= allowed)
     return {
         "fault": fault.name,
         "trials": len(outcomes),
@@ -135,15 +123,21 @@ def _row(fault: Fault, outcomes: Sequence[Row], limit: float) -> Row:
         "ratio": rms / plain if rms is not None and plain else None,
         # an error that grew is no harm where the navigator knows it
         "honest": rms is not None
-        and all(o["error_after"] < 3.0 * max(o["sigma_after"], ALLOWANCE) for o in outcomes),
+        and all(
+            (o["error_after"] or 0.0) < 3.0 * max(o["sigma_after"] or 0.0, ALLOWANCE)
+            for o in outcomes
+        ),
         "lost": max(o["lost"] for o in outcomes),
         "restart_s": max(o["restart"] or 0.0 for o in outcomes) or None,
-        **bad,
-        "passed": bool(not any(bad.values()) and both and rms <= allowed),
+        "crashes": crashes,
+        "not_finite": not_finite,
+        "unexpected_errors": errors,
+        "not_reported": late,
+        "passed": recovered and not (crashes or not_finite or errors or late),
     }
 
 
-def page_of(table: Mapping[str, Any]) -> str:
+def page_of(table: Table) -> str:
     """Return a table as a page."""
     rows, failed = table["faults"], table["failed"]
     passed = f"passed: all but {', '.join(failed)}" if failed else "all passed"
@@ -163,10 +157,15 @@ def page_of(table: Mapping[str, Any]) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        numbers = ["–" if row[name] is None else f"{row[name]:.0f}" for name in COLUMNS]
-        numbers.append("–" if row["ratio"] is None else f"{row['ratio']:.2f}")
+        errors = (row["error_during_m"], row["error_after_m"], row["error_without_m"])
+        numbers = [_rounded(number, 0) for number in (row["reported_after_s"], *errors)]
+        numbers.append(_rounded(row["ratio"], 2))
         reported = str(row["reported"]) if row["matters"] else f"({row['reported']})"
         silent = f" ({row['restart_s']:.1f} s)" if row["restart_s"] else ""
         cells = [row["fault"], str(row["trials"]), reported, *numbers, f"{row['lost']}{silent}"]
         lines.append(f"| {' | '.join(cells)} | {'yes' if row['passed'] else '**no**'} |")
     return "\n".join(lines) + "\n"
+
+
+def _rounded(number: float | None, digits: int) -> str:
+    return "–" if number is None else f"{number:.{digits}f}"

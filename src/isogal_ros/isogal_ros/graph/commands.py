@@ -1,62 +1,121 @@
-"""The commands ``isogal run`` and ``isogal replay``: what they print, and their exit status."""
+"""The commands ``isogal run``, ``isogal replay`` and ``isogal faults``: their steps from the check
+of the input to the report, what they print, and their exit status. Results go to standard output,
+all else to standard error."""
 
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import typer
+
+from isogal.cli.errors import INTERRUPTED, note
+from isogal.cli.tables import print_json, print_table
+from isogal.evaluation.run_report import key_figures, run_report
+from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
-from isogal.scenario import Scenario
+from isogal.maps.several import RunMap, first_map
+from isogal.scenario import Scenario, changed_scenario
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros import topics
-from isogal_ros.graph.console import Console
+from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import record_of
+from isogal_ros.bags.writer import prepare_folder
+from isogal_ros.graph.domain import DISCOVERY, DOMAIN
 from isogal_ros.graph.parameter_files import filter_parameters
-from isogal_ros.graph.plan import GraphError
-from isogal_ros.graph.replay import Replay
-from isogal_ros.graph.session import Manner, Summary, replay_session, run_session
-from isogal_ros.graph.watching import Live
+from isogal_ros.graph.plan import GraphError, Plan, checked
+from isogal_ros.graph.replay import Replay, replay
+from isogal_ros.graph.running import run_in_process, run_processes
+from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
-FAILED, INTERRUPTED = 1, 130
+FAILED = 1
 NO_FIXES = f"no fixes in the recording ({topics.FIX.name}) to compare with"
 TOLERANCE = 1.0
 """m, by which the fixes of a replay may differ where the user has changed nothing."""
+Summary = dict[str, Any]
+"""``summary.json``, whose form `isogal.evaluation.summary` gives."""
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How the graph is run, and watched meanwhile."""
+
+    in_process: bool = False
+    """Whether all nodes are in this process."""
+    rate: float = 0.0
+    """Simulated seconds per second; 0 = as fast as the graph can."""
+    respawn: bool = False
+    """Whether nodes that were killed are started again, from checkpoints in the folder of the
+    results; of processes only."""
+    domain: int | None = None
+    """ROS domain that must be used; None = see `isogal_ros.graph.domain.graph_domain`."""
+    dashboard: bool = False
+    """Whether the terminal shows a dashboard."""
+    page: bool = False
+    """Whether a page is served on this machine."""
+    port: int = 0
+    """Of the page; 0 = any that is free."""
 
 
 def run_command(
-    scenario: Scenario,
-    out: Path,
-    bag: Path | None,
-    *,
-    how: Manner,
-    json: bool,
-    live: Live | None = None,
+    scenario: Scenario, out: Path, bag: Path | None, *, how: Manner, json: bool
 ) -> int:
-    """Run the graph and print its summary; return the exit status.
+    """Run the graph, evaluate its recording and print the summary; return the exit status.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    out : Path
+        Folder of summary, report and figures.
+    bag : Path, optional
+        Folder of the recording; None = ``bag`` in `out`, whose earlier one is replaced.
+    how : Manner
+    json : bool
+        Whether the summary is printed as JSON.
 
     Raises
     ------
     InputError
         Scenario, map, matcher or folders cannot be used.
     """
-    console = Console()
+    typer.echo("Preparing the map and the route ...", err=True)
+    trajectory, field_map = checked(scenario)
+    folder = out / "bag" if bag is None else bag
+    make_folder(out)
+    prepare_folder(folder, replace=bag is None)
+    survives = how.respawn and not how.in_process
+    checkpoint = _fresh_checkpoints(out / "checkpoint") if survives else None
+    plan = Plan(scenario, folder, rate=how.rate, checkpoint=checkpoint, domain=how.domain)
+    watch = Watch(scenario, trajectory, first_map(field_map), folder)
+    shown = watching(watch, dashboard=how.dashboard, page=how.page, port=how.port)
+    begun = time.monotonic()
     try:
-        result = run_session(scenario, out, bag, how, console, live)
+        with interrupts() as interrupt, shown as report:
+            if how.in_process:
+                wall = run_in_process(plan, interrupt, report)
+            else:
+                wall = run_processes(plan, out / "log", interrupt, report, _announce)
     except GraphError as error:
-        console.say(f"isogal: {error}")
+        note(str(error))
         return FAILED
-    if result.interrupted:
-        console.say(
-            f"Interrupted after {result.seconds:.0f} s; all nodes have ended. The recording is"
-            f" kept: isogal replay {result.bag}"
+    if interrupt:
+        typer.echo(
+            f"Interrupted after {time.monotonic() - begun:.0f} s; all nodes have ended. The"
+            f" recording is kept: isogal replay {folder}",
+            err=True,
         )
         return INTERRUPTED
-    if result.summary is None:
-        console.say("isogal: the run has no scan, so there is nothing to report")
+    typer.echo(f"The graph took {wall:.1f} s; writing the report ...", err=True)
+    collector = Collector(scenario)
+    collector.take_bag(BagReader(folder))
+    summary = _evaluate(collector, trajectory, field_map, out, wall)
+    if summary is None:
+        note("the run has no scan, so there is nothing to report")
         return FAILED
-    if json:
-        console.json(result.summary)
-    else:
-        console.summary(result.summary)
-        console.result(f"Report: {out / 'report.html'}   recording: {result.bag}")
+    _print_summary(summary, json, f"Report: {out / 'report.html'}   recording: {folder}")
     return 0
 
 
@@ -70,55 +129,162 @@ def replay_command(
     tolerance: float | None = None,
     json: bool,
 ) -> int:
-    """Replay a bag and print how its fixes differ; return the exit status: 1 where they differ by
-    too much, or the replay has used no message of a sensor, or has given no fix.
+    """Replay a bag and print how its fixes differ, and evaluate the replay as well where there is
+    a folder for it, the recording has the truth, and nobody interrupts; return the exit status: 1
+    where the fixes differ by too much, or the replay has used no message of a sensor, or has given
+    no fix.
 
     Parameters
     ----------
+    bag : Path
+    out : Path, optional
+        Folder of summary, report and figures.
+    scenario : Scenario, optional
+        None = the bag's own.
     overrides, parameters : sequence of str
         Changed keys of the scenario, and own parameters of the filter's node.
     tolerance : float or None
         m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any
         difference where the scenario or a parameter is another, and none where the recording has
         no fixes.
+    json : bool
+        Whether the result is printed as JSON.
 
     Raises
     ------
     InputError
         The bag or what it needs cannot be used.
     """
-    console = Console()
     of_filter = filter_parameters(parameters)
-    result, summary = replay_session(bag, out, console, scenario, overrides, of_filter)
-    if json:
-        console.json(_document(bag, out, result, summary))
-    else:
-        _print_replay(console, result)
-        if out is not None:
-            console.result(_of_report(out, result, summary))
+    reader, changed = BagReader(bag), scenario is not None or bool(overrides or parameters)
+    scenario = scenario or reader.scenario()
+    if scenario is not None and overrides:
+        scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")
+    if out is not None:
+        make_folder(out)
+    with interrupts() as interrupt, watching() as report:
+        result = replay(reader, interrupt, report, scenario, of_filter)
+    summary = None
+    if out is not None and not result.interrupted:
+        route = build_trajectory(result.scenario)
+        its_map = maps_for_scenario(result.scenario, route)
+        summary = _evaluate(result.outputs, route, its_map, out, result.wall_seconds)
+    _print_replay(bag, out, result, summary, json)
     if result.interrupted:
-        console.say(f"isogal: interrupted after {result.simulated:.0f} s of {bag}")
+        note(f"interrupted after {result.simulated:.0f} s of {bag}")
         return INTERRUPTED
-    changed = scenario is not None or bool(overrides or parameters)
-    differs = None if result.failures else _difference(result, tolerance, changed)
-    for why in [differs] if differs else result.failures:
-        console.say(f"isogal: {bag}: {why}")
-    return FAILED if differs or result.failures else 0
+    failures = result.failures or _differences(result, tolerance, changed)
+    for why in failures:
+        note(f"{bag}: {why}")
+    return FAILED if failures else 0
 
 
-def _difference(result: Replay, tolerance: float | None, changed: bool) -> str | None:
-    """Say that the fixes differ by more than they may; None = they do not."""
-    found = result.comparison
+def faults_command(
+    scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
+) -> int:
+    """Run the fault campaign; return the exit status: 1 where a fault did harm or was not
+    reported.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    out : Path
+        Folder of outcomes and table.
+    trials : (int, int)
+        Of each fault within one process, and of each of processes.
+    quick : bool
+        Whether only a few faults are run, over a shorter route.
+    json : bool
+        Whether the table is printed as JSON.
+
+    Raises
+    ------
+    InputError
+        Scenario or folder cannot be used.
+    """
+    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
+
+    make_folder(out)
+    scenario = quick_scenario(scenario) if quick else scenario
+    try:
+        with interrupts() as interrupt:
+            table = run_campaign(scenario, out, trials, quick, interrupt)
+    except GraphError as error:
+        note(str(error))
+        return FAILED
+    if json:
+        print_json(dict(table))
+    elif table["trials"]:
+        print((out / PAGE).read_text(encoding="utf-8"))
+    if interrupt:
+        note(
+            f"interrupted; the outcomes so far are kept in {out}, the same command goes on"
+            " from there"
+        )
+        return INTERRUPTED
+    return FAILED if table["failed"] else 0
+
+
+def _evaluate(
+    collector: Collector,
+    trajectory: Trajectory,
+    field_map: RunMap,
+    out: Path,
+    wall_seconds: float,
+) -> Summary | None:
+    """Write summary.json, report.html and figures; return the summary, or None where there is
+    nothing to evaluate."""
+    from isogal.evaluation.bound import posterior_cramer_rao
+    from isogal.evaluation.summary import summarise, write_json
+
+    runs, scenario = record_of(collector, field_map), collector.scenario
+    if runs is None:
+        return None
+    bound = posterior_cramer_rao(scenario, trajectory, field_map)
+    rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
+    summary = summarise(runs, scenario, rms, wall_seconds=wall_seconds)
+    write_json(out / "summary.json", summary)
+    run_report(runs, scenario, field_map, bound, out, summary)
+    return summary
+
+
+def _fresh_checkpoints(folder: Path) -> Path:
+    """Return a folder for checkpoints that holds none."""
+    make_folder(folder)
+    for file in folder.glob("*.checkpoint"):
+        file.unlink()
+    return folder
+
+
+def _announce(domain: int) -> None:
+    """Say how the nodes can be watched."""
+    environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
+    typer.echo(
+        f"The nodes and a recorder are in ROS domain {domain}. To watch them, where ros2 is"
+        f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
+        err=True,
+    )
+
+
+def _print_summary(summary: Summary, json: bool, below: str) -> None:
+    """Print the figures of a run, and a line below their table."""
+    if json:
+        print_json(summary)
+    else:
+        table = key_figures(summary)
+        print_table(table.header, table.rows, below)
+
+
+def _differences(result: Replay, tolerance: float | None, changed: bool) -> list[str]:
+    """Say that the fixes differ by more than they may, if they do."""
+    found, apart = result.comparison, result.comparison.largest_difference
     if found.disagreements is None:
-        return None if tolerance is None else f"there are {NO_FIXES}: --tolerance {tolerance:g}"
-    if tolerance is None and changed:
-        return None
+        return [] if tolerance is None else [f"there are {NO_FIXES}: --tolerance {tolerance:g}"]
     allowed = TOLERANCE if tolerance is None else tolerance
-    if found.within(allowed):
-        return None
-    apart = found.largest_difference
+    if (tolerance is None and changed) or found.within(allowed):
+        return []
     by = "have no stamp in common" if apart is None else f"differ by {apart:.3g} m"
-    return f"the fixes {by} (tolerance {allowed:g} m), disagreements: {found.disagreements}"
+    return [f"the fixes {by} (tolerance {allowed:g} m), disagreements: {found.disagreements}"]
 
 
 def _of_report(out: Path, result: Replay, summary: Summary | None) -> str:
@@ -135,62 +301,21 @@ def _of_report(out: Path, result: Replay, summary: Summary | None) -> str:
     )
 
 
-def faults_command(
-    scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
-) -> int:
-    """Run the fault campaign, some trials of each fault within one process and of each of
-    processes; return the exit status: 1 where a fault did harm or was not reported.
-
-    Raises
-    ------
-    InputError
-        Scenario or folder cannot be used.
-    """
-    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
-
-    console = Console()
-    make_folder(out)
-    try:
-        with interrupts() as interrupt:
-            table = run_campaign(
-                quick_scenario(scenario) if quick else scenario,
-                out,
-                trials,
-                quick,
-                interrupt,
-                console.say,
-            )
-    except GraphError as error:
-        console.say(f"isogal: {error}")
-        return FAILED
-    if json:
-        console.json(table)
-    elif table["trials"]:
-        console.result((out / PAGE).read_text(encoding="utf-8"))
-    if interrupt:
-        console.say(
-            f"isogal: interrupted; the outcomes so far are kept in {out}, the same command goes on"
-            " from there"
-        )
-        return INTERRUPTED
-    return FAILED if table["failed"] else 0
-
-
 def _document(
     bag: Path, out: Path | None, result: Replay, summary: Summary | None
 ) -> dict[str, Any]:
-    comparison = result.comparison
+    found = result.comparison
     document: dict[str, Any] = {
         "bag": str(bag),
         "simulated_s": result.simulated,
         "wall_s": result.wall_seconds,
         "fixes": {
-            "recorded": comparison.recorded,
-            "replayed": comparison.replayed,
-            "common": comparison.common,
+            "recorded": found.recorded,
+            "replayed": found.replayed,
+            "common": found.common,
         },
-        "disagreements": comparison.disagreements,
-        "largest_difference_m": comparison.largest_difference,
+        "disagreements": found.disagreements,
+        "largest_difference_m": found.largest_difference,
         "notes": result.notes,
         "failures": result.failures,
     }
@@ -200,21 +325,25 @@ def _document(
     return document
 
 
-def _print_replay(console: Console, result: Replay) -> None:
-    comparison = result.comparison
-    for note in result.notes:
-        console.result(f"Note: {note}.")
-    console.result(f"Replayed {result.simulated:.0f} s in {result.wall_seconds:.1f} s.")
-    console.result(
-        f"Fixes: {comparison.recorded} recorded, {comparison.replayed} replayed,"
-        f" {comparison.common} of the same stamp."
+def _print_replay(
+    bag: Path, out: Path | None, result: Replay, summary: Summary | None, json: bool
+) -> None:
+    if json:
+        print_json(_document(bag, out, result, summary))
+        return
+    found, apart = result.comparison, result.comparison.largest_difference
+    for text in result.notes:
+        print(f"Note: {text}.")
+    print(f"Replayed {result.simulated:.0f} s in {result.wall_seconds:.1f} s.")
+    print(
+        f"Fixes: {found.recorded} recorded, {found.replayed} replayed,"
+        f" {found.common} of the same stamp."
     )
-    if comparison.disagreements is None:
-        console.result(f"Not compared: there are {NO_FIXES}.")
-    elif comparison.largest_difference is None:
-        console.result(f"Disagreements: {comparison.disagreements}.")
+    if found.disagreements is None:
+        print(f"Not compared: there are {NO_FIXES}.")
+    elif apart is None:
+        print(f"Disagreements: {found.disagreements}.")
     else:
-        console.result(
-            f"Largest difference: {comparison.largest_difference:.3g} m; disagreements:"
-            f" {comparison.disagreements}."
-        )
+        print(f"Largest difference: {apart:.3g} m; disagreements: {found.disagreements}.")
+    if out is not None:
+        print(_of_report(out, result, summary))

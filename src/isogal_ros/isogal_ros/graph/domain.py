@@ -42,6 +42,8 @@ and s of wall time between them. A node finds the others within 0.2 s, but one i
 first answer, which comes again only after three seconds."""
 _RESERVED, _GRAPH = "isogal-ros-domain", "isogal-ros-graph"
 """Names that are held: of a domain that is set aside, and of one in which a graph runs."""
+_LOOKER = f"isogal_domain_check_{os.getpid()}"
+"""Nodes that look for publishers."""
 
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
@@ -51,30 +53,6 @@ def defaults(environment: Mapping[str, str]) -> dict[str, str]:
     if all(environment.get(name, file) == file for name in _OWN_FILES):
         wanted |= _PROFILES
     return {name: value for name, value in wanted.items() if name not in environment}
-
-
-@contextmanager
-def claim_domain() -> Iterator[int]:
-    """Yield a domain for one graph: the user's ``ROS_DOMAIN_ID`` where it is set, else a free one,
-    held until the end.
-
-    A domain counts as free where nobody listens on the first participants' ports and no other run
-    holds it.
-
-    Raises
-    ------
-    InputError
-        ``ROS_DOMAIN_ID`` is no domain.
-    """
-    given = _of_environment()
-    if given is not None:
-        yield given
-        return
-    with ExitStack() as stack:
-        for domain in _free_domains(stack):
-            yield domain
-            return
-        raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
 
 
 @contextmanager
@@ -99,14 +77,14 @@ def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[i
         domain.
     """
     with ExitStack() as stack:
-        given = _of_environment() if asked is None else asked
+        given = asked if asked is not None else users_domain()
         why = None if given is None else _hold(given, names, stack)
         if given is not None and why is None:
             yield given
             return
         if asked is not None:
             raise InputError(f"--domain {asked}: {why}; end it, or choose another domain")
-        for domain in _free_domains(stack):
+        for domain in free_domains(stack):
             if _hold(domain, names, stack) is None:
                 if given is not None:
                     print(
@@ -126,8 +104,9 @@ def names_of(scenario: Scenario) -> list[str]:
     return [topic.name for topic in used if topic is not topics.INITIAL_POSE]
 
 
-def _of_environment() -> int | None:
-    """Return the user's domain; None = the user has not set one."""
+def users_domain() -> int | None:
+    """Return the domain of ``ROS_DOMAIN_ID``, None where it is not set; raises InputError where it
+    is no domain."""
     given = os.environ.get(DOMAIN, "")
     if not given:
         return None
@@ -136,12 +115,13 @@ def _of_environment() -> int | None:
     return int(given)
 
 
-def _free_domains(stack: ExitStack) -> Iterator[int]:
-    """Yield domains that no participant on this machine is in, each set aside."""
+def free_domains(stack: ExitStack) -> Iterator[int]:
+    """Yield domains that no participant on this machine is in, each set aside until the stack
+    ends."""
     start = os.getpid()
     for offset in range(_HIGHEST):
         domain = 1 + (start + offset) % _HIGHEST
-        if _claim(_RESERVED, domain, stack) and not _in_use(domain):
+        if _claim(_RESERVED, domain, stack) and not participants(domain):
             yield domain
 
 
@@ -171,36 +151,17 @@ def _published(domain: int, names: Collection[str]) -> str | None:
         nodes: list[Node] = []
         for look in range(_MOST_LOOKS):
             if look < _LOOKS:
-                nodes.append(_node(domain, stack))
+                nodes.append(stack.enter_context(quiet_node(_LOOKER, domain)))
             end = time.monotonic() + _LOOK
             while time.monotonic() < end:
-                for node in nodes:
-                    for name in names:
-                        if node.count_publishers(name):
-                            return name
+                for name in names:
+                    if any(node.count_publishers(name) for node in nodes):
+                        return name
                 time.sleep(0.01)
-            known = max(_others(node) for node in nodes)
+            known = max(sum(n != _LOOKER for n in node.get_node_names()) for node in nodes)
             if look and known >= present and (here or look >= _LOOKS):
                 break
     return None
-
-
-def _others(node: Node) -> int:
-    """Count the nodes that a node has found, but for those of this look."""
-    return sum(name != node.get_name() for name in node.get_node_names())
-
-
-def _node(domain: int, stack: ExitStack) -> Node:
-    """Make a node that nobody needs to notice, in a context of its own."""
-    node = rclpy.create_node(
-        f"isogal_domain_check_{os.getpid()}",
-        context=stack.enter_context(local_context(domain)),
-        use_global_arguments=False,
-        enable_rosout=False,
-        start_parameter_services=False,
-    )
-    stack.callback(node.destroy_node)
-    return node
 
 
 def _claim(kind: str, domain: int, stack: ExitStack) -> bool:
@@ -213,11 +174,6 @@ def _claim(kind: str, domain: int, stack: ExitStack) -> bool:
         return False
     stack.callback(holder.close)
     return True
-
-
-def _in_use(domain: int) -> bool:
-    """Whether a participant listens on this machine."""
-    return participants(domain) > 0
 
 
 def participants(domain: int) -> int:
@@ -252,3 +208,20 @@ def local_context(domain: int) -> Iterator[Context]:
         yield context
     finally:
         context.try_shutdown()
+
+
+@contextmanager
+def quiet_node(name: str, domain: int) -> Iterator[Node]:
+    """Yield a node that only listens, in a context of its own in a domain."""
+    with local_context(domain) as context:
+        node = rclpy.create_node(
+            name,
+            context=context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        try:
+            yield node
+        finally:
+            node.destroy_node()

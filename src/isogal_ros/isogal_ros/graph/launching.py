@@ -4,8 +4,6 @@ node gets which parameters and whose end ends all.
 No launch here: the launch file (`isogal_bringup`) turns this into its actions."""
 
 import atexit
-import math
-import os
 import re
 import shlex
 import shutil
@@ -14,55 +12,106 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, field_validator
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.checks import check_new_folder, checked
-from isogal_ros.graph.domain import defaults
 from isogal_ros.graph.parameter_files import (
     check_node,
     full_name,
     given_parameters,
     read_parameters,
     scenario_of,
-    sections_of_nobody,
+    unmatched_sections,
 )
-from isogal_ros.graph.plan import CLASSES, Plan, node_class
+from isogal_ros.graph.plan import CLASSES, Plan, checked, node_class
 from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
+from isogal_ros.parameters.values import settings_from
 
-DESCRIBED = {
-    "params": ("", "parameter file (YAML) for all nodes"),
-    "rate": ("1.0", "simulated seconds per second; 0.0 = as fast as the graph can"),
-    "run": ("0", "index of the run: which random numbers of the seed"),
-    "recorder": ("true", "whether everything is recorded"),
-    "bag": ("", "folder of the recording; must not exist"),
-    "respawn": ("false", "whether a node that dies is started again, from its checkpoint"),
-    "checkpoint": ("", "folder of the checkpoints; empty = a new one, where nodes respawn"),
-    "namespace": ("", "of all nodes and of the topics that are not absolute"),
-    "vehicle": ("simulated", "simulated, or real: without the simulator, for real sensors"),
-    "use_sim_time": (
-        "auto",
-        "whether the nodes' clocks go by /clock; auto: with a simulated vehicle. The simulator's"
-        " own never does",
-    ),
-    "log_level": ("info", "debug, info, warn, error or fatal"),
-    "set": ("", "keys of the scenario, which count before those of params: KEY=VALUE KEY=VALUE"),
-}
-"""Arguments of the launch file: default and description."""
-LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
-VEHICLES = ("simulated", "real")
 _NAMESPACE = re.compile(r"/?([A-Za-z]\w*)(/[A-Za-z]\w*)*")
-_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
-
-
 _ENDED_WHEN_ASKED = (0, INTERRUPTED, -signal.SIGINT, -signal.SIGTERM)
 """Exit codes of a node that was asked to end."""
+
+
+class Arguments(BaseModel):
+    """Arguments of the launch file, which are texts."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    params: str = Field("", description="parameter file (YAML) for all nodes")
+    rate: float = Field(
+        1.0,
+        ge=0.0,
+        le=10000.0,
+        allow_inf_nan=False,
+        description="simulated seconds per second; 0.0 = as fast as the graph can",
+    )
+    run: int = Field(0, ge=0, description="index of the run: which random numbers of the seed")
+    recorder: bool = Field(True, description="whether everything is recorded")
+    bag: str = Field("", description="folder of the recording; must not exist")
+    respawn: bool = Field(
+        False, description="whether a node that dies is started again, from its checkpoint"
+    )
+    checkpoint: str = Field(
+        "", description="folder of the checkpoints; empty = a new one, where nodes respawn"
+    )
+    namespace: str = Field("", description="of all nodes and of the topics that are not absolute")
+    vehicle: Literal["simulated", "real"] = Field(
+        "simulated", description="simulated, or real: without the simulator, for real sensors"
+    )
+    use_sim_time: Annotated[
+        Literal["auto", "true", "false", "1", "0"], BeforeValidator(str.lower)
+    ] = Field(
+        "auto",
+        description="whether the nodes' clocks go by /clock; auto: with a simulated vehicle. The"
+        " simulator's own never does",
+    )
+    log_level: Literal["debug", "info", "warn", "error", "fatal"] = Field(
+        "info", description="debug, info, warn, error or fatal"
+    )
+    set: str = Field(
+        "",
+        description="keys of the scenario, which count before those of params: KEY=VALUE"
+        " KEY=VALUE",
+    )
+
+    @field_validator("namespace")
+    @classmethod
+    def _is_namespace(cls, text: str) -> str:
+        if text and not _NAMESPACE.fullmatch(text):
+            raise ValueError(f"must be words of letters, digits and _, not {text!r}")
+        return text
+
+    @property
+    def keys(self) -> dict[str, JsonValue]:
+        """Parameters of the scenario that are set one by one, values in YAML."""
+        try:
+            words = shlex.split(self.set)
+        except ValueError as error:
+            raise InputError(f"set: {error}: {self.set!r}") from None
+        what = "key of the scenario that is a parameter"
+        return given_parameters("set", "KEY=VALUE", words, parameter_specs(Scenario), what)
+
+    @property
+    def sim_time(self) -> bool:
+        """Whether the clocks of nodes other than the simulator go by /clock."""
+        if self.use_sim_time == "auto":
+            return self.vehicle == "simulated"
+        return self.use_sim_time in ("true", "1")
+
+
+DESCRIBED = {
+    # as launch's users write them
+    name: (str(item.default).lower(), item.description or "")
+    for name, item in Arguments.model_fields.items()
+}
+"""Arguments of the launch file: default and description."""
 
 
 class NodeFailedError(RuntimeError):
@@ -74,39 +123,21 @@ class NodeFailedError(RuntimeError):
 class Launched(Plan):
     """A run of the graph by a launch file, whose arguments can be used."""
 
-    params: str = ""
-    respawn: bool = False
-    namespace: str = ""
-    sim_time: bool = False
-    log_level: str = "info"
-    keys: Mapping[str, Any] = field(default_factory=dict)
-    """Parameters of the scenario that were set one by one."""
-    of_recorder: ClassVar[Mapping[str, Any]] = {}
-
-    @property
-    def ros_arguments(self) -> list[str]:
-        """Arguments of every node."""
-        return ["--log-level", self.log_level]
-
-    @property
-    def environment(self) -> dict[str, str]:
-        """What the nodes' environment has where the user has not said otherwise."""
-        return defaults(os.environ)
+    arguments: Arguments = field(default_factory=Arguments)
 
     def package(self, name: str) -> str:
         """Return the package of a node."""
         return "isogal_ros" if name == RECORDER else topics.kind_of(name)
 
-    def executable(self, name: str) -> str:
-        """Return the program of a node."""
-        return topics.kind_of(name)
-
-    def own(self, name: str) -> dict[str, Any]:
+    def own(self, name: str) -> dict[str, JsonValue]:
         """Return a node's own parameters, which count before those of the file."""
-        sections = node_class(name).sections
-        keys = {key: own for key, own in self.keys.items() if key.partition(".")[0] in sections}
-        sim_time = {"use_sim_time": self.sim_time and name != topics.INS_SIM}
-        return keys | super().own(name) | sim_time
+        keys = {
+            key: value
+            for key, value in self.arguments.keys.items()
+            if key.partition(".")[0] in node_class(name).sections
+        }
+        sim_time = self.arguments.sim_time and name != topics.INS_SIM
+        return keys | super().own(name) | {"use_sim_time": sim_time}
 
     def ends_all(self, name: str, code: int, ending: bool = False) -> str | None:
         """Return why the end of a node with an exit code ends all; None = it does not, or all is
@@ -125,144 +156,97 @@ class Launched(Plan):
         if name == topics.INS_SIM and code == 0:
             return "the simulated vehicle has arrived"
         # one that says that it failed would fail again
-        if self.respawn and (code <= 0 or code == INTERRUPTED):
+        if self.arguments.respawn and (code <= 0 or code == INTERRUPTED):
             return None
         if code == 0:
             return reason
         raise NodeFailedError(reason)
 
 
-def check(values: Mapping[str, str]) -> Launched:
+def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launched:
     """Return the arguments as what they mean.
+
+    Parameters
+    ----------
+    values : mapping
+        Texts by name.
+    words : sequence of str
+        The command line, which may name arguments that there are not: launch takes them without a
+        word. Where it does not name the launch file, another file includes it, and the arguments
+        are the other's.
+    file : str
+        The launch file's name.
 
     Raises
     ------
     InputError
         One cannot be used; the line names it and says what is allowed.
     """
-    rate = _number("rate", values["rate"], float)
-    if not (math.isfinite(rate) and 0.0 <= rate <= 10000.0):
-        raise InputError(f"rate: must be from 0.0 to 10000.0, not {values['rate']!r}")
-    run = _number("run", values["run"], int)
-    if run < 0:
-        raise InputError(f"run: must be 0 or more, not {values['run']!r}")
-    recorder, respawn = (_boolean(name, values[name]) for name in ("recorder", "respawn"))
-    keys, namespace = _keys(values["set"]), _namespace(values["namespace"])
-    real = _choice("vehicle", values["vehicle"], VEHICLES) == "real"
-    clock, checkpoint = values["use_sim_time"], values["checkpoint"]
-    sim_time = not real if clock == "auto" else _boolean("use_sim_time", clock)
-    log_level = _choice("log_level", values["log_level"], LOG_LEVELS)
-    if recorder:
-        _check_bag(values["bag"])
-    if checkpoint:
-        check_new_folder("checkpoint", checkpoint)
+    names = [Path(word).name for word in words]
+    own = words[names.index(file) :] if file in names else ()
+    assigned = (word.partition(":=") for word in own)
+    others = {name: "" for name, equals, _ in assigned if equals and name not in values}
+    arguments = settings_from(Arguments, {**values, **others}, file)
+    keys = arguments.keys
+    if arguments.recorder:
+        if not arguments.bag or Path(arguments.bag).exists():
+            raise InputError(
+                f"bag: {arguments.bag!r}: there is something already; give a new folder"
+            )
+        _check_new_folder("bag", arguments.bag)
+    if arguments.checkpoint:
+        _check_new_folder("checkpoint", arguments.checkpoint)
     # last, as it takes longest
-    scenario = _check_params(values["params"], keys, namespace, real, recorder)
-    if respawn and not checkpoint:
+    scenario = _check_params(arguments, keys)
+    checkpoint = arguments.checkpoint
+    if arguments.respawn and not checkpoint:
         checkpoint = tempfile.mkdtemp(prefix="isogal-checkpoint-")
         atexit.register(shutil.rmtree, checkpoint, ignore_errors=True)
     return Launched(
         scenario,
-        Path(values["bag"]) if recorder else None,
-        run,
-        rate,
+        Path(arguments.bag) if arguments.recorder else None,
+        arguments.run,
+        arguments.rate,
         checkpoint=Path(checkpoint) if checkpoint else None,
-        real=real,
-        params=values["params"],
-        respawn=respawn,
-        namespace=namespace,
-        sim_time=sim_time,
-        log_level=log_level,
-        keys=keys,
+        real=arguments.vehicle == "real",
+        of_recorder={},
+        arguments=arguments,
     )
 
 
-def check_words(words: Sequence[str], file: str) -> None:
-    """Raise InputError for an argument that a launch file does not have, which launch would take
-    without a word.
-
-    Parameters
-    ----------
-    words : sequence of str
-        The command line; where it does not name the file, another file includes it, and the
-        arguments are the other's.
-    file : str
-        The launch file's name.
-    """
-    names = [Path(word).name for word in words]
-    for word in words[names.index(file) :] if file in names else ():
-        name, assigned, _ = word.partition(":=")
-        if assigned and name not in DESCRIBED:
-            near = get_close_matches(name, DESCRIBED, 1, 0.5)
-            hint = f"did you mean {near[0]!r}?" if near else f"allowed: {', '.join(DESCRIBED)}"
-            raise InputError(f"{name}: no argument of {file}; {hint}")
-
-
-def _choice(name: str, text: str, allowed: Sequence[str]) -> str:
-    if text not in allowed:
-        raise InputError(f"{name}: must be {', '.join(allowed)}, not {text!r}")
-    return text
-
-
-def _namespace(text: str) -> str:
-    if text and not _NAMESPACE.fullmatch(text):
-        raise InputError(f"namespace: must be words of letters, digits and _, not {text!r}")
-    return text
-
-
-def _keys(text: str) -> dict[str, Any]:
-    """Return parameters from ``KEY=VALUE KEY=VALUE``, values in YAML."""
-    try:
-        words = shlex.split(text)
-    except ValueError as error:
-        raise InputError(f"set: {error}: {text!r}") from None
-    what = "key of the scenario that is a parameter"
-    return given_parameters("set", "KEY=VALUE", words, parameter_specs(Scenario), what)
-
-
-def _number(name: str, text: str, kind: Any) -> Any:
-    try:
-        return kind(text)
-    except ValueError:
-        raise InputError(f"{name}: must be a number, not {text!r}") from None
-
-
-def _boolean(name: str, text: str) -> bool:
-    value = _BOOLEANS.get(text.lower())
-    if value is None:
-        raise InputError(f"{name}: must be true or false, not {text!r}")
-    return value
-
-
-def _check_params(
-    path: str, keys: Mapping[str, Any], namespace: str, real: bool, recorder: bool
-) -> Scenario:
-    """Return the scenario of a parameter file with some keys changed; raises InputError unless all
-    nodes can use both."""
-    where = f"params: {path}"
-    document = read_parameters(path, where)
+def _check_params(arguments: Arguments, keys: Mapping[str, JsonValue]) -> Scenario:
+    """Return the scenario of the parameter file with some keys changed; raises InputError unless
+    all nodes can use both."""
+    where, real = f"params: {arguments.params}", arguments.vehicle == "real"
+    document = read_parameters(arguments.params, where)
     of_all = {"/**": document.get("/**", {})}
     scenario = scenario_of(of_all, "", where)
     if keys:
         scenario = scenario_of(of_all, "", "set", keys)
-    names = Plan(scenario, Path() if recorder else None, real=real).names
-    told: list[Scenario] = []
+    scenarios: list[Scenario] = []
+    names = Plan(scenario, Path() if arguments.recorder else None, real=real).names
     for name in names:
-        full = full_name(namespace, name)
+        full = full_name(arguments.namespace, name)
         check_node(document, name, full, where)
         own = scenario_of(document, full, f"{where}: {name}", keys)
-        if own not in told:
-            told.append(own)
+        if own not in scenarios:
+            scenarios.append(own)
     # which may be another node's of the user, thus no error
-    for line in sections_of_nobody(document, {*names, *CLASSES}, namespace):
+    for line in unmatched_sections(document, {*names, *CLASSES}, arguments.namespace):
         print(f"isogal: {where}: {line}", file=sys.stderr, flush=True)
-    for one in told:
+    for one in scenarios:
         checked(one, simulated=not real)
     return scenario
 
 
-def _check_bag(path: str) -> None:
-    folder = Path(path)
-    if not path or folder.exists():
-        raise InputError(f"bag: {path!r}: there is something already; give a new folder")
-    check_new_folder("bag", path)
+def _check_new_folder(name: str, path: str) -> None:
+    """Raise InputError, which begins with an argument's name, where a folder cannot be made: it is
+    tried, as some file systems refuse what their permissions allow."""
+    there = Path(path).absolute()
+    while not there.exists():
+        there = there.parent
+    try:
+        with tempfile.TemporaryDirectory(prefix=".isogal-", dir=there):
+            pass
+    except OSError as error:
+        raise InputError(f"{name}: {path}: {there} cannot be written: {error.strerror}") from None

@@ -5,8 +5,8 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
 
+from pydantic import JsonValue
 from rcl_interfaces.msg import ParameterType
 
 from isogal.errors import InputError
@@ -19,7 +19,7 @@ from isogal_ros.parameters.declaration import OF_RCLPY, known_overrides
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import scenario_from, settings_from
 
-Document = dict[str, Mapping[str, Any]]
+Document = dict[str, dict[str, JsonValue]]
 """Parameters by the pattern of the nodes' names."""
 
 
@@ -40,9 +40,9 @@ def read_parameters(path: str, where: str) -> Document:
     return {str(name): entry["ros__parameters"] for name, entry in document.items()}
 
 
-def values_of(document: Document, full_name: str) -> dict[str, Any]:
+def values_of(document: Document, full_name: str) -> dict[str, JsonValue]:
     """Return what a file says to a node, by dotted name; what comes later counts."""
-    values: dict[str, Any] = {}
+    values: dict[str, JsonValue] = {}
     for pattern, parameters in document.items():
         if _matches(pattern, full_name):
             values |= _leaves(parameters)
@@ -50,10 +50,20 @@ def values_of(document: Document, full_name: str) -> dict[str, Any]:
 
 
 def scenario_of(
-    document: Document, full_name: str, where: str, keys: Mapping[str, Any] | None = None
+    document: Document, full_name: str, where: str, keys: Mapping[str, JsonValue] | None = None
 ) -> Scenario:
-    """Return the scenario that a file tells a node, whatever sections it has, with some keys
-    changed; raises InputError, which begins with `where`."""
+    """Return the scenario that a file gives a node, whatever sections it has; raises InputError.
+
+    Parameters
+    ----------
+    document : Document
+    full_name : str
+        The node's name with its namespace.
+    where : str
+        What the line of an error begins with.
+    keys : mapping, optional
+        Parameters that count before those of the file.
+    """
     specs = {spec.name: spec for spec in parameter_specs(Scenario)}
     sections = {name.partition(".")[0] for name in specs}
     values = values_of(document, full_name) | dict(keys or {})
@@ -69,7 +79,16 @@ def full_name(namespace: str, name: str) -> str:
 
 
 def check_node(document: Document, name: str, full: str, where: str) -> None:
-    """Raise InputError where a file tells a node what it would refuse."""
+    """Raise InputError where a file gives a node what it would refuse.
+
+    Parameters
+    ----------
+    document : Document
+    name, full : str
+        The node's name, without and with its namespace.
+    where : str
+        What the line begins with.
+    """
     kind = node_class(name)
     own = parameter_specs(kind.settings_model)
     specs = own + parameter_specs(Scenario, sections=kind.sections)
@@ -79,11 +98,11 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
     except InputError as error:
         raise InputError(f"{where}: {name}: {error}") from None
     names = {spec.name: spec for spec in own}
-    told = {key: value for key, value in values.items() if key in names}
-    settings_from(kind.settings_model, _fields(told, names), f"{where}: {name}")
+    given = {key: value for key, value in values.items() if key in names}
+    settings_from(kind.settings_model, _fields(given, names), f"{where}: {name}")
 
 
-def sections_of_nobody(document: Document, names: Collection[str], namespace: str) -> list[str]:
+def unmatched_sections(document: Document, names: Collection[str], namespace: str) -> list[str]:
     """Say which sections of a file are for none of some nodes in a namespace."""
     full = {name: full_name(namespace, name) for name in names}
     meant = full | {name: name for name in full.values()}
@@ -96,7 +115,7 @@ def sections_of_nobody(document: Document, names: Collection[str], namespace: st
     return found
 
 
-def filter_parameters(texts: Sequence[str]) -> dict[str, Any]:
+def filter_parameters(texts: Sequence[str]) -> dict[str, JsonValue]:
     """Return own parameters of the filter's node by name from ``NAME=VALUE``, values in YAML.
 
     Raises
@@ -114,7 +133,7 @@ def filter_parameters(texts: Sequence[str]) -> dict[str, Any]:
 
 def given_parameters(
     option: str, form: str, texts: Sequence[str], specs: Sequence[ParameterSpec], what: str
-) -> dict[str, Any]:
+) -> dict[str, JsonValue]:
     """Return parameters by name from texts, values in YAML.
 
     Parameters
@@ -122,11 +141,11 @@ def given_parameters(
     option : str
         What they are given by.
     form : str
-        ``NAME=VALUE``, as the user is told.
+        ``NAME=VALUE``, for the error.
     specs : sequence of ParameterSpec
         Those that may be given.
     what : str
-        What these are, as the user is told.
+        What these are, for the error.
 
     Raises
     ------
@@ -148,7 +167,9 @@ def given_parameters(
     return found
 
 
-def _fields(values: Mapping[str, Any], specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
+def _fields(
+    values: Mapping[str, JsonValue], specs: Mapping[str, ParameterSpec]
+) -> dict[str, JsonValue]:
     """Return the model's values; what is no parameter stays as it is."""
     return {
         name: specs[name].to_field(specs[name].cast(value))
@@ -158,10 +179,10 @@ def _fields(values: Mapping[str, Any], specs: Mapping[str, ParameterSpec]) -> di
     }
 
 
-def _leaves(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _leaves(document: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
     """Return values by dotted name; those inside a parameter that holds YAML stay together."""
     yaml = {spec.name for spec in parameter_specs(Scenario)}
-    values: dict[str, Any] = {}
+    values: dict[str, JsonValue] = {}
     for key, value in document.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict) and name not in yaml:

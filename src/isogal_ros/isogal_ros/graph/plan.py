@@ -1,18 +1,24 @@
-"""What the ways to run the graph share: which nodes, with which parameters, and how a run
-ends."""
+"""What the ways to run the graph share: which nodes, with which parameters, and what is checked
+before the first one starts."""
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+
+from pydantic import JsonValue
 
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
+from isogal.fields.scenario_map import maps_for_scenario, true_map
+from isogal.fields.simulator import true_readings
+from isogal.maps.several import RunMap, each_map
+from isogal.matching.registry import build_run_matcher
 from isogal.scenario import Scenario
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.parameters.values import node_values
 
 CLASSES = {
@@ -45,20 +51,11 @@ class Plan:
     """ROS domain that must be used; None = as `graph_domain` finds one."""
     real: bool = False
     """Whether the sensors are those of a vehicle or of a recording, and nothing is simulated."""
-    of_recorder: ClassVar[Mapping[str, Any]] = {"closing_time": 20.0, "replace": True}
+    of_recorder: Mapping[str, JsonValue] = field(
+        default_factory=lambda: {"closing_time": 20.0, "replace": True}
+    )
     """Own parameters of the recorder: it ends last, and must have all of what the others have
     published."""
-
-    @cached_property
-    def instruments(self) -> dict[str, Scenario]:
-        """The scenario of each node that has an instrument, by its name: one for each field.
-
-        Raises
-        ------
-        InputError
-            Two fields are readings of one instrument, whose topics are the same.
-        """
-        return instruments_of(self.scenario)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,45 +65,29 @@ class Plan:
             nodes = tuple(name for name in nodes if name != topics.INS_SIM)
         return nodes if self.bag is None else (RECORDER, *nodes)
 
-    def own(self, name: str) -> dict[str, Any]:
+    def own(self, name: str) -> dict[str, JsonValue]:
         """Return the node's own parameters."""
-        values: dict[str, Any] = {"run": self.run, "recorders": int(self.bag is not None)}
-        values |= self.of_fields(name)
+        values: dict[str, JsonValue] = {"run": self.run, "recorders": int(self.bag is not None)}
+        fields = instruments_of(self.scenario)
+        if len(fields) > 1 or self.real:
+            values["peers"] = [one for one in self.names if one != RECORDER]
+        if name in fields:
+            values |= {"simulate": False} if self.real else {}
+            if len(fields) > 1:  # the scenario of its field in place of all nodes'
+                values = node_values(fields[name], values, node_class(name).sections)
         if name == topics.INS_SIM:
-            values |= {"rate": float(self.rate)}
+            values["rate"] = float(self.rate)
             values |= {} if self.lock_step else {"lock_step": False}
         if name == RECORDER:
             resume = self.checkpoint is not None
             values |= {"bag": str(self.bag), "resume": resume, **self.of_recorder}
         if self.checkpoint is not None:
-            values |= {"checkpoint": str(self.checkpoint)}
+            values["checkpoint"] = str(self.checkpoint)
         return values
 
-    def of_fields(self, name: str) -> dict[str, Any]:
-        """Return what a node is told beside the scenario where there are several fields, or real
-        sensors: who else there is, and a node with an instrument the scenario of its field."""
-        several = len(self.instruments) > 1
-        if not (several or self.real):
-            return {}
-        own: dict[str, Any] = {"peers": [one for one in self.names if one != RECORDER]}
-        if name not in self.instruments:
-            return own
-        own |= {"simulate": False} if self.real else {}
-        scenario = self.instruments[name]
-        return node_values(scenario, own, node_class(name).sections) if several else own
-
-    def values(self, name: str) -> dict[str, Any]:
+    def values(self, name: str) -> dict[str, JsonValue]:
         """Return all parameters of a node."""
         return node_values(self.scenario, {}, node_class(name).sections) | self.own(name)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a run of the graph ended."""
-
-    interrupted: bool
-    wall_seconds: float
-    """From the first step to the last."""
 
 
 class GraphError(RuntimeError):
@@ -114,18 +95,24 @@ class GraphError(RuntimeError):
 
 
 def instruments_of(scenario: Scenario) -> dict[str, Scenario]:
-    """Return the scenario of each gravimeter_node by its name; see `Plan.instruments`."""
+    """Return the scenario of each gravimeter_node by its name: one for each field.
+
+    Raises
+    ------
+    InputError
+        Two fields are readings of one instrument, whose topics are the same.
+    """
     found: dict[str, Scenario] = {}
     used: dict[str, str] = {}
-    for field, one in zip(scenario.field_names, scenario.each_field, strict=True):
+    for name, one in zip(scenario.field_names, scenario.each_field, strict=True):
         instrument = measured_field(one).instrument
         if instrument in used:
             raise InputError(
-                f"fields: {used[instrument]} and {field} are readings of one {instrument}; the"
+                f"fields: {used[instrument]} and {name} are readings of one {instrument}; the"
                 " nodes take each instrument once"
             )
-        used[instrument] = field
-        found[f"{topics.GRAVIMETER}_{field}" if found else topics.GRAVIMETER] = one
+        used[instrument] = name
+        found[f"{topics.GRAVIMETER}_{name}" if found else topics.GRAVIMETER] = one
     return found
 
 
@@ -138,7 +125,26 @@ def nodes_of(scenario: Scenario) -> tuple[str, ...]:
     )
 
 
-def node_class(name: str) -> Any:
+def node_class(name: str) -> type[GraphNode]:
     """Return the class of a node."""
     module, attribute = CLASSES[topics.kind_of(name)]
-    return getattr(importlib.import_module(module), attribute)
+    kind: type[GraphNode] = getattr(importlib.import_module(module), attribute)
+    return kind
+
+
+def checked(scenario: Scenario, simulated: bool = True) -> tuple[Trajectory, RunMap]:
+    """Return route and map of a scenario; raises InputError where a node would fail with it.
+
+    Parameters
+    ----------
+    simulated : bool
+        Whether readings are simulated, from the map that `truth` names.
+    """
+    trajectory = build_trajectory(scenario)
+    build_run_matcher(scenario)
+    field_map = maps_for_scenario(scenario, trajectory)
+    if simulated:
+        for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
+            true_readings(one.true, trajectory, true_map(one, trajectory, its_map))
+    nodes_of(scenario)
+    return trajectory, field_map

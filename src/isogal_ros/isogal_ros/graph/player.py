@@ -3,9 +3,10 @@ step: every sample and reading is dealt with before the next."""
 
 import math
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
-from typing import Any
+
+from pydantic import JsonValue
 
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
@@ -13,6 +14,7 @@ from isogal_ros.graph.bus import Bus, Publisher
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.recorded import Recorded
 from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Topic
 
 TICK = 5.0
@@ -42,26 +44,28 @@ class Player:
     def __init__(
         self,
         recorded: Recorded,
-        own: Mapping[str, Any],
-        of_filter: Mapping[str, Any],
+        own: Mapping[str, JsonValue],
+        of_filter: Mapping[str, JsonValue],
         quiet: bool = True,
     ) -> None:
         self.recorded, self.bus = recorded, Bus(quiet)
         self.collector = Collector(recorded.scenario)
         self.collector.truth = recorded.collector.truth
         self.collector.unaided = recorded.collector.unaided
+        self.reports: list[tuple[float, str]] = []
+        """When (s) something was reported at WARN or ERROR, and what."""
         for topic in self.collector.topics():
             if topic not in (topics.TRUTH_FIX, topics.INS_FIX):
-                self.bus.hear(topic, partial(self.take, topic))
+                self.bus.hear(topic, partial(self._take, topic))
         self._plan = Plan(recorded.scenario, None, run=recorded.run, real=True)
         names = [
             name
             for name in self._plan.names
             if recorded.reduces or topics.kind_of(name) != topics.GRAVIMETER
         ]
-        self._own = {"peers": names, **own}
+        self._own: dict[str, JsonValue] = {"peers": [*names], **own}
         self._of_filter = of_filter
-        self.nodes: dict[str, Any] = {}
+        self.nodes: dict[str, GraphNode] = {}
         """By name."""
         self._due = deque(recorded.in_order())
         fed = [topic for topic, messages in recorded.sensors.items() if messages]
@@ -71,9 +75,12 @@ class Player:
         self._ticked = 0.0
         self.bus.tick()
 
-    def take(self, topic: Topic, data: bytes) -> None:
+    def _take(self, topic: Topic, data: bytes) -> None:
         """Keep a serialised message that a node has published."""
+        known = len(self.collector.said)
         self.collector.take(topic, data)
+        new = self.collector.said[known:]
+        self.reports += [(self.bus.now, f"{one.name}: {one.text}") for one in new]
 
     def start(self, name: str, without: Collection[str] = ()) -> None:
         """Make a node and let it begin, without some of its own parameters."""
@@ -83,17 +90,28 @@ class Player:
             own |= {"start_time": math.nan if self.bus.now == 0.0 else 0.0, **self._of_filter}
         self.nodes[name] = self.bus.add(name, self._plan.values(name) | own)
 
-    def stamps(self) -> list[int]:
-        """Return the stamps (ns) of the IMU samples that are still to be played."""
-        return [ns for ns, topic, _ in self._due if topic is topics.IMU]
+    def kill(self, name: str) -> None:
+        """Take a node off, as if its process had been killed."""
+        self.bus.remove(self.nodes.pop(name))
 
-    def step(self, ns: int) -> None:
-        """Play what the sensors say up to a stamp (ns), and let the nodes deal with it."""
-        self.bus.now = to_seconds(ns)
-        while self._due and self._due[0][0] <= ns:
-            _, topic, data = self._due.popleft()
-            self._publishers[topic].publish(data)
-            self.bus.run()
-        if self.bus.now >= self._ticked + TICK:
-            self._ticked = self.bus.now
-            self.bus.tick()
+    def steps(self, until: float = math.inf) -> Iterator[int]:
+        """Yield the stamp (ns) of each IMU sample up to a time (s), and then play what the sensors
+        say up to it, and let the nodes deal with it."""
+        for ns in [ns for ns, topic, _ in self._due if topic is topics.IMU]:
+            if to_seconds(ns) > until:
+                break
+            yield ns
+            self.bus.now = to_seconds(ns)
+            while self._due and self._due[0][0] <= ns:
+                _, topic, data = self._due.popleft()
+                self._publishers[topic].publish(data)
+                self.bus.run()
+            if self.bus.now >= self._ticked + TICK:
+                self._ticked = self.bus.now
+                self.bus.tick()
+
+    def play(self, until: float = math.inf) -> "Player":
+        """Play what is still to be played up to a time (s); return itself."""
+        for _ in self.steps(until):
+            pass
+        return self

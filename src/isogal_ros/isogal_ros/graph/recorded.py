@@ -1,7 +1,7 @@
 """What a replay needs of a bag, and whether it takes the readings as they were reduced when they
 were recorded, or reduces the instrument's own anew.
 
-Felt gravity is reduced with the navigator's velocity, and what is matched is taken for reduced
+Sensed gravity is reduced with the navigator's velocity, and what is matched is taken for reduced
 with that of the navigator that matches (docs/mathematics.md, section 2.6). A navigator that does
 otherwise than the recorded one did needs readings of its own."""
 
@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from pydantic import JsonValue
 from rclpy.serialization import deserialize_message
 
 from isogal.errors import InputError
@@ -40,7 +40,7 @@ _WITHOUT = {
     topics.VELOCITY.name: "--set velocity.kind=none",
 }
 """What replays without a sensor beside the IMU, by its topic."""
-Start = dict[str, list[float]]
+Start = dict[str, JsonValue]
 """Parameters of ukf_fusion_node by name."""
 LATE = 60.0
 """s after which the first IMU sample of a bag is not that of the scenario's start."""
@@ -62,8 +62,8 @@ class Recorded:
     """Whether these are those of the instruments, which are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
-    of_another: bool = False
-    """Whether felt gravity is fed that a navigator has reduced which may have done otherwise."""
+    reduced_by_another: bool = False
+    """Whether sensed gravity is fed that a navigator has reduced which may have done otherwise."""
 
     @property
     def first(self) -> float:
@@ -123,7 +123,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     needed = (topics.IMU, *(one.raw if reduces else one.reduced for one in each))
     needed += aids_of(scenario)
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
-    felt = any(one.raw is topics.FELT for one in each)
+    sensed = any(one.raw is topics.FELT for one in each)
     return Recorded(
         scenario,
         int(reader.texts.get("run", 0)),
@@ -132,7 +132,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         tuple(topic for topic in sensors if topic not in (*AIDS, topics.IMU)),
         reduces,
         _start(scenario, collector.first_nav, odometry, first),
-        of_another=differs and felt and not reduces,
+        reduced_by_another=differs and sensed and not reduces,
     )
 
 
@@ -183,17 +183,24 @@ def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: 
             f"{path}: a replay cannot change {keys}: the readings in the bag are reduced, and it"
             " has not all that the instrument measured"
         )
-    for key in changed:
-        if key.endswith("gravimeter.interval") and after[key] < before.get(key, 0.0):
+    for prefix, was, one in zip(_prefixes(now), recorded.each_field, now.each_field, strict=False):
+        if one.gravimeter.interval < was.gravimeter.interval:
             raise InputError(
-                f"{path}: a replay cannot make {key} shorter than it was ({before[key]:g} s)"
+                f"{path}: a replay cannot make {prefix}gravimeter.interval shorter than it was"
+                f" ({was.gravimeter.interval:g} s)"
             )
 
 
-def _keys_of(scenario: Scenario) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for number, one in enumerate(scenario.each_field):
-        prefix = "" if scenario.fields is None else f"fields.{number}."
+def _prefixes(scenario: Scenario) -> list[str]:
+    """Return what stands before the keys of each field."""
+    return (
+        [""] if scenario.fields is None else [f"fields.{n}." for n in range(len(scenario.fields))]
+    )
+
+
+def _keys_of(scenario: Scenario) -> dict[str, JsonValue]:
+    found: dict[str, JsonValue] = {}
+    for prefix, one in zip(_prefixes(scenario), scenario.each_field, strict=True):
         document = one.model_dump()
         found[f"{prefix}field"] = document["field"]
         for section, keys in _KEYS.items():

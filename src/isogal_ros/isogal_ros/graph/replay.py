@@ -1,13 +1,14 @@
 """Feeding recorded sensor messages to a fresh matcher and filter: how their fixes differ from the
 recorded ones, and what was used of the recording."""
 
+import math
 import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from pydantic import JsonValue
 
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
@@ -16,8 +17,8 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.player import Player
-from isogal_ros.graph.progress import Progress, Report, ReportTimer
 from isogal_ros.graph.recorded import LATE, Recorded, aids_of, load
+from isogal_ros.graph.running import Progress, Report, no_report
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic
@@ -68,9 +69,9 @@ class Replay:
 def replay(
     reader: BagReader,
     interrupt: Interrupt,
-    report: Report,
+    report: Report = no_report,
     scenario: Scenario | None = None,
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, JsonValue] | None = None,
 ) -> Replay:
     """Replay a bag as fast as the nodes can.
 
@@ -116,17 +117,15 @@ def replay(
 
 def _play(player: Player, interrupt: Interrupt, report: Report) -> int:
     """Play all; return the last stamp (ns) that was played, 0 = none."""
-    stamps, answered = player.stamps(), 0
-    begun, timer = time.monotonic(), ReportTimer()
-    for ns in stamps:
+    stamps = sorted(player.recorded.sensors[topics.IMU])
+    begun, answered = time.monotonic(), 0
+    for ns in player.steps():
         if interrupt:
             break
-        player.step(ns)
         answered = ns
-        if timer.due():
-            simulated, duration = (to_seconds(one - stamps[0]) for one in (ns, stamps[-1]))
-            speed = simulated / (time.monotonic() - begun)
-            report(Progress(simulated, duration, speed, float("nan")))
+        simulated, duration = (to_seconds(one - stamps[0]) for one in (ns, stamps[-1]))
+        speed = simulated / max(time.monotonic() - begun, 1e-9)
+        report(Progress(simulated, duration, speed, math.nan))
     return answered
 
 
@@ -144,7 +143,7 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
             else "where the recorded navigator was"
         )
         notes.append(f"the bag begins at {recorded.first:.0f} s: the filter starts there {how}")
-    if recorded.of_another:
+    if recorded.reduced_by_another:
         notes.append(
             "the gravimeter's own readings are not all in the bag: those that are fed were reduced"
             " with the recorded navigator's velocity, and are wrong by the Eötvös effect of what"

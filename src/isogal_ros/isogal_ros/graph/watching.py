@@ -1,11 +1,29 @@
-"""A run while it goes on: what has been recorded so far, for the live page and the dashboard."""
+"""A run while it goes on: how far it is, in the terminal, there also what has been recorded so far
+(the dashboard), and the page of `isogal view`, served to this machine, which asks for new numbers
+each second."""
 
+import math
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
 
+import numpy as np
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.evaluation.integrity import Solution
 from isogal.evaluation.view.page import Frame
 from isogal.evaluation.view.record import ViewedRun
 from isogal.maps.channels import RouteMap
@@ -13,22 +31,20 @@ from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
 from isogal_ros.bags.collect import Collector, Follower
 from isogal_ros.bags.viewing import viewed_run
-from isogal_ros.graph.console import Console
-from isogal_ros.graph.progress import Progress, Report
+from isogal_ros.graph.running import Progress, Report
 
 TITLE = "Run, live"
-
-
-@dataclass(frozen=True, slots=True)
-class Live:
-    """How a run is watched."""
-
-    page: bool = False
-    """Whether a page is served on this machine while it runs."""
-    port: int = 0
-    """Of the page; 0 = any that is free."""
-    dashboard: bool = False
-    """Whether the terminal shows a dashboard."""
+HOST = "127.0.0.1"
+"""Nobody else can connect."""
+LINES_EVERY = 5.0
+"""s between lines about the progress where there is no terminal."""
+_PER_SECOND, _LOOKS_PER_SECOND = 5.0, 1.0
+"""How often the terminal shows the progress, and the dashboard looks at the recording."""
+_BARS = "▁▂▃▄▅▆▇█"
+_LAST = 6
+"""Batches and messages shown."""
+_WIDTH, _BAR_WIDTH = 60, 20
+"""Characters of a curve, and of the bar, which leaves room for words beside it."""
 
 
 class Watch:
@@ -36,6 +52,10 @@ class Watch:
 
     Parameters
     ----------
+    scenario : Scenario
+    trajectory : Trajectory
+        The whole route.
+    field_map : RouteMap
     folder : Path
         Of the recording.
     """
@@ -74,27 +94,224 @@ class Watch:
 
 
 @contextmanager
-def watching(live: Live | None, watch: Watch, to: Console) -> Iterator[Report]:
-    """Yield what is told the progress of a run, which is watched as long as the block lasts."""
-    if live is None or not (live.page or live.dashboard):
-        with to.progress() as report:
-            yield report
-        return
-    with ExitStack() as stack:
-        if live.page:
-            from isogal_ros.graph.live_page import serve
+def watching(
+    watch: Watch | None = None, *, dashboard: bool = False, page: bool = False, port: int = 0
+) -> Iterator[Report]:
+    """Yield a function that takes the progress of a run, which is shown as long as the block
+    lasts: by a bar or the dashboard on a terminal, else by a line now and then.
 
-            address = stack.enter_context(serve(watch, live.port))
-            to.say(f"Live page, on this machine only: {address}")
-        if live.dashboard:
-            from isogal_ros.graph.dashboard import dashboard
+    Parameters
+    ----------
+    watch : Watch, optional
+        What dashboard and page show; None = only the progress is shown.
+    dashboard : bool
+        Whether the terminal shows more than a bar.
+    page : bool
+        Whether a page is served to this machine.
+    port : int
+        Of the page; 0 = any that is free.
 
-            show = stack.enter_context(dashboard(watch))
-        else:
-            show = stack.enter_context(to.progress())
+    Raises
+    ------
+    InputError
+        The port is not free, Bokeh is not installed, or standard error is no terminal, which a
+        dashboard needs.
+    """
+    terminal, printed = Console(stderr=True), time.monotonic()
+    latest: Progress | None = None
 
-        def report(progress: Progress) -> None:
+    def report(progress: Progress) -> None:
+        nonlocal printed, latest
+        if latest is None:
+            printed = time.monotonic()  # what is before the first step is no progress
+        latest = progress
+        if watch is not None:
             watch.progress = progress
-            show(progress)
+        if not terminal.is_terminal and time.monotonic() - printed > LINES_EVERY:
+            printed = time.monotonic()
+            print(f"  {_words(progress)}", file=sys.stderr, flush=True)
 
+    def look() -> RenderableType:
+        if watch is None or not dashboard:
+            return _bar(latest)
+        return picture(latest, watch.look()[1])
+
+    if dashboard and not terminal.is_terminal:
+        raise InputError("--dashboard: standard error is no terminal")
+    with ExitStack() as stack:
+        if watch is not None and page:
+            address = stack.enter_context(serve(watch, port))
+            print(f"Live page, on this machine only: {address}", file=sys.stderr, flush=True)
+        if terminal.is_terminal:
+            # rich calls it from a thread of its own
+            rate = _LOOKS_PER_SECOND if dashboard else _PER_SECOND
+            stack.enter_context(
+                Live(console=terminal, refresh_per_second=rate, get_renderable=look)
+            )
         yield report
+
+
+def _bar(progress: Progress | None) -> RenderableType:
+    """Return a line with a bar."""
+    if progress is None:
+        return "Starting the nodes ..."
+    line = Table.grid(padding=(0, 1))
+    bar = ProgressBar(progress.duration, progress.simulated, width=_BAR_WIDTH)
+    line.add_row(bar, f"{_percent(progress)}  {_words(progress)}")
+    return line
+
+
+def _percent(progress: Progress) -> str:
+    return f"{100.0 * progress.simulated / progress.duration:.0f} %"
+
+
+def _words(progress: Progress) -> str:
+    """Say how far it is, and the navigator's error where it is known."""
+    far = f"{_clock(progress.simulated)} of {_clock(progress.duration)}"
+    error = progress.position_error
+    known = "" if math.isnan(error) else f", error {error:.0f} m"
+    return f"{far}, {progress.speed:.0f} x real time{known}"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
+
+def picture(progress: Progress | None, viewed: ViewedRun | None) -> Panel:
+    """Return the dashboard: progress, errors and what is claimed of them, the last batches and
+    messages."""
+    parts: list[RenderableType] = [_bar(progress)]
+    if viewed is None:
+        parts.append("Waiting for the first reading ...")
+    else:
+        parts += [_figures(viewed), _batches(viewed), _messages(viewed)]
+    return Panel(Group(*parts), title="isogal run", expand=False)
+
+
+def _figures(viewed: ViewedRun) -> Table:
+    runs = viewed.runs
+    sigma = np.sqrt(np.trace(runs.covariance[0], axis1=1, axis2=2))
+    level = Solution.of(runs).level(viewed.scenario.integrity)[0]
+    table = Table(box=None, pad_edge=False)
+    for name in ("", "now", "so far (logarithmic)"):
+        table.add_column(name, justify="right" if name == "now" else "left")
+    for name, values in (
+        ("error", runs.horizontal_error[0]),
+        ("claimed, 1 sigma", sigma),
+        ("protection level", level),
+        ("unaided INS", runs.unaided_horizontal_error[0]),
+    ):
+        table.add_row(name, f"{values[-1]:.0f} m", curve(values))
+    return table
+
+
+def _batches(viewed: ViewedRun) -> Table:
+    runs = viewed.runs
+    table = Table("batch", "fix error", "sigma", "outcome", box=None, pad_edge=False)
+    for batch in range(runs.fix_time.size)[-_LAST:]:
+        minutes = (runs.fix_time[batch] - runs.time[0]) / 60.0
+        error = math.hypot(*runs.fix_error[0, batch])
+        sigma = math.sqrt(float(np.trace(runs.fix_covariance[0, batch])))
+        metres = (f"{value:.0f} m" if math.isfinite(value) else "–" for value in (error, sigma))
+        table.add_row(f"{minutes:.0f} min", *metres, runs.fix_reason[0][batch] or "fix")
+    return table
+
+
+def _messages(viewed: ViewedRun) -> Text:
+    lines = [
+        f"{(event.time - viewed.runs.time[0]) / 60.0:.0f} min  {event.level}  {event.source}:"
+        f" {event.text}"
+        for event in (viewed.events or ())[-_LAST:]
+    ]
+    return Text("\n".join(lines) or "No warnings.")
+
+
+def curve(values: Array) -> str:
+    """Return the values (N,) as a row of bars, on a logarithmic scale from the least to the
+    most."""
+    known = values[np.isfinite(values) & (values > 0.0)]
+    if known.size == 0:
+        return ""
+    groups = np.array_split(known, min(_WIDTH, known.size))
+    heights = np.log([float(group.mean()) for group in groups])
+    low, high = float(heights.min()), float(heights.max())
+    scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0
+    return "".join(_BARS[round((height - low) * scale)] for height in heights.tolist())
+
+
+@contextmanager
+def serve(watch: Watch, port: int = 0) -> Iterator[str]:
+    """Serve the page as long as the block lasts; yield its address.
+
+    Raises
+    ------
+    InputError
+        The port is not free, or Bokeh is not installed.
+    """
+    try:
+        server = _Server(watch, port)
+    except OSError as error:
+        raise InputError(f"--port: {port}: {error.strerror}") from None
+    thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
+    thread.start()
+    try:
+        yield f"http://{HOST}:{server.server_address[1]}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def __init__(self, watch: Watch, port: int) -> None:
+        self.watch, self.frame = watch, watch.frame()
+        super().__init__((HOST, port), _Handler)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers ``/``, the page, and ``/state``, its numbers."""
+
+    server: _Server
+
+    def do_GET(self) -> None:
+        """Answer one request."""
+        address, frame = urlsplit(self.path), self.server.frame
+        if self.headers.get("Host", "").rpartition(":")[0] not in (HOST, "localhost"):
+            # a page of another site, whose name was made to lead here
+            self._answer(HTTPStatus.FORBIDDEN)
+        elif address.path == "/":
+            self._answer(HTTPStatus.OK, frame.page(None), "text/html; charset=utf-8")
+        elif address.path == "/state":
+            count, viewed = self.server.watch.look()
+            if viewed is None or parse_qs(address.query).get("seen") == [str(count)]:
+                self._answer(HTTPStatus.NO_CONTENT)
+            else:
+                body = frame.payload(viewed)
+                self._answer(HTTPStatus.OK, body, "application/json", str(count))
+        else:
+            self._answer(HTTPStatus.NOT_FOUND)
+
+    def _answer(
+        self, status: HTTPStatus, body: str = "", kind: str = "text/plain", tag: str = ""
+    ) -> None:
+        progress, data = self.server.watch.progress, body.encode()
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(data)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header(
+            "X-Status",
+            "starting"
+            if progress is None
+            else f"running: {_percent(progress)}, {progress.speed:.0f} x real time",
+        )
+        if tag:
+            self.send_header("ETag", tag)
+        self.end_headers()
+        self.wfile.write(data)
+
+    def log_message(self, *_: str) -> None:
+        """Say nothing: the terminal is the run's."""

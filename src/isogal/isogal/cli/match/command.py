@@ -10,7 +10,13 @@ import typer
 from isogal.cli.errors import note
 from isogal.cli.map_choice import MapOption
 from isogal.cli.match.inputs import FieldChoice, Inputs, all_fields
-from isogal.cli.match.options import Assumptions, MatcherChoice, MatchResults, TrackChoice
+from isogal.cli.match.options import (
+    Assumptions,
+    MatcherChoice,
+    MatchResults,
+    TrackChoice,
+    check_together,
+)
 from isogal.cli.option_groups import with_groups
 from isogal.cli.progress import Bars
 from isogal.cli.tables import print_table
@@ -35,10 +41,11 @@ def match(
 
     The fixes and their covariances are those of the measurements alone.
     """
+    check_together(track, matching, assumed, results)
     track = track.resolved()
-    results.check(track.gradients is not None)
+    results.check()
     matching.check()
-    uncertainty = assumed.of_track(matching.chain)
+    uncertainty = assumed.of_track()
     fields = all_fields(map_, track, assumed)
     found = [
         _match_and_report(list(zip(fields, inputs, strict=True)), matching, uncertainty, results)

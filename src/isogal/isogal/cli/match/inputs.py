@@ -3,14 +3,17 @@ readings, or of the components of a gradiometer, in E."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
+
+import typer
 
 from isogal.cli.errors import note
-from isogal.cli.map_choice import MapChoice
-from isogal.cli.match.options import Assumptions, TrackChoice
+from isogal.cli.map_choice import MapChoice, MapOption
+from isogal.cli.match.options import Assumptions, TrackChoice, check_together
+from isogal.cli.option_groups import run_with_groups
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,11 +50,7 @@ KEYS = (
     *("track-unit", "reduction", "height", "map-height"),
     *("sensor-sigma", "map-sigma", "map-correlation-length", "bias-sigma"),
 )
-"""Of `--also`."""
-
-_NUMBERS = {"height", "map-height", "map-correlation-length"}
-"""Of these the ones that are numbers; sigmas may have a unit."""
-Group = TypeVar("Group", MapChoice, TrackChoice, Assumptions)
+"""Of `--also`: options of these names."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,6 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     from isogal.maps.corridor import joined
     from isogal.tracks.averaging import averaged
     from isogal.tracks.csv_file import read_csv_track
-    from isogal.tracks.track import fit_to_map
 
     sources = _sources(chosen, map_.crs)
     references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
@@ -117,14 +115,22 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
         track = _track(source, field_map, factor, sigma, chosen.reduction)
         if chosen.spacing is not None:
             track = averaged(track, chosen.spacing)
-        track, off_map = fit_to_map(track, field_map)
-        if off_map.any():
-            note(
-                f"{track.where}: the map has no value at {int(off_map.sum())} of {len(track)}"
-                " readings as recorded"
-            )
+        track = _on_map(track, field_map)
         found.append(Inputs(track, field_map, unit, factor, getattr(source, "line", None)))
     return found
+
+
+def _on_map(track: "Track", field_map: "ScalarMap") -> "Track":
+    """Return what can be matched of a track; say how many readings are off the map."""
+    from isogal.tracks.track import fit_to_map
+
+    track, off_map = fit_to_map(track, field_map)
+    if off_map.any():
+        note(
+            f"{track.where}: the map has no value at {int(off_map.sum())} of {len(track)}"
+            " readings as recorded"
+        )
+    return track
 
 
 def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "FieldMap | None":
@@ -139,9 +145,9 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
 
     if chosen.height is None:
         return None
+    # a map need not be read where the level is given
     level = chosen.map_height
-    if level is None:
-        level = _level(chosen.height, map_.load(window))
+    level = _level(chosen, map_.load(window)) if level is None else level
     rim = rim_of(chosen.height - level)
     wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
     if wide.quantity not in CONTINUED:
@@ -152,15 +158,15 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     return continued(wide, chosen.height, level).window(*window[:4])
 
 
-def _level(height: float, field_map: "FieldMap") -> float:
-    """Return the level (m) that a map says its values hold on, for readings at a height; raises
-    InputError."""
-    if field_map.height is None:
+def _level(chosen: TrackChoice, field_map: "FieldMap") -> float:
+    """Return the level (m) that a map's values hold on; raises InputError where nothing says."""
+    level = field_map.height if chosen.map_height is None else chosen.map_height
+    if level is None:
         raise InputError(
-            f"--height {height:g}: {field_map.provenance} does not say what level its"
+            f"--height {chosen.height:g}: {field_map.provenance} does not say what level its"
             " values hold on; give --map-height"
         )
-    return field_map.height
+    return level
 
 
 def _without_crs(map_: MapChoice) -> MapChoice:
@@ -278,9 +284,9 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
     from isogal.maps.potential import tensor_maps
     from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.fields import ChannelReadings
-    from isogal.tracks.track import fit_to_map
 
-    components = _components(chosen, assumed)
+    names = (one.strip().casefold() for one in (chosen.gradients or "").split(","))
+    components = tuple(name for name in names if name)
     lines = zip(
         *(
             read_csv_tracks(chosen.track, map_.crs, (f"t_{name}", f"t{name}", name))
@@ -302,31 +308,11 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
         values = np.stack([one.value for one in line], axis=1) * factor
         nothing = np.zeros(len(first))
         track = replace(first, sigma=nothing + math.nan, offset=nothing).in_unit(factor, sigma)
-        track, off_map = fit_to_map(track, scalar)
-        if off_map.any():
-            note(
-                f"{track.where}: gradients are not known at {int(off_map.sum())} of {len(track)}"
-                " readings as recorded"
-            )
+        track = _on_map(track, scalar)
         instrument = _instrument(components, chosen)
         readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), instrument)
         found.append(Inputs(track, maps, unit, factor, first.line, readings))
     return found
-
-
-def _components(chosen: TrackChoice, assumed: Assumptions) -> tuple[str, ...]:
-    """Return the components; raises InputError where options do not go with them."""
-    for option, given in (
-        ("--reference", assumed.reference),
-        ("--spacing", chosen.spacing),
-        ("--reduction", chosen.reduction),
-        ("--compensation", chosen.compensation),
-        ("--base", chosen.base),
-    ):
-        if given:
-            raise InputError(f"{option}: does not go with --gradients")
-    names = [one.strip().casefold() for one in (chosen.gradients or "").split(",")]
-    return tuple(name for name in names if name)
 
 
 def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":
@@ -351,9 +337,7 @@ def _rise(chosen: TrackChoice, disturbance: "FieldMap") -> float:
     """Return how far (m) the readings were taken above the level of the map's values."""
     if chosen.height is None:
         return 0.0
-    level = chosen.map_height
-    if level is None:
-        level = _level(chosen.height, disturbance)
+    level = _level(chosen, disturbance)
     if chosen.height < level:
         raise InputError(
             f"--height {chosen.height:g}: is below the map's level, {level:g} m: a map cannot be"
@@ -392,26 +376,27 @@ def all_fields(map_: MapChoice, track: TrackChoice, assumed: Assumptions) -> lis
 
 
 def _field(text: str, first: FieldChoice) -> FieldChoice:
+    """Return the field of an `--also`, whose keys are read as the options of their names."""
     from isogal.tracks.recording import is_recording
 
     given = _keys(text)
     if is_recording(first.track.track):
         raise InputError(f"--also: goes with a text file, not with a bag ({first.track.track})")
-    track = TrackChoice(track=first.track.track, spacing=first.track.spacing)
-    map_ = _with_keys(MapChoice(given.pop("map")), given)
-    track = _with_keys(track, given).resolved()
-    assumed = _with_keys(Assumptions(prior_sigma=first.assumed.prior_sigma), given)
-    return FieldChoice(given["column"], map_, track, assumed)
+    given |= {"track": str(first.track.track), "prior-sigma": str(first.assumed.prior_sigma)}
+    if first.track.spacing is not None:
+        given["spacing"] = str(first.track.spacing)
+    found: list[FieldChoice] = []
 
+    def also(map_: MapOption, track: TrackChoice, assumed: Assumptions) -> None:
+        check_together(track, assumed)
+        found.append(FieldChoice(given["column"], map_, track.resolved(), assumed))
 
-def _with_keys(group: Group, given: dict[str, str]) -> Group:
-    """Return a group of options with those keys that are fields of it."""
-    names = {field.name for field in fields(group)}
-    own: dict[str, Any] = {key.replace("-", "_"): value for key, value in given.items()}
-    own["format_name"] = own.pop("format", None)
-    for key in _NUMBERS & given.keys():
-        own[key.replace("-", "_")] = _number(key, given[key])
-    return replace(group, **{name: value for name, value in own.items() if name in names})
+    try:
+        run_with_groups(also, [f"--{key}={value}" for key, value in given.items()])
+    except (typer.TyperException, InputError) as error:
+        said = str(error) if isinstance(error, InputError) else error.format_message()
+        raise InputError(f"--also {text}: {said}") from None
+    return found[0]
 
 
 def _keys(text: str) -> dict[str, str]:
@@ -431,13 +416,3 @@ def _keys(text: str) -> dict[str, str]:
     if missing:
         raise InputError(f"--also {text}: {' and '.join(missing)} must be given")
     return given
-
-
-def _number(key: str, text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"--also: {key} must be a number, is '{text}'")
-    return number

@@ -1,7 +1,7 @@
 """Options of ``isogal match``: the recorded track, the matcher, what is assumed of errors, and
 what becomes of the results."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -182,16 +182,7 @@ class TrackChoice:
 
     def resolved(self) -> "TrackChoice":
         """Return the same with what a compensation or a base station says of the track's values;
-        raises InputError where they are in another unit than a base station's, or options do not
-        go together."""
-        if self.gradients is not None and self.column is not None:
-            raise InputError(f"--column {self.column}: --gradients names its own columns")
-        if self.one_potential and self.gradients is None:
-            raise InputError("--one-potential: goes with --gradients")
-        if (self.offset_sigma or self.offset_walk) and self.gradients is None:
-            raise InputError("--offset-sigma, --offset-walk: go with --gradients")
-        if self.map_height is not None and self.height is None:
-            raise InputError(f"--map-height {self.map_height:g}: goes with --height")
+        raises InputError where they are in another unit than a base station's."""
         if self.base is not None and self.track_unit not in (None, "nT"):
             raise InputError(f"--base: is in nT, --track-unit is {self.track_unit}")
         if self.compensation is None and self.base is None:
@@ -340,12 +331,10 @@ class Assumptions:
         ),
     ] = None
 
-    def of_track(self, chained: bool) -> "Uncertainty":
+    def of_track(self) -> "Uncertainty":
         """Return how wrong the track's positions are; raises InputError."""
         from isogal.tracks.matching import Uncertainty
 
-        if self.walk_sigma and not chained:
-            raise InputError(f"--walk-sigma {self.walk_sigma:g}: goes with --chain")
         return Uncertainty(self.prior_sigma, self.velocity_sigma, self.walk_sigma)
 
     def map_changes(self, field_map: "ScalarMap", factor: float) -> list[str]:
@@ -400,12 +389,44 @@ class MatchResults:
     report: Annotated[Path | None, written_folder("Folder for a report with figures.")] = None
     json: Json = False
 
-    def check(self, gradients: bool) -> None:
-        """Raise InputError unless every file's suffix is known, and a report can show what was
-        read."""
+    def check(self) -> None:
+        """Raise InputError unless every file's suffix is known."""
         from isogal.tracks.results import writer_for
 
-        if gradients and self.report is not None:
-            raise InputError("--report: shows tracks of one number per reading, not --gradients")
         for path in self.out or ():
             writer_for(path)
+
+
+GOES_WITH = {
+    "--one-potential": "--gradients",
+    "--offset-sigma": "--gradients",
+    "--offset-walk": "--gradients",
+    "--map-height": "--height",
+    "--walk-sigma": "--chain",
+}
+"""Options that mean nothing without another one."""
+EXCLUDED = {
+    "--gradients": (
+        *("--column", "--reference", "--spacing", "--reduction", "--compensation", "--base"),
+        "--report",
+    )
+}
+"""Options that another one rules out."""
+
+
+def check_together(*groups: TrackChoice | MatcherChoice | Assumptions | MatchResults) -> None:
+    """Raise InputError unless the options that are given go together; one is given where its value
+    is not the default."""
+    given = {
+        f"--{option.name.replace('_', '-')}"
+        for group in groups
+        for option in fields(group)
+        if getattr(group, option.name) != option.default
+    }
+    for option, other in GOES_WITH.items():
+        if option in given and other not in given:
+            raise InputError(f"{option}: goes with {other}")
+    for other, options in EXCLUDED.items():
+        for option in options:
+            if other in given and option in given:
+                raise InputError(f"{option}: does not go with {other}")

@@ -16,8 +16,8 @@ from isogal.maps.gridding.kriging import GROUP, Kriging, groups
 from isogal.maps.gridding.learning import learn
 from isogal.maps.gridding.levelling import cross_overs, levelled
 from isogal.maps.gridding.reduction import Trend, block_reduced
-from isogal.maps.gridding.survey import Plane, Survey
-from isogal.maps.gridding.validation import LeftOut, leave_out
+from isogal.maps.gridding.survey import Survey
+from isogal.maps.gridding.validation import leave_out
 
 METHODS = {"kriging": "matern", "sources": "harmonic"}
 """Ways of gridding, and their covariances."""
@@ -71,14 +71,9 @@ class Model:
 
     survey: Survey
     """As gridded: levelled, in blocks."""
-    plane: Plane
-    floor: float
-    """m above the ellipsoid: heights of places count from here."""
     trend: Trend
     kriging: Kriging
     amplitude: Amplitude
-    left_out: LeftOut
-    """With the amplitude."""
     report: dict[str, object] = field(default_factory=dict)
 
     def at(
@@ -95,19 +90,16 @@ class Model:
         self, latitude: Array, longitude: Array, height: Array | float | None = None
     ) -> Array:
         """Return (P, 3) places as the kriging takes them."""
-        turned = (
-            self.plane.longitude
-            + np.remainder(longitude - self.plane.longitude + math.pi, 2.0 * math.pi)
-            - math.pi
-        )
-        east, north = self.plane.project(latitude, turned)
+        plane, floor = self.survey.plane, self.survey.floor
+        turned = np.remainder(longitude - plane.longitude + math.pi, 2.0 * math.pi)
+        east, north = plane.project(latitude, plane.longitude + turned - math.pi)
         up = self.default_height if height is None else height
-        return np.stack([east, north, np.broadcast_to(up, east.shape) - self.floor], axis=1)
+        return np.stack([east, north, np.broadcast_to(up, east.shape) - floor], axis=1)
 
     @property
     def default_height(self) -> float:
         """Of a map whose height nobody has chosen, m: the median of the readings'."""
-        return self.floor + float(np.median(self.kriging.readings.places[:, 2]))
+        return self.survey.floor + float(np.median(self.kriging.readings.places[:, 2]))
 
     @property
     def covariance(self) -> Covariance:
@@ -125,10 +117,7 @@ def learn_model(survey: Survey, settings: GridSettings) -> Model:
     """
     kind, by = METHODS[settings.method], _left_out_by(survey, settings)
     survey, report = _prepared(survey, settings)
-    plane = Plane.of(survey.latitude, survey.longitude)
-    floor = 0.0 if survey.height is None else float(survey.height.min())
-    up = np.zeros(len(survey)) if survey.height is None else survey.height - floor
-    places = np.column_stack([plane.points(survey), up])
+    places = survey.places
     trend = Trend.fitted(places, survey.value, settings.trend)
     value = survey.value - trend.at(places)
     readings = Readings(places, value, survey.sigma, survey.line)
@@ -144,7 +133,7 @@ def learn_model(survey: Survey, settings: GridSettings) -> Model:
         "left_out": {"by": by} | honest.figures(),
         "amplitude": amplitude.describe(),
     }
-    return Model(survey, plane, floor, trend, kriging, amplitude, honest, report)
+    return Model(survey, trend, kriging, amplitude, report)
 
 
 def _left_out_by(survey: Survey, settings: GridSettings) -> str:
@@ -176,8 +165,7 @@ def _prepared(survey: Survey, settings: GridSettings) -> tuple[Survey, dict[str,
     block = settings.block
     if block is None:
         block = 0.5 * settings.spacing if settings.spacing else 0.0
-    plane = Plane.of(survey.latitude, survey.longitude)
-    survey = block_reduced(survey, plane.points(survey), block)
+    survey = block_reduced(survey, block)
     return survey, report | {"blocks": len(survey)}
 
 
@@ -247,11 +235,12 @@ def grid_survey(
 def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
     """Return the map's axes, rad; raises InputError where there would be too many nodes, or the
     height is below the readings."""
-    plane, survey = model.plane, model.survey
-    if settings.height is not None and settings.height < model.floor:
+    survey = model.survey
+    plane = survey.plane
+    if settings.height is not None and settings.height < survey.floor:
         raise InputError(
             f"{survey.where}: height {settings.height:g} m is below the lowest reading"
-            f" ({model.floor:.0f} m)"
+            f" ({survey.floor:.0f} m)"
         )
     spacing = settings.spacing or _shortest(model.covariance) / 3.0
     latitude = _axis(survey.latitude, spacing / plane.north_scale)

@@ -9,7 +9,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.gridding.reduction import robust_fit
-from isogal.maps.gridding.survey import Plane, Survey
+from isogal.maps.gridding.survey import Survey
 
 _LONGEST_GAP = 10.0
 """Median gaps between readings; where readings are further apart no crossing is taken."""
@@ -41,7 +41,7 @@ def cross_overs(survey: Survey) -> CrossOvers:
     """Return where the lines of a survey cross each other."""
     if survey.line is None:
         raise InputError(f"{survey.where}: has no column line, so no lines that cross")
-    places = Plane.of(survey.latitude, survey.longitude).points(survey)
+    places = survey.places[:, :2]
     numbers = np.unique(survey.line)
     tracks = [_ordered(places[survey.line == n], survey.value[survey.line == n]) for n in numbers]
     gaps = np.concatenate([np.hypot(*np.diff(place, axis=0).T) for place, _ in tracks])

@@ -68,14 +68,13 @@ def _basis(places: Array, scale: float, degree: int) -> Array:
     )
 
 
-def block_reduced(survey: Survey, places: Array, side: float) -> Survey:
+def block_reduced(survey: Survey, side: float) -> Survey:
     """Return a survey with one reading for each block of the plane and each line in it: the mean
     of its readings at the mean of their places.
 
     Parameters
     ----------
     survey : Survey
-    places : (N, 2) m
     side : float
         Of a block, m; 0 = all readings are kept.
 
@@ -86,7 +85,7 @@ def block_reduced(survey: Survey, places: Array, side: float) -> Survey:
     if side <= 0.0:
         return survey
     line = np.zeros(len(survey)) if survey.line is None else survey.line
-    groups = Groups.by(line, blocks_of(places, side))
+    groups = Groups.by(line, blocks_of(survey.places, side))
     mean, sigma = groups.mean, survey.sigma
     return replace(
         survey,

@@ -62,8 +62,7 @@ class Survey:
 
     def _check_extent(self) -> None:
         """Refuse readings that lie on one straight line, whose field across it nobody knows."""
-        places = Plane.of(self.latitude, self.longitude).points(self)
-        length, width = np.sqrt(np.linalg.eigvalsh(np.cov(places.T))[::-1].clip(0.0))
+        length, width = np.sqrt(np.linalg.eigvalsh(np.cov(self.places[:, :2].T))[::-1].clip(0.0))
         if width < 1e-2 * length or length == 0.0:
             raise InputError(
                 f"{self.where}: the readings lie on one line (spread {length:.3g} m along,"
@@ -72,6 +71,22 @@ class Survey:
 
     def __len__(self) -> int:
         return int(self.value.size)
+
+    @property
+    def plane(self) -> "Plane":
+        """That of the readings."""
+        return Plane.of(self.latitude, self.longitude)
+
+    @property
+    def floor(self) -> float:
+        """Height of the lowest reading, m above the ellipsoid; 0 where there are no heights."""
+        return 0.0 if self.height is None else float(self.height.min())
+
+    @property
+    def places(self) -> Array:
+        """(N, 3) m, east, north and above `floor`."""
+        up = np.zeros(len(self)) if self.height is None else self.height - self.floor
+        return np.column_stack([*self.plane.project(self.latitude, self.longitude), up])
 
     def part(self, chosen: Booleans | Integers) -> "Survey":
         """Return some of the readings."""
@@ -115,10 +130,6 @@ class Plane:
             (longitude - self.longitude) * self.east_scale,
             (latitude - self.latitude) * self.north_scale,
         )
-
-    def points(self, survey: Survey) -> Array:
-        """Return the readings' (N, 2) east and north, m."""
-        return np.stack(self.project(survey.latitude, survey.longitude), axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,9 +234,7 @@ def without_duplicates(survey: Survey) -> Survey:
         So many readings stand at the place of another that the file must be wrong, or one differs
         from another at its place by more than readings usually do anywhere.
     """
-    places = Plane.of(survey.latitude, survey.longitude).points(survey)
-    up = np.zeros(len(survey)) if survey.height is None else survey.height
-    groups = Groups.by(np.rint(np.column_stack([places, up]) / _SAME_PLACE))
+    groups = Groups.by(np.rint((survey.places + np.array([0.0, 0.0, survey.floor])) / _SAME_PLACE))
     if groups.count.max() == 1:
         return survey
     mean = groups.mean(survey.value)

@@ -1,10 +1,11 @@
 """What the baseline matchers have in common as classes: settings in, readings prepared, nothing
 carried from batch to batch."""
 
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import ClassVar, Generic, Self, TypeVar
 
 from pydantic import BaseModel
 
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.matching.baselines.readings import AssumedNoise, UsableReadings
 from isogal.matching.interfaces import Batch, Fix, declined
@@ -13,6 +14,7 @@ from isogal.matching.usability import too_few, unusable
 from isogal.scenario import Matcher as MatcherSettings
 
 Options = TypeVar("Options", bound=BaseModel)
+Memory = TypeVar("Memory")
 
 
 class Baseline(Generic[Options]):
@@ -27,7 +29,9 @@ class Baseline(Generic[Options]):
     """Whether it takes the whole batch each time; False = only readings that no earlier batch has
     used."""
 
-    def __init__(self, noise: AssumedNoise | None = None, options: Options | None = None) -> None:
+    def __init__(
+        self, noise: AssumedNoise | None = None, options: BaseModel | None = None
+    ) -> None:
         self.noise = noise or AssumedNoise()
         self.options: Options = options or self.options_model()  # type: ignore[assignment]
 
@@ -44,14 +48,15 @@ class Baseline(Generic[Options]):
         """Readings that a fix needs."""
         return 1
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch: Batch, field_map: AnyMap, memory: Memory) -> tuple[Fix, Memory]:
         """Match one batch (see `interfaces.Matcher`)."""
         if reason := unusable(batch):
             return declined(batch, reason), memory
-        readings = UsableReadings.of(batch, field_map, self.noise, whole=self.whole)
+        one = channels_of(field_map)[0]
+        readings = UsableReadings.of(batch, one, self.noise, whole=self.whole)
         if reason := too_few(batch, len(readings), self.fewest):
             return declined(batch, reason), memory
-        return self.solve(batch, field_map, readings), memory
+        return self.solve(batch, one, readings), memory
 
     def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch from its usable readings."""

@@ -24,10 +24,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import (
-    ReadingArrays,
     UsableReadings,
     publish_measured,
     shift_covariance,
@@ -97,9 +95,7 @@ class Iccp(Baseline[IccpOptions]):
         # a wrong velocity moves all contours by its Eötvös term
         wrong = readings.velocity_variance(batch.prior[2:, 2:])
         sigma = np.sqrt(readings.arrays.sigma**2 + wrong)
-        contours = _crossings(
-            readings.arrays._replace(sigma=sigma), half, options.lattice, options.sharpness
-        )
+        contours = _crossings(readings, sigma, half, options.lattice, options.sharpness)
         if (found := int((np.diff(contours.first) > 0).sum())) < options.min_scans:
             return declined(
                 batch,
@@ -214,66 +210,38 @@ def _listed(readings: UsableReadings, point: Array, nearest: Integers) -> Candid
     )
 
 
-@kernel
-def _differences(
-    readings: ReadingArrays, t: int, half: float, difference: Array, slope: Array
-) -> None:
-    """Write reading less map (n, n), and its slopes north and east (n, n, 2), at the lattice over
-    the window of a reading."""
-    grid, level = readings.grid, readings.level[t]
-    latitude, longitude, radian = readings.latitude[t], readings.longitude[t], readings.radian[t]
-    jacobian = readings.jacobian[t]
-    step = 2.0 * half / (difference.shape[0] - 1)
-    for i in range(difference.shape[0]):
-        for j in range(difference.shape[1]):
-            north, east = i * step - half, j * step - half
-            value, by_lat, by_lon = value_and_gradient(
-                grid, latitude + north * radian[0], longitude + east * radian[1]
-            )
-            # at this point the navigator's error would be (-north, -east)
-            difference[i, j] = level - value + jacobian[0] * north + jacobian[1] * east
-            slope[i, j, 0] = by_lat * radian[0] - jacobian[0]
-            slope[i, j, 1] = by_lon * radian[1] - jacobian[1]
-
-
-@kernel
-def _crossings(readings: ReadingArrays, half: float, cells: int, sharpness: float) -> _Contours:
-    """Find where the contour of each reading crosses a lattice about the navigator's position."""
-    nodes = cells + 1
-    step = 2.0 * half / cells
-    count = readings.level.shape[0]
-    most = count * 2 * nodes * nodes
-    point, tangent, variance = np.empty((most, 2)), np.empty((most, 2)), np.empty(most)
-    first = np.zeros(count + 1, np.int64)
-    difference, slope = np.empty((nodes, nodes)), np.empty((nodes, nodes, 2))
-    found = 0
-    for t in range(count):
-        sigma = readings.sigma[t]
-        _differences(readings, t, half, difference, slope)
-        for i in range(nodes):
-            for j in range(nodes):
-                for axis in range(2):
-                    k, m = (i + 1, j) if axis == 0 else (i, j + 1)
-                    if max(k, m) == nodes:
-                        continue
-                    a, b = difference[i, j], difference[k, m]
-                    if np.isnan(a + b) or (a <= 0.0) == (b <= 0.0):
-                        continue
-                    share = a / (a - b)
-                    north_slope = (1.0 - share) * slope[i, j, 0] + share * slope[k, m, 0]
-                    east_slope = (1.0 - share) * slope[i, j, 1] + share * slope[k, m, 1]
-                    steep = np.sqrt(north_slope * north_slope + east_slope * east_slope)
-                    # where noise may have moved the contour by the window's width, any contour of
-                    # the window may be that of the reading
-                    if not steep * sharpness * half > sigma:
-                        continue
-                    point[found, 0] = (i + share * (k - i)) * step - half
-                    point[found, 1] = (j + share * (m - j)) * step - half
-                    tangent[found, 0], tangent[found, 1] = -east_slope / steep, north_slope / steep
-                    variance[found] = (sigma / steep) ** 2 + (0.1 * step) ** 2
-                    found += 1
-        first[t + 1] = found
-    return _Contours(point[:found].copy(), tangent[:found].copy(), variance[:found].copy(), first)
+def _crossings(
+    readings: UsableReadings, sigma: Array, half: float, cells: int, sharpness: float
+) -> _Contours:
+    """Return where the contour of each reading, of 1-sigma (N,), crosses a lattice of so many
+    cells about the navigator's position of its scan."""
+    side = np.linspace(-half, half, cells + 1)
+    lattice = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
+    each = (len(readings), *lattice.shape)
+    jacobian = readings.arrays.jacobian[:, None, None, :2]
+    # at a point of the lattice the navigator's error would be the opposite
+    difference, *slope = readings.compared(np.broadcast_to(-lattice, each))
+    difference = difference + (jacobian * lattice).sum(axis=-1)
+    both, found = np.stack(slope, axis=-1) - jacobian, []
+    for axis in (1, 2):  # of lines northwards, and eastwards
+        a, b = (difference.take(range(k, k + cells), axis) for k in range(2))
+        t, i, j = np.nonzero(np.isfinite(a + b) & ((a <= 0.0) != (b <= 0.0)))
+        a, b = a[t, i, j], b[t, i, j]
+        share = (a / (a - b))[:, None]
+        other = (t, i + (axis == 1), j + (axis == 2))
+        point = (1.0 - share) * lattice[i, j] + share * lattice[other[1:]]
+        across = (1.0 - share) * both[t, i, j] + share * both[other]
+        found.append((t, point, across))
+    t, point, across = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    steep = np.hypot(*across.T)
+    # where noise may have moved the contour by the window's width, any contour of the window may
+    # be that of the reading
+    kept = np.flatnonzero(steep * sharpness * half > sigma[t])
+    kept = kept[np.argsort(t[kept], kind="stable")]
+    t, point, across, steep = t[kept], point[kept], across[kept], steep[kept]
+    tangent = np.stack([-across[:, 1], across[:, 0]], axis=-1) / steep[:, None]
+    variance = (sigma[t] / steep) ** 2 + (0.1 * (side[1] - side[0])) ** 2
+    return _Contours(point, tangent, variance, np.searchsorted(t, np.arange(len(readings) + 1)))
 
 
 @kernel

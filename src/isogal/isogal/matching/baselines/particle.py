@@ -12,6 +12,7 @@ linearly, so each particle carries their Gaussian, whose covariance is the same 
 is the navigator's, so nothing is carried from batch to batch. All random numbers are one fixed
 quasi-random set: the same batch gives the same fix."""
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -19,9 +20,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
 from isogal.matching.failures import UNEXPLAINED
@@ -68,8 +67,17 @@ class Particle(Baseline[ParticleOptions]):
         normal, uniform = _random_numbers(options.particles, len(readings) + 1)
         cloud = _first_cloud(arrays.transition[0], batch.prior, self.noise.bias_sigma, normal[0])
         motion = _Motion.of(arrays, batch.transition[-1])
-        tuning = _Tuning(options.noise**2, options.resample, options.roughening)
-        smallest = _run(arrays, motion, cloud, normal[1:], uniform, tuning)
+        smallest, rough = 1.0, np.zeros(2)
+        for t in range(len(readings)):
+            cloud = _weighed(readings, motion, t, cloud)
+            effective = 1.0 / float((cloud.weight**2).sum()) / options.particles
+            if not math.isfinite(effective):
+                break
+            smallest, rough = min(smallest, effective), np.zeros(2)
+            if effective < options.resample:
+                cloud, spread = _resampled(cloud, uniform[t])
+                rough = options.roughening * options.particles**-0.25 * spread
+            cloud = _predicted(motion, t, cloud, normal[t + 1], options.noise**2, rough)
         figures = {"effective_particles": smallest * options.particles}
         if not np.isfinite(cloud.weight).all():
             return declined(batch, "no particle lies on the map", **figures)
@@ -115,7 +123,7 @@ class _Motion(NamedTuple):
 
 
 class _Cloud(NamedTuple):
-    """K particles, which kernels change in place."""
+    """K particles."""
 
     position: Array
     """(K, 2) m, position errors at the scan."""
@@ -127,17 +135,6 @@ class _Cloud(NamedTuple):
     """(K,) logarithms of the weights, up to a constant."""
     weight: Array
     """(K,)."""
-
-
-class _Tuning(NamedTuple):
-    """Options of the filter."""
-
-    variance: float
-    """m², of the random walk from scan to scan."""
-    resample: float
-    """Effective share below which particles are resampled."""
-    roughening: float
-    """Spread added then."""
 
 
 def _first_cloud(transition: Array, prior: Array, bias_sigma: float, normal: Array) -> _Cloud:
@@ -169,150 +166,58 @@ def _random_numbers(particles: int, scans: int) -> tuple[Array, Array]:
     return normal, uniform
 
 
-@kernel
-def _run(
-    readings: ReadingArrays,
-    motion: _Motion,
-    cloud: _Cloud,
-    normal: Array,
-    uniform: Array,
-    tuning: _Tuning,
-) -> float:
-    """Run all scans and predict to the batch end; return the least effective share on the way."""
-    smallest = 1.0
-    for t in range(readings.level.shape[0]):
-        effective = _weigh(readings, motion, t, cloud)
-        smallest = min(smallest, effective)
-        rough = (0.0, 0.0)
-        if effective < tuning.resample:
-            rough = _resample(cloud, uniform[t], tuning.roughening)
-        _predict(motion, t, cloud, normal[t], tuning.variance, rough)
-    return smallest
+def _weighed(readings: UsableReadings, motion: _Motion, t: int, cloud: _Cloud) -> _Cloud:
+    """Take the reading of a scan: level - map(p) - by_position p = h u + noise; weights are NaN
+    where all particles are off the map."""
+    p, u, P, log, _ = cloud
+    difference = readings.compared(p[None], slice(t, t + 1))[0][0]
+    h = np.append(motion.by_velocity[t], 1.0)
+    across = P @ h
+    S = readings.arrays.sigma[t] ** 2 + h @ across
+    r = difference - p @ motion.by_position[t] - u @ h
+    off = np.isnan(r)
+    r = np.where(off, 0.0, r)
+    log = np.where(off, -np.inf, log - 0.5 * r**2 / S)
+    largest = log.max()
+    weight = np.exp(log - largest) if largest > -np.inf else np.full(len(log), np.nan)
+    u = u + np.outer(r / S, across)
+    return _Cloud(p, u, P - np.outer(across, across) / S, log, weight / weight.sum())
 
 
-@kernel
-def _weigh(readings: ReadingArrays, motion: _Motion, t: int, cloud: _Cloud) -> float:
-    """Take the reading of a scan: level - map(p) - by_position p = h u + noise.
+def _predicted(
+    motion: _Motion, t: int, cloud: _Cloud, normal: Array, variance: float, rough: Array
+) -> _Cloud:
+    """Move the particles to the next scan: p' = move p + drive v + noise, and what p' says about
+    v.
 
-    Returns the effective share of the particles; weights are NaN where all are off the map."""
+    Parameters
+    ----------
+    normal : (K, 2) array
+        Standard normal numbers.
+    variance : float
+        m², of the random walk from scan to scan.
+    rough : (2,) array
+        m, 1-sigma of what is added after a resampling.
+    """
     p, u, P, log, weight = cloud
-    grid, level = readings.grid, readings.level[t]
-    latitude, longitude, radian = readings.latitude[t], readings.longitude[t], readings.radian[t]
-    by_position = motion.by_position[t]
-    count = p.shape[0]
-    h = np.array([motion.by_velocity[t, 0], motion.by_velocity[t, 1], 1.0])
-    Ph = np.zeros(3)
-    S = readings.sigma[t] * readings.sigma[t]
-    for i in range(3):
-        Ph[i] = P[i, 0] * h[0] + P[i, 1] * h[1] + P[i, 2] * h[2]
-        S += h[i] * Ph[i]
-    largest = -np.inf
-    for s in range(count):
-        value = value_and_gradient(
-            grid, latitude - p[s, 0] * radian[0], longitude - p[s, 1] * radian[1]
-        )[0]
-        r = level - value - by_position[0] * p[s, 0] - by_position[1] * p[s, 1]
-        r -= h[0] * u[s, 0] + h[1] * u[s, 1] + h[2] * u[s, 2]
-        log[s] += -0.5 * r * r / S
-        if np.isnan(r):
-            log[s] = -np.inf
-            continue
-        for i in range(3):
-            u[s, i] += Ph[i] * r / S
-        largest = max(largest, log[s])
-    for i in range(3):
-        for j in range(3):
-            P[i, j] -= Ph[i] * Ph[j] / S
-    total = square = 0.0
-    for s in range(count):
-        weight[s] = np.exp(log[s] - largest)
-        total += weight[s]
-        square += weight[s] * weight[s]
-    for s in range(count):
-        weight[s] /= total
-    return total * total / square / count
+    drive = motion.drive[t]
+    G = drive @ P[:2]
+    C = G[:, :2] @ drive.T + variance * np.eye(2)
+    step = normal @ np.linalg.cholesky(C).T
+    gain = np.linalg.solve(C, G)
+    moved = p @ motion.move[t].T + u[:, :2] @ drive.T + step
+    # what is added says nothing of the velocity
+    moved = moved + rough * normal[::-1, ::-1]
+    return _Cloud(moved, u + step @ gain, P - G.T @ gain, log, weight)
 
 
-@kernel
-def _predict(
-    motion: _Motion,
-    t: int,
-    cloud: _Cloud,
-    normal: Array,
-    variance: float,
-    rough: tuple[float, float],
-) -> None:
-    """Move the particles to the next scan: p' = move p + drive v + noise, and what p' tells about
-    v."""
-    p, u, P = cloud.position, cloud.linear, cloud.covariance
-    move, drive = motion.move[t], motion.drive[t]
-    count = p.shape[0]
-    G = np.zeros((2, 3))
-    for i in range(2):
-        for j in range(3):
-            G[i, j] = drive[i, 0] * P[0, j] + drive[i, 1] * P[1, j]
-    a = G[0, 0] * drive[0, 0] + G[0, 1] * drive[0, 1] + variance
-    b = G[0, 0] * drive[1, 0] + G[0, 1] * drive[1, 1]
-    d = G[1, 0] * drive[1, 0] + G[1, 1] * drive[1, 1] + variance
-    root_a = np.sqrt(a)
-    root_b = b / root_a
-    root_d = np.sqrt(d - root_b * root_b)
-    determinant = a * d - b * b
-    for s in range(count):
-        step_north = root_a * normal[s, 0]
-        step_east = root_b * normal[s, 0] + root_d * normal[s, 1]
-        mean_north = (
-            move[0, 0] * p[s, 0]
-            + move[0, 1] * p[s, 1]
-            + drive[0, 0] * u[s, 0]
-            + drive[0, 1] * u[s, 1]
-        )
-        mean_east = (
-            move[1, 0] * p[s, 0]
-            + move[1, 1] * p[s, 1]
-            + drive[1, 0] * u[s, 0]
-            + drive[1, 1] * u[s, 1]
-        )
-        p[s, 0] = mean_north + step_north + rough[0] * normal[count - 1 - s, 1]
-        p[s, 1] = mean_east + step_east + rough[1] * normal[count - 1 - s, 0]
-        along = (d * step_north - b * step_east) / determinant
-        across = (a * step_east - b * step_north) / determinant
-        for i in range(3):
-            u[s, i] += G[0, i] * along + G[1, i] * across
-    for i in range(3):
-        first = (d * G[0, i] - b * G[1, i]) / determinant
-        second = (a * G[1, i] - b * G[0, i]) / determinant
-        for j in range(3):
-            P[i, j] -= first * G[0, j] + second * G[1, j]
-
-
-@kernel
-def _resample(cloud: _Cloud, uniform: float, roughening: float) -> tuple[float, float]:
-    """Resample systematically; return the 1-sigma north and east (m) that roughening adds."""
-    p, u, _, log, weight = cloud
-    count = p.shape[0]
-    old_p, old_u = p.copy(), u.copy()
-    north = east = north_square = east_square = 0.0
-    source = 0
-    passed = weight[0]
-    for s in range(count):
-        target = (s + uniform) / count
-        while passed < target and source < count - 1:
-            source += 1
-            passed += weight[source]
-        for i in range(2):
-            p[s, i] = old_p[source, i]
-        for i in range(3):
-            u[s, i] = old_u[source, i]
-        north += p[s, 0] / count
-        east += p[s, 1] / count
-        north_square += p[s, 0] * p[s, 0] / count
-        east_square += p[s, 1] * p[s, 1] / count
-        log[s] = 0.0
-    for s in range(count):
-        weight[s] = 1.0 / count
-    scale = roughening / np.sqrt(np.sqrt(count))
-    return (
-        scale * np.sqrt(max(north_square - north * north, 0.0)),
-        scale * np.sqrt(max(east_square - east * east, 0.0)),
-    )
+def _resampled(cloud: _Cloud, uniform: float) -> tuple[_Cloud, Array]:
+    """Resample systematically, by a uniform number; return also the 1-sigma (2,) of the
+    particles, m."""
+    count = len(cloud.weight)
+    wanted = (np.arange(count) + uniform) / count
+    source = np.minimum(np.searchsorted(np.cumsum(cloud.weight), wanted), count - 1)
+    position = cloud.position[source]
+    even = np.full(count, 1.0 / count)
+    drawn = _Cloud(position, cloud.linear[source], cloud.covariance, np.zeros(count), even)
+    return drawn, position.std(axis=0)

@@ -18,11 +18,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
+from isogal.matching.baselines.readings import UsableReadings, publish_posterior
 from isogal.matching.interfaces import Batch, Fix, declined
 
 
@@ -57,19 +55,19 @@ class PointMass(Baseline[PointMassOptions]):
         """Return the fix of a batch (see `Baseline`)."""
         options = self.options
         prior = batch.prior[:2, :2]
-        gain = np.linalg.solve(prior, batch.prior[:2, 2:]).T
+        gain = np.asarray(np.linalg.solve(prior, batch.prior[:2, 2:]).T, np.float64)
         linear = np.zeros((3, 3))
         linear[:2, :2] = batch.prior[2:, 2:] - gain @ batch.prior[:2, 2:]
         linear[2, 2] = self.noise.bias_sigma**2
-        information, certainty = np.linalg.inv(prior), readings.arrays.sigma**-2.0
+        information = np.linalg.inv(prior)
         # the grid lies along the axes of the nodes that carry weight; at first, of the prior
         centre = np.zeros(2)
         axes = np.asarray(np.linalg.cholesky(prior), dtype=np.float64) * options.extent
         side = np.linspace(-1.0, 1.0, options.nodes)
         unit = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
         for level in range(1, options.levels + 1):
-            position = np.ascontiguousarray(centre + unit @ axes.T)
-            nodes = _nodes(readings.arrays, certainty, position, gain, linear)
+            position = centre + unit @ axes.T
+            nodes = _nodes(readings, field_map, position, gain, linear)
             base = -0.5 * np.einsum("ki,ij,kj->k", position, information, position)
             if not np.isfinite(nodes.likelihood).any():
                 return declined(
@@ -149,95 +147,25 @@ class _Nodes(NamedTuple):
     """(K, 2, 2) its covariance."""
 
 
-@kernel
 def _nodes(
-    readings: ReadingArrays, weight: Array, position: Array, gain: Array, linear: Array
+    readings: UsableReadings, field_map: FieldMap, position: Array, gain: Array, linear: Array
 ) -> _Nodes:
     """Integrate velocity error and bias out at each position error (K, 2).
 
     With u = (velocity, bias) about its mean given the node, of covariance P = `linear` (3, 3),
     r(u) = r - D u: the likelihood of r alone is that of N(0, W^-1 + D P D'), by the 3 x 3 system
-    (1 + P D'WD), W = diag(`weight`). The mean velocity of a node is `gain` (2, 2) times its
-    position."""
-    count = position.shape[0]
-    nodes = _Nodes(np.empty(count), np.empty((count, 2)), np.empty((count, 2, 2)))
-    xi = np.empty((count, 4))
-    for s in range(count):
-        for i in range(2):
-            xi[s, i] = position[s, i]
-            xi[s, 2 + i] = gain[i, 0] * position[s, 0] + gain[i, 1] * position[s, 1]
-    total, b, C = _normal_equations(readings, weight, xi)
-    S = np.empty((3, 3))
-    for s in range(count):
-        determinant = _posterior(linear, C[s], S)
-        explained = 0.0
-        for i in range(3):
-            u = S[i, 0] * b[s, 0] + S[i, 1] * b[s, 1] + S[i, 2] * b[s, 2]
-            explained += b[s, i] * u
-            if i < 2:
-                nodes.velocity[s, i] = xi[s, 2 + i] + u
-                nodes.spread[s, i, 0], nodes.spread[s, i, 1] = S[i, 0], S[i, 1]
-        nodes.likelihood[s] = -0.5 * (total[s] - explained) - 0.5 * math.log(determinant)
-        if math.isnan(total[s]):
-            nodes.likelihood[s] = -np.inf
-            nodes.velocity[s] = 0.0
-            nodes.spread[s] = 0.0
-    return nodes
-
-
-@kernel
-def _normal_equations(
-    readings: ReadingArrays, weight: Array, xi: Array
-) -> tuple[Array, Array, Array]:
-    """Return r'Wr (K,), D'Wr (K, 3) and D'WD (K, 3, 3) at errors xi (K, 4), with W =
-    diag(`weight`)."""
-    grid, latitude, longitude, radian, level, _, transition, jacobian = readings
-    count = xi.shape[0]
-    total, b, C = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
-    d = np.ones(3)
-    for s in range(count):
-        x0, x1, x2, x3 = xi[s, 0], xi[s, 1], xi[s, 2], xi[s, 3]
-        square = 0.0
-        for t in range(level.shape[0]):
-            f, g = transition[t], jacobian[t]
-            north = f[0, 0] * x0 + f[0, 1] * x1 + f[0, 2] * x2 + f[0, 3] * x3
-            east = f[1, 0] * x0 + f[1, 1] * x1 + f[1, 2] * x2 + f[1, 3] * x3
-            value, by_lat, by_lon = value_and_gradient(
-                grid, latitude[t] - north * radian[t, 0], longitude[t] - east * radian[t, 1]
-            )
-            expected = g[0] * x0 + g[1] * x1 + g[2] * x2 + g[3] * x3
-            r = level[t] - value - expected
-            slope_north, slope_east = by_lat * radian[t, 0], by_lon * radian[t, 1]
-            for i in range(2):
-                d[i] = g[2 + i] - slope_north * f[0, 2 + i] - slope_east * f[1, 2 + i]
-            square += weight[t] * r * r
-            for i in range(3):
-                b[s, i] += weight[t] * d[i] * r
-                for j in range(3):
-                    C[s, i, j] += weight[t] * d[i] * d[j]
-        total[s] = square
-    return total, b, C
-
-
-@kernel
-def _posterior(P: Array, C: Array, S: Array) -> float:
-    """Write the posterior covariance S = (1 + P C)^-1 P (3, 3), by adjugate; return the
-    determinant of 1 + P C."""
-    A = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            A[i, j] = 1.0 if i == j else 0.0
-            for k in range(3):
-                A[i, j] += P[i, k] * C[k, j]
-    inverse = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            r1, r2, c1, c2 = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
-            inverse[i, j] = A[r1, c1] * A[r2, c2] - A[r1, c2] * A[r2, c1]
-    determinant = A[0, 0] * inverse[0, 0] + A[0, 1] * inverse[1, 0] + A[0, 2] * inverse[2, 0]
-    for i in range(3):
-        for j in range(3):
-            S[i, j] = 0.0
-            for k in range(3):
-                S[i, j] += inverse[i, k] * P[k, j] / determinant
-    return determinant
+    (1 + P D'WD), W the inverse variances of the noise. The mean velocity of a node is `gain`
+    (2, 2) times its position."""
+    xi = np.concatenate([position, position @ gain.T], axis=1)
+    weight = readings.arrays.sigma**-2.0
+    r, slope = readings.linearise(field_map, xi)
+    off = np.isnan(r).any(axis=0)
+    r = np.where(off, 0.0, r)
+    D = np.concatenate([-slope[..., 2:], np.ones((*r.shape, 1))], axis=-1)
+    D[:, off] = 0.0
+    b = np.einsum("t,tki,tk->ki", weight, D, r)
+    left = np.eye(3) + linear @ np.einsum("t,tki,tkj->kij", weight, D, D)
+    S = np.linalg.solve(left, np.broadcast_to(linear, left.shape))
+    u = np.einsum("kij,kj->ki", S, b)
+    log = -0.5 * (weight @ r**2 - (b * u).sum(axis=1)) - 0.5 * np.linalg.slogdet(left)[1]
+    return _Nodes(np.where(off, -np.inf, log), xi[:, 2:] + u[:, :2], S[:, :2, :2])

@@ -8,7 +8,6 @@ section 4.1), the residual of a reading is
     r_t(xi) = level_t - jacobian_t xi - map(p_t - transition_t xi).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid
+from isogal.maps.interpolation import Grid, values_and_gradients
 from isogal.matching.information import likelihood_information, measurement_only
 from isogal.matching.interfaces import Batch, Candidates, Fix, Information, declined
 from isogal.scenario import Matcher as MatcherSettings
@@ -42,7 +41,7 @@ class AssumedNoise:
 
 
 class ReadingArrays(NamedTuple):
-    """N readings of a batch and the map, as kernels take them."""
+    """N readings of a batch, and the map."""
 
     grid: Grid
     latitude: Array
@@ -74,7 +73,16 @@ class UsableReadings:
     def of(
         cls, batch: Batch, field_map: FieldMap, noise: AssumedNoise, whole: bool
     ) -> "UsableReadings":
-        """Collect the readings that no earlier batch has used, or those of the whole batch."""
+        """Collect readings.
+
+        Parameters
+        ----------
+        batch : Batch
+        field_map : FieldMap
+        noise : AssumedNoise
+        whole : bool
+            Whether those that an earlier batch has used count as well.
+        """
         usable = np.isfinite(batch.reading) & field_map.covers(batch.latitude, batch.longitude)
         if not whole:
             usable[: len(batch) - batch.new] = False
@@ -101,20 +109,44 @@ class UsableReadings:
     def __len__(self) -> int:
         return self.row.shape[0]
 
-    def linearise(self, field_map: FieldMap, xi: Array) -> tuple[Array, Array]:
-        """Return residuals (N,) at an error xi (4,) and their derivative by xi (N, 4); NaN off the
-        map."""
-        readings = self.arrays
-        moved = readings.transition @ xi
-        latitude = readings.latitude - moved[:, 0] * readings.radian[:, 0]
-        longitude = readings.longitude - moved[:, 1] * readings.radian[:, 1]
-        value, north, east = field_map.value_and_gradient(latitude, longitude)
-        slope = (
-            north[:, None] * readings.transition[:, 0]
-            + east[:, None] * readings.transition[:, 1]
-            - readings.jacobian
+    def compared(self, moved: Array, which: slice = slice(None)) -> tuple[Array, Array, Array]:
+        """Compare readings with the map where they were taken if the navigator was off.
+
+        Parameters
+        ----------
+        moved : (n, ..., 2) array
+            Position errors of the navigator at some of the readings, m north and east.
+        which : slice
+            Which of the N readings these n are.
+
+        Returns
+        -------
+        (n, ...) arrays
+            Readings less the map, what a reduction adds to them not taken off, and the map's
+            slopes to north and to east, unit/m; NaN off the map.
+        """
+        one, shape = self.arrays, (-1,) + (1,) * (moved.ndim - 2)
+        north, east = (one.radian[which, k].reshape(shape) for k in range(2))
+        latitude = one.latitude[which].reshape(shape) - moved[..., 0] * north
+        longitude = one.longitude[which].reshape(shape) - moved[..., 1] * east
+        value, by_latitude, by_longitude = (
+            found.reshape(latitude.shape)
+            for found in values_and_gradients(one.grid, latitude.ravel(), longitude.ravel())
         )
-        return readings.level - value - readings.jacobian @ xi, slope
+        level = one.level[which].reshape(shape)
+        return level - value, by_latitude * north, by_longitude * east
+
+    def linearise(self, field_map: FieldMap, xi: Array) -> tuple[Array, Array]:
+        """Return residuals (N, ...) at errors xi (..., 4) and their derivatives by xi
+        (N, ..., 4); NaN off the map."""
+        one, shape = self.arrays, (-1,) + (1,) * (xi.ndim - 1)
+        difference, north, east = self.compared(np.einsum("tij,...j->t...i", one.transition, xi))
+        by_north, by_east, jacobian = (
+            column.reshape(*shape, 4)
+            for column in (one.transition[:, 0], one.transition[:, 1], one.jacobian)
+        )
+        slope = north[..., None] * by_north + east[..., None] * by_east - jacobian
+        return difference - np.einsum("tj,...j->t...", one.jacobian, xi), slope
 
     def velocity_variance(self, velocity: Array) -> Array:
         """Return the variance (N,) that a velocity error of covariance (2, 2) adds to the readings
@@ -137,7 +169,7 @@ def shift_covariance(slope: Array, sigma: Array, velocity: Array, limit: float) 
         Covariance of the navigator's velocity error: the shift does not contain it, and it moves
         the scans within the batch.
     limit : float
-        Largest 1-sigma, m: of a direction that the readings tell nothing about.
+        Largest 1-sigma, m: of a direction of which the readings say nothing.
 
     Returns
     -------
@@ -163,8 +195,21 @@ def publish_posterior(
     """Turn the posterior N(mean, covariance) of xi into a fix of the measurements alone
     (docs/mathematics.md, sections 7.1 and 7.4).
 
-    Declines where no direction's variance has fallen by the share `least_gain`, which is larger
-    for posteriors that are not exact."""
+    Parameters
+    ----------
+    batch : Batch
+    mean, covariance : (4,), (4, 4) arrays
+        m and m/s.
+    diagnostics : dict
+        Figures of the fix, by name.
+    candidates : Candidates, optional
+        Places that are shown.
+    position_only : bool
+        Whether the fix says nothing of the velocity.
+    least_gain : float
+        Share by which the variance of some direction must have fallen, else there is no fix;
+        larger for posteriors that are not exact.
+    """
     prior = batch.prior
     information = likelihood_information(mean, covariance, prior)
     whitener = np.linalg.inv(np.linalg.cholesky(prior[:2, :2]))
@@ -184,10 +229,19 @@ def publish_measured(
     diagnostics: dict[str, float],
     candidates: Candidates | None = None,
 ) -> Fix:
-    """Turn a measured position error (2,) of the navigator at the batch end into a fix.
+    """Turn a measured position error of the navigator at the batch end into a fix.
 
-    Where batches overlap each reading is used in len(batch) / new of them, so the covariance grows
-    by that factor."""
+    Parameters
+    ----------
+    batch : Batch
+    position, covariance : (2,), (2, 2) arrays
+        m north and east. Where batches overlap each reading is used in len(batch) / new of them,
+        so the covariance grows by that factor.
+    diagnostics : dict
+        Figures of the fix, by name.
+    candidates : Candidates, optional
+        Places that are shown.
+    """
     xi = np.concatenate([position, [0.0, 0.0]])
     out = covariance * (len(batch) / max(batch.new, 1))
     return _fix(batch, position, out, xi, diagnostics, candidates, None)
@@ -212,7 +266,7 @@ def _fix(
         latitude=float(batch.end[0] - position[0] / north[-1]),
         longitude=float(batch.end[1] - position[1] / east[-1]),
         covariance=covariance,
-        shown=_showing(candidates),
+        shown=None if candidates is None else lambda: candidates,
         diagnostics=diagnostics,
         information=information,
         # late readings say where the vehicle was, not where it is at their stamps
@@ -223,7 +277,3 @@ def _fix(
         ),
         scan_covariance=None if batch.end_place is not None else scan_covariance,
     )
-
-
-def _showing(candidates: Candidates | None) -> Callable[[], Candidates] | None:
-    return None if candidates is None else lambda: candidates

@@ -19,12 +19,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import (
-    ReadingArrays,
     UsableReadings,
     publish_measured,
     shift_covariance,
@@ -77,28 +74,38 @@ class Tercom(Baseline[TercomOptions]):
             self.options.window * np.sqrt(np.diag(batch.prior)[:2]), self.options.min_half_width
         )
         side = [self._side(width) for width in half]
-        window = _Window(half, side, *self._search(readings, np.zeros(2), side))
+        window = _Window(half, side, *self._search(readings, side))
         if not np.isfinite(window.absolute).any():
             return declined(batch, "no shift in the search window lies on the map")
         coarse = _least(window.absolute, side)
-        fine = [np.linspace(-width, width, 21) for width in (line[1] - line[0] for line in side)]
-        near, _ = self._search(readings, coarse, fine)
-        best = coarse + _least(near, fine)
+        fine = [
+            middle + np.linspace(-width, width, 21)
+            for middle, width in zip(coarse, (line[1] - line[0] for line in side), strict=True)
+        ]
+        near, _ = self._search(readings, fine)
+        best = _least(near, fine)
         return self._assess(batch, field_map, readings, window, best, float(np.nanmin(near)))
 
     def _side(self, half: float) -> Array:
         count = min(2 * math.ceil(half / self.options.step) + 1, self.options.max_points)
         return np.linspace(-half, half, count)
 
-    def _search(
-        self, readings: UsableReadings, centre: Array, side: list[Array]
-    ) -> tuple[Array, Array]:
-        remove = (
-            self.noise.bias_sigma > 0.0
-            if self.options.remove_mean is None
-            else self.options.remove_mean
-        )
-        return _differences(readings.arrays, centre[0] + side[0], centre[1] + side[1], remove)
+    def _search(self, readings: UsableReadings, side: list[Array]) -> tuple[Array, Array]:
+        """Return mean absolute and mean square difference (n, m) at the shifts of two sides (n,)
+        north and (m,) east, m; NaN off the map."""
+        remove = self.options.remove_mean
+        if remove is None:
+            remove = self.noise.bias_sigma > 0.0
+        arrays, found = readings.arrays, []
+        for north in side[0]:
+            shift = np.stack(np.broadcast_arrays(north, side[1]), axis=-1)
+            residual, *_ = readings.compared(shift @ arrays.transition[:, :, :2].swapaxes(1, 2))
+            residual -= arrays.jacobian[:, :2] @ shift.T
+            if remove:
+                residual -= residual.mean(axis=0)
+            found.append((np.abs(residual).mean(axis=0), (residual**2).mean(axis=0)))
+        absolute, square = np.stack(found, axis=1)
+        return absolute, square
 
     def _assess(
         self,
@@ -163,37 +170,3 @@ def _least(difference: Array, side: list[Array]) -> Array:
     """Return the shift (2,) of the least difference."""
     i, j = np.unravel_index(int(np.nanargmin(difference)), difference.shape)
     return np.array([side[0][i], side[1][j]])
-
-
-@kernel
-def _differences(
-    readings: ReadingArrays, north: Array, east: Array, remove_mean: bool
-) -> tuple[Array, Array]:
-    """Mean absolute and mean square difference at the shifts north[i], east[j] (position error at
-    the batch end, m); NaN off the map."""
-    grid, latitude, longitude, radian, level, _, transition, jacobian = readings
-    count = level.shape[0]
-    absolute = np.empty((north.shape[0], east.shape[0]))
-    square = np.empty((north.shape[0], east.shape[0]))
-    residual = np.empty(count)
-    for i in range(north.shape[0]):
-        for j in range(east.shape[0]):
-            mean = 0.0
-            for t in range(count):
-                move_north = transition[t, 0, 0] * north[i] + transition[t, 0, 1] * east[j]
-                move_east = transition[t, 1, 0] * north[i] + transition[t, 1, 1] * east[j]
-                value = value_and_gradient(
-                    grid,
-                    latitude[t] - move_north * radian[t, 0],
-                    longitude[t] - move_east * radian[t, 1],
-                )[0]
-                residual[t] = (
-                    level[t] - value - jacobian[t, 0] * north[i] - jacobian[t, 1] * east[j]
-                )
-                mean += residual[t] / count
-            absolute[i, j] = square[i, j] = 0.0
-            for t in range(count):
-                difference = residual[t] - mean if remove_mean else residual[t]
-                absolute[i, j] += abs(difference) / count
-                square[i, j] += difference * difference / count
-    return absolute, square

@@ -15,14 +15,13 @@ cell."""
 import math
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array, Integers
-from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import value_and_gradient
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
+from isogal.matching.baselines.readings import UsableReadings, publish_posterior
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
 
 
@@ -60,9 +59,10 @@ class Viterbi(Baseline[ViterbiOptions]):
         # times the variance they weigh as much
         common = readings.velocity_variance(batch.prior[2:, 2:]) + self.noise.bias_sigma**2
         variance = arrays.sigma**2 + len(batch) * common
-        path, marginal = _trellis(arrays, variance, side, start, (float(step[0]), float(step[1])))
-        if path[-1, 0] < 0:
+        found = _trellis(_emissions(readings, place, cell, variance), start, tuple(step))
+        if found is None:
             return declined(batch, "no cell of the search grid lies on the map")
+        path, marginal = found
         if path[-1].min() == 0 or path[-1].max() == self.options.cells - 1:
             return declined(
                 batch, "the most probable path ends at the edge of the search grid", cell=cell
@@ -99,105 +99,59 @@ def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Ar
     return gain @ position, prior + gain @ (covariance - prior[:2, :2]) @ gain.T
 
 
-@kernel
-def _emissions(
-    readings: ReadingArrays, t: int, variance: float, side: Array, emission: Array
-) -> float:
-    """Write the log-likelihood (n, n) of one reading in each cell, -inf off the map; return the
-    largest."""
-    grid, level = readings.grid, readings.level[t]
-    latitude, longitude, radian = readings.latitude[t], readings.longitude[t], readings.radian[t]
-    jacobian = readings.jacobian[t]
-    cell = side[1] - side[0]
-    largest = -np.inf
-    for i in range(side.shape[0]):
-        for j in range(side.shape[0]):
-            value, by_lat, by_lon = value_and_gradient(
-                grid, latitude - side[i] * radian[0], longitude - side[j] * radian[1]
-            )
-            slope_north = by_lat * radian[0] - jacobian[0]
-            slope_east = by_lon * radian[1] - jacobian[1]
-            total = variance + cell * cell / 12.0 * (
-                slope_north * slope_north + slope_east * slope_east
-            )
-            r = level - value - jacobian[0] * side[i] - jacobian[1] * side[j]
-            emission[i, j] = (
-                -np.inf if math.isnan(r) else -0.5 * r * r / total - 0.5 * math.log(total)
-            )
-            largest = max(largest, emission[i, j])
-    return largest
+def _emissions(readings: UsableReadings, place: Array, cell: float, variance: Array) -> Array:
+    """Return (N, n, n) the log-likelihoods of readings with noise (N,) in cells of a size (m) at
+    position errors (n, n, 2); -inf off the map."""
+    jacobian = readings.arrays.jacobian[:, None, None, :2]
+    difference, *slope = readings.compared(np.broadcast_to(place, (len(readings), *place.shape)))
+    within = ((np.stack(slope, axis=-1) - jacobian) ** 2).sum(axis=-1)
+    total = variance[:, None, None] + cell**2 / 12.0 * within
+    residual = difference - (jacobian * place).sum(axis=-1)
+    log = -0.5 * residual**2 / total - 0.5 * np.log(total)
+    return np.where(np.isnan(residual), -np.inf, log)
 
 
-@kernel
-def _steps(variance: tuple[float, float]) -> Array:
-    """Probabilities (3, 3) of a step to each of the cells around, from its variance north and
-    east, cells²: a step of one cell either way has half of that as probability."""
-    move = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            share = 0.5 * variance[0] if i != 1 else 1.0 - variance[0]
-            move[i, j] = share * (0.5 * variance[1] if j != 1 else 1.0 - variance[1])
-    return move
-
-
-@kernel
 def _trellis(
-    readings: ReadingArrays,
-    variance: Array,
-    side: Array,
-    start: Array,
-    step: tuple[float, float],
-) -> tuple[Integers, Array]:
-    """Run both algorithms: the best path (N, 2) in cells (-1 = none) and the marginal probability
-    (n, n) at the last scan.
+    emission: Array, start: Array, step: tuple[float, float]
+) -> tuple[Integers, Array] | None:
+    """Run both algorithms: the best path (N, 2) in cells and the marginal probability (n, n) at
+    the last scan; None where a scan has no cell on the map.
 
-    `variance` (N,) is the readings' noise, `start` the log-prior (n, n) at the first scan, `step`
-    the variance of a step north and east, in cells²."""
-    scans, n = readings.level.shape[0], side.shape[0]
-    move = _steps(step)
-    log_move = np.full((3, 3), -np.inf)
-    for i in range(3):
-        for j in range(3):
-            if move[i, j] > 0.0:
-                log_move[i, j] = math.log(move[i, j])
-    best, new_best = np.empty((n, n)), np.empty((n, n))
-    forward, new_forward = np.empty((n, n)), np.empty((n, n))
-    emission = np.empty((n, n))
-    back = np.zeros((scans, n, n), np.int8)
-    path = np.full((scans, 2), -1)
-    for t in range(scans):
-        largest = _emissions(readings, t, variance[t], side, emission)
-        if largest == -np.inf:
-            return path, forward
-        total = 0.0
-        top = -np.inf
-        for i in range(n):
-            for j in range(n):
-                if t == 0:
-                    score, mass = start[i, j], math.exp(start[i, j])
-                else:
-                    score, mass = -np.inf, 0.0
-                    for a in range(max(0, i - 1), min(n, i + 2)):
-                        for b in range(max(0, j - 1), min(n, j + 2)):
-                            mass += move[a - i + 1, b - j + 1] * forward[a, b]
-                            reached = best[a, b] + log_move[a - i + 1, b - j + 1]
-                            if reached > score:
-                                score = reached
-                                back[t, i, j] = 3 * (a - i + 1) + (b - j + 1)
-                new_best[i, j] = score + emission[i, j]
-                new_forward[i, j] = mass * math.exp(emission[i, j] - largest)
-                total += new_forward[i, j]
-                top = max(top, new_best[i, j])
-        for i in range(n):
-            for j in range(n):
-                best[i, j] = new_best[i, j] - top
-                forward[i, j] = new_forward[i, j] / total if total > 0.0 else 1.0 / (n * n)
-    i = j = 0
-    for a in range(n):
-        for b in range(n):
-            if best[a, b] > best[i, j]:
-                i, j = a, b
-    for t in range(scans - 1, -1, -1):
-        path[t, 0], path[t, 1] = i, j
-        i, j = i + back[t, i, j] // 3 - 1, j + back[t, i, j] % 3 - 1
+    Parameters
+    ----------
+    emission : (N, n, n) array
+        Log-likelihoods.
+    start : (n, n) array
+        Log-prior at the first scan.
+    step : (float, float)
+        Variance of a step north and east, cells²: one cell either way has half of that as
+        probability.
+    """
+    if (emission.max(axis=(1, 2)) == -np.inf).any():
+        return None
+    move = np.multiply.outer(*(np.array([0.5 * s, 1.0 - s, 0.5 * s]) for s in step)).ravel()
+    with np.errstate(divide="ignore"):
+        log_move = np.log(move)
+    back, best, forward = np.zeros(emission.shape, int), start, np.exp(start)
+    for t, log in enumerate(emission):
+        if t > 0:
+            reached = _around(best, -np.inf) + log_move
+            back[t], best = reached.argmax(axis=-1), reached.max(axis=-1)
+            forward = _around(forward, 0.0) @ move
+        best = best + log
+        best = best - best.max()
+        forward = forward * np.exp(log - log.max())
+        total = forward.sum()
+        forward = forward / total if total > 0.0 else np.full(start.shape, 1.0 / start.size)
+    cell = np.array(np.unravel_index(int(best.argmax()), start.shape))
+    path = np.empty((len(emission), 2), int)
+    for t in range(len(emission) - 1, -1, -1):
+        path[t] = cell
+        cell = cell + np.divmod(back[t, cell[0], cell[1]], 3) - 1
     return path, forward
+
+
+def _around(cells: Array, outside: float) -> Array:
+    """Return (n, n, 9) what the cells around each one have, itself included, row by row."""
+    wide = np.pad(cells, 1, constant_values=outside)
+    return sliding_window_view(wide, (3, 3)).reshape(*cells.shape, 9)

@@ -1,50 +1,25 @@
 """Linear Kalman filter and fixed-interval smoother of a short batch (paper eqs. forward,
 backward).
 
-All functions are compiled and work on one batch: T scans, n states, m measured numbers a scan.
-Scan 0 carries the prior and is not updated, as in the paper, whose forward process starts at
+Filter and smoother are compiled and work on one batch: T scans, n states, m measured numbers a
+scan. Scan 0 carries the prior and is not updated, as in the paper, whose forward process starts at
 y_{1|1} = x_1. A measurement with a NaN is left out: the scan is only predicted."""
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.matrices import lower, product
-
-
-# Loops, not `@` and np.linalg: at these sizes they are as fast, and they compile in a tenth of the
-# time.
-@kernel
-def multiply_transposed(a: Array, b: Array) -> Array:
-    """Return a b'."""
-    out = np.zeros((a.shape[0], b.shape[0]))
-    for i in range(a.shape[0]):
-        for j in range(b.shape[0]):
-            for k in range(a.shape[1]):
-                out[i, j] += a[i, k] * b[j, k]
-    return out
+from isogal.matrices import inverse_of_lower, lower, product
 
 
 @kernel
-def solve_positive(a: Array, b: Array) -> Array:
-    """Return the x (n, m) of a x = b for a symmetric positive definite a (n, n), by its Cholesky
-    factor; NaN where it is not definite."""
-    n = a.shape[0]
-    factor = lower(a)
-    x = b.copy()
-    for c in range(b.shape[1]):
-        for i in range(n):
-            for k in range(i):
-                x[i, c] -= factor[i, k] * x[k, c]
-            x[i, c] /= factor[i, i]
-        for i in range(n - 1, -1, -1):
-            for k in range(i + 1, n):
-                x[i, c] -= factor[k, i] * x[k, c]
-            x[i, c] /= factor[i, i]
-    return x
+def _solved(a: Array, b: Array) -> Array:
+    """Return the x (n, m) of a x = b for a symmetric positive definite a (n, n); NaN where it is
+    not definite."""
+    whitening = inverse_of_lower(lower(a))
+    return product(whitening.T, product(whitening, b))
 
 
-@kernel
 def constant_velocity(interval: Array, acceleration_density: float) -> tuple[Array, Array]:
     """Transitions F and process noises Q of (north, east, velocity north, velocity east)
     (Bar-Shalom, Li & Kirubarajan 2001, 6.2.2).
@@ -61,19 +36,12 @@ def constant_velocity(interval: Array, acceleration_density: float) -> tuple[Arr
     F, Q : (T - 1, 4, 4) arrays
         Of paper eq. s3-03; metres and m/s.
     """
-    steps = interval.shape[0]
-    F = np.zeros((steps, 4, 4))
-    Q = np.zeros((steps, 4, 4))
-    for k in range(steps):
-        dt = interval[k]
-        for i in range(4):
-            F[k, i, i] = 1.0
-        for i in range(2):
-            F[k, i, i + 2] = dt
-            Q[k, i, i] = acceleration_density * dt**3 / 3.0
-            Q[k, i, i + 2] = acceleration_density * dt**2 / 2.0
-            Q[k, i + 2, i] = Q[k, i, i + 2]
-            Q[k, i + 2, i + 2] = acceleration_density * dt
+    dt, place, rate = interval[:, None], [0, 1], [2, 3]
+    F, Q = np.tile(np.eye(4), (len(interval), 1, 1)), np.zeros((len(interval), 4, 4))
+    F[:, place, rate] = dt
+    Q[:, place, place] = acceleration_density * dt**3 / 3.0
+    Q[:, place, rate] = Q[:, rate, place] = acceleration_density * dt**2 / 2.0
+    Q[:, rate, rate] = acceleration_density * dt
     return F, Q
 
 
@@ -121,7 +89,7 @@ def forward_filter(
     _store(filtered_mean, filtered_covariance, 0, mean, covariance)
     _store(predicted_mean, predicted_covariance, 0, mean, covariance)
     for t in range(1, scans):
-        P = multiply_transposed(product(F[t - 1], filtered_covariance[t - 1]), F[t - 1])
+        P = product(product(F[t - 1], filtered_covariance[t - 1]), F[t - 1].T)
         x = np.zeros(states)
         for i in range(states):
             for j in range(states):
@@ -135,11 +103,11 @@ def forward_filter(
         if missing:
             continue
         HP = product(H, P)
-        S = multiply_transposed(HP, H)
+        S = product(HP, H.T)
         for i in range(S.shape[0]):
             for j in range(S.shape[0]):
                 S[i, j] += R[t, i, j]
-        Kt = solve_positive(S, HP)
+        Kt = _solved(S, HP)
         for i in range(states):
             for k in range(z.shape[1]):
                 innovation = z[t, k]
@@ -181,7 +149,7 @@ def backward_smoother(
     covariance = filtered_covariance.copy()
     states = mean.shape[1]
     for t in range(filtered_mean.shape[0] - 2, -1, -1):
-        gain_t = solve_positive(predicted_covariance[t + 1], product(F[t], filtered_covariance[t]))
+        gain_t = _solved(predicted_covariance[t + 1], product(F[t], filtered_covariance[t]))
         change = product(covariance[t + 1] - predicted_covariance[t + 1], gain_t)
         for i in range(states):
             for k in range(states):

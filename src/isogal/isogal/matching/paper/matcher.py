@@ -28,22 +28,19 @@ error of the map, no unknown bias (`map_sigma` and `bias_sigma` have no effect);
 reading is never used (eq. forward). See docs/mathematics.md, section 13."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
+from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
 from isogal.matching.local_plane import LocalPlane
 from isogal.matching.paper.iteration import (
     Estimate,
-    Process,
+    PaperOptions,
     ScanCandidates,
-    Scans,
-    Search,
     find_candidates,
     maximise,
 )
@@ -53,49 +50,6 @@ from isogal.scenario import Matcher as MatcherSettings
 
 REFERENCE_SIDE = 10
 """C_ref is the mean of C over this many places along each side of the map."""
-
-
-class PaperOptions(BaseModel):
-    """Options of `pmht-paper`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    gamma: float = Field(9.0, gt=0.0, description="threshold of the search window, eq. s2-02")
-    window: Literal["ellipse", "rectangle"] = Field(
-        "rectangle", description="shape of the search window"
-    )
-    min_half_width: float = Field(
-        1500.0, gt=0.0, description="least half-width of the search window, m"
-    )
-    candidates: int = Field(20, ge=1, le=1000, description="map points kept of each scan")
-    spacing: float | None = Field(
-        250.0,
-        gt=0.0,
-        description="coarser maps are interpolated to points this far apart, m; null = never",
-    )
-    iterations: int = Field(15, ge=1, le=1000, description="most iterations")
-    epsilon: float = Field(
-        0.0, ge=0.0, description="stop when the batch state moves by no more than this; 0 = never"
-    )
-    acceleration_density: float = Field(
-        1e-5, gt=0.0, description="q of the constant-velocity model, m²/s³"
-    )
-    association: Literal["predicted", "smoothed"] = Field(
-        "predicted", description="state that candidates are weighed by"
-    )
-    covariance_factor: float | None = Field(None, gt=0.0, description="factor on P_T|T; null = T")
-    variability_exponent: float = Field(
-        1.0, ge=0.0, le=4.0, description="0 = covariance not weighted by variability"
-    )
-    variability_window: float = Field(
-        2000.0, gt=0.0, description="half-width of the variability template, m"
-    )
-    min_variability: float = Field(
-        2e-4, ge=0.0, description="normalised variability below which aiding stops"
-    )
-    min_scans: int | None = Field(
-        None, ge=1, description="scans with candidates that a fix needs; null = half the batch"
-    )
 
 
 @dataclass(frozen=True)
@@ -113,12 +67,14 @@ class PmhtPaper:
         """Build it from the scenario; raises InputError on unknown or impossible options."""
         return cls(check_options("pmht-paper", settings.options, PaperOptions))
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(
+        self, batch: Batch, field_map: AnyMap, memory: float | None
+    ) -> tuple[Fix, float | None]:
         """Match one batch (see `interfaces.Matcher`)."""
-        options = self.options
+        options, field_map = self.options, channels_of(field_map)[0]
         if reason := unusable(batch):
             return declined(batch, reason), memory
-        reference = memory if isinstance(memory, float) else self._reference(field_map)
+        reference = self._reference(field_map) if memory is None else memory
         variability = self._variability(batch, field_map, reference)
         if variability is None:
             return declined(batch, "the track is outside the map"), reference
@@ -130,42 +86,14 @@ class PmhtPaper:
             return declined(batch, reason, feature_variability=variability), reference
 
         plane = LocalPlane.of(batch)
-        scans = Scans.of(batch, plane)
-        candidates = find_candidates(
-            field_map.grid,
-            scans,
-            np.ascontiguousarray(batch.prior),  # of one layout: compiled once
-            (plane.north, plane.east),
-            self._search,
-        )
-        usable = int((candidates.found > 0).sum())
+        candidates = find_candidates(batch, plane, field_map, options)
+        usable = int(candidates.there.any(axis=1).sum())
         if reason := too_few(batch, usable, options.min_scans or max(1, len(batch) // 2)):
             return declined(batch, reason, feature_variability=variability), reference
-        result = maximise(
-            scans.navigator, _first_scan(batch), np.diff(batch.time), candidates, self._process
-        )
+        position = plane.metres(batch.latitude, batch.longitude)
+        navigator = np.concatenate([position, batch.velocity], axis=1)
+        result = maximise(navigator, _first_scan(batch), np.diff(batch.time), candidates, options)
         return self._fix(batch, plane, variability, candidates, result), reference
-
-    @property
-    def _search(self) -> Search:
-        options = self.options
-        return Search(
-            gamma=options.gamma,
-            rectangle=options.window == "rectangle",
-            minimum=options.min_half_width,
-            spacing=np.inf if options.spacing is None else options.spacing,
-            wanted=options.candidates,
-        )
-
-    @property
-    def _process(self) -> Process:
-        options = self.options
-        return Process(
-            acceleration_density=options.acceleration_density,
-            most=options.iterations,
-            epsilon=options.epsilon,
-            predicted=options.association == "predicted",
-        )
 
     def _variability(self, batch: Batch, field_map: FieldMap, reference: float) -> float | None:
         """Return the mean of eq. CV over the batch, in units of C_ref; None off the map."""
@@ -242,6 +170,6 @@ def _first_scan(batch: Batch) -> Array:
 
 def _listed(plane: LocalPlane, candidates: ScanCandidates, weight: Array) -> Candidates:
     """Return the candidates of all scans with their last weights."""
-    kept = np.arange(weight.shape[1])[None, :] < candidates.found[:, None]
+    kept = candidates.there
     latitude, longitude = plane.radians(candidates.position[kept])
     return Candidates(latitude, longitude, weight[kept], np.nonzero(kept)[0])

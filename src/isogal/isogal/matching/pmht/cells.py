@@ -25,7 +25,7 @@ PLACES = 600
 """Cells, and then hypotheses, that are followed up, at most."""
 SURE = 0.99
 """Probability of what is taken as certain: that the place is in the first grid and among the cells
-that are followed up, and that a navigator that is told so has diverged."""
+that are followed up, and that a navigator that is reset has diverged."""
 GROUPS = 120
 """Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
 With a third of them a place on a map of 3 mGal is found a minute later."""
@@ -88,8 +88,20 @@ class Ranked:
 def at_cells(
     models: Models, centres: Array, which: Integers, cell: float, wide: Array
 ) -> Hypotheses:
-    """Return those at cells (K, 2), each with a model (K,); their weights are those of the
-    prior."""
+    """Return hypotheses at cells, whose weights are those of the prior.
+
+    Parameters
+    ----------
+    models : Models
+    centres : (K, 2) array
+        Errors of the place, m north and east.
+    which : (K,) array of int
+        The model of each.
+    cell : float
+        Size of the cells, m.
+    wide : (7, 7) array
+        Prior covariance of the navigator's error.
+    """
     base, n = Hypotheses.before(models, wide), BATCH_STATES
     gain = np.linalg.solve(wide[:2, :2], wide[:2]).T  # errors that go with a place
     inner = wide + gain @ ((cell / CELL_SIGMA) ** 2 * np.eye(2) - wide[:2, :2]) @ gain.T
@@ -248,9 +260,17 @@ def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
 
 
 @kernel(error_model="numpy")
-def _residuals(  # type: ignore[no-untyped-def]
-    grid, latitude, longitude, radian, level, place, reading, channel, centres
-):
+def _residuals(
+    grid: Grid,
+    latitude: Array,
+    longitude: Array,
+    radian: Array,
+    level: Array,
+    place: Array,
+    reading: Array,
+    channel: Integers,
+    centres: Array,
+) -> Array:
     """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
     be, and less what these put into them."""
     count, rows = centres.shape[0], latitude.shape[0]

@@ -84,10 +84,10 @@ def _look(
 
 def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
     """Whether readings and map differ by what a wrong place could explain: the map's error is
-    larger than the noise and than is told, or something else is wrong."""
+    larger than the noise and than specified, or something else is wrong."""
     bank = lead.bank
     assert bank is not None
-    expected = max(usual_noise(rows), lead.told * SIGMA_STEP)
+    expected = max(usual_noise(rows), lead.specified * SIGMA_STEP)
     return bool(bank.map_error[0] > expected or bank.faults[NONE] < 0.5)
 
 

@@ -36,11 +36,11 @@ MOST, USUAL_STATES = 3500, BATCH_STATES + 1 + len(UNKNOWN)
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 10.0
 """Log of how much less probable than all together a place may be before it is dropped."""
-LIGHT = 5.0
+LIGHT = NEGLIGIBLE / 2.0
 """Models less probable by this log have one place only."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
-FLOOR = 15.0
+FLOOR = NEGLIGIBLE + LIGHT
 """The best model of no group (`Models.group`) falls further below the best than this log: what was
 wrong for hours may become right."""
 CREDIBLE = 2.0
@@ -108,12 +108,11 @@ class Hypotheses:
         of_place, least = rows.place[-1], self._least
         while True:  # `most` ends it on a map as rough as that
             worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
-            place, spread = whole.places(of_place)
+            _, spread = whole.places(of_place)
             asked = whole.log_weight > least[whole.which]
             mixture_kernels.curvature(
-                grid, rows, self.models, whole.which, asked, int(whole.log_weight.argmax()),
-                whole.mean, place, spread, CURVED, REACH, worst, axes,
-            )  # fmt: skip
+                grid, rows, self.models, whole.which, asked, whole.mean, spread, REACH, worst, axes
+            )
             cut = worst > CURVED
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
@@ -170,19 +169,19 @@ class Hypotheses:
         """The log of the sum of their weights: of readings that they have taken since it was 0."""
         return float(np.logaddexp.reduce(self.log_weight)) if len(self) else -math.inf
 
-    def informed(self, told: Information, prior: Array) -> "Hypotheses":
-        """Return them after what others' readings tell of the navigator's error; of directions in
+    def informed(self, information: Information, prior: Array) -> "Hypotheses":
+        """Return them after what others' readings say of the navigator's error; of directions in
         which that is negative, nothing. `prior` (7, 7): the navigator's covariance, for scale."""
-        if not told.matrix.any():
+        if not information.matrix.any():
             return self
         n = BATCH_STATES
-        told = positive_part(told, np.sqrt(np.diag(prior)))
-        M, mean = told.matrix, self.mean[:, :n]
+        information = positive_part(information, np.sqrt(np.diag(prior)))
+        M, mean = information.matrix, self.mean[:, :n]
         P, across = self.covariance[:, :n, :n], self.covariance[:, :, :n]
         less = np.linalg.solve(np.eye(n) + M @ P, np.broadcast_to(M, P.shape))
-        left = told.vector - mean @ M
+        left = information.vector - mean @ M
         right = np.linalg.solve(np.eye(n) + M @ P, left[..., None])[..., 0]
-        evidence = mean @ told.vector - 0.5 * np.einsum("ki,ij,kj->k", mean, M, mean)
+        evidence = mean @ information.vector - 0.5 * np.einsum("ki,ij,kj->k", mean, M, mean)
         evidence += 0.5 * np.einsum("ki,kij,kj->k", left, P, right)
         evidence -= 0.5 * np.linalg.slogdet(np.eye(n) + M @ P)[1]
         return replace(
@@ -292,7 +291,7 @@ class Hypotheses:
         return np.asarray(shares, dtype=np.float64)
 
     def figures(self, states: States) -> dict[str, float]:
-        """Return the mean of the instrument's states that have names, and of an untold bias."""
+        """Return the mean of the instrument's states that have names, and of those of UNKNOWN."""
         mean = self.weight @ self.mean[:, BATCH_STATES + states.channels :]
         named, first = len(states.names), len(mean) - states.unknown
         names = (*UNKNOWN[: states.unknown], *states.names)

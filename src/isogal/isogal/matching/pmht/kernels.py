@@ -10,9 +10,12 @@ import math
 
 import numpy as np
 
+from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.interpolation import value_and_gradient
+from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows
 
 ITERATIONS = 8
 """Linearisations at most; from the fourth on steps are halved, since a step that has not
@@ -33,9 +36,14 @@ time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off
 
 
 @kernel(error_model="numpy")
-def propagated(  # type: ignore[no-untyped-def]
-    which, growth_factor, transition, growth, mean, covariance
-):
+def propagated(
+    which: Integers,
+    growth_factor: Array,
+    transition: Array,
+    growth: Array,
+    mean: Array,
+    covariance: Array,
+) -> None:
     """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
     `growth` (7, 7) times the model's factor added to their covariance."""
     n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
@@ -65,10 +73,12 @@ def propagated(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def predicted(grid, rows, t, north, east, lag):  # type: ignore[no-untyped-def]
+def predicted(
+    grid: Grid, rows: Rows, t: int, north: float, east: float, lag: float
+) -> tuple[float, float, float]:
     """Return the map's value and its derivatives to north and east (per m) for row t of a
     navigator that is `north` and `east` (m) of the truth; a mean over the path where the
-    instrument's filter is told or has a time constant `lag` (s)."""
+    instrument's filter is specified or has a time constant `lag` (s)."""
     lat = rows.latitude[t] - north * rows.radian[t, 0]
     lon = rows.longitude[t] - east * rows.radian[t, 1]
     channel = rows.channel[t]
@@ -99,7 +109,18 @@ def predicted(grid, rows, t, north, east, lag):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):  # type: ignore[no-untyped-def]
+def _linearised(
+    grid: Grid,
+    rows: Rows,
+    sigma: float,
+    load: Array,
+    lag: float,
+    used: Integers,
+    c: int,
+    at: Array,
+    z: Array,
+    H: Array,
+) -> bool:
     """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,); say whether all of
     them are on the map."""
     n = BATCH_STATES
@@ -124,7 +145,7 @@ def _linearised(grid, rows, sigma, load, lag, used, c, at, z, H):  # type: ignor
 
 
 @kernel(error_model="numpy")
-def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
+def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array) -> None:
     """Carry the map errors, states 7 and on of c, to the next scan in place: u -> step u, with
     `joined` added to their covariance."""
     n, size = BATCH_STATES, step.shape[0]
@@ -153,9 +174,20 @@ def _stepped(x, P, step, joined, c, work):  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def _filtered(  # type: ignore[no-untyped-def]
-    x, P, z, H, noise, keep, fresh, step, joined, used, c, PH
-):
+def _filtered(
+    x: Array,
+    P: Array,
+    z: Array,
+    H: Array,
+    noise: Array,
+    keep: Array,
+    fresh: Array,
+    step: Array,
+    joined: Array,
+    used: Integers,
+    c: int,
+    PH: Array,
+) -> float:
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier, which says nothing and is as likely
@@ -210,9 +242,15 @@ def _filtered(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def observed(  # type: ignore[no-untyped-def]
-    grid, rows, models, which, mean, covariance, evidence
-):
+def observed(
+    grid: Grid,
+    rows: Rows,
+    models: Models,
+    which: Integers,
+    mean: Array,
+    covariance: Array,
+    evidence: Array,
+) -> None:
     """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
     one that leaves the map.
 

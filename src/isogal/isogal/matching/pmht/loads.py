@@ -18,9 +18,23 @@ def loads_of(
     channel: Integers,
     rough: Array,
 ) -> Array:
-    """Return `rows.Rows.load` (L, n, U) of readings (n,) of a batch: U map errors in units of
-    their own 1-sigmas, those of this scan's channels or beams first; what a grid leaves out is in
-    proportion to how rough the map is there, `rough` (L,) as in `Models.shapes`."""
+    """Return `rows.Rows.load` (L, n, U): map errors in units of their own 1-sigmas, those of this
+    scan's channels or beams first; what a grid leaves out is in proportion to how rough the map is
+    there.
+
+    Parameters
+    ----------
+    batch : Batch
+    which : (n,) array of int
+        Its rows.
+    field_map : FieldMap or ChannelMap
+    errors : int
+        U.
+    channel : (n,) array of int
+        Of the rows.
+    rough : (L,) array
+        See `Models.shapes`.
+    """
     maps = channels_of(field_map)
     place = batch.latitude[which], batch.longitude[which]
     own = by_channel(field_map, channel, FieldMap.sigma_at, *place)

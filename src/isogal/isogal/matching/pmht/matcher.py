@@ -1,7 +1,7 @@
 """`pmht`: probabilistic multi-hypothesis map matching by one bank of hypotheses.
 
 The default matcher. It keeps the paper's idea, readings matched by probabilities over many
-hypotheses under the kinematic constraint. A hypothesis is a model of what nobody knows (how wrong
+hypotheses under the kinematic constraint. A hypothesis is a model of what is not known (how wrong
 the map is, how noisy or biased the instrument, whether the navigator is worse than it says) and a
 Gaussian about the navigator's error, the map's error under the vehicle and the instrument's
 states. Every reading is a Kalman update of every hypothesis; how well each foretold it is its
@@ -31,7 +31,7 @@ from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.places import WIDE_M
 from isogal.matching.pmht.propagation import grown
-from isogal.matching.pmht.publish import Told, published
+from isogal.matching.pmht.publish import FieldInformation, published
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
 from isogal.matching.pmht.settings import assumed, options_of
 from isogal.matching.pmht.states import States
@@ -40,7 +40,7 @@ from isogal.scenario import Matcher as MatcherSettings
 
 ELSEWHERE = -2.0 * math.log(1.0 - SURE)
 """Squared distance, in 1-sigmas of the navigator, from its own place to one that is found, from
-which on the navigator is told that it has diverged: outside of where it is sure to be."""
+which on the navigator counts as diverged: outside of where it is sure to be."""
 SAME_ESTIMATE = 0.25
 """Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and
 the one that was made, up to which the fix counts as taken: half a 1-sigma."""
@@ -61,7 +61,7 @@ class Pmht:
     takes_parameters: ClassVar[bool] = True
     """Whether it estimates the parameters of a batch (`isogal.matching.parameters`)."""
     stride: ClassVar[int] = 5
-    """New scans between fixes where nobody says otherwise: with fewer the result is the same, with
+    """New scans between fixes where none is specified: with fewer the result is the same, with
     more it waits longer for what the last readings say. Measured."""
     context: ClassVar[int] = 0
     """Older scans that a batch brings along: none, what they said is in the hypotheses."""
@@ -102,9 +102,10 @@ class Pmht:
         observed = _observed(each, rows, memory, prior)
         if observed is None:
             return declined(batch, "none of the likely places is on the map"), memory
-        memory, told, evidence = observed
+        memory, shared, evidence = observed
         lead = memory.fields[self.lead]
-        diverged = memory.diverged.with_last(rows=rows[0], evidence=evidence)
+        last = replace(memory.diverged.last, rows=rows[0], evidence=evidence)
+        diverged = memory.diverged.with_last(last)
         diverged = pursued(diverged, lead, field_map)
         memory, found = decided(replace(memory, diverged=diverged), self.lead, field_map)
         bank = memory.fields[self.lead].bank
@@ -117,9 +118,9 @@ class Pmht:
             widened = covariance + np.outer(mean, mean)  # else the fix were beyond its gate
             prior = prior + widened + (LOST_COVARIANCE if reset else 0.0)
         if found:
-            told = Told.nothing().with_bank(self.lead, bank, prior)
+            shared = FieldInformation.nothing().with_bank(self.lead, bank, prior)
         each_scan = self.settings[self.lead].mode == "retrodiction"
-        fix, memory = published(each, memory, prior, told, self.names, each_scan)
+        fix, memory = published(each, memory, prior, shared, self.names, each_scan)
         return replace(fix, reset=reset, widened=widened), memory
 
     def _readings(
@@ -136,7 +137,7 @@ class Pmht:
                 models = models_of(known, states)
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
                 bank = None if lost else Hypotheses.before(models, prior)
-                field = FieldMemory(states, models, bank, told=known.sigma or 0.0)
+                field = FieldMemory(states, models, bank, specified=known.sigma or 0.0)
             lengths, rough = field.models.shapes
             new, epoch = rows_of(
                 one.batch, one.field_map, field.states, lengths, field.epoch, rough
@@ -171,7 +172,7 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
         off = -batch.correction - memory.taken
         if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
             # the fix was not taken as it was: where the navigator knows less than by that it
-            # knew no more then; where it knows more, others have told it since
+            # knew no more then; where it knows more, other aids have informed it since
             before = before + grown(before, back @ prior @ back.T)[0]
         memory = memory.moved(off)
     return memory.propagated(before, back, prior, float(batch.time[-1]))
@@ -179,18 +180,18 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
 
 def _observed(
     each: Sequence[Beside], rows: Sequence[Rows | None], memory: Memory, prior: Array
-) -> tuple[Memory, Told, float] | None:
-    """Return the memory after new readings, what they tell, and the log evidence of the first
+) -> tuple[Memory, FieldInformation, float] | None:
+    """Return the memory after new readings, what they say, and the log evidence of the first
     field's; None where none of its hypotheses is on the map.
 
-    Readings of two fields are independent given where the vehicle was: what one tells of the
-    navigator is told to the hypotheses of the others (expectation propagation; Minka 2001)."""
-    fields, told, evidence = dict(memory.fields), Told.nothing(), 0.0
+    Readings of two fields are independent given where the vehicle was: what one says of the
+    navigator informs the hypotheses of the others (expectation propagation; Minka 2001)."""
+    fields, shared, evidence = dict(memory.fields), FieldInformation.nothing(), 0.0
     for one, new in zip(each, rows, strict=True):
         field = fields[one.field]
         if new is None or field.bank is None:
             continue
-        bank, log = field.bank.informed(told.total, prior), 0.0
+        bank, log = field.bank.informed(shared.total, prior), 0.0
         for part in parts_of(new):
             seen = bank.split(one.field_map.grid, part).observed(one.field_map.grid, part)
             if not len(seen):
@@ -204,9 +205,9 @@ def _observed(
         if one is each[0]:
             evidence = log
         fields[one.field] = replace(field, bank=bank)
-        told = told.with_bank(one.field, bank, prior)
+        shared = shared.with_bank(one.field, bank, prior)
     for index, field in fields.items():
         if field.bank is not None:
-            later = field.bank.informed(told.after(index), prior)
+            later = field.bank.informed(shared.after(index), prior)
             fields[index] = replace(field, bank=later)
-    return replace(memory, fields=fields), told, evidence
+    return replace(memory, fields=fields), shared, evidence

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,12 +14,12 @@ from isogal.matching.pmht.rows import Epoch
 from isogal.matching.pmht.search import Past, Search
 from isogal.matching.pmht.states import States
 
-EVERY, LATER = 200.0, 1800.0
-"""s from one look for other places to the next, and where it has found the navigator where it
-believes to be. Later looks tell later of a navigator that has diverged, earlier ones take as long
-as the fixes."""
 HOUR = 3600.0
 """s that a search goes back."""
+EVERY, LATER = 200.0, HOUR / 2.0
+"""s from one look for other places to the next, and where it has found the navigator where it
+believes to be. Later looks find later a navigator that has diverged, earlier ones take as long
+as the fixes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,8 +31,8 @@ class FieldMemory:
     bank: Hypotheses | None
     """About the navigator as it is; None = its place is searched for."""
     epoch: Epoch | None = None
-    told: float = 0.0
-    """1-sigma of the map's error that is told, map's unit; 0 = nothing is."""
+    specified: float = 0.0
+    """1-sigma of the map's error as specified, map's unit; 0 = it is not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,9 +71,14 @@ class Diverged:
             search = None if search is None else replace(search, done=search.done - 1)
         return replace(self, past=past, start=start, whole=whole, search=search)
 
-    def with_last(self, **changes: Any) -> "Diverged":
+    @property
+    def last(self) -> Past:
+        """The last batch."""
+        return self.past[-1]
+
+    def with_last(self, last: Past) -> "Diverged":
         """Return it with another last batch."""
-        return replace(self, past=(*self.past[:-1], replace(self.past[-1], **changes)))
+        return replace(self, past=(*self.past[:-1], last))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,13 +102,14 @@ class Memory:
     @property
     def time(self) -> float:
         """s, end of the last batch."""
-        return self.diverged.past[-1].time
+        return self.diverged.last.time
 
     def moved(self, by: Array) -> "Memory":
         """Return that of a navigator whose estimate has lost a further error (7,)."""
+        last = self.diverged.last
         return replace(
             self._each(lambda bank: bank.moved(by)),
-            diverged=self.diverged.with_last(taken=self.diverged.past[-1].taken + by),
+            diverged=self.diverged.with_last(replace(last, taken=last.taken + by)),
             taken=self.taken + by,
         )
 
@@ -115,21 +120,22 @@ class Memory:
         if any(one.bank is None for one in self.fields.values()):
             # of kilometres, what is not linear in them looks like growth
             alone = alone._replace(growth=np.zeros_like(prior))
+        diverged = self.diverged.with_last(replace(self.diverged.last, left=before))
         return replace(
             self._each(lambda bank: bank.carried(*aided)),
             covariance=prior,
-            diverged=self.diverged.with_last(left=before).later(Past.of(*alone, prior, time)),
+            diverged=diverged.later(Past.of(*alone, prior, time)),
             taken=np.zeros(BATCH_STATES),
         )
 
     def after(self, taken: Array, covariance: Array) -> "Memory":
         """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
         a covariance (7, 7) then."""
-        diverged, last = self.diverged, self.diverged.past[-1]
+        diverged, last = self.diverged, self.diverged.last
         if len(diverged.past) == 1 and last.rows is None:  # its place has just been found
             diverged = Diverged.before(covariance, last.time)
         else:
-            diverged = diverged.with_last(taken=taken, left=covariance)
+            diverged = diverged.with_last(replace(last, taken=taken, left=covariance))
         return replace(
             self._each(lambda bank: bank.moved(taken)),
             covariance=covariance,

@@ -5,66 +5,49 @@ import math
 
 import numpy as np
 
+from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
+from isogal.maps.interpolation import Grid
 from isogal.matching.pmht.kernels import predicted
+from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.rows import Rows
 
 MOST_LOOKED_AT = 10
 """Rows of which it is asked how far they depart from linear."""
 
 
 @kernel(error_model="numpy")
-def _bend(grid, rows, north, east, lag, step):  # type: ignore[no-untyped-def]
-    """Return the root of the sum over rows of the squared largest second derivative of the map
-    (per m², in 1-sigma of the noise) around a place, by differences of gradients over a step
-    (m)."""
-    total = 0.0
-    for t in range(rows.level.shape[0]):
-        _, nn1, ne1 = predicted(grid, rows, t, north + step, east, lag)
-        _, nn0, ne0 = predicted(grid, rows, t, north - step, east, lag)
-        _, en1, ee1 = predicted(grid, rows, t, north, east + step, lag)
-        _, en0, ee0 = predicted(grid, rows, t, north, east - step, lag)
-        mean = 0.5 * ((nn1 - nn0) + (ee1 - ee0))
-        apart = math.hypot(0.5 * ((nn1 - nn0) - (ee1 - ee0)), 0.5 * ((ne1 - ne0) + (en1 - en0)))
-        total += ((abs(mean) + apart) / (2.0 * step)) ** 2 / rows.noise[t]
-    return math.sqrt(total)
-
-
-@kernel(error_model="numpy")
-def curvature(  # type: ignore[no-untyped-def]
-    grid, rows, models, which, asked, best, mean, place, spreads, enough, reach, worst, axes
-):
+def curvature(
+    grid: Grid,
+    rows: Rows,
+    models: Models,
+    which: Integers,
+    asked: Booleans,
+    mean: Array,
+    spreads: Array,
+    reach: float,
+    worst: Array,
+    axes: Array,
+) -> None:
     """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of the place
     they were taken at, and (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma
-    along its axes, in 1-sigma of the noise and, where that is more, in units of their change.
-
-    Around the place of one of them, `best`, or of the first one of a low-pass filter, a look at
-    the map says of most that they depart by less than `enough`; these are not looked at one by
-    one, and 0, as are those that are not `asked` for.
+    along its axes, in 1-sigma of the noise and, where that is more, in units of their change; 0
+    of those that are not `asked` for.
 
     Parameters
     ----------
     asked : (K,) array of bool
-    place, spreads : (K, 2) and (K, 2, 2) arrays
-        See `Hypotheses.places`, m.
+    spreads : (K, 2, 2) array
+        See `Hypotheses.places`, m².
     """
-    step = 0.5 * grid.latitude_step / rows.radian[0, 0]
     stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
     along, departure, change = np.empty((2, 2)), np.empty(2), np.empty(2)
-    centre, lag, bend = -1, 0.0, 0.0
     for k in range(which.shape[0]):
         worst[k] = 0.0
         if not asked[k]:
             continue
         m = which[k]
-        if centre < 0 or models.lag[m] != lag:
-            lag = models.lag[m]
-            centre = k if lag > 0.0 else best
-            bend = 2.0 * _bend(grid, rows, place[centre, 0], place[centre, 1], lag, step)
-        spread = spreads[k, 0, 0] + spreads[k, 1, 1]
-        away = math.hypot(place[k, 0] - place[centre, 0], place[k, 1] - place[centre, 1])
-        near = away + reach * math.sqrt(spread) < step
-        if near and 0.5 * reach * reach * spread * bend < enough:
-            continue
+        lag = models.lag[m]
         a, b, d = spreads[k, 0, 0], spreads[k, 0, 1], spreads[k, 1, 1]
         angle = 0.5 * math.atan2(2.0 * b, a - d)
         c, s = math.cos(angle), math.sin(angle)
@@ -104,9 +87,14 @@ def curvature(  # type: ignore[no-untyped-def]
 
 
 @kernel(error_model="numpy")
-def merged(  # type: ignore[no-untyped-def]
-    which, log_weight, mean, covariance, place, spreads
-):
+def merged(
+    which: Integers,
+    log_weight: Array,
+    mean: Array,
+    covariance: Array,
+    place: Array,
+    spreads: Array,
+) -> Integers:
     """Merge hypotheses of one model whose places are within one 1-sigma of each other by their
     moments, in place, and return the indices of those that stay.
 

@@ -31,18 +31,23 @@ SIGMA_STEP = math.sqrt(2.0)
 """From one sigma of the map's error to the next. With steps twice as long, a sigma between two of
 them costs a fault so much evidence that a delay of 20 s is not found."""
 NARROW = 0.4
-"""Sigma, in units of the noise, below which readings do not tell lengths apart."""
+"""Sigma, in units of the noise, below which readings do not distinguish lengths."""
 ROUGH_FACTOR = 5.0
 """Factor (1-sigma) by which a map may be more wrong than it is rough."""
 NO_ERROR = 4.0
 """How much more probable it is that the map has no error than one of the least sigma: it stands
 for all sigmas below."""
 P_WRONG_MAP = 1e-3
-"""Probability that what is told of the map's error says nothing of it."""
+"""Probability that the specified map error is wrong altogether."""
 BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
 """1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
+RARE, WORSE = 0.01, 10.0
+"""Probability of a fault that one has heard of, and the factor of a navigator's covariance from
+one model to the next."""
+UNSURE_LAG = 0.3
+"""1-sigma of a low-pass filter's time constant, of itself: half of what is between two models."""
 LATE_S = 20.0
-"""1-sigma of a delay that nobody has told."""
+"""1-sigma of a delay where none is specified."""
 COUPLING = 1e-3
 """1-sigma of what a gravimeter takes from each horizontal acceleration: 1 mGal from 0.01 m/s²."""
 
@@ -53,7 +58,7 @@ steps of the grid (0.4 there): it is 0 at the nodes."""
 
 FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "shaken", "coarse")
 NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, SHAKEN, COARSE = range(8)
-OF_ONE_NUMBER = (BIASED, LATE, FILTERED, SHAKEN)
+OF_ONE_NUMBER = {BIASED, LATE, FILTERED, SHAKEN}
 """Of instruments whose reading is one number."""
 
 
@@ -65,7 +70,7 @@ class Fault(NamedTuple):
     noise: float = 1.0
     """Factor of the noise's variance."""
     bias: float = 0.0
-    """1-sigma, in units of that of an untold bias."""
+    """1-sigma, in units of that of a bias that is not specified."""
     drift: float = 0.0
     delay: float = 0.0
     """1-sigma, s."""
@@ -85,17 +90,15 @@ FAULTS = (
     Fault(BIASED, 0.1, bias=1.0, drift=1.0),
     Fault(NOISIER, 0.05, noise=3.0),
     Fault(NOISIER, 0.02, noise=10.0),
-    Fault(NOISIER, 0.01, noise=30.0),
-    Fault(NAVIGATOR, 0.01, start=10.0),
-    Fault(NAVIGATOR, 0.01, start=10.0, growth=10.0),
-    Fault(NAVIGATOR, 0.01, start=100.0, growth=100.0),
-    Fault(NAVIGATOR, 0.01, growth=10.0),
-    Fault(NAVIGATOR, 0.01, growth=100.0),
-    Fault(LATE, 0.01, delay=LATE_S),
-    Fault(FILTERED, 0.005, lag=30.0, delay=9.0),
-    Fault(FILTERED, 0.005, lag=60.0, delay=18.0),
-    Fault(FILTERED, 0.005, lag=120.0, delay=36.0),
-    Fault(SHAKEN, 0.01, coupling=COUPLING),
+    Fault(NOISIER, RARE, noise=30.0),
+    Fault(NAVIGATOR, RARE, start=WORSE),
+    Fault(NAVIGATOR, RARE, start=WORSE, growth=WORSE),
+    Fault(NAVIGATOR, RARE, start=WORSE**2, growth=WORSE**2),
+    Fault(NAVIGATOR, RARE, growth=WORSE),
+    Fault(NAVIGATOR, RARE, growth=WORSE**2),
+    Fault(LATE, RARE, delay=LATE_S),
+    *(Fault(FILTERED, 0.005, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
+    Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
 )
 
@@ -165,42 +168,41 @@ class Assumed:
     step: float = 4000.0
     """From one node of its grid to the next, m."""
     sigma: float | None = None
-    """1-sigma of the map's error that is told; None = nothing is."""
+    """1-sigma of the map's error as specified; None = it is not."""
     length: float = 4000.0
     trust: float = 2.0
-    """Factor within which told sigma and length are right (1-sigma); 1 = to the letter."""
+    """Factor within which these two are right where specified (1-sigma); 1 = to the letter."""
     bias: float = 0.0
-    """1-sigma of a bias that is told of."""
+    """1-sigma of a specified bias."""
     drift: float = 0.0
     """1-sigma, per s."""
     walks: bool = False
-    """Whether the bias is told to walk."""
+    """Whether the bias is specified as a random walk."""
     delay: float = 0.0
-    """1-sigma of a delay that is told of, s."""
+    """1-sigma of a specified delay, s."""
     filtered: bool = False
-    """Whether the instrument's filter is told."""
+    """Whether the instrument's filter is specified."""
     shaken: bool = False
-    """Whether readings may contain what accelerations do to a gravimeter, and nobody says."""
+    """Whether readings may contain what accelerations do to a gravimeter, not specified."""
 
 
 def models_of(assumed: Assumed, states: States) -> Models:
     """Return the models of a run."""
-    told = assumed.sigma is not None
-    faults: tuple[Fault, ...] = FAULTS
+    gone = set() if states.unknown else set(OF_ONE_NUMBER)
+    gone |= {
+        family
+        for family, known in (
+            (BIASED, assumed.bias > 0.0 or assumed.walks),
+            (LATE, assumed.delay > 0.0),
+            (FILTERED, assumed.filtered),
+            (SHAKEN, not assumed.shaken),
+            (COARSE, assumed.sigma is not None or not assumed.rough > 0.0),
+        )
+        if known
+    }
+    faults = [fault for fault in FAULTS if fault.family not in gone]
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        faults = FAULTS[:1]
-    if not states.unknown:
-        faults = tuple(f for f in faults if f.family not in OF_ONE_NUMBER)
-    if assumed.bias > 0.0 or assumed.walks:
-        faults = tuple(f for f in faults if not f.bias)
-    if assumed.delay > 0.0:
-        faults = tuple(f for f in faults if f.family != LATE)
-    if assumed.filtered:
-        faults = tuple(f for f in faults if not f.lag)
-    if not assumed.shaken:
-        faults = tuple(f for f in faults if not f.coupling)
-    if told or not assumed.rough > 0.0:
-        faults = tuple(f for f in faults if f.family != COARSE)
+        faults = faults[:1]
     fine, usual = _map_errors(assumed, True), _map_errors(assumed, False)
     rows = []
     for fault in faults:
@@ -217,18 +219,19 @@ def models_of(assumed: Assumed, states: States) -> Models:
 
 
 def _map_errors(assumed: Assumed, lengths: bool) -> list[tuple[float, float, float]]:
-    """Return sigmas, lengths and log weights of the map's error. Where nothing is told every sigma
-    is as likely as any other up to the map's roughness, larger ones less so; what is told is right
-    within a factor (1-sigma of a log-normal density), but for a small probability."""
-    told, usual, trust = assumed.sigma, assumed.length, assumed.trust
-    if told is not None and trust == 1.0:
-        return [(told, usual, 0.0)]
+    """Return sigmas, lengths and log weights of the map's error. Where nothing is specified every
+    sigma is as likely as any other up to the map's roughness, larger ones less so; what is
+    specified is right within a factor (1-sigma of a log-normal density), but for a small
+    probability."""
+    specified, usual, trust = assumed.sigma, assumed.length, assumed.trust
+    if specified is not None and trust == 1.0:
+        return [(specified, usual, 0.0)]
     least, most = LEAST_SIGMA * assumed.noise, LARGEST_SIGMA * assumed.scale
     if assumed.rough > 0.0:  # readings of much noise make no map worse
         least = min(least, assumed.rough)
-    if told:  # is one of the grid
-        least = told / SIGMA_STEP ** _steps(max(told / least, trust**2))
-        most = max(most, told * trust**2)
+    if specified:  # is one of the grid
+        least = specified / SIGMA_STEP ** _steps(max(specified / least, trust**2))
+        most = max(most, specified * trust**2)
     sigmas = least * SIGMA_STEP ** np.arange(_steps(max(most / least, 4.0)) + 1.0)
     choices = (usual / LENGTH_STEP, usual, usual * LENGTH_STEP) if lengths else (usual,)
     each = [
@@ -242,10 +245,10 @@ def _map_errors(assumed: Assumed, lengths: bool) -> list[tuple[float, float, flo
     longer = np.log(length / usual)
     log = -0.5 * (above**2 + (longer / math.log(LENGTH_FACTOR)) ** 2)
     log[0] = math.log(NO_ERROR)
-    if told is not None:
-        right = np.where(sigma == told, 0.0, -np.inf)
-        if told > 0.0:
-            off = np.log(sigma[1:] / told)
+    if specified is not None:
+        right = np.where(sigma == specified, 0.0, -np.inf)
+        if specified > 0.0:
+            off = np.log(sigma[1:] / specified)
             right[1:] = -0.5 * (off**2 + longer[1:] ** 2) / math.log(trust) ** 2
         otherwise = log - np.logaddexp.reduce(log) + math.log(P_WRONG_MAP)
         log = np.logaddexp(right - np.logaddexp.reduce(right), otherwise)
@@ -309,7 +312,7 @@ def table_of(
 def few(models: Models, noise: float) -> Models:
     """Return the models by which a place is searched for: those without a fault, of the usual
     length, with no map error and with sigmas that are at least a factor of two apart, down to
-    what readings of a 1-sigma tell."""
+    what readings of a 1-sigma can distinguish."""
     plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
     sigma, wanted = models.sigma[plain], list[int]()
     for k in np.argsort(-sigma):

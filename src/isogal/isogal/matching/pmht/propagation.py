@@ -18,8 +18,8 @@ class Step(NamedTuple):
 
 
 def steps(before: Array, back: Array, prior: Array) -> tuple[Step, Step]:
-    """Return what the dynamics do, and the same with what other aids have told the navigator,
-    which makes every hypothesis as much narrower as the navigator.
+    """Return what the dynamics do, and the same with what the navigator has learnt from other
+    aids, which makes every hypothesis as much narrower as the navigator.
 
     Parameters
     ----------

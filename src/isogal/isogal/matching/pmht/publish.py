@@ -10,10 +10,10 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.quantities import GRAVITY
 from isogal.maps.variability import feature_variability
-from isogal.matching.channels import first_channel
+from isogal.matching.expansion import first_channel
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.information import (
-    informed_state,
+    informed,
     likelihood_information,
     measurement_only,
     shares,
@@ -29,14 +29,14 @@ SHOWN = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Told:
-    """What the readings of fields tell of the navigator's error x, one after the other."""
+class FieldInformation:
+    """What the readings of fields say of the navigator's error x, one after the other."""
 
     each: tuple[tuple[int, Information], ...]
-    """Fields and what theirs tell beside those before."""
+    """Fields and what theirs add to those before."""
 
     @classmethod
-    def nothing(cls) -> "Told":
+    def nothing(cls) -> "FieldInformation":
         """Return that of no readings."""
         return cls(())
 
@@ -46,21 +46,21 @@ class Told:
         return _sum([one for _, one in self.each])
 
     def after(self, field: int) -> Information:
-        """Return what fields tell that came after one of them."""
+        """Return what fields say that came after one of them."""
         order = [index for index, _ in self.each]
         first = order.index(field) + 1 if field in order else 0
         return _sum([one for _, one in self.each[first:]])
 
-    def with_bank(self, field: int, bank: Hypotheses, prior: Array) -> "Told":
-        """Return it with what the readings of a field tell that makes a navigator N(0, prior),
-        told of the others', what its bank says."""
+    def with_bank(self, field: int, bank: Hypotheses, prior: Array) -> "FieldInformation":
+        """Return it with what the readings of a field say that makes a navigator N(0, prior),
+        informed by the others, what its bank says."""
         mean, before = np.zeros(BATCH_STATES), prior
         if self.each:
-            mean, before = informed_state(prior, self.total)
+            mean, before = informed(prior, self.total)
         after, covariance = bank.credible().moments()
         own = likelihood_information(after - mean, covariance, before)
         own = Information(own.vector + own.matrix @ mean, own.matrix)
-        return Told((*self.each, (field, own)))
+        return FieldInformation((*self.each, (field, own)))
 
 
 def _sum(parts: Sequence[Information]) -> Information:
@@ -74,7 +74,7 @@ def published(
     each: Sequence[Beside],
     memory: Memory,
     prior: Array,
-    told: Told,
+    shared: FieldInformation,
     names: Sequence[str],
     each_scan: bool,
 ) -> tuple[Fix, Memory]:
@@ -92,12 +92,12 @@ def published(
     batch = each[0].batch
     figures = _figures(each, memory, names)
     error = _gravity_error(each, memory)
-    information = told.total
+    information = shared.total
     if not information.matrix.any():
         reason = "the batch tells nothing that the navigator does not know"
         fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
-    mean, covariance = informed_state(prior, information)
+    mean, covariance = informed(prior, information)
     place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
     north, east = metres_per_radian(batch.end[0])
     bank = memory.fields[each[0].field].bank
@@ -119,7 +119,7 @@ def published(
 
 def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float] | None:
     """Return sigma (m/s²) and correlation length (m) of the gravity map's error, as readings have
-    shown them; None where it is told that there is none."""
+    shown them; None where it is specified that there is none."""
     for one in each:
         bank = memory.fields[one.field].bank
         if one.field_map.quantity in GRAVITY and bank is not None:

@@ -225,9 +225,9 @@ def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tu
     place[..., :BATCH_STATES] = batch.position_by_error[which]
     reading[:, :BATCH_STATES] = batch.reading_by_error[which]
     if batch.parameters is not None:
-        told = batch.parameters.part(which)
-        last = first + len(told.sigma)
-        place[..., first:last], reading[:, first:last] = told.moves, told.reading
+        parameters = batch.parameters.part(which)
+        last = first + len(parameters.sigma)
+        place[..., first:last], reading[:, first:last] = parameters.moves, parameters.reading
     if states.unknown:
         time, velocity = batch.time[which], batch.velocity[which]
         unknown = reading[:, -states.unknown :]

@@ -1,4 +1,4 @@
-"""Hypotheses about a navigator that may be anywhere: where its start is told to be uncertain by
+"""Hypotheses about a navigator that may be anywhere: where its start is specified as uncertain by
 kilometres, or where the readings of the last hour say that it has diverged.
 
 The best cells of a grid (`cells.py`) become hypotheses of few models, which follow the navigator

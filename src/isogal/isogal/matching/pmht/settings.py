@@ -41,8 +41,7 @@ class Options(BaseModel):
 
 def options_of(matcher: MatcherSettings) -> Options:
     """Return its options; raises InputError on an unknown or bad one."""
-    options: Options = check_options("pmht", matcher.options, Options)
-    return options
+    return check_options("pmht", matcher.options, Options)
 
 
 def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assumed:
@@ -51,9 +50,9 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
     options, maps = options_of(matcher), channels_of(field_map)
     rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
     stated = float(np.mean([stated_sigma(one) for one in maps]))
-    told = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
+    specified = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
     if stated > 0.0:
-        told = max(told or 0.0, stated)
+        specified = max(specified or 0.0, stated)
     drift = options.bias_drift_sigma
     named = () if batch.parameters is None else batch.parameters.names
     return Assumed(
@@ -61,7 +60,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
         scale=float(np.mean([one.scale for one in maps])),
         rough=float(np.mean([roughness(one) for one in maps])),
         step=math.hypot(*maps[0].cell_size_m(float(batch.latitude[-1]))) / math.sqrt(2.0),
-        sigma=told,
+        sigma=specified,
         length=matcher.map_correlation_length,
         trust=options.trust,
         bias=matcher.bias_sigma,

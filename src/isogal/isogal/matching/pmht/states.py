@@ -14,7 +14,7 @@ from isogal.matching.parameters import Parameters
 
 UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right")
 """States of every instrument that is one number: what readings are off by (map's unit), by how
-much that changes per s, by how many s readings are later than told, and what they take from
+much that changes per s, by how many s readings are later than specified, and what they take from
 horizontal accelerations (map's unit per m/s²)."""
 BIAS, DRIFT, DELAY, COUPLING_FORWARD, COUPLING_RIGHT = range(5)
 TENSOR_ORDER, MOST_ERRORS = 2, 24
@@ -37,8 +37,8 @@ class States:
     walk: Array
     """(C,) random walk, unit per root second."""
     channels: int
-    """K times `order`; 2 where the instrument's filter is told: the map's error after it, and as
-    it is."""
+    """K times `order`; 2 where the instrument's filter is specified: the map's error after it, and
+    as it is."""
     unknown: int
     """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
     order: int = 1
@@ -48,9 +48,9 @@ class States:
     @classmethod
     def of(cls, batch: Batch, field_map: AnyMap) -> "States":
         """Return those of the batches of a run, by its first one."""
-        told = batch.parameters
-        if told is None:
-            told = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
+        parameters = batch.parameters
+        if parameters is None:
+            parameters = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
         more = 0 if batch.channel is not None else len(UNKNOWN)
         last = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
         channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
@@ -62,10 +62,10 @@ class States:
         elif batch.filter_path is not None and channels == 1:
             channels = 2
         return cls(
-            told.names,
-            np.concatenate([told.sigma, np.zeros(more)]),
-            np.concatenate([told.times, np.full(more, np.inf)]),
-            np.concatenate([told.walks, last]),
+            parameters.names,
+            np.concatenate([parameters.sigma, np.zeros(more)]),
+            np.concatenate([parameters.times, np.full(more, np.inf)]),
+            np.concatenate([parameters.walks, last]),
             channels * order,
             more,
             order,

@@ -1,4 +1,4 @@
-"""Barometer and velocity aid as publishers of their own in the graph, and in a replay."""
+"""Messages of barometer and velocity aid."""
 
 import math
 
@@ -7,38 +7,14 @@ import pytest
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import FluidPressure
 
-from helpers.node_bench import bench, run_here
-from helpers.recordings import record, same
-from isogal.montecarlo.engine import simulate
+from helpers.node_bench import bench
 from isogal.scenario import Height
 from isogal.sensors.barometer import pressure_of
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.replay import replay
 from isogal_ros.messages.aids import fill_pressure, fill_velocity, read_pressure, read_velocity
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.nodes.signals import Interrupt
 
-AIDS = (
-    "height.source=barometer",
-    "velocity.kind=dvl",
-    "velocity.current_sigma=0.1",
-    "velocity.interval=2",
-)
-
-
-def test_the_graph_is_the_closed_loop_of_the_library_and_its_replay(scenario, tmp_path) -> None:
-    short = scenario("route.duration=130.0", *AIDS)
-    run_here(short, tmp_path / "bag")
-    same(record(tmp_path / "bag", short), simulate(short, [0]), 1e-4)
-    counts = dict.fromkeys((topics.BAROMETER.name, topics.VELOCITY.name), 0)
-    for item in BagReader(tmp_path / "bag").messages():
-        if item.topic.lstrip("/") in counts:
-            counts[item.topic.lstrip("/")] += 1
-    assert list(counts.values()) == [130, 65]
-    again = replay(BagReader(tmp_path / "bag"), Interrupt(), lambda progress: None)
-    assert again.comparison.largest_difference < 1e-6
-    assert again.comparison.common == again.comparison.recorded > 0
+AIDS = "height.source=barometer", "velocity.kind=dvl", "velocity.interval=2"
 
 
 def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
@@ -47,7 +23,8 @@ def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
         pressure, velocity = FluidPressure(), TwistWithCovarianceStamped()
         velocity.header.frame_id = "base_link"
         height = it.node.scenario.route.height
-        body = np.array([float(np.hypot(*_start(it)[:2])), 0.0, 0.0])
+        start = it.node._navigation._start.velocity
+        body = np.array([float(np.hypot(*start[:2])), 0.0, 0.0])
         for second in range(1, 9):
             ns = second * 1_000_000_000
             fill_pressure(pressure, ns, height, Height(source="barometer"))
@@ -65,10 +42,6 @@ def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
         figures = it.node.health.figures
         assert figures["barometer/data_raw used"] == 7
         assert figures["velocity/data_raw used"] == 3
-
-
-def _start(it):
-    return it.node._navigation._start.velocity
 
 
 def test_messages_there_and_back() -> None:

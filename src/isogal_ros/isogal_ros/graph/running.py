@@ -1,0 +1,331 @@
+"""Running the graph: all nodes in this process, or one process for each node and for the recorder,
+started, watched and ended together."""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import QoSProfile
+
+from isogal.files import make_folder
+from isogal.threads import one_thread
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.domain import (
+    DOMAIN,
+    defaults,
+    graph_domain,
+    local_context,
+    names_of,
+    quiet_node,
+)
+from isogal_ros.graph.plan import CLASSES, GraphError, Plan, node_class
+from isogal_ros.nodes.base import PARENT, GraphNode
+from isogal_ros.nodes.health import figures_of
+from isogal_ros.nodes.signals import Interrupt
+from isogal_ros.nodes.spin import drain, make_executor
+from isogal_ros.parameters.values import parameter_file
+
+PATIENCE = 15.0
+"""s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
+RESPAWN_DELAY = 1.0
+"""s after which a node that was killed is started again."""
+MOST_RESTARTS = 100
+"""Of one node in one run."""
+LOG_LINES = 5
+"""Last lines of a node's output that its end is described with."""
+SHARED_MEMORY = Path("/dev/shm")
+SETTLED = 1.0
+"""s after which Fast DDS has locked a shared memory file that it has made."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is."""
+
+    simulated: float
+    """s."""
+    duration: float
+    """s."""
+    speed: float
+    """Simulated seconds per second of wall time."""
+    position_error: float
+    """m; NaN = not known."""
+
+
+Report = Callable[[Progress], None]
+"""Takes the progress, again and again."""
+
+
+def no_report(_progress: Progress) -> None:
+    """Report nothing."""
+
+
+def progress_of(figures: Mapping[str, object]) -> Progress | None:
+    """Return the progress that ins_sim_node's figures tell; None before the first step."""
+    if "simulated" not in figures:
+        return None
+    names = ("simulated", "duration", "speed", "position error")
+    return Progress(*(float(str(figures[name])) for name in names))
+
+
+def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report) -> float:
+    """Run the graph on one executor until the route's end, or until interrupted; return the wall
+    time (s) from the first step to the last.
+
+    Raises
+    ------
+    InputError
+        A parameter, map or route cannot be used, or the domain that is asked for.
+    GraphError
+        A node failed.
+    """
+    names = names_of(plan.scenario)
+    with graph_domain(names, plan.domain) as domain, local_context(domain) as context:
+        executor = make_executor(context)
+        nodes: dict[str, GraphNode] = {}
+        try:
+            for name in plan.names:
+                nodes[name] = node_class(name)(name, values=plan.values(name), context=context)
+                executor.add_node(nodes[name])
+            simulator, begun = nodes[topics.INS_SIM], time.monotonic()
+            while not (interrupt or simulator.finished):
+                executor.spin_once(timeout_sec=0.2)
+                _require_well(nodes)
+                if (progress := progress_of(simulator.health.figures)) is not None:
+                    report(progress)
+            wall = time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
+            simulator.finished = True  # no further step while the recorder takes what is under way
+            if RECORDER in nodes:
+                drain(nodes[RECORDER], executor)
+            _require_well(nodes)
+        finally:
+            executor.shutdown()  # or it would keep the nodes' publishers
+            for node in nodes.values():
+                node.close()
+        _require_well(nodes)  # the recorder finishes its bag last
+        return wall
+
+
+def _require_well(nodes: Mapping[str, GraphNode]) -> None:
+    """Raise GraphError where a node has failed."""
+    for name, node in nodes.items():
+        if node.exit_code:
+            raise GraphError(f"{name}: {node.failure}")
+
+
+class Processes:
+    """The processes of one graph, each with its output in a file.
+
+    Parameters
+    ----------
+    plan : Plan
+        Nodes and their parameters.
+    folder : Path
+        For the parameter file and the nodes' output.
+    domain : int
+        ROS domain.
+    """
+
+    def __init__(self, plan: Plan, folder: Path, domain: int) -> None:
+        self._folder, self._respawns = folder, plan.checkpoint is not None
+        make_folder(folder)
+        own = {name: plan.own(name) for name in plan.names}
+        text = parameter_file(plan.scenario, own)
+        (folder / "params.yaml").write_text(text, encoding="utf-8")
+        self._environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid())}
+        self._environment |= defaults(self._environment)
+        one_thread(self._environment)
+        self._again: dict[str, float] = {}
+        """When (s of wall time) a node that was killed is started again."""
+        self.restarts: dict[str, int] = {}
+        """How often each node was started again."""
+        self.running = {name: self._start(name) for name in plan.names}
+
+    def _start(self, name: str) -> "subprocess.Popen[bytes]":
+        command = [sys.executable, "-m", CLASSES[topics.kind_of(name)][0], "--ros-args"]
+        command += ["--remap", f"__node:={name}"]
+        command += ["--params-file", str(self._folder / "params.yaml")]
+        # without log files of its own: what a node logs is in its output
+        command += ["--disable-external-lib-logs"]
+        with self._log(name).open("ab" if name in self.restarts else "wb") as log:
+            # a session of its own: Ctrl-C in the terminal reaches this process only, which ends
+            # the others in order
+            return subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=self._environment,
+                start_new_session=True,
+            )
+
+    def _log(self, name: str) -> Path:
+        return self._folder / f"{name}.log"
+
+    def ended(self) -> dict[str, int]:
+        """Return the exit code of each process that has ended."""
+        codes = {name: process.poll() for name, process in self.running.items()}
+        return {name: code for name, code in codes.items() if code is not None}
+
+    def arrived(self) -> bool:
+        """Whether the simulator has ended; raises GraphError where a node ended before it, or with
+        an error."""
+        for name, code in self.ended().items():
+            if name == topics.INS_SIM and code == 0:
+                return True
+            # one that says that it failed would fail again
+            restarts = self.restarts.get(name, 0)
+            if not self._respawns or code >= 0 or restarts >= MOST_RESTARTS:
+                raise GraphError(self.describe(name, code))
+            now = time.monotonic()
+            if now >= self._again.setdefault(name, now + RESPAWN_DELAY):
+                del self._again[name]
+                self.restarts[name] = restarts + 1
+                self.running[name] = self._start(name)
+        return False
+
+    def describe(self, name: str, code: int) -> str:
+        """Say in one line how a node ended, with its last words."""
+        how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        lines = self._log(name).read_text(errors="replace").strip().splitlines()[-LOG_LINES:]
+        words = " | ".join(line.strip() for line in lines if line.strip())
+        return f"{name} ended ({how}){': ' + words if words else ''}; log: {self._log(name)}"
+
+    def stop(self, interrupt: Interrupt) -> None:
+        """End all: the recorder last, so that it hears everything."""
+        last = {name for name in self.running if name == RECORDER}
+        for names in (self.running.keys() - last, last):
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+                asked, deadline = interrupt.count, time.monotonic() + PATIENCE
+                alive = names - self.ended().keys()
+                for name in alive:
+                    self.running[name].send_signal(number)
+                    # one that is stopped would not hear it
+                    self.running[name].send_signal(signal.SIGCONT)
+                # another interrupt ends the wait
+                while alive and time.monotonic() < deadline and interrupt.count == asked:
+                    time.sleep(0.01)
+                    alive -= self.ended().keys()
+            for name in names:
+                self.running[name].wait()
+
+
+Inject = Callable[[Processes, float], None]
+"""Called again and again with the processes and the simulated time, s."""
+
+
+def run_processes(
+    plan: Plan,
+    folder: Path,
+    interrupt: Interrupt,
+    report: Report = no_report,
+    announce: Callable[[int], None] | None = None,
+    inject: Inject | None = None,
+) -> float:
+    """Run the graph as processes until the route's end, or until interrupted; return the wall time
+    (s) from the first step to the last.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        For parameters and logs.
+    interrupt : Interrupt
+    report : callable
+        Takes the progress.
+    announce : callable, optional
+        Called with the domain before the processes start.
+    inject : callable, optional
+        Does faults to the processes.
+
+    Raises
+    ------
+    InputError
+        A domain that the user names is none, or must not be used.
+    GraphError
+        A node ended before its time, or with an error.
+    """
+    before = shared_memory()
+    with graph_domain(names_of(plan.scenario), plan.domain) as domain:
+        if announce is not None:
+            announce(domain)
+        processes = Processes(plan, folder, domain)
+        try:
+            wall = _watch(processes, domain, interrupt, report, inject)
+        finally:
+            processes.stop(interrupt)
+            if any(code < 0 for code in processes.ended().values()) or processes.restarts:
+                sweep_shared_memory(before)
+    failed = {name: code for name, code in processes.ended().items() if code != 0}
+    if failed and not interrupt:
+        raise GraphError(processes.describe(*next(iter(failed.items()))))
+    return wall
+
+
+def _watch(
+    processes: Processes,
+    domain: int,
+    interrupt: Interrupt,
+    report: Report,
+    inject: Inject | None,
+) -> float:
+    """Watch until the simulator has ended; return the wall time from its first step on."""
+    figures: dict[str, str] = {}
+
+    def hear(array: DiagnosticArray) -> None:
+        for item in array.status:
+            if item.name.rpartition("/")[2] == topics.INS_SIM:
+                figures.update(figures_of(item))
+
+    with quiet_node("isogal_run", domain) as watcher:
+        watcher.create_subscription(
+            DiagnosticArray, topics.DIAGNOSTICS.name, hear, QoSProfile(depth=10)
+        )
+        executor = make_executor(watcher.context)
+        executor.add_node(watcher)
+        first, now = None, time.monotonic()
+        try:
+            while not interrupt:
+                executor.spin_once(timeout_sec=0.1)
+                now, progress = time.monotonic(), progress_of(figures)
+                if progress is not None:
+                    # by the simulator's own count of time, which leaves out the processes' start
+                    first = first or now - progress.simulated / max(progress.speed, 1e-9)
+                    report(progress)
+                if inject is not None:
+                    inject(processes, -1.0 if progress is None else progress.simulated)
+                if processes.arrived():
+                    break
+            return now - first if first is not None else 0.0
+        finally:
+            executor.shutdown()
+
+
+def shared_memory() -> set[str]:
+    """List the names of Fast DDS's shared memory files."""
+    return {entry.name for entry in SHARED_MEMORY.glob("*fastrtps_*")}
+
+
+def sweep_shared_memory(before: set[str]) -> None:
+    """Delete the shared memory files that came since and that no process uses: one that is killed
+    leaves its own behind."""
+    came = shared_memory() - before
+    if came:
+        time.sleep(SETTLED)  # a graph that is just starting makes a file, then locks it
+    for base in {
+        name.removeprefix("sem.").removesuffix("_mutex").removesuffix("_el") for name in came
+    }:
+        # what has a file with its name and _el is locked by who uses it
+        with suppress(OSError), (SHARED_MEMORY / f"{base}_el").open("rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for left in (f"sem.{base}_mutex", base, f"{base}_el"):
+                (SHARED_MEMORY / left).unlink(missing_ok=True)

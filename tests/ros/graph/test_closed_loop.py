@@ -1,0 +1,198 @@
+"""The graph in one process is the library's closed loop, whatever is measured, and its recording
+is replayed to the same fixes."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from helpers.magnetics import aircraft
+from helpers.node_bench import run_here
+from helpers.recordings import (
+    assert_closed_loop,
+    assert_replayed,
+    assert_replayed_as_run,
+    record,
+)
+from helpers.sea_floor import DVL, SOUNDING, sea_floor
+from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import changed_scenario, load_scenario
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.plan import Plan
+from isogal_ros.graph.running import run_in_process
+from isogal_ros.nodes.signals import Interrupt
+
+_LEARNT = (
+    "route.duration=400.0",
+    "gravity.field=map",
+    "map_error.sigma=2e-4",
+    "matcher.name=pmht",
+    "matcher.map_sigma=auto",
+)
+"""What readings show of the map changes what the filter believes of gravity."""
+ONE_IN_10000 = 18.4
+"""Of a chi-square with two degrees of freedom."""
+
+
+def counts(bag) -> Counter[str]:
+    """Messages by topic."""
+    return Counter(item.topic for item in BagReader(bag).messages())
+
+
+def test_it_is_the_closed_loop_of_the_library(recording, scenario) -> None:
+    graph, library = assert_closed_loop(recording, scenario(), 1e-6)
+    assert len(graph.fix_time) == 6
+    assert graph.published.any()
+    np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=1e-14, rtol=0)
+    np.testing.assert_allclose(
+        graph.detail.candidate_latitude, library.detail.candidate_latitude, atol=1e-12
+    )
+    np.testing.assert_array_equal(graph.detail.candidate_scan, library.detail.candidate_scan)
+    assert_replayed(recording)
+
+
+def test_another_run_has_other_numbers(scenario, tmp_path) -> None:
+    short = scenario("route.duration=120.0")
+    run_in_process(Plan(short, tmp_path / "bag", run=5), Interrupt())
+    assert_closed_loop(tmp_path / "bag", short, 1e-6, run=5)
+    assert BagReader(tmp_path / "bag").texts["run"] == "5"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("matcher.name=pmht",),
+        ("matcher.name=pmht", "matcher.mode=retrodiction"),
+        ("matcher.stride=2", "gravity.field=map"),
+        (*_LEARNT, "matcher.mode=standard"),
+        (*_LEARNT, "matcher.mode=retrodiction"),
+        ("imu.rate=2.0", "gravimeter.interval=5.0"),
+        ("imu.rate=50.0", "imu.grade=navigation", "route.duration=70.0"),
+        ("imu.rate=40.0", "fusion.rate=4.0", "route.duration=70.0"),
+        ("map_error.sigma=3e-5", "gravimeter.outlier_fraction=0.1"),
+        (
+            "gravimeter.delay=12",
+            "gravimeter.filter_time=5",
+            "gravimeter.missing_fraction=0.3",
+            "gravimeter.correlated_sigma=1e-5",
+            "gravimeter.delay_sigma=1",
+            "gravimeter.bias_walk=1e-8",
+        ),
+        ("truth.imu.grade=quantum", "truth.gravimeter=3x", "truth.initial_error.position=2x"),
+    ],
+    ids=",".join,
+)
+def test_other_scenarios(scenario, tmp_path, changes) -> None:
+    short = scenario("route.duration=130.0", *changes)
+    run_here(short, tmp_path / "bag")
+    # retrodiction publishes a fix for each scan, of which the last is only a share of the batch's
+    assert_closed_loop(tmp_path / "bag", short, fixes=short.matcher.mode == "standard")
+
+
+def test_barometer_and_velocity_aid(scenario, tmp_path) -> None:
+    aids = "height.source=barometer", "velocity.kind=dvl", "velocity.current_sigma=0.1"
+    short = scenario("route.duration=130.0", *aids, "velocity.interval=2")
+    run_here(short, tmp_path / "bag")
+    assert_closed_loop(tmp_path / "bag", short)
+    found = counts(tmp_path / "bag")
+    assert (found["/barometer/data_raw"], found["/velocity/data_raw"]) == (130, 65)
+    assert_replayed(tmp_path / "bag")
+
+
+def test_an_imu_of_two_hundred_hertz(scenario, tmp_path) -> None:
+    rates = "gravimeter.interval=5.0", "imu.rate=200.0", "imu.grade=navigation"
+    fast = scenario("route.duration=35.0", *rates)
+    run_here(fast, tmp_path / "bag")
+    assert_closed_loop(tmp_path / "bag", fast)
+    found = counts(tmp_path / "bag")
+    assert (found["/imu/data_raw"], found["/ground_truth/fix"]) == (7_000, 36)
+    assert_replayed(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    ("field", "fixes", "rounding", "unaided"),
+    [("magnetic", 6, 1e-6, 150.0), ("terrain", 6, 1e-6, 150.0), ("gradient", 6, 1e-15, 60.0)],
+)
+def test_other_fields(recorded, field, fixes, rounding, unaided) -> None:
+    scenario, bag = recorded(field)
+    graph, library = assert_closed_loop(bag, scenario)
+    np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=rounding, rtol=0)
+    assert graph.fix_reason == ((None,) * fixes,)
+    assert np.hypot(*graph.error[0, -1]) < 60.0
+    assert np.hypot(*graph.unaided_error[0, -1]) > unaided
+    error, covariance = graph.posterior_error[0], graph.posterior_covariance[0]
+    normalised = np.einsum("bi,bij,bj->b", error, np.linalg.inv(covariance), error)
+    assert normalised.max() < ONE_IN_10000
+    assert assert_replayed(bag, 1e-4).comparison.common == fixes
+
+
+def test_a_meter_out_of_range_makes_empty_scans(terrain, tmp_path) -> None:
+    changes = ["altimeter.max_range=1500", "route.duration=450"]
+    limited = changed_scenario(terrain, changes, "test")
+    run_here(limited, tmp_path / "bag")
+    graph, library = assert_closed_loop(tmp_path / "bag", limited)
+    none = np.isnan(graph.detail.reading)
+    assert 0 < none.sum() < none.size
+    np.testing.assert_array_equal(none, np.isnan(library.detail.reading))
+
+
+def test_retrodiction_of_vectors_has_one_fix_for_each_scan(gradient, tmp_path) -> None:
+    made = changed_scenario(gradient, ["matcher.mode=retrodiction"], "test")
+    run_here(made, tmp_path / "bag")
+    assert counts(tmp_path / "bag")["/pmht_mm/fix"] == 36
+    assert_closed_loop(tmp_path / "bag", made, fixes=False)
+
+
+def test_an_altimeter_with_several_beams(tmp_path) -> None:
+    keys = DVL, "altimeter.scale_sigma=0.01", "altimeter.max_range=180"
+    write_netcdf(sea_floor(), tmp_path / "floor.nc")
+    scenario = load_scenario(None, [*SOUNDING, f"map.source={tmp_path / 'floor.nc'}", *keys])
+    run_here(scenario, tmp_path / "bag")
+    graph, _ = assert_closed_loop(tmp_path / "bag", scenario, 1e-3)
+    assert graph.published.sum() > 1
+    assert_replayed(tmp_path / "bag", 1e-3)
+    assert {"/altimeter/points", "/altimeter/footprints"} <= set(counts(tmp_path / "bag"))
+
+
+def test_a_magnetic_vehicle_whose_field_the_matcher_estimates_from_a_cold_start(
+    magnetic, tmp_path
+) -> None:
+    craft = aircraft()
+    changes = [
+        "matcher.name=pmht",
+        "matcher.map_sigma=2",
+        "route.duration=400",
+        "magnetometer.online=true",
+        f"truth.magnetometer.aircraft.permanent={craft.permanent.tolist()}",
+        f"truth.magnetometer.aircraft.induced={craft.induced.ravel().tolist()}",
+    ]
+    scenario, bag = changed_scenario(magnetic, changes, "test"), tmp_path / "bag"
+    run_here(scenario, bag)
+    graph, library = assert_closed_loop(bag, scenario, 1e-3)
+    assert graph.published.any()
+    np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=1e-6, rtol=0)
+    assert "/magnetometer/terms" in counts(bag)
+    assert_replayed(bag, 1e-3)
+    # the readings of both instruments are reduced anew for a matcher that does otherwise
+    other = changed_scenario(scenario, ["matcher.map_sigma=4"], "test")
+    run_here(other, tmp_path / "other")
+    assert_replayed_as_run(bag, other, tmp_path / "other")
+
+
+def test_wall_clock_rate_gives_the_same(scenario, tmp_path) -> None:
+    short = scenario("route.duration=65.0")
+    seconds = run_in_process(Plan(short, tmp_path / "bag", rate=80.0), Interrupt())
+    assert seconds > 65.0 / 80.0 * 0.9
+    assert_closed_loop(tmp_path / "bag", short, 1e-6)
+
+
+def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
+    short = scenario("route.duration=240.0")
+    run_in_process(Plan(short, tmp_path / "bag", rate=100.0, lock_step=False), Interrupt())
+    graph, library = record(tmp_path / "bag", short), simulate(short, [0])
+    np.testing.assert_array_equal(graph.fix_time, library.fix_time)
+    np.testing.assert_array_equal(graph.published, library.published)
+    # the last state has all fixes in it, late or not
+    np.testing.assert_allclose(graph.fix_error, library.fix_error, atol=5.0)
+    np.testing.assert_allclose(graph.error[0, -2], library.error[0, -2], atol=1.0)
