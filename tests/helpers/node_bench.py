@@ -23,7 +23,7 @@ from isogal_ros.graph.plan import Plan, node_class
 from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.adapter import adapter_of, all_topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.gravimeter import PLATFORM, GravimeterAdapter
+from isogal_ros.messages.gravimeter import PLATFORM, accelerations
 from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
@@ -68,11 +68,9 @@ def stamps(bench: "Bench", topic: Topic) -> list[int]:
 
 def vector_reading(scenario: Scenario, seconds: float, values: Sequence[float]) -> Any:
     """A raw message of an instrument with several channels, of 1e-9 1-sigma each."""
-    adapter = adapter_of(scenario)
-    message = adapter.new_raw()
     covariance = 1e-18 * np.eye(len(values))
-    adapter.fill_raw(message, from_seconds(seconds), np.array(values), covariance)
-    return message
+    write = adapter_of(scenario).write_raw
+    return write(from_seconds(seconds), np.array(values), covariance, None)
 
 
 class Bench:
@@ -185,11 +183,9 @@ class Bench:
     ) -> None:
         """Publish a reduced (or raw) reading."""
         topic = topic or adapter_of(self.scenario).reduced
-        message = topic.type()
+        write = accelerations(topic).write_reduced
+        message = write(from_seconds(seconds), value, variance, None)
         message.header.frame_id = frame
-        GravimeterAdapter(topic).fill_reduced(
-            message, from_seconds(seconds), value, variance, None
-        )
         self.publish(topic, message)
 
     def says(self) -> list[tuple[bytes, str, dict[str, str]]]:

@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("src", "tests", "benchmarks", "examples")
 
 LINE_LENGTH = 99
-NODE_LINES = 150
+NODE_LINES = 210
 """Of the module of a node."""
 FUNCTION_LINES = 60
 KERNEL_LINES = 80

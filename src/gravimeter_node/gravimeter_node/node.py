@@ -5,20 +5,26 @@ A gravimeter, unless the parameter `field` names a field of another instrument."
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
+from sensor_msgs.msg import MagneticField
 
-from gravimeter_node.outputs import Outputs
-from gravimeter_node.simulated import simulated_readings
 from gravimeter_node.vehicle import Vehicle
-from isogal.fields.measured import measured_field
+from isogal.arrays import Array
+from isogal.fields.magnetic_vehicle import assumed_compensation
+from isogal.fields.measured import measured_field, of_instrument
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.simulator import ReadingSimulator
+from isogal.scenario import Scenario
+from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.scans import Thinning
+from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.adapter import Reading, adapter_of
 from isogal_ros.messages.checks import require_later
-from isogal_ros.messages.magnetometer import MagnetometerAdapter
+from isogal_ros.messages.magnetometer import read_scalar
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
@@ -45,7 +51,7 @@ class GravimeterSettings(NodeSettings):
 
 class GravimeterNode(GraphNode):
     """Publishes the raw reading of each scan, then its reductions once the navigator's state of
-    that stamp is there."""
+    that stamp is there. The graph waits for the reduction that is matched only."""
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
@@ -58,83 +64,123 @@ class GravimeterNode(GraphNode):
         """Draw the readings and make publishers and subscriptions."""
         self._reduced = self._out_of_range = self._left_out = 0
         """Readings so far."""
-        covariance = measured_field(self.scenario).covariance(self.scenario)
-        self._variance = self.scenario.gravimeter.sigma**2 if covariance is None else covariance
+        matched = measured_field(self.scenario)
+        covariance = matched.covariance(self.scenario)
+        self._variance: Reading = (
+            self.scenario.gravimeter.sigma**2 if covariance is None else covariance
+        )
         self._newest, self._same = -1, 0
-        self._felt_last: Any = math.nan
+        self._last: Reading = math.nan
         self._adapter = adapter_of(self.scenario)
-        self._message = self._adapter.new_raw()
         is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
         self._vehicle = Vehicle(self, self._enqueue) if is_magnetic else None
         raw_topic = self._adapter.raw
         if self.settings.simulate:
-            self._felt, vector = simulated_readings(self.scenario, self.settings.run)
-            if self._vehicle is not None and vector is not None:
-                self._vehicle.simulate(vector)
+            self._sensed, vectors = simulated_readings(self.scenario, self.settings.run)
+            if self._vehicle is not None and vectors is not None:
+                self._vehicle.simulate(vectors)
                 raw_topic = topics.SCALAR_FIELD
             self._raw = self.advertise(raw_topic)
-            self.listen(topics.TRUTH_FIX, self._feel, raw=True)
+            self.listen(topics.TRUTH_FIX, self._simulate, raw=True)
         else:
             self._thinning = Thinning(from_seconds(self.scenario.gravimeter.interval))
             self.listen(self._adapter.raw, self._take)
             if self._vehicle is not None:
                 self.listen(topics.SCALAR_FIELD, self._take_scalar)
-        self._outputs = Outputs(self)
+        self._outputs = []
+        for field in of_instrument(matched.instrument):
+            adapter = adapter_of(self.scenario, field.name)
+            consumers = (topics.PMHT_MM, topics.INS_SIM) if field is matched else ()
+            publisher = self.advertise(adapter.reduced, consumers)
+            self._outputs.append((field.reduction(self.scenario), adapter, publisher))
         self._queue = NavQueue(self, self.scenario, self._reduce)
 
-    def _feel(self, data: bytes) -> None:
+    def _simulate(self, data: bytes) -> None:
+        """Publish the reading of a step, if it is one with a scan, and take it."""
         ns = peek_ns(data)
         require_later(ns, self._newest - 1)  # a step may come again
         self._newest = ns
         if self._vehicle is not None:
             self._vehicle.step(ns)
-        if (felt := self._felt.get(ns)) is None:
-            return
-        self._adapter.fill_raw(self._message, ns, felt, self._variance)
-        self._raw.publish(self._message)
-        self._use(ns, felt, self._variance)
+        if (sensed := self._sensed.get(ns)) is not None:
+            self._raw.publish(self._adapter.write_raw(ns, sensed, self._variance, None))
+            self._use(ns, sensed, self._variance)
 
-    def _take(self, message: Any) -> None:
+    def _take(self, message: topics.Message) -> None:
         if self._vehicle is not None:
             self._vehicle.take_vector(message)
             if self._vehicle.has_scalar:
                 return
         self._read(to_ns(message.header.stamp), *self._adapter.read_raw(message))
 
-    def _take_scalar(self, message: Any) -> None:
-        self._read(to_ns(message.header.stamp), *MagnetometerAdapter().read_scalar(message))
+    def _take_scalar(self, message: MagneticField) -> None:
+        self._read(to_ns(message.header.stamp), *read_scalar(message))
 
-    def _read(self, ns: int, felt: Any, variance: Any) -> None:
+    def _read(self, ns: int, sensed: Reading, variance: Reading | None) -> None:
         require_later(ns, self._newest)
         self._newest = ns
         if self._thinning.takes(ns):
-            self._use(ns, felt, self._variance if variance is None else variance)
+            self._use(ns, sensed, self._variance if variance is None else variance)
         else:
             self._left_out += 1
             self.health.figures["readings between scans"] = self._left_out
 
-    def _use(self, ns: int, felt: Any, variance: Any) -> None:
-        if self._vehicle is None:
-            self._enqueue(ns, felt, variance)
-        else:
-            self._vehicle.put(ns, felt, variance)
+    def _use(self, ns: int, sensed: Reading, variance: Reading) -> None:
+        take = self._enqueue if self._vehicle is None else self._vehicle.put
+        take(ns, sensed, variance)
 
-    def _enqueue(self, ns: int, felt: Any, variance: Any) -> None:
-        if np.isnan(felt).all():
+    def _enqueue(self, ns: int, sensed: Reading, variance: Reading) -> None:
+        if np.isnan(sensed).all():
             self._out_of_range += 1
             self.health.figures["readings out of range"] = self._out_of_range
-        self._same = self._same + 1 if np.array_equal(felt, self._felt_last) else 0
-        self._felt_last = felt
-        self._queue.put(ns, (felt, variance))
+        self._same = self._same + 1 if np.array_equal(sensed, self._last) else 0
+        self._last = sensed
+        self._queue.put(ns, (sensed, variance))
 
-    def _reduce(self, ns: int, reading: tuple[Any, Any], nav: NavSample | None) -> None:
-        """Reduce and publish a reading, the value and its variance."""
-        self._outputs.publish(ns, *reading, nav)
+    def _reduce(self, ns: int, reading: tuple[Reading, Reading], nav: NavSample | None) -> None:
+        """Publish all reductions of a reading, the value and its variance; NaN where the reading
+        or the navigator's state is missing, so that the scan is known to be empty."""
+        sensed, variance = reading
+        for reduction, adapter, publisher in self._outputs:
+            value, total, place = math.nan * sensed, variance, None
+            if nav is not None:
+                latitude, longitude, height = nav.position
+                place = latitude, longitude
+                estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
+                value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
+                by_navigator = reduction_variance(
+                    reduction, estimate, nav.covariance[:4, :4], nav.height_variance
+                )
+                total = variance + float(by_navigator)
+            publisher.publish(adapter.write_reduced(ns, value, total, place))
         self._reduced += 1
         self.health.figures |= {"readings": self._reduced, "last reading": to_seconds(ns)}
         text = f"stuck: {self._same + 1} readings of the same value"
         self.health.concern("stuck", text if self._same >= STUCK else None)
         self.health.state(OK, "reducing")
+
+
+def simulated_readings(
+    scenario: Scenario, run: int
+) -> tuple[dict[int, Reading], dict[int, Array] | None]:
+    """Return by stamp the raw reading of each scan, and what the vector magnetometer of a magnetic
+    vehicle, or of one that is assumed to be, senses at each step (None = there is none); the map
+    is not kept.
+
+    Raises
+    ------
+    InputError
+        The map does not cover the route, or the file of coefficients cannot be read.
+    """
+    truth = scenario.true
+    trajectory = build_trajectory(scenario)
+    found = ReadingSimulator(truth, trajectory, map_for_scenario(truth, trajectory), [run])
+    stamps = [from_seconds(time) for time in trajectory.time]
+    sensed = {stamps[i]: value for i, value in zip(found.index, found.raw[0], strict=True)}
+    magnetic = truth.measured_field == "magnetic" and truth.magnetometer.aircraft.magnetic
+    if not magnetic and assumed_compensation(scenario) is None:
+        return sensed, None
+    return sensed, dict(zip(stamps, found.vehicle.vector[0], strict=True))
 
 
 main = main_of(GravimeterNode, topics.GRAVIMETER)

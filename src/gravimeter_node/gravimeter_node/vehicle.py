@@ -1,14 +1,16 @@
 """Magnetometers on a magnetic vehicle: a scalar and a vector one, and what is taken off."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
 
 import numpy as np
+from sensor_msgs.msg import MagneticField
 
+from isogal.arrays import Array
 from isogal.fields.magnetic_vehicle import assumed_compensation
 from isogal.magnetics.stream import CompensatedStream
 from isogal_ros import topics
-from isogal_ros.messages.magnetometer import MagnetometerAdapter
+from isogal_ros.messages.adapter import Reading
+from isogal_ros.messages.magnetometer import read_vector, write_vector
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
@@ -24,55 +26,49 @@ class Vehicle:
         what is left, where the matcher estimates it) and its variance.
     """
 
-    def __init__(self, node: GraphNode, use: Callable[[int, Any, Any], None]) -> None:
+    def __init__(self, node: GraphNode, use: Callable[[int, Reading, Reading], None]) -> None:
         self._node, self._use = node, use
         self._heard = False
-        told, online = assumed_compensation(node.scenario), node.scenario.magnetometer.online
-        self._stream: CompensatedStream[tuple[int, Any, Any]] | None = (
-            None if told is None else CompensatedStream(told, online)
+        assumed, online = assumed_compensation(node.scenario), node.scenario.magnetometer.online
+        self._stream: CompensatedStream[tuple[int, Reading, Reading]] | None = (
+            None if assumed is None else CompensatedStream(assumed, online)
         )
-        self._vectors: dict[int, Any] = {}
-        self._adapter = MagnetometerAdapter()
-        if told is not None and told.currents:
+        self._vectors: Mapping[int, Array] = {}
+        if assumed is not None and assumed.currents:
             node.health.concern(
-                "currents", f"not measured, taken as zero: {', '.join(told.currents)}"
+                "currents", f"not measured, taken as zero: {', '.join(assumed.currents)}"
             )
 
     @property
     def has_scalar(self) -> bool:
-        """Whether there is a scalar instrument beside the vector one."""
+        """Whether there is a scalar instrument as well as the vector one."""
         if not self._heard:
             self._heard = self._node.count_publishers(topics.SCALAR_FIELD.name) > 0
         return self._heard
 
-    def simulate(self, vectors: dict[int, Any]) -> None:
+    def simulate(self, vectors: Mapping[int, Array]) -> None:
         """Prepare the simulated vector instrument: (3,) nT by stamp."""
         self._vectors = vectors
-        self._message = self._adapter.new_raw()
         self._publisher = self._node.advertise(topics.MAGNETIC_FIELD)
 
     def step(self, ns: int) -> None:
-        """Publish what the simulated vector instrument feels, and take it."""
-        vector = self._vectors.get(ns)
-        if vector is None:
-            return
-        sigma = self._node.scenario.true.magnetometer.vector_sigma
-        self._adapter.fill_vector(self._message, ns, vector, sigma**2)
-        self._publisher.publish(self._message)
-        self.vector(ns, vector)
+        """Publish what the simulated vector instrument senses, and take it."""
+        if (vector := self._vectors.get(ns)) is not None:
+            sigma = self._node.scenario.true.magnetometer.vector_sigma
+            self._publisher.publish(write_vector(ns, vector, sigma**2))
+            self._take(ns, vector)
 
-    def take_vector(self, message: Any) -> None:
+    def take_vector(self, message: MagneticField) -> None:
         """Take a message of the vector instrument."""
         if self._stream is not None:
-            self.vector(to_ns(message.header.stamp), self._adapter.read_vector(message))
+            self._take(to_ns(message.header.stamp), read_vector(message))
 
-    def vector(self, ns: int, vector: Any) -> None:
-        """Take a reading of the vector instrument, nT."""
+    def _take(self, ns: int, vector: Array) -> None:
         if self._stream is not None:
             self._stream.vector(to_seconds(ns), vector)
             self._pass_on()
 
-    def put(self, ns: int, total: Any, variance: Any) -> None:
+    def put(self, ns: int, total: Reading, variance: Reading) -> None:
         """Take a total field; it is used once the vehicle's own field is known."""
         if self._stream is None:
             self._use(ns, total, variance)

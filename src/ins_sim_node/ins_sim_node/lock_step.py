@@ -1,14 +1,20 @@
-"""Which answers a step needs before the next one may come."""
+"""Which answers of the graph a step needs before the next one may come, and what becomes of it
+where one cannot come any more."""
 
+from collections.abc import Callable
+from functools import partial
+
+from ins_sim_node.activity import Activity
 from isogal.matching.batching import fix_due
 from isogal.matching.several import Rhythm
-from isogal.scenario import Scenario
-from isogal_ros.messages.stamps import to_seconds
+from isogal_ros import topics
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.stamps import peek_ns, to_seconds
+from isogal_ros.nodes.base import GraphNode
 
-
-def reading_of(field: int) -> str:
-    """Return what the answer of a field is called, by its place in the list of fields."""
-    return f"reading {field}" if field else "reading"
+STALL = 2.0
+"""s of wall time without an answer after which it is asked whether those who answer have
+changed."""
 
 
 class LockStep:
@@ -17,67 +23,141 @@ class LockStep:
     Every step is answered by ``nav/odom`` of its stamp; a scan also by the reduced reading, of
     each field that has one; a batch end also by ``pmht_mm/fix`` of its stamp (a fix, or none). The
     filter answers every message on ``pmht_mm/fix`` with ``nav/odom`` of its newest stamp, so there
-    are as many of those as there were fixes, and one more."""
+    are as many of those as there were fixes, and one more. It listens while the simulator is not
+    active, too: an answer that it let go would be waited for in vain once it goes on.
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.ns = -1
-        """Stamp of the step under way."""
-        each = scenario.each_field
+    Nodes may be killed and started again, or deactivated and activated. While one is dead and not
+    yet known to be, the simulation waits. As soon as another takes its place, or it is known to be
+    gone, the step under way is not waited for any longer; what nobody publishes is not waited for
+    until somebody does. A node that is not active counts as one that is gone.
+
+    Parameters
+    ----------
+    node : GraphNode
+        The simulator.
+    compare : callable
+        Takes the serialised ``nav/odom`` of the step under way.
+    go_on : callable
+        Called without arguments when the last answer to a step has come, or is not waited for any
+        longer.
+    """
+
+    def __init__(
+        self, node: GraphNode, compare: Callable[[bytes], None], go_on: Callable[[], None]
+    ) -> None:
+        self._node, self._compare, self._go_on = node, compare, go_on
+        each = node.scenario.each_field
         self._per_scan = [one.steps_per_scan for one in each]
         self._lead = Rhythm.of(each).lead
-        self._settings = each[self._lead].matcher
+        self._matcher = each[self._lead].matcher
+        self._ns = -1
+        """Stamp of the step under way."""
         self._nav = self._fixes = 0
         self._needs_readings: set[int] = set()
         self._needs_fix = self._takes_fixes = False
-        self._done = True
+        self.complete = True
+        """Whether all answers to the step are there."""
         self._full = True
-        self.answered = 0
-        """How many steps, begun while nothing was absent, have had all their answers."""
-        self.absent: set[str] = set()
-        """Answers that nobody gives at present: nav, fix, and those of `reading_of`."""
+        self._absent: set[str] = set()
+        """Answers that nobody gives at present: nav, fix, and those of `_reading_of`."""
+        self._answered = self._answered_before = 0
+        """How many steps, begun while nothing was absent, have had all their answers; and when
+        somebody left or came."""
+        self.changed = False
+        """Whether not all may answer: somebody left or came."""
+        self.forgotten = 0
+        """Steps that were not waited for."""
+        self._known: frozenset[bytes] | None = None
+        self._without: set[str] = set()
+        self._topics = {
+            "nav": self._hear(topics.NAV_ODOM, self._take_nav),
+            "fix": self._hear(topics.FIX, self._take_fix),
+        }
+        for field, one in enumerate(each):
+            take = partial(self._take_reading, field)
+            self._topics[_reading_of(field)] = self._hear(adapter_of(one).reduced, take)
+        self._activity = Activity(node, self._note)
 
-    def forget(self) -> None:
-        """Wait no longer for the answers to the step under way."""
-        self._done = True
+    def _hear(self, topic: topics.Topic, take: Callable[[bytes], None]) -> str:
+        """Listen to a topic; return its resolved name."""
+        guarded = partial(self._node.guard, topic, take)
+        return self._node.hear(topic, guarded, raw=True).topic_name
+
+    def start(self) -> None:
+        """Take those who answer now as those who will answer."""
+        self._known = self._publishers()
 
     def begin(self, step: int, ns: int) -> None:
         """Start a step; step 0, the start, has no IMU sample and needs no answer."""
-        self.ns = ns
+        self._ns = ns
         self._nav = self._fixes = 0
         scanned = {k for k, steps in enumerate(self._per_scan) if step > 0 and step % steps == 0}
-        self._needs_readings = {k for k in scanned if reading_of(k) not in self.absent}
+        self._needs_readings = {k for k in scanned if _reading_of(k) not in self._absent}
         scans = step // self._per_scan[self._lead]
-        is_end = self._lead in scanned and fix_due(scans, self._settings)
-        self._needs_fix = self._takes_fixes = is_end and not self.absent
-        self._done = step == 0 or "nav" in self.absent
-        self._full = not self.absent
+        is_end = self._lead in scanned and fix_due(scans, self._matcher)
+        self._needs_fix = self._takes_fixes = is_end and not self._absent
+        self.complete = step == 0 or "nav" in self._absent
+        self._full = not self._absent
 
-    @property
-    def complete(self) -> bool:
-        """Whether all answers are there."""
-        return self._done
+    def _take_nav(self, data: bytes) -> None:
+        if peek_ns(data) == self._ns:
+            self._compare(data)
+            self._nav += 1
+        self._check()
 
-    def nav(self, ns: int) -> bool:
-        """Count ``nav/odom``; return whether it completed the step, as the other methods do."""
-        self._nav += ns == self.ns
-        return self._check()
-
-    def reading(self, ns: int, field: int = 0) -> bool:
-        """Note a reduced reading of a field."""
-        if ns == self.ns:
+    def _take_reading(self, field: int, data: bytes) -> None:
+        if peek_ns(data) == self._ns:
             self._needs_readings.discard(field)
-        return self._check()
+        self._check()
 
-    def fix(self, ns: int) -> bool:
+    def _take_fix(self, data: bytes) -> None:
         """Count a message on ``pmht_mm/fix``; in retrodiction mode those of earlier scans come
         first. One of an earlier step, which was not waited for, may have been answered before
         this step began."""
         self._fixes += self._takes_fixes
-        if ns == self.ns:
+        if peek_ns(data) == self._ns:
             self._needs_fix = False
-        return self._check()
+        self._check()
 
-    def missing(self) -> str:
+    def _check(self) -> None:
+        waits = self._needs_readings or self._needs_fix or self._nav < 1 + self._fixes
+        if not (self.complete or waits):
+            self.complete = True
+            self._answered += self._full
+            self._go_on()
+
+    def watch(self, waited: float) -> None:
+        """Look after the step under way, which was published `waited` s ago."""
+        if self.changed:
+            self._absent = self.absent()
+            if self._absent:
+                self._answered_before = self._answered
+            elif self._answered > self._answered_before:
+                self._all_again()
+        timeout = self._node.settings.reply_timeout
+        if self.complete:
+            # nobody answers it, or it was answered while the simulator was not active
+            self._go_on()
+        elif waited > STALL and (self.changed or self._publishers() != self._known):
+            self._let_go()
+        elif waited > timeout:
+            self._node.fail(
+                f"no answer to the step at {to_seconds(self._ns):.3f} s within {timeout:g} s:"
+                f" {self._missing()}"
+            )
+
+    def _let_go(self) -> None:
+        if not self.changed:
+            text = f"a node has left or was started again: {self._missing()}"
+            self._node.health.concern("waiting", text)
+        self._change()
+        self.forgotten += 1
+        self._node.health.figures["steps not waited for"] = self.forgotten
+        self._absent = self.absent()
+        self.complete = True
+        self._go_on()
+
+    def _missing(self) -> str:
         """Say what is still to come."""
         lacking = []
         if self._nav < 1 + self._fixes:
@@ -86,11 +166,42 @@ class LockStep:
             lacking.append("the reduced reading")
         if self._needs_fix:
             lacking.append("pmht_mm/fix")
-        return f"missing {', '.join(lacking)} of stamp {to_seconds(self.ns):.3f} s"
+        return f"missing {', '.join(lacking)} of stamp {to_seconds(self._ns):.3f} s"
 
-    def _check(self) -> bool:
-        if self._done or self._needs_readings or self._needs_fix or self._nav < 1 + self._fixes:
-            return False
-        self._done = True
-        self.answered += self._full
-        return True
+    def _publishers(self) -> frozenset[bytes]:
+        """Return what identifies the publishers of the answers: of a node that was started again
+        they are others."""
+        return frozenset(
+            bytes(info.endpoint_gid)
+            for name in self._topics.values()
+            for info in self._node.get_publishers_info_by_topic(name)
+        )
+
+    def absent(self) -> set[str]:
+        """Return which answers nobody publishes who is active."""
+        return {what for what, name in self._topics.items() if not self._activity.publishers(name)}
+
+    def _note(self, name: str, active: bool) -> None:
+        """Take a node that answers as gone, or as back."""
+        self._change()
+        text = None if active else f"goes on without {name}, which is not active"
+        (self._without.discard if active else self._without.add)(name)
+        self._node.health.concern(f"without {name}", text)
+
+    def _change(self) -> None:
+        """Note that not all may answer, until a whole step has been answered."""
+        self.changed = True
+        self._answered_before = self._answered
+
+    def _all_again(self) -> None:
+        self.changed = False
+        self.start()
+        for name in ("waiting", *(f"without {name}" for name in self._without)):
+            self._node.health.concern(name, None)
+        self._without.clear()
+        self._node.get_logger().info("all nodes answer again")
+
+
+def _reading_of(field: int) -> str:
+    """Return what the answer of a field is called, by its place in the list of fields."""
+    return f"reading {field}" if field else "reading"

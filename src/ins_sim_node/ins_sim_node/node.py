@@ -1,27 +1,51 @@
 """The simulated vehicle: clock, IMU, ground truth and the unaided INS, in lock-step with the graph
 or at a wall-clock rate."""
 
-import math
 import time
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from diagnostic_msgs.msg import DiagnosticArray
+from pydantic import Field
 from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.timer import Timer
 
-from ins_sim_node.answers import Answers
 from ins_sim_node.lock_step import LockStep
 from ins_sim_node.outputs import Outputs
-from ins_sim_node.pace import Pace
-from ins_sim_node.peers import Peers
-from ins_sim_node.settings import InsSimSettings
-from ins_sim_node.start import Start
-from ins_sim_node.successors import Successors, Survival
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
-from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.checkpoint import Checkpoint
+from isogal_ros.nodes.health import OK, figures_of
 from isogal_ros.nodes.spin import main_of
+from isogal_ros.parameters.values import Values
+
+UNLOCKED_START = 2.0
+"""s of wall time that a simulation without lock-step leaves others to come up."""
+
+
+class InsSimSettings(NodeSettings):
+    """How the simulation keeps time."""
+
+    rate: float = Field(
+        1.0,
+        ge=0.0,
+        le=10000.0,
+        description="simulated seconds per second; 0 = as fast as the graph can",
+    )
+    lock_step: bool = Field(
+        True,
+        description=(
+            "wait at each step until the graph has answered it, so that no message is lost"
+        ),
+    )
+    start_timeout: float = Field(
+        300.0, gt=0.0, description="s to wait for the other nodes before the first step"
+    )
+    reply_timeout: float = Field(120.0, gt=0.0, description="s to wait for the answers to a step")
+    exit_at_end: bool = Field(True, description="end the process after the last step")
 
 
 class InsSimNode(GraphNode):
@@ -41,33 +65,37 @@ class InsSimNode(GraphNode):
         """Simulate the run and make publishers and subscriptions."""
         self.vehicle = simulate_vehicle(self.scenario, self.settings.run)
         self.rate = self.settings.rate
-        self._survival = Survival(self)
-        self.step = self._survival.step
+        self._checkpoint = Checkpoint(self)
+        found = self._checkpoint.found
+        # its own checkpoint is how far it is: all else it simulates anew
+        self.step = found.content if found is not None and isinstance(found.content, int) else -1
         """Index of the last step published; -1 = none, 0 = the start, which has no IMU sample."""
-        self.running = False
+        if self.step >= 0:
+            self.get_logger().info(f"goes on after step {self.step}")
+        self.running = self._arrived = False
         self.begun = self._moved = time.monotonic()
         """When the first step was published; when the last one was."""
         self._outputs = Outputs(self, self.vehicle)
-        peers = Peers(self, self.settings.peers)
-        self._start = Start(self, peers)
-        self._answers: LockStep | None = None
-        self._successors: Successors | None = None
+        self._not_ready = {name for name in self.settings.peers if name != self.get_name()}
+        """Nodes that have not reported that all their listeners are there."""
+        self.lock_step: LockStep | None = None
         if self.settings.lock_step:
-            self._diagnostics = self.listen(topics.DIAGNOSTICS, peers.hear)
-            answers = Answers(self, self._outputs, self.resume)
-            self._answers = answers.lock_step
-            self._successors = Successors(self, answers)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._pace = Pace(self, steady, self._paced)
-        self.create_timer(0.05, self._watch, clock=steady)
+            self._diagnostics = self.listen(topics.DIAGNOSTICS, self._hear_peers)
+            self.lock_step = LockStep(self, self._outputs.compare, self._go_on)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer: Timer | None = None
+        """Comes at each step that goes by the wall clock."""
+        self.create_timer(0.05, self._watch, clock=self._steady)
 
-    def changed(self, values: dict[str, Any]) -> None:
+    def changed(self, values: Values) -> None:
         """Take a new rate."""
-        self.rate = float(values.get("rate", self.rate))
+        rate = values.get("rate")
+        if isinstance(rate, float):
+            self.rate = rate
         if self.running:
             self._set_pace()
 
-    def on_activate(self, state: Any) -> Any:
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go on; waiting begins anew."""
         self._moved = time.monotonic()
         return super().on_activate(state)
@@ -76,7 +104,15 @@ class InsSimNode(GraphNode):
         """Forget the checkpoint only now: a successor must not begin the route again."""
         super().close(timeout)
         if self.step >= len(self.vehicle):
-            self._survival.forget()
+            self._checkpoint.forget()
+
+    def _hear_peers(self, array: DiagnosticArray) -> None:
+        """Note which nodes of the same namespace are ready, by their diagnostics."""
+        own_space = self.get_namespace().strip("/")
+        for item in array.status:
+            space, _, name = item.name.rpartition("/")
+            if space == own_space and figures_of(item).get("ready") == "True":
+                self._not_ready.discard(name)
 
     def _watch(self) -> None:
         """Begin when all is ready; fail where the graph does not come up or has stopped
@@ -84,23 +120,33 @@ class InsSimNode(GraphNode):
         if not self.active:
             return
         waited = time.monotonic() - self._moved
-        if not self.running:
-            if self._start.may_begin(waited):
-                self._begin()
-        elif self._successors is not None and not self.finished:
-            self._successors.watch(waited)
+        if self.running:
+            if self.lock_step is not None and not self.finished:
+                self.lock_step.watch(waited)
+            return
+        if self.settings.lock_step:
+            ready = self.ready and not self._not_ready
+        else:
+            ready = self.ready or waited > UNLOCKED_START
+        if ready:
+            self._begin()
+        elif waited > self.settings.start_timeout:
+            reasons = [f"{name} is not ready" for name in sorted(self._not_ready)]
+            reasons += [f"listeners of {text}" for text in self.missing_listeners()]
+            timeout = self.settings.start_timeout
+            self.fail(f"cannot begin after {timeout:g} s: {'; '.join(reasons)}")
 
     def _begin(self) -> None:
         self.begun = self._moved = time.monotonic()
         self.get_logger().info(f"begun: {self.vehicle.trajectory.time[-1]:.0f} s to go")
-        if self._successors is not None:
+        if self.lock_step is not None:
             self._diagnostics.end()
-            self._successors.begin()
+            self.lock_step.start()
         self.running = True
         self.advance()
         self._set_pace()
 
-    def resume(self) -> None:
+    def _go_on(self) -> None:
         """Go on after a step that is answered, or not waited for any longer."""
         if self.rate == 0.0:
             self.advance()
@@ -108,16 +154,17 @@ class InsSimNode(GraphNode):
     def _set_pace(self) -> None:
         """Go by the wall clock, or as fast as answers come; without lock-step there are no answers
         to go by."""
-        if self.rate > 0.0:
-            self._pace.set(self.rate * self.scenario.navigation_rate)
-        elif self._answers is None:
-            self._pace.set(math.inf)
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+        if self.rate > 0.0 or self.lock_step is None:
+            period = 1.0 / (self.rate * self.scenario.navigation_rate) if self.rate > 0.0 else 0.0
+            self._timer = self.create_timer(period, self._due, clock=self._steady)
         else:
-            self._pace.clear()
-            self._paced()
+            self._due()
 
-    def _paced(self) -> None:
-        if self._answers is None or self._answers.complete:
+    def _due(self) -> None:
+        if self.lock_step is None or self.lock_step.complete:
             self.advance()
 
     def advance(self) -> None:
@@ -125,21 +172,27 @@ class InsSimNode(GraphNode):
         if self.finished or not self.active:
             return
         if self.step >= len(self.vehicle):
-            self.health.state(OK, "finished")
-            if self._pace.end():
-                self.get_logger().info(self._outputs.arrived(time.monotonic() - self.begun))
-            self.finished = self.settings.exit_at_end
+            self._arrive()
             return
         self.step += 1
-        self._survival.keep(self.step)
+        self._checkpoint.save(0, self.step)  # before it is published: it is never published twice
         self._moved = time.monotonic()
         ns = from_seconds(self.vehicle.trajectory.time[self.step])
-        if self._answers is not None:
-            self._answers.begin(self.step, ns)
+        if self.lock_step is not None:
+            self.lock_step.begin(self.step, ns)
         self._outputs.publish(self.step, ns)
         self.health.figures |= self._outputs.progress(ns, self._moved - self.begun)
         self.health.state(OK, "running")
         self.health.tick(ns)
+
+    def _arrive(self) -> None:
+        self.health.state(OK, "finished")
+        if self._timer is not None:
+            self._timer.cancel()
+        if not self._arrived:
+            self._arrived = True
+            self.get_logger().info(self._outputs.arrived(time.monotonic() - self.begun))
+        self.finished = self.settings.exit_at_end
 
 
 main = main_of(InsSimNode, topics.INS_SIM)

@@ -9,7 +9,7 @@ content:
 
 - A reading of several channels is a PointCloud2 of one point, whose fields have names
   (`isogal_ros.messages.gradiometer`): stamp, frame, and numbers that are found by name. So is one
-  with the terms of what a magnetic vehicle adds (`isogal_ros.messages.magnetic_terms`).
+  with the terms of what a magnetic vehicle adds (`isogal_ros.messages.magnetometer`).
 - So is all that a fix says, on ``pmht_mm/information`` (`isogal_ros.messages.whole_fix`):
   position, covariance and information arrive together or not at all. ``pmht_mm/fix`` is the
   position once more, for all others; the filter takes it where nobody publishes the whole.
@@ -44,6 +44,8 @@ try:
 except ImportError:  # not among ROS 2's wheels: without it there are no transforms
     TFMessage = None
 
+Message = Any
+"""A message of any class, or what it is serialised to: rclpy's classes have no common base."""
 INS_SIM = "ins_sim_node"
 GRAVIMETER = "gravimeter_node"
 PMHT_MM = "pmht_mm_node"
@@ -82,8 +84,8 @@ class Topic:
 
     name: str
     """Relative to the graph's namespace, unless it begins with a slash."""
-    type: Any
-    """Message class."""
+    type: type[Message]
+    """Its class."""
     consumers: tuple[str, ...] = ()
     """Nodes that cannot do without."""
     single: bool = True
@@ -106,11 +108,11 @@ DISTURBANCE = Topic("gravimeter/disturbance", AccelWithCovarianceStamped)
 MAGNETIC_FIELD = Topic("magnetometer/data_raw", MagneticField)
 """A vector; its length is the reading, unless there is a scalar instrument, too."""
 SCALAR_FIELD = Topic("magnetometer/scalar", MagneticField)
-"""Of a scalar instrument beside a vector one: the total field on z."""
+"""Of a scalar instrument next to a vector one: the total field on z."""
 ANOMALY = Topic("magnetometer/anomaly", MagneticField)
 TERMS = Topic("magnetometer/terms", PointCloud2)
 """In place of the anomaly where the matcher estimates what the vehicle adds: a reading with what
-that is made of (`isogal_ros.messages.magnetic_terms`)."""
+that is made of (`isogal_ros.messages.magnetometer`)."""
 CLEARANCE = Topic("altimeter/range", Range)
 TERRAIN = Topic("altimeter/terrain", NavSatFix)
 SOUNDINGS = Topic("altimeter/points", PointCloud2)
@@ -118,7 +120,7 @@ SOUNDINGS = Topic("altimeter/points", PointCloud2)
 FAN = Topic("altimeter/scan", LaserScan)
 """The same as ranges by angle, if `altimeter.message` says so."""
 FOOTPRINTS = Topic("altimeter/footprints", PointCloud2)
-"""In place of the terrain: its height under each beam (`isogal_ros.messages.soundings`)."""
+"""In place of the terrain: its height under each beam (`isogal_ros.messages.altimeter`)."""
 FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 OF_INSTRUMENTS = (
@@ -158,7 +160,7 @@ ALL = (
 (`isogal_ros.messages.adapter`)."""
 
 
-def type_name(message_type: Any) -> str:
+def type_name(message_type: type[Message]) -> str:
     """Return the ROS name of a message class, for example ``sensor_msgs/msg/Imu``."""
     package, _, _ = message_type.__module__.partition(".")
     return f"{package}/msg/{message_type.__name__}"

@@ -9,8 +9,7 @@ from isogal.matching.interfaces import Batch, Fix
 from isogal_ros import topics
 from isogal_ros.messages.candidates import candidates_cloud
 from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.pose import fill_pose
-from isogal_ros.messages.position import NOT_MEASURED, fill_fix
+from isogal_ros.messages.position import NOT_MEASURED, fill_fix, fill_pose
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.base import GraphNode

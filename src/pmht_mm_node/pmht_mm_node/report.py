@@ -4,7 +4,7 @@ from isogal.fields.measured import unlikely_sigmas
 from isogal.matching.interfaces import Fix
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import status
+from isogal_ros.nodes.health import Figure, status
 from pmht_mm_node.verdict import Verdict, line
 
 LOG_EVERY = 5.0
@@ -43,7 +43,7 @@ class Report:
             self._logger.warning("the navigator was lost and has been told where it is")
         self._health.state(self._verdict.level, self._verdict.text)
         self._logger.info(line(ns, fix), throttle_duration_sec=LOG_EVERY)
-        figures = {
+        figures: dict[str, Figure] = {
             "stamp": f"{to_seconds(ns):.9f}",
             "published": fix.published,
             "seconds": seconds,

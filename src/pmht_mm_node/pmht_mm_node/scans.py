@@ -96,7 +96,7 @@ class Scans:
     def silent(self) -> str | None:
         """That the navigator has gone on without a reading for long; None = it has not."""
         for name, field in zip(self._names, self._fields, strict=True):
-            gone = self._queue.nav.newest - field.newest
+            gone = self._queue.newest - field.newest
             if field.newest >= 0 and gone > SILENT * field.interval:
                 of = f" of {name}" if len(self._fields) > 1 else ""
                 return f"no readings{of} for {to_seconds(gone):.0f} s"
@@ -150,12 +150,12 @@ class Scans:
     def _may_come(self, field: _Field, ns: int) -> bool:
         """Whether a field may still give a reading up to a stamp: one is due, and the navigator
         has not gone on by an interval since."""
-        return field.due <= ns and self._queue.nav.newest < field.due + field.interval
+        return field.due <= ns and self._queue.newest < field.due + field.interval
 
     def correct(self, builder: JointBatches, until: int) -> None:
         """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
         states that ended by then."""
-        for gap in self._queue.nav.take_gaps(until):
+        for gap in self._queue.take_gaps(until):
             self._carry_jumps(builder, gap.after.ns)
             before, after = gap.before, gap.after
             if len(before.covariance) == len(after.covariance) == BATCH_STATES:
@@ -164,7 +164,7 @@ class Scans:
         self._carry_jumps(builder, until)
 
     def _carry_jumps(self, builder: JointBatches, before: int) -> None:
-        for jump in self._queue.nav.take_jumps(before):
+        for jump in self._queue.take_jumps(before):
             builder.correct(to_seconds(jump.ns), jump.change)
 
     def _process(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
@@ -190,7 +190,7 @@ class Scans:
             self._missing += 1
             self._health.figures["scans missing"] = self._missing
             try:
-                nav = self._queue.nav.at(stamp)
+                nav = self._queue.at(stamp)
             except BadMessageError:
                 nav = None
             # without a reading it does not matter much where the navigator was

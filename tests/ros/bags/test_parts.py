@@ -7,9 +7,8 @@ from rosbags.highlevel import AnyReader
 
 from helpers.bag_writing import write
 from isogal.errors import InputError
-from isogal_ros.bags import compressed
-from isogal_ros.bags.parts import numbered, parts
-from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags import reader as reader_module
+from isogal_ros.bags.reader import BagReader, numbered, parts
 from isogal_ros.bags.writer import BagWriter
 
 
@@ -70,6 +69,6 @@ def test_a_compressed_file(tmp_path, monkeypatch) -> None:
     with pytest.raises(InputError, match="not compressed by zstd"):
         BagReader(packed)
     packed.write_bytes(zstandard.compress(bytes(10**7)))
-    monkeypatch.setattr(compressed, "LARGEST", 10**6)
+    monkeypatch.setattr(reader_module, "LARGEST", 10**6)
     with pytest.raises(InputError, match="more than 1000000 bytes"):
         BagReader(packed)

@@ -66,7 +66,7 @@ def graph(scenario) -> Iterator[Graph]:
 
 @pytest.mark.parametrize("name", [topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION])
 def test_the_simulation_goes_on_without_it_and_with_it_again(graph, name) -> None:
-    before = graph.simulator._successors._forgotten
+    before = graph.simulator.lock_step.forgotten
     node, words = graph.nodes[name], f"goes on without {name}, which is not active"
     graph.steps(70, "the first steps")
     node.trigger_deactivate()
@@ -77,17 +77,17 @@ def test_the_simulation_goes_on_without_it_and_with_it_again(graph, name) -> Non
         graph.steps(30, f"steps without {name}")
     assert graph.logged.count((WARN, words)) == 1
     assert node.health.figures["ready"] is False
-    assert graph.simulator._successors._forgotten <= before + 1
+    assert graph.simulator.lock_step.forgotten <= before + 1
     node.trigger_activate()
     health = graph.simulator.health
-    followers = graph.simulator._successors
-    graph.spin(lambda: not (health._concerns or followers._changed), f"the answers of {name}")
+    lock_step = graph.simulator.lock_step
+    graph.spin(lambda: not (health._concerns or lock_step.changed), f"the answers of {name}")
     # as long as it lasts until all have found their way back, and no step is let go any more
     graph.steps(70, f"steps with {name}")
-    forgotten = graph.simulator._successors._forgotten  # none where the news was there in time
+    forgotten = graph.simulator.lock_step.forgotten  # none where the news was there in time
     graph.steps(130, f"whole batches with {name}")
-    assert graph.simulator._successors._forgotten == forgotten
-    assert not followers._answers.absent()
+    assert graph.simulator.lock_step.forgotten == forgotten
+    assert not lock_step.absent()
     if name != topics.GRAVIMETER:  # configured anew it looks for its listeners anew
         assert node.health.figures["ready"] is True
 

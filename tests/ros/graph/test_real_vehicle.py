@@ -12,8 +12,8 @@ from helpers.command_line import answer, refusal
 from helpers.recordings import collect, nav_positions, replayed, rewritten
 from isogal.fields.scenario_map import map_for_scenario
 from isogal_ros import topics
-from isogal_ros.bags.places import Places
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Places
 from isogal_ros.bags.viewing import viewed_run
 from isogal_ros.bags.writer import BagWriter
 from isogal_ros.messages.stamps import peek_ns, set_stamp

@@ -12,6 +12,7 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.messages.adapter import adapter_of, all_topics, topics_in_use
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.position import NOT_MEASURED
 from isogal_ros.messages.stamps import from_seconds, to_ns
 
 VALUE = {"gravity": 9.8, "disturbance": 3e-4, "magnetic": -123.4, "terrain": 456.7}
@@ -20,13 +21,12 @@ SOIL = """
 from std_msgs.msg import Header
 from isogal.fields.measured import MeasuredField
 from isogal.sensors.gravimeter import GravityReduction
+from isogal_ros.messages.adapter import Adapter
 from isogal_ros.topics import Topic
 
-class Adapter:
-    raw = Topic("probe/data_raw", Header)
-    reduced = Topic("probe/moisture", Header)
-    def __init__(self, scenario):
-        self.seed = scenario.seed
+def adapter(scenario):
+    raw, reduced = Topic(f"probe/{scenario.seed}", Header), Topic("probe/moisture", Header)
+    return Adapter(raw, None, None, reduced, None, None)
 
 SOIL = MeasuredField(
     "soil", "probe", "gravity", "m/s²", 0.0, 1.0, lambda scenario: GravityReduction()
@@ -42,7 +42,7 @@ def soil(tmp_path, monkeypatch):
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: soil\n")
     (metadata / "entry_points.txt").write_text(
-        "[isogal.fields]\nsoil = soil:SOIL\n[isogal.message_adapters]\nsoil = soil:Adapter\n"
+        "[isogal.fields]\nsoil = soil:SOIL\n[isogal.message_adapters]\nsoil = soil:adapter\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     plugins._installed.cache_clear()
@@ -66,7 +66,7 @@ def test_the_scenario_says_which_field() -> None:
 
 def test_a_field_of_another_package_brings_its_topics(soil) -> None:
     adapter = adapter_of(soil)
-    assert adapter.seed == 3
+    assert adapter.raw.name == "probe/3"
     assert all_topics(soil) == (*topics.ALL, adapter.raw, adapter.reduced)
     assert adapter.reduced in Collector(soil).topics()
 
@@ -80,32 +80,48 @@ def test_a_field_without_messages_is_an_error() -> None:
 def test_both_ways(name) -> None:
     adapter = adapter_of(load_scenario(), name)
     ns = from_seconds(12.5)
-    raw, reduced = adapter.new_raw(), adapter.new_reduced()
+    raw = adapter.write_raw(ns, RAW[name], 0.25, None)
+    reduced = adapter.write_reduced(ns, VALUE[name], 0.5, (-0.6, 2.5))
     assert isinstance(raw, adapter.raw.type)
     assert isinstance(reduced, adapter.reduced.type)
-    adapter.fill_raw(raw, ns, RAW[name], 0.25)
-    value, variance = adapter.read_raw(raw)
-    assert (value, variance) == (
-        pytest.approx(RAW[name], rel=1e-14),
-        pytest.approx(0.25, rel=1e-14),
-    )
-    adapter.fill_reduced(reduced, ns, VALUE[name], 0.5, (-0.6, 2.5))
+    assert adapter.read_raw(raw) == pytest.approx((RAW[name], 0.25), rel=1e-14)
     assert adapter.read_reduced(reduced) == pytest.approx((VALUE[name], 0.5), rel=1e-14)
     assert to_ns(raw.header.stamp) == to_ns(reduced.header.stamp) == ns
 
 
 @pytest.mark.parametrize("name", VALUE)
-def test_reduced_readings_that_cannot_be_used(name) -> None:
+@pytest.mark.parametrize(
+    ("value", "variance", "words"),
+    [(math.inf, 1.0, "not finite"), (1.0, math.nan, "not finite"), (1.0, -1.0, "negative")],
+)
+def test_reduced_readings_that_cannot_be_used(name, value, variance, words) -> None:
     adapter = adapter_of(load_scenario(), name)
-    for value, variance, words in (
-        (math.inf, 1.0, "not finite"),
-        (1.0, math.nan, "not finite"),
-        (1.0, -1.0, "negative"),
-    ):
-        message = adapter.new_reduced()
-        adapter.fill_reduced(message, 0, value, variance, (0.0, 0.0))
-        with pytest.raises(BadMessageError, match=words):
-            adapter.read_reduced(message)
+    with pytest.raises(BadMessageError, match=words):
+        adapter.read_reduced(adapter.write_reduced(0, value, variance, (0.0, 0.0)))
+
+
+def test_a_gravimeter_measures_the_vertical_only() -> None:
+    message = adapter_of(load_scenario()).write_raw(3, 9.80665, 1e-10, None)
+    assert message.header.frame_id == "gravimeter_link"
+    assert message.accel.covariance[0] == NOT_MEASURED
+
+
+@pytest.mark.parametrize("value", [0.0, -9.8, 4.9, 20.1, 9.8e5])
+def test_gravity_that_is_not_the_earths_is_refused(value) -> None:
+    """Zero and the other sign were once left to the matcher, which left them out in silence."""
+    adapter = adapter_of(load_scenario())
+    message = adapter.write_raw(1, value, 1e-10, None)
+    for read in (adapter.read_raw, adapter.read_reduced):
+        with pytest.raises(BadMessageError, match="not the Earth's"):
+            read(message)
+
+
+def test_another_frame_is_refused() -> None:
+    adapter = adapter_of(load_scenario())
+    message = adapter.write_raw(1, 9.8, 1e-10, None)
+    message.header.frame_id = "base_link"
+    with pytest.raises(BadMessageError, match="frame_id must be 'gravimeter_link'"):
+        adapter.read_raw(message)
 
 
 def test_topics_of_sensors_that_are_not_there_are_not_in_use() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import MagneticField
 
+from isogal.scenario import load_scenario
+from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.magnetometer import MagnetometerAdapter
-
-READ = MagnetometerAdapter().read_raw
+from isogal_ros.messages.magnetometer import read_total
 
 
 def magnetic(*vector, covariance=(0.0,) * 9, frame="anything"):
@@ -23,16 +23,16 @@ def magnetic(*vector, covariance=(0.0,) * 9, frame="anything"):
 
 def test_only_the_length_of_the_magnetic_vector_counts() -> None:
     for vector in ((5e-5, 0.0, 0.0), (0.0, -3e-5, 4e-5), (3e-5, 4e-5, 0.0)):
-        assert READ(magnetic(*vector))[0] == pytest.approx(5e4, rel=1e-14)
+        assert read_total(magnetic(*vector))[0] == pytest.approx(5e4, rel=1e-14)
     # the variance of the length is that of the component along the vector
     covariance = np.diag([1e-18, 4e-18, 9e-18])
-    assert READ(magnetic(3e-5, 0.0, 4e-5, covariance=covariance.ravel()))[1] == pytest.approx(
-        0.36 * 1.0 + 0.64 * 9.0
-    )
+    assert read_total(magnetic(3e-5, 0.0, 4e-5, covariance=covariance.ravel()))[
+        1
+    ] == pytest.approx(0.36 * 1.0 + 0.64 * 9.0)
 
 
 def test_zero_variance_is_an_unknown_one() -> None:
-    assert READ(magnetic(0.0, 0.0, 5e-5))[1] is None
+    assert read_total(magnetic(0.0, 0.0, 5e-5))[1] is None
 
 
 @pytest.mark.parametrize(
@@ -50,13 +50,11 @@ def test_zero_variance_is_an_unknown_one() -> None:
 )  # fmt: skip
 def test_magnetic_fields_that_cannot_be_used(message, words) -> None:
     with pytest.raises(BadMessageError, match=words):
-        READ(message)
+        read_total(message)
 
 
 def test_an_anomaly_is_reported_along_the_main_field_only() -> None:
-    adapter = MagnetometerAdapter()
-    message = adapter.new_reduced()
-    adapter.fill_reduced(message, 0, 100.0, 4.0, None)
+    message = adapter_of(load_scenario(), "magnetic").write_reduced(0, 100.0, 4.0, None)
     assert math.isnan(message.magnetic_field.x)
     assert math.isnan(message.magnetic_field.y)
     assert message.magnetic_field.z == pytest.approx(1e-7)

@@ -56,15 +56,15 @@ def test_there_and_back(size, lost, estimate) -> None:
 def test_a_navigator_that_is_to_become_less_certain() -> None:
     wide = random_covariance(np.array([50.0, 50.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4]), 3)
     sent = Fix(12.5, -0.6, 2.5, COVARIANCE, widened=wide)
-    message = message_of(WholeFix(sent, ESTIMATE))
-    np.testing.assert_allclose(read_whole_fix(message).fix.widening, wide, rtol=1e-12)
-    values = dict(read_point(message))
-    values["widening"] = -values["widening"]
-    shrinking = PointCloud2()
-    shrinking.header.frame_id = message.header.frame_id
-    fill_point(shrinking, 12_500_000_000, values)
-    with pytest.raises(BadMessageError, match="widening is not a covariance"):
-        read_whole_fix(shrinking)
+    got = read_whole_fix(message_of(WholeFix(sent, ESTIMATE)))
+    np.testing.assert_allclose(got.fix.widening, wide, rtol=1e-12)
+
+
+@pytest.mark.parametrize("reason", [None, "nothing"])
+def test_how_wrong_the_map_is(reason) -> None:
+    sent = Fix(12.5, -0.6, 2.5, COVARIANCE, reason, map_error=(8e-5, 3000.0))
+    got = read_whole_fix(message_of(WholeFix(sent, ESTIMATE)))
+    assert got.fix.map_error == (8e-5, 3000.0)
 
 
 def test_no_fix() -> None:
@@ -104,6 +104,8 @@ def broken(**changes) -> PointCloud2:
     ({"vector": np.ones(4)}, "field matrix must be 16 x float64, has 49"),
     ({"matrix": np.full(49, np.inf)}, "field matrix is not finite"),
     ({"from_position": np.zeros(3)}, "no field from_attitude"),
+    ({"widening": -np.eye(7).ravel()}, "widening is not a covariance"),
+    ({"map_error": np.array([8e-5, 0.0])}, "map_error must be positive"),
 ])  # fmt: skip
 def test_what_cannot_be_used(changes, words) -> None:
     with pytest.raises(BadMessageError, match=words):
@@ -124,17 +126,3 @@ def test_another_frame_or_layout() -> None:
     good.header.frame_id = "map"
     with pytest.raises(BadMessageError, match="frame_id"):
         read_whole_fix(good)
-
-
-@pytest.mark.parametrize("reason", [None, "nothing"])
-def test_how_wrong_the_map_is(reason) -> None:
-    sent = Fix(12.5, -0.6, 2.5, COVARIANCE, reason, map_error=(8e-5, 3000.0))
-    message = message_of(WholeFix(sent, ESTIMATE))
-    assert read_whole_fix(message).fix.map_error == (8e-5, 3000.0)
-    values = dict(read_point(message))
-    values["map_error"] = np.array([8e-5, 0.0])
-    wrong = PointCloud2()
-    wrong.header.frame_id = message.header.frame_id
-    fill_point(wrong, 12_500_000_000, values)
-    with pytest.raises(BadMessageError, match="map_error must be positive"):
-        read_whole_fix(wrong)

@@ -4,12 +4,13 @@ own."""
 from geometry_msgs.msg import AccelWithCovarianceStamped
 
 from isogal.scenario import Scenario
-from isogal_ros.messages.gravimeter import GravimeterAdapter
+from isogal_ros.messages.adapter import Adapter
+from isogal_ros.messages.gravimeter import accelerations
 from isogal_ros.topics import Topic
 
 ANOMALY = Topic("gravimeter/free_air_anomaly", AccelWithCovarianceStamped)
 
 
-def free_air(scenario: Scenario) -> GravimeterAdapter:
+def free_air(scenario: Scenario) -> Adapter:
     """Return the adapter of the field."""
-    return GravimeterAdapter(ANOMALY)
+    return accelerations(ANOMALY)

@@ -4,13 +4,10 @@ recorder     which node records the graph?
 writer       how is a bag written?
 metadata     what does its metadata.yaml say?
 definitions  what are the definitions of the recorded message types?
-parts        which files has a bag?
-compressed   how are files read that were compressed as a whole?
 reader       how is a bag read, whole or cut off?
-collect      which messages does the record of a run need?
+collect      which messages does the record of a run need, also while it is written?
 record       how do they become that record?
-viewing      what does `isogal view` show of a bag?
-following    how is a bag read while it is written?"""
+viewing      what does `isogal view` show of a bag?"""
 
 from isogal_ros.nodes.signals import end_quietly
 

@@ -1,7 +1,12 @@
-"""The messages of a run, by stamp, that its record is made of."""
+"""The messages of a run, by stamp, that its record is made of: of a bag, also while it is
+written."""
 
+import struct
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
@@ -9,12 +14,15 @@ from sensor_msgs.msg import NavSatStatus
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader, topic_of
+from isogal_ros.bags.reader import BagReader, parts, read, topic_of
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic
+
+if TYPE_CHECKING:
+    from mcap.records import McapRecord
 
 LEVELS = {
     DiagnosticStatus.WARN: "WARN",
@@ -60,15 +68,15 @@ class Collector:
         """Figures of each batch by stamp of its end, from the diagnostics."""
         self.said: list[Said] = []
         """Diagnostics that are not OK."""
+        first, *others = scenario.each_field
+        self.others = tuple({} for _ in others)
         self._plain: dict[Topic, dict[int, bytes]] = {
             topics.TRUTH_FIX: self.truth,
             topics.INS_FIX: self.unaided,
             topics.FIX: self.fixes,
             topics.CANDIDATES: self.candidates,
+            adapter_of(first).reduced: self.readings,
         }
-        first, *others = scenario.each_field
-        self._plain[adapter_of(first).reduced] = self.readings
-        self.others = tuple({} for _ in others)
         for one, readings in zip(others, self.others, strict=True):
             self._plain[adapter_of(one).reduced] = readings
 
@@ -132,3 +140,45 @@ def wanted_messages(reader: BagReader, wanted: Sequence[Topic]) -> Iterator[tupl
         topic = found[name]
         if topic is not None:
             yield topic, message.data
+
+
+@dataclass
+class Follower:
+    """Takes the messages of a bag's whole chunks into a collector, each once, while the bag is
+    written. A chunk that is being written is left for the next look."""
+
+    folder: Path
+    collector: Collector
+    messages: int = 0
+    """Taken so far, of topics that are wanted."""
+    _places: dict[Path, int] = field(default_factory=dict)
+    """Bytes of each file that were read."""
+    _topics: dict[tuple[Path, int], Topic | None] = field(default_factory=dict)
+
+    def look(self) -> int:
+        """Take what is new; return how many messages that was."""
+        from mcap.exceptions import EndOfFile, InvalidMagic
+
+        before = self.messages
+        for file in parts(self.folder):
+            # what is not whole yet is read again from its begin
+            with file.open("rb") as stream, suppress(EndOfFile, InvalidMagic, struct.error):
+                for place, records in read(stream, self._places.get(file, 0)):
+                    for record in records:
+                        self._take(file, record)
+                    self._places[file] = place
+        return self.messages - before
+
+    def _take(self, file: Path, item: "McapRecord") -> None:
+        from mcap.records import Channel, Message
+
+        if isinstance(item, Channel):
+            wanted = self.collector.topics()
+            self._topics[file, item.id] = next(
+                (topic for topic in wanted if topic_of(item.topic, topic.name)), None
+            )
+        elif isinstance(item, Message):
+            topic = self._topics.get((file, item.channel_id))
+            if topic is not None:
+                self.collector.take(topic, item.data)
+                self.messages += 1

@@ -1,45 +1,29 @@
 """Definitions of message types as the schemas of an MCAP file (encoding ``ros2msg``)."""
 
+import re
 import sys
-from functools import lru_cache
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 SEPARATOR = "=" * 80
-BUILTIN = frozenset(
-    (
-        "bool",
-        "byte",
-        "char",
-        "float32",
-        "float64",
-        "string",
-        "wstring",
-        *(f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)),
-    )
-)
 
 
-@lru_cache(maxsize=64)
+@cache
 def schema_text(type_name: str) -> str:
     """Return the definition of a message type (``package/msg/Name``) and of all it contains."""
-    parts = [_definition(type_name)]
-    seen, queue = {type_name}, _contained(type_name)
-    while queue:
-        inner = queue.pop(0)
-        if inner not in seen:
-            seen.add(inner)
-            package, _, name = inner.split("/")
-            parts.append(f"{SEPARATOR}\nMSG: {package}/{name}\n{_definition(inner)}")
-            queue += _contained(inner)
+    names, parts = [type_name], list[str]()
+    for one in names:  # which grows
+        package, _, name = one.split("/")
+        text = (_share(package) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+        parts.append(f"{SEPARATOR}\nMSG: {package}/{name}\n{text}" if parts else text)
+        kind = getattr(import_module(f"{package}.msg"), name)
+        of_fields = " ".join(kind.get_fields_and_field_types().values())
+        inner = [f"{owner}/msg/{part}" for owner, part in re.findall(r"(\w+)/(\w+)", of_fields)]
+        names += [found for found in dict.fromkeys(inner) if found not in names]
     return "\n".join(parts)
-
-
-@lru_cache(maxsize=64)
-def _definition(type_name: str) -> str:
-    package, _, name = type_name.split("/")
-    return (_share(package) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
 
 
 def _share(package: str) -> Path:
@@ -49,19 +33,3 @@ def _share(package: str) -> Path:
         return Path(get_package_share_directory(package))
     except (PackageNotFoundError, OSError):
         return Path(sys.prefix) / "share" / package
-
-
-def _contained(type_name: str) -> list[str]:
-    """List the message types that a definition's fields have."""
-    package = type_name.split("/", maxsplit=1)[0]
-    found = []
-    for line in _definition(type_name).splitlines():
-        words = line.partition("#")[0].split()
-        if len(words) < 2 or "=" in words[1]:
-            continue
-        base = words[0].partition("[")[0].partition("<")[0]
-        if base in BUILTIN:
-            continue
-        owner, _, name = base.rpartition("/")
-        found.append(f"{owner.split('/')[0] or package}/msg/{name}")
-    return found

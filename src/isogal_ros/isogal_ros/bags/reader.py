@@ -1,18 +1,29 @@
 """Reading recordings, whole or cut off, message by message."""
 
+import re
 import struct
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from isogal.errors import InputError
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.scenario import Scenario, validate_scenario
 from isogal.yaml_text import parse_yaml
-from isogal_ros.bags.compressed import opened
-from isogal_ros.bags.parts import SUFFIXES, numbered, parts
+
+if TYPE_CHECKING:
+    from mcap.records import McapRecord
+
+LARGEST = 8 * 1024**3
+"""Bytes after which unpacking a compressed file ends: a small one may say that it holds any
+number."""
+SUFFIXES = (".mcap", ".mcap.zstd")
+"""The latter are compressed as a whole, as ``ros2 bag record --compression-mode file`` leaves
+them."""
+_NUMBER = re.compile(r"_(\d+)\.mcap(\.zstd)?$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +49,22 @@ class BagReader:
 
     path: Path
     texts: dict[str, str] = field(default_factory=dict)
-    """What the recorder kept beside the messages; filled while reading."""
+    """What the recorder kept besides the messages."""
     cut: str | None = None
     """Why the reading ended early; None = the file is whole. Known after reading."""
     types: dict[str, str] = field(default_factory=dict)
     """Message type by topic; filled while reading."""
 
     def __post_init__(self) -> None:
+        from mcap.records import Header, Metadata
+
         self.path = Path(self.path)
         self.files = _find_files(self.path)
-        self._read_texts()
+        for record in self._records(self.files[0]):
+            if isinstance(record, Metadata) and record.name == "isogal":
+                self.texts.update(record.metadata)
+            if not isinstance(record, Header | Metadata):  # the texts stand ahead of all else
+                break
 
     def scenario(self) -> Scenario | None:
         """Return the scenario of the recorded run; None where the bag has none. Raises InputError
@@ -60,66 +77,99 @@ class BagReader:
     def messages(self) -> Iterator[Recorded]:
         """Yield the messages in the order they were written, up to the end or the cut; of a bag
         in several files each up to its own."""
+        from mcap.records import Channel, Message, Schema
+
         for file in self.files:
             self.cut = None
-            yield from self._messages_of(file)
+            channels: dict[int, str] = {}
+            schemas: dict[int, str] = {}
+            for item in self._records(file):
+                if isinstance(item, Schema):
+                    schemas[item.id] = item.name
+                elif isinstance(item, Channel):
+                    channels[item.id] = item.topic
+                    self.types[item.topic] = schemas.get(item.schema_id, "")
+                elif isinstance(item, Message):
+                    topic = channels[item.channel_id]
+                    yield Recorded(topic, item.data, item.log_time, item.publish_time)
 
-    def _messages_of(self, file: Path) -> Iterator[Recorded]:
-        from mcap.records import Channel, Message, Schema
-        from mcap.stream_reader import StreamReader
-
-        channels: dict[int, str] = {}
-        schemas: dict[int, str] = {}
-        with opened(file) as stream, self._up_to_damage(file, stream):
-            for record in StreamReader(stream, emit_chunks=True).records:
-                for item in unpacked(record):
-                    if isinstance(item, Schema):
-                        schemas[item.id] = item.name
-                    elif isinstance(item, Channel):
-                        channels[item.id] = item.topic
-                        self.types[item.topic] = schemas.get(item.schema_id, "")
-                    elif isinstance(item, Message):
-                        yield Recorded(
-                            channels[item.channel_id], item.data, item.log_time, item.publish_time
-                        )
-
-    def _read_texts(self) -> None:
-        """Read what stands ahead of the messages."""
-        from mcap.records import Chunk, Message, Metadata
-        from mcap.stream_reader import StreamReader
-
-        file = self.files[0]
-        with opened(file) as stream, self._up_to_damage(file, stream):
-            for record in StreamReader(stream, emit_chunks=True).records:
-                if isinstance(record, Metadata) and record.name == "isogal":
-                    self.texts.update(record.metadata)
-                if self.texts or isinstance(record, Chunk | Message):
-                    return
-
-    @contextmanager
-    def _up_to_damage(self, file: Path, stream: BinaryIO) -> Iterator[None]:
-        """End the reading where the file is cut off or damaged, and say so in `cut`; raises
-        InputError where it is no MCAP file."""
+    def _records(self, file: Path) -> "Iterator[McapRecord]":
+        """Yield the records of a file and of its chunks. Where it is cut off or damaged, end, and
+        say so in `cut`; raises InputError where it is no MCAP file."""
         from mcap.exceptions import EndOfFile, InvalidMagic
 
-        try:
-            yield
-        except Exception as error:
-            if not is_damage(error):
-                raise
-            place = stream.tell()
-            if _is_empty(stream) or (isinstance(error, InvalidMagic) and not self.types):
-                raise InputError(f"{file}: not an MCAP file") from None
-            kind = type(error).__name__
-            if isinstance(error, EndOfFile | struct.error):
-                self.cut = f"the file ends early, at byte {file.stat().st_size} ({kind})"
-            else:
-                self.cut = f"the file is damaged ahead of byte {place} ({kind})"
+        with _opened(file) as stream:
+            try:
+                for _, records in read(stream):
+                    yield from records
+            except Exception as error:
+                if not is_damage(error):
+                    raise
+                place, size = stream.tell(), stream.seek(0, 2)
+                if size < 8 or (isinstance(error, InvalidMagic) and not self.types):
+                    raise InputError(f"{file}: not an MCAP file") from None
+                kind = type(error).__name__
+                if isinstance(error, EndOfFile | struct.error):
+                    self.cut = f"the file ends early, at byte {file.stat().st_size} ({kind})"
+                else:
+                    self.cut = f"the file is damaged ahead of byte {place} ({kind})"
 
 
-def _is_empty(stream: BinaryIO) -> bool:
-    stream.seek(0, 2)
-    return stream.tell() < 8
+def read(stream: BinaryIO, start: int = 0) -> "Iterator[tuple[int, list[McapRecord]]]":
+    """Yield where each record of an MCAP file ends, from a place on, and what it holds: the
+    records of a chunk, or itself."""
+    from mcap.stream_reader import StreamReader
+
+    stream.seek(start)
+    for record in StreamReader(stream, skip_magic=start > 0, emit_chunks=True).records:
+        yield stream.tell(), unpacked(record)
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[BinaryIO]:
+    """Open an MCAP file for reading, unpacked into a temporary file where it is compressed; raises
+    InputError where it cannot be unpacked, or is larger than `LARGEST`."""
+    if file.suffix != ".zstd":
+        with file.open("rb") as stream:
+            yield stream
+        return
+    with tempfile.TemporaryFile() as whole:
+        _unpack(file, whole)
+        whole.seek(0)
+        yield whole
+
+
+def _unpack(file: Path, whole: BinaryIO) -> None:
+    import zstandard
+
+    try:
+        with file.open("rb") as stream:
+            for block in zstandard.ZstdDecompressor().read_to_iter(stream, write_size=1024**2):
+                whole.write(block)
+                if whole.tell() > LARGEST:
+                    raise InputError(f"{file}: more than {LARGEST} bytes when unpacked")
+    except zstandard.ZstdError as error:
+        if whole.tell() == 0:
+            raise InputError(f"{file}: not compressed by zstd: {error}") from None
+
+
+def parts(folder: Path) -> list[Path]:
+    """Return the MCAP files of a folder, by their number (``<bag>_0.mcap``, ``<bag>_1.mcap``), in
+    which order they were written."""
+    if not folder.is_dir():
+        return []
+    return sorted((file for file in folder.iterdir() if file.name.endswith(SUFFIXES)), key=_order)
+
+
+def numbered(files: list[Path]) -> bool:
+    """Whether files are the parts of one bag: numbered from 0 on, with one name."""
+    names = {_NUMBER.sub("", file.name) for file in files}
+    return len(names) == 1 and [_order(file)[0] for file in files] == list(range(len(files)))
+
+
+def _order(file: Path) -> tuple[int, str]:
+    found = _NUMBER.search(file.name)
+    return (int(found.group(1)) if found else -1, file.name)
 
 
 def _find_files(path: Path) -> list[Path]:

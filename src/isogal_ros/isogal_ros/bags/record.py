@@ -1,7 +1,8 @@
 """From the messages of a run to the record that the evaluation works on."""
 
-from collections.abc import Iterable
-from typing import Any
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from typing import TypedDict
 
 import numpy as np
 from rclpy.serialization import deserialize_message
@@ -17,12 +18,69 @@ from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.failures import FAILED
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
-from isogal_ros.bags.places import Places
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.candidates import read_candidates
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds, to_seconds
+
+LONGEST_GAP = 10_000_000_000
+"""ns between two messages, between which a position is not guessed any more."""
+
+
+class Places:
+    """Positions of serialised NavSatFix messages of any frame, by stamp (ns), and between the
+    stamps: real sensors do not sample at the same times."""
+
+    def __init__(self, messages: dict[int, bytes]) -> None:
+        self._messages, self._stamps = messages, sorted(messages)
+
+    def __contains__(self, ns: int) -> bool:
+        return ns in self._messages or self._around(ns) is not None
+
+    def at(self, stamps: Sequence[int]) -> Array:
+        """Return latitude and longitude (rad) (n, 2) at stamps, linear between messages; NaN where
+        there is none on either side."""
+        return np.array([self._at(ns) for ns in stamps]).reshape(-1, 2)
+
+    def before(self, ns: int) -> bytes:
+        """Return the message of a stamp, or the last one before it."""
+        return self._messages[self._stamps[bisect_right(self._stamps, ns) - 1]]
+
+    def _at(self, ns: int) -> tuple[float, float]:
+        if ns in self._messages:
+            return self._position(ns)
+        if (around := self._around(ns)) is None:
+            return np.nan, np.nan
+        (one, other), share = around, (ns - around[0]) / (around[1] - around[0])
+        here, there = self._position(one), self._position(other)
+        east = (there[1] - here[1] + np.pi) % (2.0 * np.pi) - np.pi  # also across 180 degrees
+        return here[0] + share * (there[0] - here[0]), here[1] + share * east
+
+    def _around(self, ns: int) -> tuple[int, int] | None:
+        """Return the stamps before and after one; None where they are too far apart."""
+        i = bisect_right(self._stamps, ns)
+        if not 0 < i < len(self._stamps):
+            return None
+        before, after = self._stamps[i - 1 : i + 1]
+        return (before, after) if after - before <= LONGEST_GAP else None
+
+    def _position(self, ns: int) -> tuple[float, float]:
+        message = deserialize_message(self._messages[ns], topics.NAV_FIX.type)
+        latitude, longitude, _ = read_position(message, frame="")
+        return latitude, longitude
+
+
+class FixRecord(TypedDict):
+    """The fields of `Runs` about fixes."""
+
+    fix_time: Array
+    fix_error: Array
+    fix_covariance: Array
+    fix_reason: tuple[tuple[str | None, ...], ...]
+    posterior_error: Array
+    posterior_covariance: Array
+    fix_seconds: Array
 
 
 def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
@@ -55,7 +113,7 @@ def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
 
 
 def _scans(collector: Collector) -> Iterable[int]:
-    """Return the stamps of scans; those of several fields are together in one rhythm."""
+    """Return the stamps of scans; those of several fields have one schedule."""
     if not collector.others:
         return collector.readings
     interval = from_seconds(collector.scenario.scan_interval)
@@ -77,8 +135,7 @@ def _batch_ends(collector: Collector, truth: Places, last_nav: Places) -> list[i
 
 def _fix_record(
     collector: Collector, ends: list[int], truth: Places, last_nav: Places
-) -> dict[str, Any]:
-    """Return the fields of `Runs` about fixes."""
+) -> FixRecord:
     count = len(ends)
     error, posterior = np.full((count, 2), np.nan), np.full((count, 2), np.nan)
     covariance = np.full((count, 2, 2), np.nan)

@@ -1,15 +1,15 @@
 """The recorder: every topic of the graph into one bag."""
 
 import shutil
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import yaml
 from pydantic import Field
-from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.qos import HistoryPolicy
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario
@@ -20,7 +20,7 @@ from isogal_ros.messages.adapter import topics_in_use
 from isogal_ros.messages.stamps import peek_ns
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
-from isogal_ros.nodes.spin import run_node
+from isogal_ros.nodes.spin import main_of
 from isogal_ros.topics import Topic
 
 RECORDER = "isogal_recorder"
@@ -92,7 +92,10 @@ class RecorderNode(GraphNode):
         discovery, so it is the graph's own."""
         offers = self.get_publishers_info_by_topic(name)
         profiles = [offer.qos_profile for offer in offers] or [topics.LOSSLESS]
-        entries = qos_entries([_with_history(profile) for profile in profiles])
+        for profile in profiles:
+            if profile.history == HistoryPolicy.UNKNOWN:
+                profile.history, profile.depth = topics.LOSSLESS.history, topics.LOSSLESS.depth
+        entries = qos_entries(profiles)
         type_hash = str(offers[0].topic_type_hash) if offers else ""
         self.writer.add_topic(name, topics.type_name(topic.type), entries, type_hash)
 
@@ -136,7 +139,7 @@ class RecorderNode(GraphNode):
         """Count the messages written."""
         return self.writer.messages if self.configured else None
 
-    def on_cleanup(self, state: Any) -> Any:
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Finish the bag."""
         self._finish()
         return super().on_cleanup(state)
@@ -155,15 +158,8 @@ class RecorderNode(GraphNode):
             self._failed_to_write(error)
 
 
-def _with_history(profile: QoSProfile) -> QoSProfile:
-    if profile.history == HistoryPolicy.UNKNOWN:
-        profile.history, profile.depth = topics.LOSSLESS.history, topics.LOSSLESS.depth
-    return profile
-
-
-def main(args: Sequence[str] | None = None) -> None:
-    """Entry point of the console script."""
-    sys.exit(run_node(RECORDER, lambda: RecorderNode(RECORDER), args))
+main = main_of(RecorderNode, RECORDER)
+"""Entry point of the console script."""
 
 
 if __name__ == "__main__":

@@ -47,7 +47,15 @@ def viewed_run(
     """Return what was collected so far; None before the first scan.
 
     Where nobody recorded the truth, as on a real voyage, the record's positions are those that the
-    navigator believes in."""
+    navigator believes in.
+
+    Parameters
+    ----------
+    field_map : RouteMap
+        That it was matched against.
+    title, subtitle : str
+        Shown; an empty subtitle says what was run.
+    """
     is_true = bool(collector.truth)
     if not is_true:
         collector = copy(collector)

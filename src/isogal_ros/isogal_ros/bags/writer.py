@@ -12,13 +12,14 @@ from collections import deque
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+from pydantic import JsonValue
 
 from isogal.errors import InputError
 from isogal.files import make_folder, write_atomic
 from isogal_ros.bags.definitions import schema_text
-from isogal_ros.bags.metadata import Contents, RecordedTopic, earlier_files, yaml_text
-from isogal_ros.bags.parts import parts
+from isogal_ros.bags.metadata import Contents, Entry, RecordedTopic, earlier_files, yaml_text
+from isogal_ros.bags.reader import parts
 
 CHUNK = 128 * 1024
 """Bytes, uncompressed: about 40 s of the graph at 1 Hz."""
@@ -79,10 +80,20 @@ class BagWriter:
         """Number of messages written."""
         return self._contents.messages
 
-    def add_topic(
-        self, topic: str, type_name: str, qos: list[dict[str, Any]], type_hash: str
-    ) -> None:
-        """Make a topic known; its first message must not come before."""
+    def add_topic(self, topic: str, type_name: str, qos: list[JsonValue], type_hash: str) -> None:
+        """Make a topic known; its first message must not come before.
+
+        Parameters
+        ----------
+        topic : str
+            Absolute name.
+        type_name : str
+            ``package/msg/Name``.
+        qos : list
+            What publishers offer, see `isogal_ros.bags.metadata.qos_entries`.
+        type_hash : str
+            As publishers say it (``RIHS01_...``); empty = not known.
+        """
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(
                 type_name, "ros2msg", schema_text(type_name).encode()
@@ -97,7 +108,16 @@ class BagWriter:
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         """Write one serialised message; raises OSError where the disk is full. Nothing more can be
-        written then, and `close` ends the file where it was whole."""
+        written then, and `close` ends the file where it was whole.
+
+        Parameters
+        ----------
+        topic : str
+            Made known by `add_topic`.
+        data : bytes
+        log_ns, publish_ns : int
+            When it was received and sent, ns.
+        """
         entry = self._contents.topics[topic]
         self._writer.add_message(entry.channel, log_ns, data, publish_ns, entry.count)
         self._contents.count(entry, log_ns)
@@ -153,7 +173,7 @@ class BagWriter:
         self._write_metadata()
 
     def _write_metadata(self) -> None:
-        document = {"rosbag2_bagfile_information": self._contents.information()}
+        document: Entry = {"rosbag2_bagfile_information": self._contents.information()}
         try:
             write_atomic(self.folder / "metadata.yaml", yaml_text(document))
         except InputError as error:

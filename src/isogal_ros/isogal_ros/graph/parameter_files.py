@@ -16,8 +16,7 @@ from isogal_ros import topics
 from isogal_ros.graph.plan import node_class
 from isogal_ros.nodes.base import NodeSettings
 from isogal_ros.parameters.declaration import OF_RCLPY, known_overrides
-from isogal_ros.parameters.from_model import parameter_specs
-from isogal_ros.parameters.spec import ParameterSpec
+from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import scenario_from, settings_from
 
 Document = dict[str, dict[str, JsonValue]]

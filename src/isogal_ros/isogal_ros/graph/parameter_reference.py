@@ -12,8 +12,7 @@ from isogal.scenario import Scenario
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import node_class
 from isogal_ros.parameters.bringup_file import comment
-from isogal_ros.parameters.from_model import parameter_specs
-from isogal_ros.parameters.spec import ParameterSpec
+from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.topics import NODES
 
 HEAD = """\

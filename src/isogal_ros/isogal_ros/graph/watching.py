@@ -29,8 +29,7 @@ from isogal.evaluation.view.record import ViewedRun
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
-from isogal_ros.bags.collect import Collector
-from isogal_ros.bags.following import Follower
+from isogal_ros.bags.collect import Collector, Follower
 from isogal_ros.bags.viewing import viewed_run
 from isogal_ros.graph.running import Progress, Report
 

@@ -4,8 +4,9 @@ stamps           which time does a stamp say, in whole nanoseconds?
 frames           which frames and axes have messages, and which the library?
 checks           what makes a message unusable?
 imu              how is an inertial sample written and read?
-position         how is a position with its covariance?
+position         how is a position with its covariance, also as a pose?
 odometry         how is a navigation state?
+aids             how are height and velocity?
 stamped_numbers  how is the covariance of the navigator's errors?
 point            how are named numbers with a stamp?
 whole_fix        how is all that a fix says?
@@ -13,7 +14,5 @@ candidates       how are a matcher's candidates?
 adapter          what do the messages of any field do, and which adapter has a field?
 gravimeter       what are the messages of a gravimeter?
 magnetometer     what are those of a magnetometer?
-magnetic_terms   what are they where the matcher estimates what the vehicle adds?
-altimeter        what are those of a clearance meter?
-soundings        what are those of one with several beams?
+altimeter        what are those of an altimeter, of one beam or several?
 gradiometer      what are those of a gradiometer?"""

@@ -6,71 +6,42 @@ entry point of the group ``isogal.message_adapters`` (`isogal.plugins`): a funct
 scenario and returns an `Adapter`. A package may so add the messages of its own field.
 
 Values and variances are in the unit of the field's maps (m/s², nT, m, 1/s²); messages have those
-of their definitions (m/s², T, m). A reading of several channels is an array (C,) with a covariance
-(C, C) instead of a number and its variance. Readers raise `BadMessageError` for what cannot be
-used."""
+of their definitions (m/s², T, m). Readers raise `BadMessageError` for what cannot be used."""
 
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 from isogal import plugins
+from isogal.arrays import Array
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.frames import framed
-from isogal_ros.topics import Topic
+from isogal_ros.topics import Message, Topic
 
+Reading = float | Array
+"""A number, or an array (C,) of several channels; its variance, or their covariance (C, C)."""
 Place = tuple[float, float] | None
 """Latitude and longitude (rad) where the navigator took a reading to be; None = not known."""
+Write = Callable[[int, Reading, Reading, Place], Message]
+"""Returns the message of a stamp (ns), a reading (NaN = nothing in range), its variance and the
+place, which instruments do not know."""
 
 
-class Adapter(Protocol):
+@dataclass(frozen=True)
+class Adapter:
     """Messages of one field. All of them have a header."""
 
     raw: Topic
     """What the instrument publishes."""
+    write_raw: Write
+    """Of the simulated instrument."""
+    read_raw: Callable[[Message], tuple[Reading, Reading | None]]
+    """Returns (what was sensed, NaN = nothing in range; its variance, None = unknown)."""
     reduced: Topic
     """What is matched."""
-
-    def new_raw(self) -> Any:
-        """Return a raw message of the simulated instrument, to be filled."""
-        ...
-
-    def fill_raw(self, message: Any, ns: int, value: Any, variance: Any) -> None:
-        """Write what is felt (NaN = nothing in range) into a raw message."""
-        ...
-
-    def read_raw(self, message: Any) -> tuple[Any, Any | None]:
-        """Return (what was felt, NaN = nothing in range; its variance, None = unknown)."""
-        ...
-
-    def new_reduced(self) -> Any:
-        """Return a message for reduced readings, to be filled."""
-        ...
-
-    def fill_reduced(self, message: Any, ns: int, value: Any, variance: Any, place: Place) -> None:
-        """Write a reduced reading (NaN = none) into its message."""
-        ...
-
-    def read_reduced(self, message: Any) -> tuple[Any, Any]:
-        """Return (reduced reading, NaN = the instrument had none in range; variance)."""
-        ...
-
-
-class Framed:
-    """Messages of an adapter of Isogal's own, before they are filled."""
-
-    raw: Topic
-    reduced: Topic
-    frames: tuple[str, str]
-    """Of raw and of reduced messages."""
-
-    def new_raw(self) -> Any:
-        """Return a raw message of the simulated instrument, to be filled."""
-        return framed(self.raw, self.frames[0])
-
-    def new_reduced(self) -> Any:
-        """Return a message for reduced readings, to be filled."""
-        return framed(self.reduced, self.frames[1])
+    write_reduced: Write
+    read_reduced: Callable[[Message], tuple[Reading, Reading]]
+    """Returns (reduced reading, NaN = the instrument had none in range; variance)."""
 
 
 def adapter_of(scenario: Scenario, field: str | None = None) -> Adapter:
@@ -86,26 +57,24 @@ def adapter_of(scenario: Scenario, field: str | None = None) -> Adapter:
     return adapter
 
 
+def adapters_of(scenario: Scenario) -> Iterator[Adapter]:
+    """Yield the adapters of all that a graph's instruments publish."""
+    for one in scenario.each_field:
+        for field in of_instrument(measured_field(one).instrument):
+            yield adapter_of(one, field.name)
+
+
 def all_topics(scenario: Scenario) -> tuple[Topic, ...]:
     """Return the topics of a graph: Isogal's own, and those of the scenario's instrument if
     another package has added it."""
-    found = dict.fromkeys(topics.ALL)
-    for one in scenario.each_field:
-        for field in of_instrument(measured_field(one).instrument):
-            adapter = adapter_of(one, field.name)
-            found |= dict.fromkeys((adapter.raw, adapter.reduced))
-    return tuple(found)
+    pairs = ((adapter.raw, adapter.reduced) for adapter in adapters_of(scenario))
+    return tuple(dict.fromkeys((*topics.ALL, *(topic for pair in pairs for topic in pair))))
 
 
 def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
     """Return the topics of a graph without those of instruments and aids that the scenario does
     not have."""
-    adapters = [
-        adapter_of(one, field.name)
-        for one in scenario.each_field
-        for field in of_instrument(measured_field(one).instrument)
-    ]
-    own = {topic for adapter in adapters for topic in (adapter.raw, adapter.reduced)}
+    own = {topic for one in adapters_of(scenario) for topic in (one.raw, one.reduced)}
     others = {*topics.OF_INSTRUMENTS} - own
     if topics.MAGNETIC_FIELD in own:
         others.discard(topics.SCALAR_FIELD)

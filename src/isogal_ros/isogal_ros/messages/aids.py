@@ -1,9 +1,10 @@
 """Height and velocity sensors as messages: FluidPressure and TwistWithCovarianceStamped."""
 
 import math
-from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from sensor_msgs.msg import FluidPressure
 
 from isogal.arrays import Array
 from isogal.scenario import Height
@@ -22,13 +23,23 @@ _NOT_MEASURED = -1.0
 """Variance of an axis that a sensor does not measure."""
 
 
-def fill_pressure(message: Any, ns: int, height: float, settings: Height) -> None:
-    """Write the pressure of a height (m) into a FluidPressure; its variance is unknown, zero."""
+def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Height) -> None:
+    """Write the pressure of a height into a FluidPressure; its variance is unknown, zero.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    height : float
+        m.
+    settings : scenario.Height
+        Of the sensor.
+    """
     set_stamp(message.header.stamp, ns)
     message.fluid_pressure = float(pressure_of(height, settings))
 
 
-def read_pressure(message: Any, settings: Height) -> tuple[float, float, float]:
+def read_pressure(message: FluidPressure, settings: Height) -> tuple[float, float, float]:
     """Return pressure (Pa), height (m) and the height's variance (m²; 0 = unknown).
 
     Raises
@@ -44,7 +55,7 @@ def read_pressure(message: Any, settings: Height) -> tuple[float, float, float]:
     return pressure, height, variance * height_slope(pressure, settings) ** 2
 
 
-def fill_velocity(message: Any, ns: int, velocity: Array) -> None:
+def fill_velocity(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
     """Write a velocity (3,) FRD, m/s, into a TwistWithCovarianceStamped; an axis that is not
     measured (NaN) has the variance -1, the others 0, unknown."""
     set_stamp(message.header.stamp, ns)
@@ -54,7 +65,7 @@ def fill_velocity(message: Any, ns: int, velocity: Array) -> None:
         message.twist.covariance[7 * axis] = _NOT_MEASURED if math.isnan(value) else 0.0
 
 
-def read_velocity(message: Any, frame: str = BASE) -> tuple[Array, Array]:
+def read_velocity(message: TwistWithCovarianceStamped, frame: str = BASE) -> tuple[Array, Array]:
     """Return velocity (3,) FRD, m/s, NaN in axes of variance -1, and covariance (3, 3), zero where
     it is unknown.
 

@@ -1,94 +1,186 @@
-"""Messages of a clearance meter: Range of an instrument that looks straight down, and NavSatFix
-for the point on the ground below."""
+"""Messages of an altimeter.
+
+One that looks straight down publishes a Range; what is matched is a NavSatFix for the point on the
+ground below. One with several beams publishes a PointCloud2, as drivers of multibeam sounders and
+of the four beams of a Doppler log do, or the LaserScan of a fan across the track; what is matched
+are footprints with their terrain heights: a point (`isogal_ros.messages.point`) with the fields
+`terrain` (4 numbers for each beam: terrain height, and the footprint north, east and down of the
+vehicle, m) and `variance` (m²)."""
 
 import math
-from typing import Any
+from functools import partial
 
 import numpy as np
-from sensor_msgs.msg import NavSatStatus
+from sensor_msgs.msg import LaserScan, NavSatFix, NavSatStatus, PointCloud2, Range
 
+from isogal.arrays import Array
 from isogal.scenario import Altimeter, Scenario
+from isogal.sensors.beams import PARTS, beam_directions, thinned
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Adapter, Framed, Place
-from isogal_ros.messages.checks import BadMessageError, require_reading
+from isogal_ros.messages.adapter import Adapter, Place, Reading
+from isogal_ros.messages.checks import (
+    BadMessageError,
+    require_covariance,
+    require_frame,
+    require_reading,
+)
+from isogal_ros.messages.frames import BASE, FRD_FLU, framed
+from isogal_ros.messages.point import fill_cloud, fill_point, numbers, read_cloud, read_point
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix
-from isogal_ros.messages.stamps import set_stamp
 
 ALTIMETER, GROUND = "altimeter_link", "ground"
 """Frame names: of the instrument, and of the point below it."""
+FAN = "altimeter_fan_link"
+"""Frame of a scan: x down, y to port, z forward, so that angles count from straight down to
+port."""
+_AXES = ("x", "y", "z")
+_MOST = 100_000
+"""Ranges of a message at most."""
 
 
 def terrain(scenario: Scenario) -> Adapter:
-    """Return the adapter of the field terrain."""
-    if not scenario.altimeter.sounds:
-        return AltimeterAdapter(scenario.altimeter)
-    from isogal_ros.messages.soundings import PointsAdapter, ScanAdapter
+    """Return the adapter of the field terrain. The limits of range are those of the simulated
+    instrument; a real one that looks straight down says its own in each message."""
+    settings = scenario.altimeter
+    if not settings.sounds:
+        raw = topics.CLEARANCE, partial(_write_range, settings), read_range
+        return Adapter(*raw, topics.TERRAIN, _write_terrain, _read_terrain)
+    footprints = (
+        topics.FOOTPRINTS,
+        partial(_write_footprints, settings.count),
+        partial(_read_footprints, settings.count),
+    )
+    if settings.message == "points":
+        points = topics.SOUNDINGS, _write_points, partial(_read_points, settings)
+        return Adapter(*points, *footprints)
+    scan = topics.FAN, partial(_write_scan, settings), partial(_read_scan, settings)
+    return Adapter(*scan, *footprints)
 
-    kind = PointsAdapter if scenario.altimeter.message == "points" else ScanAdapter
-    return kind(scenario.altimeter)
+
+def _write_range(
+    settings: Altimeter, ns: int, value: Reading, variance: Reading, place: Place
+) -> Range:
+    """Return a message of a clearance, m; NaN becomes infinity, which REP 117 has for nothing in
+    range."""
+    message = framed(topics.CLEARANCE, ALTIMETER, ns)
+    message.min_range, message.max_range = settings.min_range, settings.max_range
+    message.range = math.inf if math.isnan(value) else float(value)
+    message.variance = float(variance)
+    return message
 
 
-class AltimeterAdapter(Framed):
-    """Clearance and terrain height, m.
+def read_range(message: Range) -> tuple[float, float | None]:
+    """Return the clearance (m), NaN where it is out of range, and its variance; None = unknown
+    (zero)."""
+    low, high = message.min_range, message.max_range
+    value, variance = message.range, message.variance
+    if math.isnan(value):
+        raise BadMessageError("reading is not a number")
+    if low == high:
+        raise BadMessageError(
+            "min_range equals max_range: a ranger of fixed distance measures no distance"
+        )
+    if not low < high:
+        raise BadMessageError(f"min_range {low:g} m is not below max_range {high:g} m")
+    if not (math.isfinite(variance) and variance >= 0.0):
+        raise BadMessageError("negative variance" if variance < 0.0 else "variance is not finite")
+    in_range = math.isfinite(value) and low <= value <= high
+    return (value if in_range else math.nan), variance or None
 
-    Parameters
-    ----------
-    settings : Altimeter
-        Limits of range of the simulated instrument; a real one says its own in each message.
-    """
 
-    raw, reduced = topics.CLEARANCE, topics.TERRAIN
-    frames = ALTIMETER, GROUND
+def _write_terrain(ns: int, value: Reading, variance: Reading, place: Place) -> NavSatFix:
+    """Return a message of a terrain height, m; NaN = no altitude, as the definition of the message
+    has it."""
+    message, height = framed(topics.TERRAIN, GROUND), float(value)
+    code = NavSatStatus.STATUS_NO_FIX if math.isnan(height) else NavSatStatus.STATUS_FIX
+    covariance = np.diag([NOT_MEASURED, NOT_MEASURED, float(variance)])
+    fill_fix(message, ns, *(place or (math.nan, math.nan)), height, covariance, code)
+    return message
 
-    def __init__(self, settings: Altimeter) -> None:
-        self._settings = settings
 
-    def new_raw(self) -> Any:
-        """Return a message with the limits of range."""
-        message = super().new_raw()
-        message.min_range = self._settings.min_range
-        message.max_range = self._settings.max_range
-        return message
+def _read_terrain(message: NavSatFix) -> tuple[float, float]:
+    """Return the terrain height (m), NaN where there was nothing in range, and its variance
+    (m²)."""
+    value, variance = message.altitude, float(message.position_covariance[8])
+    nothing = message.status.status == NavSatStatus.STATUS_NO_FIX and math.isnan(value)
+    require_reading(0.0 if nothing else value, variance)
+    return value, variance
 
-    def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
-        """Write a clearance, m; NaN becomes infinity, which REP 117 has for nothing in range."""
-        set_stamp(message.header.stamp, ns)
-        message.range = math.inf if math.isnan(value) else value
-        message.variance = variance
 
-    def read_raw(self, message: Any) -> tuple[float, float | None]:
-        """Return the clearance (m), NaN where it is out of range, and its variance; None = unknown
-        (zero)."""
-        low, high = message.min_range, message.max_range
-        value, variance = message.range, message.variance
-        if math.isnan(value):
-            raise BadMessageError("reading is not a number")
-        if low == high:
-            raise BadMessageError(
-                "min_range equals max_range: a ranger of fixed distance measures no distance"
-            )
-        if not low < high:
-            raise BadMessageError(f"min_range {low:g} m is not below max_range {high:g} m")
-        if not (math.isfinite(variance) and variance >= 0.0):
-            raise BadMessageError(
-                "negative variance" if variance < 0.0 else "variance is not finite"
-            )
-        in_range = math.isfinite(value) and low <= value <= high
-        return (value if in_range else math.nan), variance or None
+def _write_footprints(
+    count: int, ns: int, value: Reading, variance: Reading, place: Place
+) -> PointCloud2:
+    """Return a message of terrain heights with footprints (count, 4); NaN = none."""
+    shape = count, PARTS
+    found = value if np.shape(value) == shape else np.full(shape, np.nan)
+    message = framed(topics.FOOTPRINTS, BASE)
+    return fill_point(message, ns, {"terrain": found, "variance": variance})
 
-    def fill_reduced(
-        self, message: Any, ns: int, value: float, variance: float, place: Place
-    ) -> None:
-        """Write a terrain height, m; NaN = no altitude, as the definition of the message has
-        it."""
-        code = NavSatStatus.STATUS_NO_FIX if math.isnan(value) else NavSatStatus.STATUS_FIX
-        covariance = np.diag([NOT_MEASURED, NOT_MEASURED, variance])
-        fill_fix(message, ns, *(place or (math.nan, math.nan)), value, covariance, code)
 
-    def read_reduced(self, message: Any) -> tuple[float, float]:
-        """Return the terrain height (m), NaN where there was nothing in range, and its variance
-        (m²)."""
-        value, variance = message.altitude, float(message.position_covariance[8])
-        nothing = message.status.status == NavSatStatus.STATUS_NO_FIX and math.isnan(value)
-        require_reading(0.0 if nothing else value, variance)
-        return value, variance
+def _read_footprints(count: int, message: PointCloud2) -> tuple[Array, float]:
+    """Return terrain heights with footprints (count, 4), NaN = none, and their variance."""
+    require_frame(message, BASE)
+    content = read_point(message)
+    heights, variance = numbers(content, "terrain", count * PARTS), numbers(content, "variance", 1)
+    if np.isinf(heights).any():
+        raise BadMessageError("a terrain height is not finite")
+    require_covariance(variance[:, None])
+    return heights.reshape(-1, PARTS), float(variance[0])
+
+
+def _write_points(ns: int, value: Reading, variance: Reading, place: Place) -> PointCloud2:
+    """Return a message of soundings (B, 3) m, forward, right, down, NaN = none, as points x
+    forward, y left, z up."""
+    points = (value * FRD_FLU).astype(np.float32)
+    columns = dict(zip(_AXES, points.T, strict=True))
+    return fill_cloud(framed(topics.SOUNDINGS, BASE), ns, columns)
+
+
+def _read_points(settings: Altimeter, message: PointCloud2) -> tuple[Array, None]:
+    """Return soundings (B, 3) m, forward, right, down, NaN = none in range; and no variance."""
+    require_frame(message, BASE)
+    found = read_cloud(message, _AXES.__contains__, ("f4", "f8"))
+    if set(found) != set(_AXES):
+        raise BadMessageError("must have the fields x, y and z")
+    points = np.stack([found[name][:, 0] for name in _AXES], axis=-1)
+    return _in_range(points * FRD_FLU, settings), None
+
+
+def _write_scan(
+    settings: Altimeter, ns: int, value: Reading, variance: Reading, place: Place
+) -> LaserScan:
+    """Return a message of soundings (B, 3) m, forward, right, down, as ranges of the fan by their
+    angle; NaN becomes infinity, which REP 117 has for nothing in range."""
+    message = framed(topics.FAN, FAN, ns)
+    half = math.radians(settings.opening) / 2.0 if settings.beams > 1 else 0.0
+    message.angle_min, message.angle_max = -half, half
+    message.angle_increment = 2.0 * half / max(1, settings.beams - 1)
+    message.range_min, message.range_max = settings.min_range, settings.max_range
+    port = np.arctan2(-beam_directions(settings)[:, 1], 1.0)
+    length = np.sqrt(np.square(value).sum(axis=-1))[np.argsort(port)]
+    message.ranges = np.where(np.isnan(length), np.inf, length).astype(np.float32).tolist()
+    return message
+
+
+def _read_scan(settings: Altimeter, message: LaserScan) -> tuple[Array, None]:
+    """Return soundings (B, 3) m, forward, right, down, NaN = none in range; and no variance."""
+    require_frame(message, FAN)
+    length = np.asarray(message.ranges, dtype=np.float64)
+    low, step = message.angle_min, message.angle_increment
+    if len(length) > _MOST or not (math.isfinite(low) and math.isfinite(step)):
+        raise BadMessageError("too many ranges, or angles that are not finite")
+    if np.isnan(length).any():
+        raise BadMessageError("a range is not a number; nothing in range is infinite")
+    port = low + step * np.arange(len(length))
+    known = np.where(np.isfinite(length), length, np.nan)
+    axes = np.stack([np.zeros(len(port)), -np.sin(port), np.cos(port)], axis=-1)
+    return _in_range(known[:, None] * axes, settings), None
+
+
+def _in_range(vectors: Array, settings: Altimeter) -> Array:
+    """Return the soundings (B, 3) that are matched, of (N, 3) m forward, right, down."""
+    length = np.sqrt((vectors**2).sum(axis=-1))
+    with np.errstate(invalid="ignore"):
+        good = (length >= settings.min_range) & (length <= settings.max_range)
+        good &= vectors[:, 2] > 0.0
+    return thinned(np.where(good[:, None], vectors, np.nan), settings.count)

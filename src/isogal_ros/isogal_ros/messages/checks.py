@@ -1,12 +1,12 @@
 """What readers of messages check alike; a message that fails raises `BadMessageError`."""
 
 import math
-from typing import Any
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.topics import Message
 
 LARGEST = 1e30
 """Of a number in a covariance, in its unit: of a larger one products overflow."""
@@ -24,7 +24,7 @@ def require_later(ns: int, last: int) -> None:
         )
 
 
-def require_frame(message: Any, frame: str, parameter: str = "") -> None:
+def require_frame(message: Message, frame: str, parameter: str = "") -> None:
     """Raise BadMessageError, which names the parameter that sets the frame if there is one, unless
     the message is in the frame; an empty frame takes any."""
     if frame and message.header.frame_id != frame:

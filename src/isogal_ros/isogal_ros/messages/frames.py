@@ -6,13 +6,13 @@ frame ``map`` is ENU at the first route point, exact through ECEF
 (`isogal.earth.frames.LocalFrame`)."""
 
 import math
-from typing import Any
 
 import numpy as np
 
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Scenario
-from isogal_ros.topics import Topic
+from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.topics import Message, Topic
 
 MAP, ODOM, BASE, GEODETIC = "map", "odom", "base_link", "wgs84"
 """Frames of the navigation, of dead reckoning, of the vehicle, and of geodetic coordinates. Those
@@ -33,8 +33,9 @@ def map_frame(scenario: Scenario) -> LocalFrame:
     return LocalFrame(math.radians(first[0]), math.radians(first[1]), route.height)
 
 
-def framed(topic: Topic, frame: str) -> Any:
-    """Return an empty message of a topic, in a frame."""
+def framed(topic: Topic, frame: str, ns: int = 0) -> Message:
+    """Return an empty message of a topic, in a frame and of a stamp."""
     message = topic.type()
     message.header.frame_id = frame
+    set_stamp(message.header.stamp, ns)
     return message

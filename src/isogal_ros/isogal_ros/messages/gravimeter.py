@@ -1,15 +1,16 @@
 """Messages of a gravimeter: AccelWithCovarianceStamped, z up, on a level platform."""
 
-from typing import Any
+from functools import partial
 
 import numpy as np
+from geometry_msgs.msg import AccelWithCovarianceStamped
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.adapter import Framed, Place
+from isogal_ros.messages.adapter import Adapter, Place, Reading
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
+from isogal_ros.messages.frames import framed
 from isogal_ros.messages.position import NOT_MEASURED
-from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
 PLATFORM = "gravimeter_link"
@@ -21,52 +22,50 @@ SMALLEST_GRAVITY = 5.0
 """m/s²; below, the instrument gives nothing, or its axis points down."""
 
 
-def gravity(scenario: Scenario) -> "GravimeterAdapter":
+def gravity(scenario: Scenario) -> Adapter:
     """Return the adapter of the field gravity."""
-    return GravimeterAdapter(topics.GRAVITY)
+    return accelerations(topics.GRAVITY, SMALLEST_GRAVITY, LARGEST_GRAVITY)
 
 
-def disturbance(scenario: Scenario) -> "GravimeterAdapter":
+def disturbance(scenario: Scenario) -> Adapter:
     """Return the adapter of the field disturbance."""
-    return GravimeterAdapter(topics.DISTURBANCE)
+    return accelerations(topics.DISTURBANCE)
 
 
-class GravimeterAdapter(Framed):
-    """Felt gravity, and gravity or its disturbance, m/s²: the same type of message."""
+def accelerations(
+    reduced: Topic, smallest: float = -LARGEST_DISTURBANCE, largest: float = LARGEST_DISTURBANCE
+) -> Adapter:
+    """Return an adapter of gravity as the instrument feels it, and of a reduction of it between
+    limits, m/s²: the same type of message."""
+    return Adapter(
+        topics.FELT,
+        partial(_write, topics.FELT),
+        lambda message: _read(message, SMALLEST_GRAVITY, LARGEST_GRAVITY),
+        reduced,
+        partial(_write, reduced),
+        lambda message: _read(message, smallest, largest),
+    )
 
-    raw, frames = topics.FELT, (PLATFORM, PLATFORM)
 
-    def __init__(self, reduced: Topic) -> None:
-        self.reduced = reduced
+def _write(
+    topic: Topic, ns: int, value: Reading, variance: Reading, place: Place
+) -> AccelWithCovarianceStamped:
+    """Return a message; the horizontal components are not measured."""
+    message = framed(topic, PLATFORM, ns)
+    message.accel.accel.linear.z = float(value)
+    covariance = np.diag([NOT_MEASURED] * 6)
+    covariance[2, 2] = variance
+    message.accel.covariance = covariance.ravel()
+    return message
 
-    def fill_raw(self, message: Any, ns: int, value: float, variance: float) -> None:
-        """Write a value and its variance; the horizontal components are not measured."""
-        set_stamp(message.header.stamp, ns)
-        message.accel.accel.linear.z = float(value)
-        covariance = np.diag([NOT_MEASURED] * 6)
-        covariance[2, 2] = variance
-        message.accel.covariance = covariance.ravel()
 
-    def read_raw(self, message: Any) -> tuple[float, float | None]:
-        """Return a value and its variance."""
-        return self._read(message, SMALLEST_GRAVITY, LARGEST_GRAVITY)
-
-    def fill_reduced(
-        self, message: Any, ns: int, value: float, variance: float, place: Place
-    ) -> None:
-        """Write a value and its variance."""
-        self.fill_raw(message, ns, value, variance)
-
-    def read_reduced(self, message: Any) -> tuple[float, float]:
-        """Return a value and its variance."""
-        if self.reduced is topics.GRAVITY:
-            return self._read(message, SMALLEST_GRAVITY, LARGEST_GRAVITY)
-        return self._read(message, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)
-
-    def _read(self, message: Any, smallest: float, largest: float) -> tuple[float, float]:
-        require_frame(message, PLATFORM)
-        value, variance = message.accel.accel.linear.z, float(message.accel.covariance[14])
-        require_reading(value, variance)
-        if not smallest <= value <= largest:
-            raise BadMessageError(f"{value:.3g} is not the Earth's; the unit is m/s², z is up")
-        return value, variance
+def _read(
+    message: AccelWithCovarianceStamped, smallest: float, largest: float
+) -> tuple[float, float]:
+    """Return a value and its variance."""
+    require_frame(message, PLATFORM)
+    value, variance = message.accel.accel.linear.z, float(message.accel.covariance[14])
+    require_reading(value, variance)
+    if not smallest <= value <= largest:
+        raise BadMessageError(f"{value:.3g} is not the Earth's; the unit is m/s², z is up")
+    return value, variance

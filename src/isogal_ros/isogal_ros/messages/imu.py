@@ -1,8 +1,7 @@
 """Inertial samples as Imu messages."""
 
-from typing import Any
-
 import numpy as np
+from sensor_msgs.msg import Imu
 
 from isogal.arrays import Array
 from isogal.scenario import ImuErrors
@@ -15,7 +14,7 @@ LARGEST_FORCE, LARGEST_RATE = 1000.0, 100.0
 """m/s² and rad/s: no vehicle of this kind reaches them, a broken sensor does."""
 
 
-def fill_imu(message: Any, ns: int, specific_force: Array, angular_rate: Array) -> None:
+def fill_imu(message: Imu, ns: int, specific_force: Array, angular_rate: Array) -> None:
     """Write the means over an interval that ends at the stamp into an Imu message, which has no
     orientation (REP-145).
 
@@ -30,7 +29,7 @@ def fill_imu(message: Any, ns: int, specific_force: Array, angular_rate: Array) 
     rate.x, rate.y, rate.z = (angular_rate * FRD_FLU).tolist()
 
 
-def fill_noise(message: Any, errors: ImuErrors, interval: float) -> None:
+def fill_noise(message: Imu, errors: ImuErrors, interval: float) -> None:
     """Write the white noise that a data sheet says into the covariances, per sample of an interval
     (s). Biases and what else is not white have no place in them."""
     variance = noise_density(errors, interval) ** 2 / interval
@@ -38,7 +37,7 @@ def fill_noise(message: Any, errors: ImuErrors, interval: float) -> None:
     message.angular_velocity_covariance = np.diag(variance[3:]).ravel()
 
 
-def read_imu(message: Any, frame: str = BASE) -> tuple[Array, Array]:
+def read_imu(message: Imu, frame: str = BASE) -> tuple[Array, Array]:
     """Return (specific force m/s², angular rate rad/s), each (3,) FRD.
 
     Raises

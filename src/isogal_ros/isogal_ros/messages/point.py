@@ -2,10 +2,10 @@
 standard message holds is one point, whose fields are arrays of float64."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import PointField
+from numpy.typing import ArrayLike, NDArray
+from sensor_msgs.msg import PointCloud2, PointField
 
 from isogal.arrays import Array
 from isogal_ros.messages.checks import BadMessageError
@@ -16,35 +16,46 @@ _NAMES = {"f4": "float32", "f8": "float64", "u4": "uint32"}
 _MOST_FIELDS, _MOST_POINTS = 64, 100_000
 
 
-def fill_cloud(message: Any, ns: int, columns: Mapping[str, Any]) -> None:
+def fill_cloud(
+    message: PointCloud2, ns: int, columns: Mapping[str, NDArray[np.generic]]
+) -> PointCloud2:
     """Write a stamp and points, whose numbers are given by the name of their field: arrays (N,) or
-    (N, C), of which those of float32, float64 and uint32 stay so."""
+    (N, C), of which those of float32, float64 and uint32 stay so. Return the message."""
     count = len(next(iter(columns.values()), (None,)))
     arrays = {name: column.reshape(count, -1 if count else 1) for name, column in columns.items()}
     kind = np.dtype([(name, f"<{a.dtype.str[1:]}", a.shape[1:]) for name, a in arrays.items()])
     points = np.empty(count, kind)
-    offset, fields = 0, []
     types = {short: datatype for datatype, short in _KINDS.items()}
+    message.fields = [
+        PointField(
+            name=name,
+            offset=kind.fields[name][1] if kind.fields else 0,
+            datatype=types[array.dtype.str[1:]],
+            count=array.shape[1],
+        )
+        for name, array in arrays.items()
+    ]
     for name, array in arrays.items():
         points[name] = array
-        datatype, size = types[array.dtype.str[1:]], array.shape[1]
-        fields.append(PointField(name=name, offset=offset, datatype=datatype, count=size))
-        offset += size * array.dtype.itemsize
     set_stamp(message.header.stamp, ns)
     message.height, message.width, message.is_bigendian = 1, count, False
     message.is_dense = all(bool(np.isfinite(array).all()) for array in arrays.values())
-    message.point_step, message.row_step = offset, offset * count
-    message.fields, message.data = fields, points.tobytes()
+    message.point_step, message.row_step = kind.itemsize, points.nbytes
+    message.data = points.tobytes()
+    return message
 
 
-def fill_point(message: Any, ns: int, values: Mapping[str, Any]) -> None:
-    """Write a stamp and named numbers as one point, all float64; arrays row by row."""
+def fill_point(message: PointCloud2, ns: int, values: Mapping[str, ArrayLike]) -> PointCloud2:
+    """Write a stamp and named numbers as one point, all float64; arrays row by row. Return the
+    message."""
     rows = {name: np.asarray(value, np.float64).reshape(1, -1) for name, value in values.items()}
-    fill_cloud(message, ns, rows)
+    return fill_cloud(message, ns, rows)
 
 
 def read_cloud(
-    message: Any, wanted: Callable[[str], bool], kinds: tuple[str, ...] = ("f4", "f8", "u4")
+    message: PointCloud2,
+    wanted: Callable[[str], bool],
+    kinds: tuple[str, ...] = ("f4", "f8", "u4"),
 ) -> dict[str, Array]:
     """Return the numbers of points by the name of their field, arrays (N, C).
 
@@ -63,8 +74,7 @@ def read_cloud(
     if len(message.fields) > _MOST_FIELDS:
         raise BadMessageError(f"has more than {_MOST_FIELDS} fields")
     order = ">" if message.is_bigendian else "<"
-    formats: dict[str, Any] = {}
-    offsets: dict[str, int] = {}
+    found: dict[str, tuple[tuple[str, tuple[int]], int]] = {}
     for item in message.fields:
         if not wanted(item.name):
             continue
@@ -75,29 +85,24 @@ def read_cloud(
         end = item.offset + int(kind[-1]) * item.count
         if end > message.point_step:
             raise BadMessageError(f"field {item.name} lies beyond the end of the data")
-        formats[item.name] = f"{order}{kind}", (item.count,)
-        offsets[item.name] = item.offset
+        found[item.name] = (f"{order}{kind}", (item.count,)), item.offset
     count, step = message.width * message.height, message.point_step
     if count > _MOST_POINTS:
         raise BadMessageError(f"{count} points are too many")
     if step * count > len(message.data):
         raise BadMessageError(f"{count} points: the last lies beyond the end of the data")
-    if not formats:
+    if not found:
         return {}
+    formats, offsets = zip(*found.values(), strict=True)
     whole = np.dtype(
-        {
-            "names": list(formats),
-            "formats": list(formats.values()),
-            "offsets": list(offsets.values()),
-            "itemsize": step,
-        }
+        {"names": list(found), "formats": formats, "offsets": offsets, "itemsize": step}
     )
     points = np.frombuffer(bytes(message.data), whole, count)
-    return {name: np.asarray(points[name], np.float64) for name in formats}
+    return {name: np.asarray(points[name], np.float64) for name in found}
 
 
 def read_point(
-    message: Any, wanted: Callable[[str], bool] = lambda name: True
+    message: PointCloud2, wanted: Callable[[str], bool] = lambda name: True
 ) -> dict[str, Array]:
     """Return the numbers of one point by the name of their field, each as an array (N,).
 

@@ -3,9 +3,9 @@ errors. Why this type: `isogal_ros.topics`."""
 
 import math
 import struct
-from typing import Any
 
 import numpy as np
+from std_msgs.msg import Float64MultiArray
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
@@ -17,7 +17,7 @@ _HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
 layout.data_offset and the length of data, the first two numbers."""
 
 
-def fill_numbers(message: Any, ns: int, *arrays: Array) -> None:
+def fill_numbers(message: Float64MultiArray, ns: int, *arrays: Array) -> None:
     """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray,
     which has no header."""
     seconds, rest = divmod(ns, _SECOND)
@@ -44,7 +44,7 @@ def peek_numbers_ns(serialised: bytes) -> int:
     return int(seconds) * _SECOND + int(rest)
 
 
-def read_nav_covariance(message: Any) -> Array:
+def read_nav_covariance(message: Float64MultiArray) -> Array:
     """Return the covariance of a batch's states (`isogal.inertial.error_state`): (7, 7), or (4, 4)
     without the attitude.
 

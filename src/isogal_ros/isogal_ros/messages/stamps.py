@@ -1,7 +1,6 @@
 """Time stamps as whole nanoseconds, so that equal times compare equal."""
 
 import struct
-from typing import Any
 
 from builtin_interfaces.msg import Time
 
@@ -9,12 +8,12 @@ _SECOND = 1_000_000_000
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 
 
-def to_ns(stamp: Any) -> int:
+def to_ns(stamp: Time) -> int:
     """Return nanoseconds of a ``builtin_interfaces/Time``."""
     return int(stamp.sec) * _SECOND + int(stamp.nanosec)
 
 
-def set_stamp(stamp: Any, ns: int) -> None:
+def set_stamp(stamp: Time, ns: int) -> None:
     """Write nanoseconds into a ``builtin_interfaces/Time``."""
     stamp.sec, stamp.nanosec = divmod(ns, _SECOND)
 

@@ -13,9 +13,10 @@ down, m/s), `from_attitude` (quaternion w, x, y, z; body forward, right, down to
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sensor_msgs.msg import PointCloud2
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES, Estimate
@@ -35,37 +36,31 @@ class WholeFix:
     """None = the navigator's estimate of that stamp, as it is when the fix comes."""
 
 
-def fill_whole_fix(message: Any, ns: int, whole: WholeFix) -> None:
+def fill_whole_fix(message: PointCloud2, ns: int, whole: WholeFix) -> None:
     """Write a fix, or that there is none, into a PointCloud2."""
     fix = whole.fix
-    values: dict[str, Array | float] = {
-        "published": float(fix.published),
-        "lost": float(fix.reset),
+    values: dict[str, ArrayLike] = {
+        "published": fix.published,
+        "lost": fix.reset,
         "latitude": math.degrees(fix.latitude),
         "longitude": math.degrees(fix.longitude),
-        "covariance": fix.covariance.ravel(),
+        "covariance": fix.covariance,
     }
     if fix.widened is not None:
-        values["widening"] = fix.widened.ravel()
+        values["widening"] = fix.widened
     if fix.map_error is not None:
-        values["map_error"] = np.array(fix.map_error)
+        values["map_error"] = fix.map_error
     if fix.information is not None:
-        values |= {
-            "vector": fix.information.vector,
-            "matrix": fix.information.matrix.ravel(),
-        }
+        values |= {"vector": fix.information.vector, "matrix": fix.information.matrix}
     if whole.relative_to is not None:
         position, velocity, attitude = whole.relative_to
-        values |= {
-            "from_position": np.array([*np.degrees(position[:2]), position[2]]),
-            "from_velocity": velocity,
-            "from_attitude": attitude,
-        }
+        values["from_position"] = np.array([*np.degrees(position[:2]), position[2]])
+        values |= {"from_velocity": velocity, "from_attitude": attitude}
     message.header.frame_id = BASE
     fill_point(message, ns, values)
 
 
-def read_whole_fix(message: Any) -> WholeFix:
+def read_whole_fix(message: PointCloud2) -> WholeFix:
     """Return what a message of `fill_whole_fix` says.
 
     Raises
@@ -76,46 +71,49 @@ def read_whole_fix(message: Any) -> WholeFix:
     require_frame(message, BASE)
     values = read_point(message)
     published, lost = (_flag(values, name) for name in ("published", "lost"))
-    time = to_seconds(to_ns(message.header.stamp))
     covariance, latitude, longitude = np.full((2, 2), np.nan), math.nan, math.nan
     information = _information(values)
     if published:
-        latitude, longitude = (
-            math.radians(_numbers(values, name, 1)[0]) for name in ("latitude", "longitude")
-        )
-        if abs(latitude) > math.pi / 2.0 or abs(longitude) > 2.0 * math.pi:
-            raise BadMessageError("latitude or longitude is of no place")
+        degrees = np.array([_numbers(values, name)[0] for name in ("latitude", "longitude")])
+        latitude, longitude = _place(degrees, "latitude or longitude")
         if information is None:
-            covariance = _numbers(values, "covariance", 4).reshape(2, 2)
+            covariance = _numbers(values, "covariance", 2, 2)
             require_covariance(covariance)
-    reason = None if published else "no fix"
     fix = Fix(
-        time,
+        to_seconds(to_ns(message.header.stamp)),
         latitude,
         longitude,
         covariance,
-        reason,
+        None if published else "no fix",
         information=information,
         reset=lost,
-        widened=_widening(values),
-        map_error=_map_error(values),
+        widened=_widening(values) if "widening" in values else None,
+        map_error=_map_error(values) if "map_error" in values else None,
     )
     return WholeFix(fix, _estimate(values) if "from_position" in values else None)
 
 
-def _numbers(values: Mapping[str, Array], name: str, size: int) -> Array:
-    """Return a field of a size; raises BadMessageError where it is missing or not finite."""
-    found = numbers(values, name, size)
+def _numbers(values: Mapping[str, Array], name: str, *shape: int) -> Array:
+    """Return a field of a shape, by default one number; raises BadMessageError where it is missing
+    or not finite."""
+    found = numbers(values, name, math.prod(shape))
     if not np.isfinite(found).all():
         raise BadMessageError(f"field {name} is not finite")
-    return found
+    return found.reshape(shape or 1)
 
 
 def _flag(values: Mapping[str, Array], name: str) -> bool:
-    value = _numbers(values, name, 1)[0]
+    value = _numbers(values, name)[0]
     if value not in (0.0, 1.0):
         raise BadMessageError(f"field {name} must be 0 or 1, is {value:g}")
     return bool(value)
+
+
+def _place(degrees: Array, what: str) -> tuple[float, float]:
+    """Return latitude and longitude in rad, of (2,) deg."""
+    if (np.abs(degrees) > (90.0, 360.0)).any():
+        raise BadMessageError(f"{what} is of no place")
+    return math.radians(degrees[0]), math.radians(degrees[1])
 
 
 def _information(values: Mapping[str, Array]) -> Information | None:
@@ -124,25 +122,20 @@ def _information(values: Mapping[str, Array]) -> Information | None:
     size = len(values.get("vector", ()))
     if size not in (HORIZONTAL_STATES, BATCH_STATES):
         raise BadMessageError(f"field vector must have 4 or 7 numbers, has {size}")
-    matrix = _numbers(values, "matrix", size * size).reshape(size, size)
+    matrix = _numbers(values, "matrix", size, size)
     return Information(_numbers(values, "vector", size), matrix)
 
 
-def _map_error(values: Mapping[str, Array]) -> tuple[float, float] | None:
-    """Return the field map_error, if there is one."""
-    if "map_error" not in values:
-        return None
+def _map_error(values: Mapping[str, Array]) -> tuple[float, float]:
     sigma, length = _numbers(values, "map_error", 2).tolist()
     if not (sigma > 0.0 and length > 0.0):
         raise BadMessageError("field map_error must be positive")
     return sigma, length
 
 
-def _widening(values: Mapping[str, Array]) -> Array | None:
-    """Return the field widening (7, 7), if there is one; no variance may shrink by it."""
-    if "widening" not in values:
-        return None
-    found = _numbers(values, "widening", BATCH_STATES**2).reshape(BATCH_STATES, BATCH_STATES)
+def _widening(values: Mapping[str, Array]) -> Array:
+    """Return the field widening (7, 7); no variance may shrink by it."""
+    found = _numbers(values, "widening", BATCH_STATES, BATCH_STATES)
     widening = 0.5 * (found + found.T)
     scale = np.sqrt(np.maximum(np.diag(widening), 1e-30))
     if np.linalg.eigvalsh(widening / scale / scale[:, None])[0] < -1e-6:
@@ -153,9 +146,8 @@ def _widening(values: Mapping[str, Array]) -> Array | None:
 def _estimate(values: Mapping[str, Array]) -> Estimate:
     position = _numbers(values, "from_position", 3)
     attitude = _numbers(values, "from_attitude", 4)
-    if abs(position[0]) > 90.0 or abs(position[1]) > 360.0:
-        raise BadMessageError("field from_position is of no place")
+    place = _place(position[:2], "field from_position")
     if abs(attitude @ attitude - 1.0) > 1e-3:
         raise BadMessageError("field from_attitude is not a unit quaternion")
-    place = np.array([*np.radians(position[:2]), position[2]])
-    return Estimate(place, _numbers(values, "from_velocity", 3), attitude)
+    velocity = _numbers(values, "from_velocity", 3)
+    return Estimate(np.array([*place, position[2]]), velocity, attitude)

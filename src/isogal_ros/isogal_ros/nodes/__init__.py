@@ -1,16 +1,11 @@
 """What the nodes of the graph are made of.
 
-base        what does every node have?
+base        what does every node have, and which states?
 checkpoint  what does a node go on from when it is started again?
 health      what does a node report of itself on /diagnostics?
 nav_sample  what is a state of the navigator?
-nav_buffer  what was the state of a stamp, and how did a fix change it?
-nav_queue   which readings wait for the navigator's state of their stamp?
-lifecycle   which states has a node?
-listening   how are drivers heard that may lose messages?
-sources     which of several publishers is used?
+nav_queue   what was the navigator's state of a stamp, and which readings wait for it?
+listening   how are drivers heard that may lose messages, and which of several?
 taking      who has published a message?
-publishing  what must not be published?
-memory      when does memory go back to the system?
 signals     how does a process end when it is asked to?
 spin        how is a node run until its end?"""

@@ -1,35 +1,50 @@
-"""The base of every node of the graph: parameters, guarded subscriptions, diagnostics,
-readiness."""
+"""The base of every node of the graph: parameters, states, guarded subscriptions, diagnostics,
+readiness.
 
+It is a managed node (REP-2002): unconfigured, inactive, active. One that starts by itself (the
+parameter `autostart`, the default) is active once it is made. Configured, it has its publishers
+and subscriptions; messages that come while it is not active are let go; cleaned up, it can be
+configured anew."""
+
+import ctypes
 import os
 import time
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
+from isogal.errors import InputError
 from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
-from isogal_ros.nodes.lifecycle import ManagedNode
-from isogal_ros.nodes.listening import Listening
-from isogal_ros.nodes.memory import Memory
-from isogal_ros.nodes.publishing import Published
+from isogal_ros.nodes.listening import Listening, Take
 from isogal_ros.parameters.declaration import declare, on_change
-from isogal_ros.parameters.from_model import parameter_specs
-from isogal_ros.parameters.spec import ParameterSpec
-from isogal_ros.parameters.values import scenario_from, settings_from
+from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
+from isogal_ros.parameters.values import Values, scenario_from, settings_from
 from isogal_ros.topics import LOSSLESS, Topic
 
 PARENT = "ISOGAL_PARENT_PID"
 """Environment variable: the process whose end ends a node as well."""
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
+_ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
+FREE_EVERY = 5.0
+"""s of wall time between givings back of memory."""
 
 
 class NodeSettings(BaseModel):
@@ -65,7 +80,7 @@ class NodeSettings(BaseModel):
     diagnostics_period: float = Field(1.0, gt=0.0, description="time between diagnostics, s")
 
 
-class GraphNode(ManagedNode):
+class GraphNode(LifecycleNode):
     """A node with the parameters of some sections of the scenario and its own.
 
     Parameters
@@ -91,12 +106,20 @@ class GraphNode(ManagedNode):
     """Parameters that may change at run time."""
 
     settings: Any
-    """Own parameters, a `settings_model`."""
+    """Own parameters, a `settings_model`, as each class says."""
     scenario: Scenario
 
     def __init__(
-        self, name: str, values: Mapping[str, Any] | None = None, context: Context | None = None
+        self,
+        name: str,
+        values: Mapping[str, JsonValue] | None = None,
+        context: Context | None = None,
     ) -> None:
+        self.active = False
+        """Whether messages are dealt with."""
+        self.configured = False
+        self._failed: BaseException | None = None
+        self._before: dict[str, set[Entity]] = {}
         super().__init__(
             name,
             context=context,
@@ -113,9 +136,10 @@ class GraphNode(ManagedNode):
         """Why the node failed, where it did."""
         self.finished = False
         """Whether the node has nothing left to do, so that its process may end."""
-        self._expected: dict[Any, tuple[str, int]] = {}
+        self._expected: dict[Publisher, tuple[str, int]] = {}
         self._listening: dict[str, Listening] = {}
-        self._published = Published(self)
+        self._sent: dict[str, int] = {}
+        """Stamp of the newest message published on each topic."""
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
@@ -131,7 +155,7 @@ class GraphNode(ManagedNode):
             self._heard = 0
             self._parent = os.environ.get(PARENT)
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._free_memory = Memory()
+            self._freed = time.monotonic()
             # made before `setup` makes anything, so that they outlive a cleanup
             self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
             self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
@@ -151,27 +175,51 @@ class GraphNode(ManagedNode):
         self.settings = settings_from(
             self.settings_model, {spec.name: values[spec.name] for spec in own}, name
         )
-        told = {spec.name: values[spec.name] for spec in of_scenario}
-        if "truth" in told:  # a file of parameters that all nodes share says it of all sections
-            told["truth"] = truth_of(told["truth"], self.sections)
-        self.scenario = scenario_from(told, name)
+        assumed = {spec.name: values[spec.name] for spec in of_scenario}
+        truth = assumed.get("truth")
+        if isinstance(truth, dict):  # a file that all nodes share says it of all sections
+            assumed["truth"] = truth_of(truth, self.sections)
+        self.scenario = scenario_from(assumed, name)
         return own + of_scenario
 
     def setup(self) -> None:
         """Make publishers and subscriptions; the scenario, settings and health are there."""
 
-    def _change(self, values: dict[str, Any]) -> None:
+    def _change(self, values: Values) -> None:
         if self.configured:
             self.changed(values)
 
-    def changed(self, values: dict[str, Any]) -> None:
+    def changed(self, values: Values) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
 
-    def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Any:
+    def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Publisher:
         """Return a publisher of one of the graph's topics; `consumers` replaces those of the
-        topic. What it cannot, or must not publish is counted (`Published.watch`)."""
+        topic. It counts what cannot be published, because a listener takes nothing, and what is
+        older than a message before it and is let go (but where `Topic.single` says that it may
+        be)."""
         publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
-        self._published.watch(publisher, topic)
+        in_order = topic.single and "header" in topic.type.get_fields_and_field_types()
+        send = publisher.publish
+
+        def publish(message: topics.Message) -> None:
+            # what is serialised is a recording's, and goes out as it is
+            if in_order and not isinstance(message, bytes):
+                ns = to_ns(message.header.stamp)
+                newest = self._sent.setdefault(topic.name, ns)
+                if ns < newest:
+                    text = f"{to_seconds(ns):.3f} s is older than {to_seconds(newest):.3f} s"
+                    self.health.drop(topic.name, f"not published, {text}")
+                    return
+                self._sent[topic.name] = ns
+            try:
+                send(message)
+            except rclpy_implementation.RCLError as error:
+                if not self.context.ok():
+                    raise
+                text = f"not published, a listener takes nothing: {error}"
+                self.health.drop(topic.name, text)
+
+        publisher.publish = publish
         wanted = topic.consumers if consumers is None else consumers
         listeners = [
             name
@@ -181,24 +229,30 @@ class GraphNode(ManagedNode):
         self._expected[publisher] = (topic.name, len(listeners))
         return publisher
 
-    def listen(self, topic: Topic, handler: Callable[[Any], None], raw: bool = False) -> Listening:
+    def listen(self, topic: Topic, handler: Take, raw: bool = False) -> Listening:
         """Subscribe; a message with which the handler fails is dropped and counted."""
 
-        def guarded(message: Any) -> None:
+        def guarded(message: topics.Message) -> None:
             if self.active:
                 self.guard(topic, handler, message)
 
         return self.hear(topic, guarded, raw, topic.single)
 
-    def hear(
-        self, topic: Topic, take: Callable[[Any], None], raw: bool = False, single: bool = False
-    ) -> Listening:
-        """Subscribe, to all publishers or a single one; what `take` raises is raised, and it has
-        to look whether the node is active itself."""
+    def hear(self, topic: Topic, take: Take, raw: bool = False, single: bool = False) -> Listening:
+        """Subscribe; what `take` raises is raised, and it has to look whether the node is active
+        itself.
+
+        Parameters
+        ----------
+        take : callable
+            Takes a message, serialised if `raw`.
+        single : bool, optional
+            Whether to use one publisher only, see `Listening`.
+        """
         self._listening[topic.name] = Listening(self, topic, take, raw, single)
         return self._listening[topic.name]
 
-    def guard(self, topic: Topic, action: Callable[..., object], *arguments: Any) -> None:
+    def guard(self, topic: Topic, action: Callable[..., None], *arguments: topics.Message) -> None:
         """Do what a message asks for; one with which that fails is dropped and counted."""
         try:
             action(*arguments)
@@ -217,8 +271,8 @@ class GraphNode(ManagedNode):
     def offer_reset(self, forget: Callable[[], str]) -> None:
         """Offer the service ``~/reset``; `forget` returns what the node does next."""
 
-        def reset(_request: Any, response: Any) -> Any:
-            self._published.forget()
+        def reset(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            self._sent.clear()
             response.success, response.message = True, forget()
             return response
 
@@ -259,33 +313,78 @@ class GraphNode(ManagedNode):
         ends."""
         return None
 
-    def on_activate(self, state: Any) -> Any:
+    def start(self) -> None:
+        """Configure and activate; raises what `setup` raises."""
+        self.trigger_configure()
+        if self._failed is not None:
+            raise self._failed
+        self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Make what the node has; a failure leaves it unconfigured."""
+        self._before = {kind: set(getattr(self, kind)) for kind in _ENTITIES}
+        self._failed = None
+        try:
+            self.setup()
+        except BaseException as error:
+            self._failed = error
+            self._destroy_made()
+            if not isinstance(error, InputError | KeyboardInterrupt):
+                self.get_logger().error(f"{type(error).__name__}: {error}")
+            return FAILURE
+        self.configured = True
+        return SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deal with messages from now on."""
-        result = super().on_activate(state)
+        self.active = True
         if self._ready:
             self.health.figures["ready"] = True
         self.health.concern("inactive", None)
-        return result
+        return SUCCESS
 
-    def on_deactivate(self, state: Any) -> Any:
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let messages go from now on, and say so."""
         self.health.figures["ready"] = False
         self.health.concern("inactive", "inactive: messages are let go until it is activated")
-        return super().on_deactivate(state)
+        self.active = False
+        return SUCCESS
 
-    def on_cleanup(self, state: Any) -> Any:
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what `setup` made."""
         self._expected = {key: item for key, item in self._expected.items() if key is self._said}
         self._looks.clear()
-        self._published.forget()
+        self._sent.clear()
         self._listening.clear()
         self._ready = False
         self._readiness.reset()
-        return super().on_cleanup(state)
+        self.active = self.configured = False
+        self._destroy_made()
+        return SUCCESS
 
-    def ended(self) -> None:
-        """Note that the node was shut down."""
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the node's process."""
+        self.active = False
         self.finished = True
+        return SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to unconfigured."""
+        return self.on_cleanup(state)
+
+    def _destroy_made(self) -> None:
+        for kind in _ENTITIES:
+            destroy = getattr(self, f"destroy_{kind[:-1]}")
+            for entity in set(getattr(self, kind)) - self._before[kind]:
+                destroy(entity)
+
+    def destroy_node(self) -> None:
+        """Destroy the node, and its states, which rclpy leaves to the search for garbage: until
+        then others see the node and what it publishes."""
+        super().destroy_node()
+        states = getattr(self, "_state_machine", None)
+        if states is not None:  # a graph without middleware has none
+            states.destroy_when_not_in_use()
 
     def close(self, timeout: float = 1.0) -> None:
         """Let listeners have what was published, for `timeout` s of wall time at most, then
@@ -314,7 +413,9 @@ class GraphNode(ManagedNode):
     def _beat(self) -> None:
         """Publish diagnostics while no data comes; give memory back; hear who offers less than is
         asked for; end with the parent, if there is one."""
-        self._free_memory.give_back()
+        if time.monotonic() - self._freed >= FREE_EVERY:
+            self._freed = time.monotonic()
+            give_memory_back()
         for listening in list(self._listening.values()):
             listening.adapt()
         for look in self._looks:
@@ -325,3 +426,14 @@ class GraphNode(ManagedNode):
         if self._parent is not None and os.getppid() != int(self._parent):
             self.get_logger().error("the process that started this node is gone")
             self.finished = True
+
+
+def give_memory_back() -> None:
+    """Give memory that is free back to the system, where the C library is glibc.
+
+    A listener that stops for a while leaves megabytes of messages with the node that writes to it.
+    The middleware frees them when they have been taken (`graph/fastdds.xml`), but the C library
+    keeps what lies below the last block in use."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(ctypes.c_size_t(0))

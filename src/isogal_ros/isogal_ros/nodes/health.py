@@ -1,15 +1,16 @@
 """What a node reports of itself on /diagnostics."""
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.publisher import Publisher
 
 from isogal_ros.messages.stamps import set_stamp
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
+Figure = bool | int | float | str | None
 STARTING = "starting"
 """What a node says before anything else."""
 
@@ -25,14 +26,29 @@ class Health:
     What it says is logged as well, where it is another than before but for its numbers.
 
     A drop raises the level to WARN until a whole period has passed without one; the counts stay.
+
+    Parameters
+    ----------
+    name : str
+        Of the status.
+    publisher : Publisher
+        Of /diagnostics.
+    period_ns : int
+        Time of the data between publications.
+    log : callable
+        Called with level and text of what is new.
     """
 
     def __init__(
-        self, name: str, publisher: Any, period_ns: int, log: Callable[[bytes, str], None] = _mute
+        self,
+        name: str,
+        publisher: Publisher,
+        period_ns: int,
+        log: Callable[[bytes, str], None] = _mute,
     ) -> None:
         self.name = name
         self._log = log
-        self.figures: dict[str, Any] = {}
+        self.figures: dict[str, Figure] = {}
         """Shown as key-value pairs."""
         self.dropped: dict[str, int] = {}
         """Number of dropped messages by topic."""
@@ -40,38 +56,30 @@ class Health:
         """Why the last of them was dropped."""
         self._publisher = publisher
         self._period = period_ns
-        self._level, self._message = OK, STARTING
+        self._level, self.message = OK, STARTING
+        """What the node says of its own state."""
+        self.publications = 0
+        """How many arrays were published so far."""
         self._reasons: dict[str, str] = {}
         self._concerns: dict[str, tuple[bytes, str]] = {}
         self._kinds: dict[tuple[str, str], int] = {}
         self._stamp = 0
         self._last: int | None = None
-        self._published = 0
         self._array = DiagnosticArray(status=[DiagnosticStatus(name=name, hardware_id="isogal")])
         self._pairs: dict[str, KeyValue] = {}
 
-    @property
-    def message(self) -> str:
-        """What the node says of its own state."""
-        return self._message
-
-    @property
-    def publications(self) -> int:
-        """How many arrays were published so far."""
-        return self._published
-
     def state(self, level: bytes, message: str) -> None:
         """Set the node's own state; a change is published at once."""
-        if (level, message) != (self._level, self._message):
-            if level != OK and _shape(message) != _shape(self._message):
+        if (level, message) != (self._level, self.message):
+            if level != OK and _shape(message) != _shape(self.message):
                 self._log(level, message)
             elif level == OK and self._level != OK:
                 self._log(level, f"{message} again")
-            self._level, self._message = level, message
+            self._level, self.message = level, message
             self.publish()
 
     def concern(self, name: str, text: str | None, level: bytes = WARN) -> None:
-        """Set what is wrong beside the node's own state, until it is cleared (None)."""
+        """Set what is wrong apart from the node's own state, until it is cleared (None)."""
         known = self._concerns.get(name)
         if text is None:
             if known is not None:
@@ -117,7 +125,7 @@ class Health:
 
     def publish(self, *more: DiagnosticStatus) -> None:
         """Publish now, together with other statuses."""
-        level, message = self._level, self._message
+        level, message = self._level, self.message
         for of_concern, text in self._concerns.values():
             level = max(level, of_concern)
             message += f"; {text}"
@@ -134,9 +142,9 @@ class Health:
         set_stamp(self._array.header.stamp, self._stamp)
         self._array.status[1:] = more
         self._publisher.publish(self._array)
-        self._published += 1
+        self.publications += 1
 
-    def _write(self, figures: dict[str, Any]) -> None:
+    def _write(self, figures: Mapping[str, Figure]) -> None:
         """Bring the pairs of the message up to date; they are kept from one publication to the
         next."""
         for key, value in figures.items():
@@ -147,8 +155,20 @@ class Health:
             pair.value = _text(value)
 
 
-def status(name: str, level: bytes, message: str, figures: dict[str, Any]) -> DiagnosticStatus:
-    """Return one diagnostic status."""
+def status(
+    name: str, level: bytes, message: str, figures: Mapping[str, Figure]
+) -> DiagnosticStatus:
+    """Return one diagnostic status.
+
+    Parameters
+    ----------
+    name, message : str
+        What it is about, and how that is.
+    level : bytes
+        Of DiagnosticStatus.
+    figures : mapping
+        Shown as key-value pairs.
+    """
     values = [KeyValue(key=key, value=_text(value)) for key, value in figures.items()]
     return DiagnosticStatus(
         level=level, name=name, message=message, hardware_id="isogal", values=values
@@ -160,7 +180,7 @@ def figures_of(item: DiagnosticStatus) -> dict[str, str]:
     return {pair.key: pair.value for pair in item.values}
 
 
-def _text(value: Any) -> str:
+def _text(value: Figure) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 

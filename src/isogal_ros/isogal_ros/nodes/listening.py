@@ -4,27 +4,35 @@ Drivers of sensors are often best effort (`rclpy.qos.qos_profile_sensor_data`). 
 subscription is not connected with such a publisher at all; a best effort one is with both kinds.
 Nothing else of `topics.LOSSLESS` asks for more than a publisher may offer.
 
-Where a topic is of one publisher (`Topic.single`), that is the first one heard, and messages of
-others are dropped (`isogal_ros.nodes.sources`)."""
+Where a topic is of one publisher (`Topic.single`), that is the first one heard, while it is there;
+messages of others are dropped. Another one takes over when it is gone; so does at once one of a
+node of the same name that has come since, unless the first is heard beside it: of a process that
+was killed the middleware takes up to 20 s to notice that it is gone, and its successor is not to
+wait."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from isogal_ros.nodes.sources import NAMELESS, Sources
+from isogal_ros import topics
 from isogal_ros.nodes.taking import foretell, take_next
 from isogal_ros.topics import LOSSLESS, Topic
 
+if TYPE_CHECKING:
+    from isogal_ros.nodes.base import GraphNode
+
+Take = Callable[[topics.Message], None]
+"""Takes a message of a topic; or a serialised one, as the subscription says."""
 _BEST_EFFORT = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT
 )
-
 _UNKNOWN = "NODE_NAME_UNKNOWN"
 """In the name of a node of which the middleware knows the publisher first."""
+_NAMELESS = "a node without a name yet"
 
 
 class Listening:
@@ -42,58 +50,111 @@ class Listening:
 
     def __init__(
         self,
-        node: Any,
+        node: "GraphNode",
         topic: Topic,
-        take: Callable[[Any], object],
+        take: Take,
         raw: bool = False,
         single: bool = False,
     ) -> None:
         self._node, self._topic, self._take, self._raw = node, topic, take, raw
         self._refused = False
-        self._sources = Sources(self._look) if single else None
+        self._single = single
+        self._there: dict[bytes, str] = {}
+        """Publishers, connected or not: what identifies each, and its node's name."""
+        self._used: bytes | None = None
+        self._before: bytes | None = None
+        """Whom the one that is used has succeeded, although it seems to be there still."""
+        self._beside: set[bytes] = set()
+        """Those beside which the one that is used has been heard: they do not succeed it."""
         self._subscription = self._subscribe(LOSSLESS)
 
-    def _subscribe(self, profile: QoSProfile) -> Any:
+    def _subscribe(self, profile: QoSProfile) -> Subscription:
         topic, events = self._topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
         made = self._node.create_subscription(
             topic.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
         )
-        self._publishers, self._settled = -1, False
-        if not isinstance(made, Subscription):
-            self._sources = None
-        elif self._sources is not None:
+        self._connected, self._settled = -1, False
+        self._single = self._single and isinstance(made, Subscription)
+        if self._single:
             foretell(made, self._sort)
         return made
 
-    def _look(self) -> dict[bytes, str]:
-        """Return who publishes, connected or not."""
-        return {
-            bytes(info.endpoint_gid): NAMELESS
+    def _look(self) -> None:
+        """See anew who publishes."""
+        self._there = {
+            bytes(info.endpoint_gid): _NAMELESS
             if _UNKNOWN in info.node_name
             else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             for info in self._node.get_publishers_info_by_topic(self.topic_name)
         }
+        self._beside &= self._there.keys()
 
     def _sort(self) -> None:
         """Take the messages that wait, unless there is one publisher, which is known: then rclpy
         does that as well, and sooner."""
-        assert self._sources is not None
-        publishers = self.get_publisher_count()
-        if publishers != self._publishers:
-            self._publishers, self._settled = publishers, False
-            self._sources.look()
+        connected = self.get_publisher_count()
+        if connected != self._connected:
+            self._connected, self._settled = connected, False
+            self._look()
         if self._settled:
             return
         while (taken := take_next(self._subscription)) is not None:
             data, gid = taken
-            why = None if gid is None else self._sources.refuse(gid, publishers <= 1)
-            self._settled = publishers == 1
+            why = None if gid is None else self._drop(gid, connected <= 1)
+            self._settled = connected == 1
             if why is not None:
                 self._node.health.drop(self._topic.name, why)
             else:
                 self._take(data if self._raw else deserialize_message(data, self._topic.type))
 
-    def _refuse(self, _event: Any) -> None:
+    def _drop(self, gid: bytes, alone: bool) -> str | None:
+        """Return why a message of a publisher, which may be the only one now, is not to be used
+        (None = it is)."""
+        if gid not in self._there or (gid != self._used and not self._succeeds(gid)):
+            self._look()
+        if gid == self._used:
+            self._beside |= self._there.keys() - {gid}
+        elif gid == self._before and self._used is not None:
+            self._beside.add(self._used)
+            self._used, self._before = gid, None
+        elif self._used is None or alone or self._succeeds(gid):
+            seems_there = not alone and self._used in self._there
+            self._before = self._used if seems_there else None
+            self._used = gid
+        else:
+            return f"of a second publisher, {self._other(gid)}: {self._name(self._used)} is used"
+        return None
+
+    def _succeeds(self, gid: bytes) -> bool:
+        """Whether a publisher takes the place of the one that is used."""
+        if self._used not in self._there:
+            return True
+        may_be = self._there.get(gid, _NAMELESS) in (_NAMELESS, self._there[self._used])
+        return may_be and gid not in self._beside
+
+    def _name(self, gid: bytes | None) -> str:
+        return self._there.get(gid or b"", _NAMELESS)
+
+    def _other(self, gid: bytes) -> str:
+        name = self._name(gid)
+        return f"another {name}" if name == self._name(self._used) else name
+
+    def _several(self) -> str | None:
+        """Say that there are other publishers than the one that is used; None = there are
+        none."""
+        if self._used not in self._there:
+            return None
+        others = {
+            self._other(gid)
+            for gid in self._there
+            if gid != self._used and not self._succeeds(gid)
+        }
+        if not others:
+            return None
+        too = f"{self._topic.name} is published by {', '.join(sorted(others))}, too"
+        return f"{too}: {self._name(self._used)} is used"
+
+    def _refuse(self, _event: QoSRequestedIncompatibleQoSInfo) -> None:
         """Note that a publisher offers less than is asked for."""
         self._refused = True
 
@@ -109,11 +170,11 @@ class Listening:
     def adapt(self) -> None:
         """Take less where a publisher has offered less, and tell of several publishers; a timer
         calls this."""
-        if self._sources is not None:
-            self._sources.look()
+        if self._single:
+            self._look()
             self._node.health.concern(f"publishers of {self._topic.name}", self._several())
         # one that is heard without loss is not to lose messages for another that is not used
-        if not self._refused or (self._sources is not None and self.get_publisher_count()):
+        if not self._refused or (self._single and self.get_publisher_count()):
             return
         self._refused = False
         self._node.get_logger().warning(
@@ -122,10 +183,6 @@ class Listening:
         )
         before, self._subscription = self._subscription, self._subscribe(_BEST_EFFORT)
         self._node.destroy_subscription(before)
-
-    def _several(self) -> str | None:
-        several = None if self._sources is None else self._sources.several
-        return several and f"{self._topic.name} is {several}"
 
     def end(self) -> None:
         """Listen no more."""

@@ -1,29 +1,82 @@
-"""Items that wait for the navigator's state of their stamp."""
+"""The navigator's latest states by stamp, decoded only where a scan needs them, and the items that
+wait for them."""
 
+from collections import deque
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from isogal.arrays import Array
+from isogal.fusion.outage import HELD
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_nav_covariance
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.nav_buffer import NavBuffer
-from isogal_ros.nodes.nav_sample import NavSample
+from isogal_ros.nodes.nav_sample import NavSample, difference, moved, read_nav
 
 LONGEST = 1024
 """Items that wait at most."""
+KEPT = 1024
+"""Stamps kept: at 1 Hz a reading may come 17 minutes late."""
+REPEATED = 1024
+"""Messages of one topic kept of one stamp: in retrodiction one for each fix of a batch. Also the
+number of jumps kept where nobody takes them out."""
+ROUNDING = 1e-7
+"""m; what degrees and back may leave where nothing moved."""
 
 
-class NavQueue:
-    """Hands each item on, in the order they came, once the navigator's state is there. Where too
-    many wait, the oldest is handed on without.
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jump:
+    """What a fix did to the navigator: after minus before."""
+
+    ns: int
+    change: Array
+    """(7,) in a batch's states (`isogal.inertial.error_state`)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gap:
+    """A time of which the navigator said nothing."""
+
+    before: NavSample
+    after: NavSample
+    """The first after it."""
+
+
+@dataclass(slots=True)
+class _Stamp:
+    """Serialised messages of one stamp in the order they came: the first of each topic is before
+    any fix."""
+
+    fix: list[bytes] = field(default_factory=list)
+    odom: list[bytes] = field(default_factory=list)
+    covariance: bytes | None = None
+    pairs: int = 0
+
+
+class NavQueue(Generic[Item]):
+    """Collects ``nav/fix``, ``nav/odom`` and ``nav/covariance`` for a node, and hands on each of
+    its items, in the order they came, once the navigator's state of their stamp is there. Where
+    too many wait, the oldest is handed on without.
+
+    A further pair of fix and odometry of the same stamp is the navigator after a fix. Messages are
+    kept serialised, since only one in ten is needed.
 
     Parameters
     ----------
     node : GraphNode
         Listens to the navigator and tells its health.
     scenario : Scenario
-        For `NavBuffer`.
+        Says where the frame ``map`` is, and the navigator's rate.
     handle : callable
         Called with stamp (ns), item, and the navigator's state; None = it said nothing usable of
         that stamp.
@@ -35,15 +88,26 @@ class NavQueue:
         self,
         node: GraphNode,
         scenario: Scenario,
-        handle: Callable[[int, Any, NavSample | None], None],
+        handle: Callable[[int, Item, NavSample | None], None],
         arrived: Callable[[], None] = lambda: None,
     ) -> None:
-        self.waiting: list[tuple[int, Any]] = []
+        self.waiting: list[tuple[int, Item]] = []
         """Stamps and items."""
         self._health, self._handle, self._arrived = node.health, handle, arrived
-        self.nav = NavBuffer(node, scenario, self._process)
+        self.jumps: deque[Jump] = deque(maxlen=REPEATED)
+        """Jumps seen, oldest first; whoever uses them takes them out."""
+        self._gaps: deque[tuple[int, int]] = deque(maxlen=REPEATED)
+        self.newest = -1
+        """Stamp of the newest state, ns; -1 = none."""
+        self._newest_covariance = -1
+        self._frame = map_frame(scenario)
+        self._interval = from_seconds(1.0 / scenario.navigation_rate)
+        self._stamps: dict[int, _Stamp] = {}
+        node.listen(topics.NAV_FIX, lambda data: self._take(data, True), raw=True)
+        node.listen(topics.NAV_ODOM, lambda data: self._take(data, False), raw=True)
+        self._extra = node.listen(topics.NAV_COVARIANCE, self._take_covariance, raw=True)
 
-    def put(self, ns: int, item: Any) -> None:
+    def put(self, ns: int, item: Item) -> None:
         """Take an item."""
         self.waiting.append((ns, item))
         self._process()
@@ -54,7 +118,7 @@ class NavQueue:
         while self.waiting:
             ns, item = self.waiting[0]
             try:
-                nav = self.nav.at(ns)
+                nav = self.at(ns)
                 if nav is None and len(self.waiting) <= LONGEST:
                     return
                 if nav is None:
@@ -65,3 +129,108 @@ class NavQueue:
             del self.waiting[0]
             self._handle(ns, item, nav)
             self._health.tick(ns)
+
+    def at(self, ns: int) -> NavSample | None:
+        """Return the state at a stamp as it was before any fix of that stamp, or None while it may
+        still come.
+
+        A stamp between two states is reached from the one before with its velocity.
+
+        Raises
+        ------
+        BadMessageError
+            The navigator's messages of that time are missing or cannot be used.
+        """
+        stamp = self._stamps.get(ns)
+        if stamp is not None and stamp.pairs:
+            late = ns < self._newest_covariance or ns + 5 * self._interval < self.newest
+            if stamp.covariance is None and not late and self._extra.get_publisher_count():
+                return None
+            return self._decode(stamp)
+        if ns >= self.newest:
+            return None
+        before = max(
+            (time for time, item in self._stamps.items() if time < ns and item.pairs), default=None
+        )
+        if before is None or ns - before > 2 * self._interval:
+            raise BadMessageError(f"the navigator said nothing about {to_seconds(ns):.3f} s")
+        return moved(self._decode(self._stamps[before]), ns)
+
+    def take_jumps(self, before: int) -> list[Jump]:
+        """Take out the jumps with stamps earlier than `before` (ns), oldest first."""
+        return _taken(self.jumps, lambda jump: jump.ns < before)
+
+    def take_gaps(self, until: int) -> list[Gap]:
+        """Take out the gaps longer than `HELD` that end at `until` (ns) at the latest, oldest
+        first."""
+        ended = _taken(self._gaps, lambda gap: gap[1] <= until)
+        kept = [gap for gap in ended if all(ns in self._stamps for ns in gap)]
+        return [Gap(*(self._decode(self._stamps[ns]) for ns in gap)) for gap in kept]
+
+    def _stamp(self, ns: int) -> _Stamp:
+        found = self._stamps.get(ns)
+        if found is None:
+            if len(self._stamps) >= KEPT:
+                oldest = next(iter(self._stamps))
+                if ns < oldest:
+                    raise BadMessageError(
+                        f"stamp {to_seconds(ns):.3f} s is older than all that are kept"
+                    )
+                del self._stamps[oldest]
+            found = self._stamps[ns] = _Stamp()
+        return found
+
+    def _take(self, data: bytes, is_fix: bool) -> None:
+        ns = peek_ns(data)
+        stamp = self._stamp(ns)
+        kept = stamp.fix if is_fix else stamp.odom
+        if len(kept) >= REPEATED:
+            raise BadMessageError(f"more than {REPEATED} messages of {to_seconds(ns):.3f} s")
+        kept.append(data)
+        while stamp.pairs < min(len(stamp.fix), len(stamp.odom)):
+            stamp.pairs += 1
+            if stamp.pairs > 1:
+                self._note_jump(ns, stamp)
+        if stamp.pairs == 1 and ns > self.newest:
+            if 0 <= self.newest < ns - self._interval - from_seconds(HELD):
+                self._gaps.append((self.newest, ns))
+            self.newest = ns
+        self._process()
+
+    def _take_covariance(self, data: bytes) -> None:
+        try:
+            ns = peek_numbers_ns(data)
+        except ValueError as error:
+            raise BadMessageError(str(error)) from None
+        stamp = self._stamp(ns)
+        if stamp.covariance is None:
+            stamp.covariance = data
+            self._newest_covariance = max(self._newest_covariance, ns)
+            self._process()
+
+    def _note_jump(self, ns: int, stamp: _Stamp) -> None:
+        after, before = self._state(stamp, stamp.pairs - 1), self._state(stamp, stamp.pairs - 2)
+        change = difference(after, before)
+        if np.abs(change[:2]).max() > ROUNDING:
+            self.jumps.append(Jump(ns, change))
+
+    def _state(self, stamp: _Stamp, index: int) -> NavSample:
+        fix = deserialize_message(stamp.fix[index], topics.NAV_FIX.type)
+        odom = deserialize_message(stamp.odom[index], topics.NAV_ODOM.type)
+        return read_nav(fix, odom, self._frame)
+
+    def _decode(self, stamp: _Stamp) -> NavSample:
+        sample = self._state(stamp, 0)
+        if stamp.covariance is None:
+            return sample
+        message = deserialize_message(stamp.covariance, topics.NAV_COVARIANCE.type)
+        return replace(sample, covariance=read_nav_covariance(message))
+
+
+def _taken(items: deque[Item], done: Callable[[Item], bool]) -> list[Item]:
+    """Take out the items of which something is true, and return them."""
+    taken = [item for item in items if done(item)]
+    kept = [item for item in items if not done(item)]
+    items.clear()
+    items.extend(kept)
+    return taken

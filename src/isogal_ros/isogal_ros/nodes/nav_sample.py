@@ -1,9 +1,10 @@
 """The navigator's state of one stamp, from its messages."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix
 
 from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
@@ -35,7 +36,7 @@ class NavSample:
     """m²."""
 
 
-def read_nav(fix: Any, odom: Any, frame: LocalFrame) -> NavSample:
+def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:
     """Return the state that messages on nav/fix and nav/odom say, in the frame ``map``; raises
     BadMessageError where one cannot be used."""
     position = read_position(fix)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import FrameType
 
 INTERRUPTED = 130
 """Exit code of a process that was interrupted before it had begun."""
@@ -35,7 +35,7 @@ class Interrupt:
     def __bool__(self) -> bool:
         return self.count > 0
 
-    def __call__(self, _number: int, _frame: Any = None) -> None:
+    def __call__(self, _number: int, _frame: FrameType | None = None) -> None:
         """Handle a signal."""
         self.count += 1
         if self.ends_at_once:

@@ -5,16 +5,16 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from isogal.errors import InputError
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.signals import INTERRUPTED, Interrupt, interrupts
 
 USAGE = "parameters are --ros-args -p KEY:=VALUE or --params-file FILE"
@@ -23,7 +23,7 @@ DRAIN = 10.0
 """s that a node which has nothing left to do may take what is under way."""
 
 
-def make_executor(context: Context | None = None) -> Any:
+def make_executor(context: Context | None = None) -> Executor:
     """Return the events executor, which is three to five times as fast, or the plain one where
     rclpy has none.
 
@@ -37,9 +37,18 @@ def make_executor(context: Context | None = None) -> Any:
     return EventsExecutor(context=context)
 
 
-def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = DRAIN) -> None:
-    """Let a node that counts its messages (`GraphNode.received`) take those that are under way,
-    until none has come for `quiet` s, for at most `limit` s."""
+def drain(node: GraphNode, executor: Executor, quiet: float = 0.3, limit: float = DRAIN) -> None:
+    """Let a node that counts its messages (`GraphNode.received`) take those that are under way.
+
+    Parameters
+    ----------
+    executor : Executor
+        That the node is on.
+    quiet : float
+        s without a message after which none is under way.
+    limit : float
+        s that it lasts at most.
+    """
     if node.received() is None:
         return
     count, changed = node.received(), time.monotonic()
@@ -50,7 +59,7 @@ def drain(node: Any, executor: Any, quiet: float = 0.3, limit: float = DRAIN) ->
             count, changed = node.received(), time.monotonic()
 
 
-def run_node(name: str, make: Callable[[], Any], args: Sequence[str] | None = None) -> int:
+def run_node(name: str, make: Callable[[], GraphNode], args: Sequence[str] | None = None) -> int:
     """Run one node until it is finished or interrupted; return the exit code of its process.
 
     Parameters
@@ -88,7 +97,7 @@ def _refuse(name: str, why: str) -> int:
     return 2
 
 
-def main_of(kind: Callable[[str], Any], name: str) -> Callable[..., None]:
+def main_of(kind: Callable[[str], GraphNode], name: str) -> Callable[..., None]:
     """Return the entry point of a console script that runs one node (see `run_node`)."""
 
     def main(args: Sequence[str] | None = None) -> None:
@@ -97,7 +106,7 @@ def main_of(kind: Callable[[str], Any], name: str) -> Callable[..., None]:
     return main
 
 
-def _run(make: Callable[[], Any], interrupt: Interrupt) -> int:
+def _run(make: Callable[[], GraphNode], interrupt: Interrupt) -> int:
     # while the node is being made there is nothing to end in good order
     interrupt.ends_at_once = True
     node = make()

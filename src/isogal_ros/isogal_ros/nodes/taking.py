@@ -9,10 +9,11 @@ import ctypes
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
-from typing import Any
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.subscription import Subscription
+
+from isogal_ros.topics import Message
 
 _NOTHING = 401
 """RCL_RET_SUBSCRIPTION_TAKE_FAILED: no message waits."""
@@ -98,17 +99,18 @@ class Foretold(Subscription):
     """A subscription that says when a message is about to be taken."""
 
     @property
-    def msg_type(self) -> Any:
+    def msg_type(self) -> type[Message]:
         """The class of its messages, which an executor asks for before each."""
         before: Callable[[], None] | None = self.__dict__.get("before")
         if before is not None:
             # one that was destroyed may have been told of a message that it had still to take
             with suppress(InvalidHandle):
                 before()
-        return self.__dict__["msg_type"]
+        kind: type[Message] = self.__dict__["msg_type"]
+        return kind
 
     @msg_type.setter
-    def msg_type(self, kind: Any) -> None:
+    def msg_type(self, kind: type[Message]) -> None:
         self.__dict__["msg_type"] = kind
 
 

@@ -11,8 +11,7 @@ import yaml
 from rcl_interfaces.msg import ParameterDescriptor
 
 from isogal.scenario import Scenario
-from isogal_ros.parameters.from_model import parameter_specs
-from isogal_ros.parameters.spec import ParameterSpec
+from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 
 WIDTH = 99
 """Columns of the file."""

@@ -1,24 +1,22 @@
 """Parameters declared on a node, and changed while it runs."""
 
 import difflib
-from collections.abc import Callable, Collection, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Mapping, Sequence
 
+from pydantic import JsonValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from isogal.errors import InputError
-from isogal_ros.parameters.spec import ParameterSpec, yaml_line
-from isogal_ros.parameters.values import nested
+from isogal_ros.parameters.from_model import ParameterSpec, yaml_line
+from isogal_ros.parameters.values import Values, nested
 
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def declare(
-    node: Node, specs: Sequence[ParameterSpec], known: Collection[str] = ()
-) -> dict[str, Any]:
+def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] = ()) -> Values:
     """Declare parameters with the overrides of the command line and parameter files; return their
     values by name, as the model wants them.
 
@@ -47,26 +45,47 @@ def declare(
         values = {spec.name: _declare(node, spec, overrides) for spec in specs}
     except InputError as error:
         raise InputError(f"{node.get_name()}: {error}") from None
-    node.add_pre_set_parameters_callback(
-        lambda parameters: [_recast(parameter, specs) for parameter in parameters]
-    )
+    casts = {spec.name: spec.cast for spec in specs}
+
+    def recast(parameters: list[Parameter]) -> list[Parameter]:
+        return [
+            Parameter(item.name, value=casts[item.name](item.value))
+            if item.name in casts
+            else item
+            for item in parameters
+        ]
+
+    node.add_pre_set_parameters_callback(recast)
     return values
 
 
 def known_overrides(
-    overrides: dict[str, Any], specs: Sequence[ParameterSpec], known: Collection[str] = ()
-) -> dict[str, Any]:
+    overrides: Mapping[str, JsonValue], specs: Sequence[ParameterSpec], known: Collection[str] = ()
+) -> Values:
     """Return overrides by the names of parameters; raises InputError for one that neither is a
-    parameter nor `known`, see `declare`."""
+    parameter nor `known`, see `declare`.
+
+    Those inside a parameter that holds YAML (``truth.imu.grade``, as a parameter file with nested
+    keys has it) are put together as its text."""
     names = {spec.name for spec in specs}
-    folded = _folded(overrides, names | set(known))
-    _require_known(folded, names, known)
-    return folded
+    allowed = names | set(known)
+    kept: Values = {}
+    parts: dict[str, Values] = {}
+    for name, value in overrides.items():
+        outer = next((key for key in allowed if name.startswith(f"{key}.")), None)
+        if outer is not None and outer not in overrides:
+            parts.setdefault(outer, {})[name.removeprefix(f"{outer}.")] = value
+        elif name in allowed:
+            kept[name] = value
+        else:
+            close = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
+            choice = f"; allowed: {', '.join(sorted(names))}"
+            hint = f", did you mean '{close[0]}'?" if close else choice
+            raise InputError(f"unknown parameter '{name}'{hint}")
+    return kept | {outer: yaml_line(nested(part)) for outer, part in parts.items()}
 
 
-def on_change(
-    node: Node, specs: Sequence[ParameterSpec], apply: Callable[[dict[str, Any]], None]
-) -> None:
+def on_change(node: Node, specs: Sequence[ParameterSpec], apply: Callable[[Values], None]) -> None:
     """Call `apply` with the new model values of a change; an InputError refuses it and is its
     reason."""
     by_name = {spec.name: spec for spec in specs}
@@ -82,35 +101,7 @@ def on_change(
     node.add_on_set_parameters_callback(callback)
 
 
-def _folded(overrides: dict[str, Any], names: Collection[str]) -> dict[str, Any]:
-    """Return overrides with those inside a parameter that holds YAML (``truth.imu.grade``, as a
-    parameter file with nested keys has it) put together as its text."""
-    kept: dict[str, Any] = {}
-    parts: dict[str, dict[str, Any]] = {}
-    for name, value in overrides.items():
-        outer = next((key for key in names if name.startswith(f"{key}.")), None)
-        if outer is None or outer in overrides:
-            kept[name] = value
-        else:
-            parts.setdefault(outer, {})[name.removeprefix(f"{outer}.")] = value
-    return kept | {outer: yaml_line(nested(part)) for outer, part in parts.items()}
-
-
-def _require_known(
-    overrides: Collection[str], names: Collection[str], known: Collection[str]
-) -> None:
-    for name in overrides:
-        if name not in names and name not in known:
-            close = difflib.get_close_matches(name, [*names, *known], n=1, cutoff=0.5)
-            hint = (
-                f", did you mean '{close[0]}'?"
-                if close
-                else f"; allowed: {', '.join(sorted(names))}"
-            )
-            raise InputError(f"unknown parameter '{name}'{hint}")
-
-
-def _declare(node: Node, spec: ParameterSpec, overrides: dict[str, Any]) -> Any:
+def _declare(node: Node, spec: ParameterSpec, overrides: Mapping[str, JsonValue]) -> JsonValue:
     """Declare one parameter; return its value as the model wants it."""
     value = spec.cast(overrides.get(spec.name, spec.default))
     try:
@@ -123,10 +114,3 @@ def _declare(node: Node, spec: ParameterSpec, overrides: dict[str, Any]) -> Any:
     except InvalidParameterValueException as error:
         raise InputError(f"parameter {spec.name}: {error}") from None
     return spec.to_field(value)
-
-
-def _recast(parameter: Parameter, specs: Sequence[ParameterSpec]) -> Parameter:
-    for spec in specs:
-        if spec.name == parameter.name:
-            return Parameter(parameter.name, value=spec.cast(parameter.value))
-    return parameter

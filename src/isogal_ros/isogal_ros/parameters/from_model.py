@@ -1,12 +1,14 @@
-"""The parameters of a pydantic model."""
+"""The parameters of a pydantic model, from its JSON schema."""
 
+import math
 import sys
-import typing
-from collections.abc import Collection, Sequence
-from typing import Any, Literal
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
-from pydantic import BaseModel
-from pydantic.fields import FieldInfo
+import yaml
+from pydantic import BaseModel, JsonValue
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -15,13 +17,64 @@ from rcl_interfaces.msg import (
 )
 
 from isogal import plugins
-from isogal_ros.parameters.annotations import Content, content_of
-from isogal_ros.parameters.spec import UNSAID, ParameterSpec, Yaml, yaml_line
+from isogal.errors import InputError
+from isogal.yaml_text import parse_yaml
+
+Schema = Mapping[str, Any]
+"""JSON schema, of a model or of a field."""
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """A parameter, whose value is that of a model's field but for null, and for what is nested."""
+
+    name: str
+    default: JsonValue
+    """The parameter's."""
+    descriptor: ParameterDescriptor
+    null: str | float | None = None
+    """What stands for null; None = the parameter cannot say it."""
+    is_yaml: bool = False
+    """Whether it is a text that holds YAML."""
+    empty: JsonValue = None
+    """What an empty text stands for, where it is YAML."""
+
+    def to_field(self, value: Any) -> JsonValue:
+        """Return the model's value for a parameter's value; raises InputError where there is
+        none."""
+        if self.is_yaml:
+            try:
+                found: JsonValue = parse_yaml(value, self.name) if value.strip() else self.empty
+            except InputError:
+                raise InputError(f"parameter {self.name}: must hold YAML, not {value!r}") from None
+            return found
+        if isinstance(value, str | int | float):
+            return None if self.null is not None and value == self.null else value
+        return list(value)
+
+    def to_parameter(self, value: JsonValue) -> JsonValue:
+        """Return the parameter's value for a model's value; None where a parameter cannot say it,
+        so that the default has to stand for it."""
+        if self.is_yaml:
+            return yaml_line(value)
+        return self.null if value is None else self.cast(value)
+
+    def cast(self, value: JsonValue) -> JsonValue:
+        """Turn ints into the doubles that are declared, which rclpy would refuse."""
+        if isinstance(value, list | tuple):
+            return [float(item) if type(item) is int else item for item in value]
+        if self.descriptor.type == ParameterType.PARAMETER_DOUBLE and type(value) is int:
+            return float(value)
+        return value
+
+
+def yaml_line(value: JsonValue) -> str:
+    """Return a value as YAML in one line; an empty text for None and for what has no entries."""
+    return yaml.safe_dump(value, default_flow_style=True).strip() if value else ""
 
 
 def parameter_specs(
     model: type[BaseModel],
-    prefix: str = "",
     sections: Collection[str] | None = None,
     mutable: Collection[str] = (),
 ) -> list[ParameterSpec]:
@@ -31,110 +84,105 @@ def parameter_specs(
     ----------
     model : type[BaseModel]
         Model whose fields are numbers, texts, tuples, or again models.
-    prefix : str
-        Put before each name.
     sections : collection of str, optional
         Fields of the top level to take; all where not given.
     mutable : collection of str
         Names that may change at run time; the others are read-only.
     """
-    specs: list[ParameterSpec] = []
+    return [
+        _spec(name, field, name not in mutable)
+        for name, field in _fields(model)
+        if sections is None or name.partition(".")[0] in sections
+    ]
+
+
+@cache
+def _fields(model: type[BaseModel], prefix: str = "") -> list[tuple[str, Schema]]:
+    """Return the JSON schema of each field by its dotted name, with the default of the model,
+    which may be no JSON (NaN)."""
+    properties = model.model_json_schema()["properties"]
+    found: list[tuple[str, Schema]] = []
     for key, field in model.model_fields.items():
-        if sections is not None and key not in sections:
-            continue
-        name, annotation = prefix + key, field.annotation
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            specs += parameter_specs(annotation, f"{name}.", mutable=mutable)
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            found += _fields(field.annotation, f"{prefix}{key}.")
         else:
-            descriptor = ParameterDescriptor(
-                name=name, description=field.description or "", read_only=name not in mutable
-            )
-            specs.append(_spec(field, descriptor))
-    return specs
+            default = field.get_default(call_default_factory=True)
+            found.append((prefix + key, properties[key] | {"default": default}))
+    return found
 
 
-def _spec(field: FieldInfo, descriptor: ParameterDescriptor) -> ParameterSpec:
-    """Return the parameter of a field; completes its descriptor."""
-    content, default = content_of(field), field.get_default(call_default_factory=True)
-    kind = content.type
-    if (quantity := _extra(field, "quantity")) is not None:
+def _spec(name: str, field: Schema, read_only: bool) -> ParameterSpec:
+    """Return the parameter of a field."""
+    descriptor = ParameterDescriptor(
+        name=name, description=field.get("description", ""), read_only=read_only
+    )
+    choices = [one for one in field.get("anyOf", [field]) if one.get("type") != "null"]
+    nullable = len(choices) < len(field.get("anyOf", [field]))
+    default, content = field["default"], choices[0] if len(choices) == 1 else {}
+    words = next((_words(one) for one in choices[1:] if _words(one)), ())
+    if "quantity" in field:
         descriptor.dynamic_typing = True
-        descriptor.additional_constraints = f"{quantity}, or three of them; empty stands for null"
-        return ParameterSpec(descriptor.name, "", descriptor, null="")
-    if content.words:
+        descriptor.additional_constraints = (
+            f"{field['quantity']}, or three of them; empty stands for null"
+        )
+        return ParameterSpec(name, "", descriptor, null="")
+    if len(choices) == 2 and words:
         descriptor.dynamic_typing = True
-        descriptor.additional_constraints = f"a number >= 0, or {' or '.join(content.words)}"
-        return ParameterSpec(descriptor.name, default, descriptor)
-    if kind is bool:
-        descriptor.type = ParameterType.PARAMETER_BOOL
-        return ParameterSpec(descriptor.name, bool(default), descriptor)
-    if kind is float or kind is int:
-        return _number(content, default, descriptor)
-    if kind is str or typing.get_origin(kind) is Literal:
-        return _text(content, default, descriptor, _plugins(field) or typing.get_args(kind))
-    if typing.get_origin(kind) is tuple and typing.get_args(kind)[0] is str:
-        descriptor.type = ParameterType.PARAMETER_STRING_ARRAY
-        return ParameterSpec(descriptor.name, list(default), descriptor)
-    if (
-        typing.get_origin(kind) is tuple
-        and default is not None
-        and all(isinstance(item, float | int) for item in default)
-    ):
-        descriptor.type = ParameterType.PARAMETER_DOUBLE_ARRAY
-        descriptor.additional_constraints = f"{len(default)} numbers"
-        return ParameterSpec(descriptor.name, [float(item) for item in default], descriptor)
+        descriptor.additional_constraints = f"a number >= 0, or {' or '.join(words)}"
+        return ParameterSpec(name, default, descriptor)
+    match content.get("type"):
+        case "boolean":
+            descriptor.type = ParameterType.PARAMETER_BOOL
+            return ParameterSpec(name, bool(default), descriptor)
+        case "integer" | "number":
+            return _number(content, default, descriptor, nullable)
+        case "string":
+            group = field.get("plugins")
+            allowed = plugins.names(group) if group else _words(content)
+            descriptor.type = ParameterType.PARAMETER_STRING
+            descriptor.additional_constraints = (allowed and "one of: " + ", ".join(allowed)) or ""
+            return ParameterSpec(name, default or "", descriptor, "" if nullable else None)
+        case "array" if content.get("items", {}).get("type") == "string":
+            descriptor.type = ParameterType.PARAMETER_STRING_ARRAY
+            return ParameterSpec(name, list(default), descriptor)
+        case "array" if default and all(isinstance(item, float | int) for item in default):
+            descriptor.type = ParameterType.PARAMETER_DOUBLE_ARRAY
+            descriptor.additional_constraints = f"{len(default)} numbers"
+            return ParameterSpec(name, [float(item) for item in default], descriptor)
     descriptor.type = ParameterType.PARAMETER_STRING
     descriptor.additional_constraints = "YAML in a string; empty stands for null"
-    empty = None if content.nullable else default
-    return Yaml(descriptor.name, yaml_line(default), descriptor, empty=empty)
+    empty = None if nullable else default
+    return ParameterSpec(name, yaml_line(default), descriptor, is_yaml=True, empty=empty)
 
 
-def _number(content: Content, default: Any, descriptor: ParameterDescriptor) -> ParameterSpec:
-    low, high = content.bounds()
-    if content.nullable:
-        low = content.type(0)
-        descriptor.additional_constraints = "0 stands for null"
-    descriptor.type = (
-        ParameterType.PARAMETER_INTEGER if content.type is int else ParameterType.PARAMETER_DOUBLE
-    )
-    if low is not None or high is not None:
-        _limit(descriptor, low, high)
-    zero = content.type(0)
-    null = zero if content.nullable else UNSAID
-    return ParameterSpec(descriptor.name, content.type(default or zero), descriptor, null)
+def _words(field: Schema) -> tuple[str, ...]:
+    """Return the words that a field may be; none where it may be any text."""
+    return tuple(field.get("enum", [field["const"]] if "const" in field else []))
 
 
-def _limit(descriptor: ParameterDescriptor, low: Any, high: Any) -> None:
-    """Write the range of a number; None = the end of what the type can hold."""
-    if descriptor.type == ParameterType.PARAMETER_INTEGER:
-        ends = (-(2**63) if low is None else int(low), 2**63 - 1 if high is None else int(high))
-        descriptor.integer_range = [IntegerRange(from_value=ends[0], to_value=ends[1], step=0)]
-    else:
-        largest = sys.float_info.max
-        span = (-largest if low is None else float(low), largest if high is None else float(high))
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=span[0], to_value=span[1], step=0.0)
-        ]
-
-
-def _text(
-    content: Content, default: Any, descriptor: ParameterDescriptor, allowed: Sequence[str]
+def _number(
+    content: Schema, default: float | None, descriptor: ParameterDescriptor, nullable: bool
 ) -> ParameterSpec:
-    descriptor.type = ParameterType.PARAMETER_STRING
-    if allowed:
-        descriptor.additional_constraints = "one of: " + ", ".join(allowed)
-    null = "" if content.nullable else UNSAID
-    return ParameterSpec(descriptor.name, default or "", descriptor, null)
-
-
-def _plugins(field: FieldInfo) -> tuple[str, ...]:
-    """Return the names of the plugins that a field may have; none where it names no plugin."""
-    group = _extra(field, "plugins")
-    return plugins.names(group) if group else ()
-
-
-def _extra(field: FieldInfo, key: str) -> str | None:
-    """Return what a field says of itself beside its type."""
-    extra = field.json_schema_extra
-    found = extra.get(key) if isinstance(extra, dict) else None
-    return None if found is None else str(found)
+    """Return the parameter of a number; completes its descriptor. A range of ROS includes its
+    ends: one that the model leaves out is the next number."""
+    whole = content["type"] == "integer"
+    kind = int if whole else float
+    lows = [content["minimum"]] if "minimum" in content else []
+    highs = [content["maximum"]] if "maximum" in content else []
+    if (end := content.get("exclusiveMinimum")) is not None:
+        lows.append(end + 1 if whole else math.nextafter(end, math.inf))
+    if (end := content.get("exclusiveMaximum")) is not None:
+        highs.append(end - 1 if whole else math.nextafter(end, -math.inf))
+    low, high = max(lows, default=None), min(highs, default=None)
+    if nullable:
+        low = 0
+        descriptor.additional_constraints = "0 stands for null"
+    descriptor.type = ParameterType.PARAMETER_INTEGER if whole else ParameterType.PARAMETER_DOUBLE
+    if low is not None or high is not None:
+        ends = (-(2**63), 2**63 - 1) if whole else (-sys.float_info.max, sys.float_info.max)
+        low = kind(ends[0] if low is None else low)
+        high = kind(ends[1] if high is None else high)
+        limits = (IntegerRange if whole else FloatingPointRange)(from_value=low, to_value=high)
+        setattr(descriptor, "integer_range" if whole else "floating_point_range", [limits])
+    null = kind(0) if nullable else None
+    return ParameterSpec(descriptor.name, kind(default or 0), descriptor, null)

@@ -1,35 +1,42 @@
 """Scenarios and settings as parameter values by dotted name, and the reverse."""
 
 from collections.abc import Collection, Mapping
-from typing import Any
+from operator import attrgetter
+from typing import TypeVar
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, JsonValue, ValidationError
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario, describe, validate_scenario
 from isogal_ros.parameters.from_model import parameter_specs
 
+Values = dict[str, JsonValue]
+"""Values by dotted name."""
+Model = TypeVar("Model", bound=BaseModel)
 
-def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+
+def nested(values: Mapping[str, JsonValue]) -> Values:
     """Turn dotted names into nested dictionaries."""
-    document: dict[str, Any] = {}
+    document: Values = {}
     for name, value in values.items():
         *parents, last = name.split(".")
         target = document
         for parent in parents:
-            target = target.setdefault(parent, {})
+            inner = target.setdefault(parent, {})
+            assert isinstance(inner, dict)  # no parameter has the name of a section
+            target = inner
         target[last] = value
     return document
 
 
-def scenario_from(values: Mapping[str, Any], where: str) -> Scenario:
+def scenario_from(values: Mapping[str, JsonValue], where: str) -> Scenario:
     """Return the scenario of model values by dotted name, with defaults for the others; raises
     InputError with one line that begins with `where`."""
     return validate_scenario(nested(values), where)
 
 
-def settings_from(model: type[BaseModel], values: Mapping[str, Any], where: str) -> Any:
+def settings_from(model: type[Model], values: Mapping[str, JsonValue], where: str) -> Model:
     """Return a node's own settings; raises InputError with one line that begins with `where`."""
     try:
         return model.model_validate(nested(values))
@@ -37,22 +44,18 @@ def settings_from(model: type[BaseModel], values: Mapping[str, Any], where: str)
         raise InputError(f"{where}: {describe(error, model)}") from None
 
 
-def scenario_values(scenario: Scenario) -> dict[str, Any]:
+def scenario_values(scenario: Scenario) -> Values:
     """Return a scenario as parameter values; what parameters cannot say is left to its default."""
-    values: dict[str, Any] = {}
-    for spec in parameter_specs(Scenario):
-        item: Any = scenario
-        for key in spec.name.split("."):
-            item = getattr(item, key)
-        value = spec.to_parameter(item)
-        if value is not None:
-            values[spec.name] = value
-    return values
+    values = {
+        spec.name: spec.to_parameter(attrgetter(spec.name)(scenario))
+        for spec in parameter_specs(Scenario)
+    }
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def node_values(
-    scenario: Scenario, own: Mapping[str, Any], sections: Collection[str]
-) -> dict[str, Any]:
+    scenario: Scenario, own: Mapping[str, JsonValue], sections: Collection[str]
+) -> Values:
     """Return the parameter values of one node: its sections of the scenario and its own
     settings."""
     values = {
@@ -66,11 +69,11 @@ def node_values(
 class _WithoutAliases(yaml.SafeDumper):
     """Writes what is there twice twice: parameter files know no aliases."""
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: JsonValue) -> bool:
         return True
 
 
-def parameter_file(scenario: Scenario, own: Mapping[str, Mapping[str, Any]]) -> str:
+def parameter_file(scenario: Scenario, own: Mapping[str, Mapping[str, JsonValue]]) -> str:
     """Return the text of a parameter file for a graph: the scenario for all nodes, and each node's
     own parameters by its name."""
     document = {"/**": {"ros__parameters": nested(scenario_values(scenario))}}

@@ -18,8 +18,8 @@ from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
-from isogal_ros.nodes import nav_buffer
-from isogal_ros.nodes.nav_buffer import NavBuffer
+from isogal_ros.nodes import nav_queue
+from isogal_ros.nodes.nav_queue import NavQueue
 
 S = 10**9
 SCENARIO = load_scenario()
@@ -45,7 +45,7 @@ def nav_messages(
 
 
 class Buffer:
-    """A NavBuffer whose node is a stand-in."""
+    """A NavQueue whose node is a stand-in."""
 
     def __init__(self, publishers: int = 1) -> None:
         self.handlers = {}
@@ -57,7 +57,8 @@ class Buffer:
             self.handlers[topic.name] = handler
             return extra
 
-        self.buffer = NavBuffer(SimpleNamespace(listen=listen), SCENARIO, self.arrived)
+        node = SimpleNamespace(listen=listen, health=None)
+        self.buffer = NavQueue(node, SCENARIO, lambda *_: None, self.arrived)
 
     def arrived(self) -> None:
         self.arrivals += 1
@@ -117,7 +118,7 @@ def test_old_states_are_dropped() -> None:
 
 
 def test_a_flood_is_not_kept(monkeypatch) -> None:
-    monkeypatch.setattr(nav_buffer, "REPEATED", 8)
+    monkeypatch.setattr(nav_queue, "REPEATED", 8)
     buffer = Buffer()
     with pytest.raises(BadMessageError, match=r"more than 8 messages of 5\.000 s"):
         for k in range(20):

@@ -1,39 +1,12 @@
-"""Which other nodes of the graph are ready, by their diagnostics, and which are active, by the
-events of their lifecycle."""
+"""Which nodes of the graph are active, by the events of their lifecycle."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State, TransitionEvent
 
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import LOSSLESS
-
-
-class Peers:
-    """The nodes of the same namespace that are not ready yet.
-
-    Parameters
-    ----------
-    node : GraphNode
-        The one that waits.
-    names : iterable of str
-        Nodes to wait for, except itself.
-    """
-
-    def __init__(self, node: GraphNode, names: Iterable[str]) -> None:
-        self.missing = {name for name in names if name != node.get_name()}
-        """Names of the nodes that have not reported that all their listeners are there."""
-        self._space = node.get_namespace().strip("/")
-
-    def hear(self, array: DiagnosticArray) -> None:
-        """Take the diagnostics of nodes."""
-        for item in array.status:
-            space, _, name = item.name.rpartition("/")
-            if space == self._space and figures_of(item).get("ready") == "True":
-                self.missing.discard(name)
 
 
 class Activity:
@@ -46,14 +19,14 @@ class Activity:
     ----------
     node : GraphNode
         The one that wants to know.
+    changed : callable
+        Called with the name of a node and whether it is active, when that changes.
     """
 
-    def __init__(self, node: GraphNode) -> None:
-        self._node = node
+    def __init__(self, node: GraphNode, changed: Callable[[str, bool], None]) -> None:
+        self._node, self._changed = node, changed
         self._events: dict[str, str] = {}
         self._inactive: dict[str, frozenset[bytes]] = {}
-        self.told: Callable[[str, bool], None] = lambda name, active: None
-        """Called with the name of a node and whether it is active, when that changes."""
         for name in node.settings.peers:
             if name != node.get_name():
                 topic, hear = f"{name}/transition_event", partial(self._hear, name)
@@ -80,7 +53,7 @@ class Activity:
     def _hear(self, name: str, event: TransitionEvent) -> None:
         if event.goal_state.id == State.PRIMARY_STATE_ACTIVE:
             if self._inactive.pop(name, None) is not None:
-                self.told(name, True)
+                self._changed(name, True)
         elif event.start_state.id == State.PRIMARY_STATE_ACTIVE:
             self._inactive[name] = self._process(name)
-            self.told(name, False)
+            self._changed(name, False)
