@@ -10,7 +10,7 @@ from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
-from isogal.evaluation.records import RunDetail, Runs
+from isogal.evaluation.records import RunDetail, Runs, Texts
 from isogal.fix import Candidates, Status
 from isogal.maps.channels import channels_of
 from isogal.maps.several import RunMap, first_map
@@ -77,7 +77,8 @@ class FixRecord(TypedDict):
     fix_time: Array
     fix_error: Array
     fix_covariance: Array
-    fix_reason: tuple[tuple[str | None, ...], ...]
+    fix_status: Texts
+    fix_reason: Texts
     posterior_error: Array
     posterior_covariance: Array
     fix_seconds: Array

@@ -114,7 +114,7 @@ def _fields(model: type[BaseModel], prefix: str = "") -> list[tuple[str, Schema]
 def _spec(name: str, field: Schema, read_only: bool) -> ParameterSpec:
     """Return the parameter of a field."""
     descriptor = ParameterDescriptor(
-        name=name, description=field.get("description", ""), read_only=read_only
+        name=name, description=" ".join(field.get("description", "").split()), read_only=read_only
     )
     choices = [one for one in field.get("anyOf", [field]) if one.get("type") != "null"]
     nullable = len(choices) < len(field.get("anyOf", [field]))
