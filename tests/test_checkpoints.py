@@ -15,7 +15,7 @@ from isogal import checkpoints
 from isogal.checkpoints import Saved, decode, encode, load, owner, save
 from isogal.errors import InputError
 from isogal.inertial.error_state import Estimate
-from isogal.matching.interfaces import Beside, Information
+from isogal.matching.interfaces import Information, SecondaryBatch
 from isogal.matching.pmht.memory import Memory
 
 ME = owner({"seed": 1}, 0)
@@ -77,7 +77,7 @@ def test_dataclasses_and_named_tuples_of_the_library(tmp_path) -> None:
 
 def test_what_is_left_out_is_found_anew() -> None:
     kept = Information(np.ones(4), np.eye(4))
-    beside = Beside(1, kept, None)
+    beside = SecondaryBatch(1, kept, None)
     data = encode(ME, Saved(0, beside), lambda value: isinstance(value, Information))
     seen = []
     got = decode(data, ME, "here", restore=lambda known: seen.append(known) or "found")

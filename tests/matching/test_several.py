@@ -11,10 +11,10 @@ from helpers.bank import LETTER, close, posterior_of
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.errors import InputError
 from isogal.matching.information import informed
-from isogal.matching.interfaces import Batch, Beside, Information
+from isogal.matching.interfaces import Batch, Information, SecondaryBatch
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.registry import matcher_of_fields
-from isogal.matching.several import Rhythm
+from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Matcher, validate_scenario
 
 FIRST = field_map_of(wavy)
@@ -45,7 +45,7 @@ def both(error=ERROR, sigma=(1e-5, 1e-5), **keys: Any) -> tuple[Batch, Batch]:
 
 
 def beside(first: Batch, second: Batch, field_map=SECOND, index: int = 1) -> Batch:
-    return replace(first, beside=(Beside(index, second, field_map),))
+    return replace(first, secondary=(SecondaryBatch(index, second, field_map),))
 
 
 def test_two_fixes_are_one_with_the_information_of_both():
@@ -155,7 +155,7 @@ def test_batches_end_with_those_of_the_field_with_the_shortest_rhythm():
             ]
         }
     )
-    rhythm = Rhythm.of(scenario.each_field)
-    assert rhythm == Rhythm(1, (100.0, 40.0))
-    assert rhythm.marks(1, scenario.each_field[1]) == 0
-    assert rhythm.marks(0, scenario.each_field[0]) == 16
+    schedule = UpdateSchedule.of(scenario.each_field)
+    assert schedule == UpdateSchedule(1, (100.0, 40.0))
+    assert schedule.marks(1, scenario.each_field[1]) == 0
+    assert schedule.marks(0, scenario.each_field[0]) == 16

@@ -6,7 +6,7 @@ from functools import partial
 
 from ins_sim_node.activity import Activity
 from isogal.matching.batching import fix_due
-from isogal.matching.several import Rhythm
+from isogal.matching.update_schedule import UpdateSchedule
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import peek_ns, to_seconds
@@ -48,7 +48,7 @@ class LockStep:
         self._node, self._compare, self._go_on = node, compare, go_on
         each = node.scenario.each_field
         self._per_scan = [one.steps_per_scan for one in each]
-        self._lead = Rhythm.of(each).lead
+        self._lead = UpdateSchedule.of(each).lead
         self._matcher = each[self._lead].matcher
         self._ns = -1
         """Stamp of the step under way."""

@@ -102,7 +102,7 @@ VELOCITY = Topic("velocity/data_raw", TwistWithCovarianceStamped, (UKF_FUSION,))
 TRUTH_FIX = Topic("ground_truth/fix", NavSatFix, (GRAVIMETER,))
 TRUTH_ODOM = Topic("ground_truth/odom", Odometry)
 INS_FIX = Topic("ins/fix", NavSatFix)
-FELT = Topic("gravimeter/data_raw", AccelWithCovarianceStamped)
+GRAVIMETRY = Topic("gravimeter/data_raw", AccelWithCovarianceStamped)
 GRAVITY = Topic("gravimeter/gravity", AccelWithCovarianceStamped)
 DISTURBANCE = Topic("gravimeter/disturbance", AccelWithCovarianceStamped)
 MAGNETIC_FIELD = Topic("magnetometer/data_raw", MagneticField)
@@ -124,8 +124,8 @@ FOOTPRINTS = Topic("altimeter/footprints", PointCloud2)
 FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 OF_INSTRUMENTS = (
-    FELT, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN,
-    SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT,
+    GRAVIMETRY, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE,
+    TERRAIN, SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT,
 )  # fmt: skip
 """Of which a graph has those of its own instrument only."""
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM), single=False)
@@ -151,8 +151,8 @@ TRANSFORMS = () if TF is None else (TF,)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,), single=False)
 
 ALL = (
-    CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, FELT, GRAVITY, DISTURBANCE,
-    MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, SOUNDINGS, FAN, FOOTPRINTS,
+    CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, GRAVIMETRY, GRAVITY,
+    DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, SOUNDINGS, FAN, FOOTPRINTS,
     FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM,
     NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, *TRANSFORMS, DIAGNOSTICS,
 )  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import field as dataclass_field
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.joint_batches import JointBatches
-from isogal.matching.several import Rhythm
+from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Scenario
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
@@ -71,7 +71,7 @@ class Scans:
         self._health, self._first, self._taken = node.health, first, taken
         each = scenario.each_field
         self._fields = [_Field(from_seconds(one.gravimeter.interval)) for one in each]
-        self._names, self._lead = scenario.field_names, Rhythm.of(each).lead
+        self._names, self._lead = scenario.field_names, UpdateSchedule.of(each).lead
         self._begun = False
         self._missing = 0
         self.ended = -1

@@ -4,12 +4,12 @@ node            subscriptions: IMU samples, fixes and the information that belon
 settings        the node's own parameters
 start           the filter's first state
 navigation      the filter from its start on: gaps, and what survives a restart
-doubt           what is not known after a long gap
+unresolved_gap  what is not known after a long gap
 watch           what is wrong with IMU samples that could each be right
 pose            a pose that a user gives
 fixes           which fixes are to be used, each stamp once
 corrections     fixes applied to the filter
-rejections      measurements beyond the innovation gate, counted
+measuring       what became of measurements, counted by topic
 outputs         messages on nav/*
 """
 

@@ -21,8 +21,8 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
-from ukf_fusion_node.doubt import Doubt
 from ukf_fusion_node.start import initial_state, start_ns
+from ukf_fusion_node.unresolved_gap import UnresolvedGap
 from ukf_fusion_node.upright import Upright
 
 SAID_NS = 1_000_000_000
@@ -60,7 +60,7 @@ class Navigation:
         self._gaps = 0
         matcher = node.scenario.matcher
         batch = matcher.batch_length * node.scenario.gravimeter.interval
-        self._doubt = Doubt(from_seconds(2.0 * batch))
+        self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
         self._noted = -SAID_NS
         self._upright = Upright()
         self.navigator: InertialNavigator | None = None
@@ -219,7 +219,7 @@ class Navigation:
         said = self._upright.take(to_seconds(ns), force, self.state.attitude)
         self._health.concern("upright", said, ERROR)
         if missing > HELD:
-            self._doubt.begin(ns)
+            self._unresolved.begin(ns)
 
     def back(self, samples: int) -> bool:
         """Forget the newest samples, which were not true, and return whether they are forgotten;
@@ -232,13 +232,15 @@ class Navigation:
         return True
 
     @property
-    def doubt(self) -> str | None:
+    def unresolved(self) -> str | None:
         """What is not known of the last long gap; None = nothing."""
-        return self._doubt.text(self.ns, self.navigator is not None and self.navigator.undecided)
+        return self._unresolved.text(
+            self.ns, self.navigator is not None and self.navigator.undecided
+        )
 
     def unfit(self) -> None:
         """Note that a fix did not agree with the filter."""
-        self._doubt.renew(self.ns)
+        self._unresolved.renew(self.ns)
 
     def keep(self) -> None:
         """Write a checkpoint of the newest state and the sample that led to it."""

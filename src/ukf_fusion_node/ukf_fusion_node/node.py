@@ -103,7 +103,7 @@ class UkfFusionNode(GraphNode):
                 self._settle()
             self._navigation.keep()
         self.health.concern("stuck", self._watch.stuck)
-        self.health.concern("gap", self._navigation.doubt)
+        self.health.concern("gap", self._navigation.unresolved)
         self.health.tick(ns)
 
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:

@@ -85,7 +85,7 @@ def without_the_instrument(monkeypatch) -> None:
     monkeypatch.setattr(
         of_bag,
         "wanted_messages",
-        lambda *wanted: (found for found in every(*wanted) if found[0] is not topics.FELT),
+        lambda *wanted: (found for found in every(*wanted) if found[0] is not topics.GRAVIMETRY),
     )
 
 

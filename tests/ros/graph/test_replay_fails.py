@@ -11,7 +11,7 @@ from isogal_ros import topics
 
 FRAMES = {
     "/imu/data_raw": (topics.IMU, "imu_link"),
-    "/gravimeter/data_raw": (topics.FELT, "grav"),
+    "/gravimeter/data_raw": (topics.GRAVIMETRY, "grav"),
     "/gravimeter/gravity": (topics.GRAVITY, "grav"),
     "/gravimeter/disturbance": (topics.DISTURBANCE, "grav"),
 }

@@ -39,7 +39,7 @@ def range_of(seconds, value, **keys):
 def test_a_gravimeters_readings_are_reduced(scenario) -> None:
     place = (-0.637, 2.5656)
     with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
-        made.reading(10.0, 9.7952, topic=topics.FELT)
+        made.reading(10.0, 9.7952, topic=topics.GRAVIMETRY)
         made.nav(10.0, *place, (12.0, 15.0))
         reductions = {
             "gravimeter/gravity": GravityReduction(),
@@ -59,7 +59,7 @@ def test_without_navigator_the_scan_is_known_to_be_empty(scenario) -> None:
     with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
         made.nav(1.0, -0.637, 2.5656)
         made.nav(90.0, -0.637, 2.5656)
-        made.reading(10.0, 9.7952, topic=topics.FELT)
+        made.reading(10.0, 9.7952, topic=topics.GRAVIMETRY)
         assert math.isnan(made.heard["gravimeter/gravity"][0].accel.accel.linear.z)
         assert made.told("said nothing about 10.000 s")
 
@@ -70,7 +70,7 @@ def test_it_simulates_readings_at_its_scans_only(scenario) -> None:
         for k in range(1, 25):
             message.header.stamp.sec = k
             made.publish(topics.TRUTH_FIX, message)
-        assert stamps(made, topics.FELT) == [10, 20]
+        assert stamps(made, topics.GRAVIMETRY) == [10, 20]
 
 
 def test_a_magnetometers_readings_are_reduced(magnetic) -> None:

@@ -56,7 +56,7 @@ def test_every_field_has_its_messages() -> None:
     assert set(plugins.names(plugins.MESSAGE_ADAPTERS)) == set(fields())
     for name, field in fields().items():
         adapter = adapter_of(load_scenario(), name)
-        assert (adapter.raw is topics.FELT) == (field.instrument == "gravimeter")
+        assert (adapter.raw is topics.GRAVIMETRY) == (field.instrument == "gravimeter")
 
 
 def test_the_scenario_says_which_field() -> None:
@@ -126,7 +126,7 @@ def test_another_frame_is_refused() -> None:
 
 def test_topics_of_sensors_that_are_not_there_are_not_in_use() -> None:
     plain = set(topics_in_use(load_scenario()))
-    assert {topics.FELT, topics.GRAVITY, topics.DISTURBANCE, topics.POSE} <= plain
+    assert {topics.GRAVIMETRY, topics.GRAVITY, topics.DISTURBANCE, topics.POSE} <= plain
     assert not plain & {topics.TERRAIN, topics.SCALAR_FIELD, topics.BAROMETER, topics.VELOCITY}
     aided = load_scenario(None, ["height.source=barometer", "velocity.kind=log"])
     assert {topics.BAROMETER, topics.VELOCITY} <= set(topics_in_use(aided))

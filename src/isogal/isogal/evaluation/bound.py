@@ -60,7 +60,7 @@ from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.batching import fix_due
-from isogal.matching.several import Rhythm
+from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Scenario
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
@@ -283,7 +283,7 @@ def bound_model(
     model = linear_model(scenario, trajectory, fields)
     if not batchwise:
         return model
-    lead = Rhythm.of(worlds).lead
+    lead = UpdateSchedule.of(worlds).lead
     used = np.zeros_like(model.used)
     every = fields[lead].steps // scenario.informed.steps_per_scan
     for count in range(1, len(fields[lead].sensitivity) + 1):

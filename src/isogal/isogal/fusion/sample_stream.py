@@ -62,7 +62,7 @@ class SampleStream:
     Parameters
     ----------
     sample_rate : float
-        Hz, as told; what comes decides.
+        Hz, as specified; what comes decides.
     samples_per_step : int
         So many samples at that rate make a step.
     """
@@ -99,7 +99,7 @@ class SampleStream:
 
     @property
     def as_told(self) -> bool:
-        """Whether samples come as fast as told, within a twentieth."""
+        """Whether samples come as fast as specified, within a twentieth."""
         return abs(self._usual - self._told) <= 0.05 * self._told
 
     def take(self, ns: int, force: Array, rate: Array) -> list[Step]:
@@ -180,7 +180,7 @@ class SampleStream:
 
     def _count(self, interval: int) -> None:
         """Learn how fast samples come; what seemed missing when they were first known not to come
-        as told was not."""
+        as specified was not."""
         if self._first:  # its interval is only assumed
             self._first = False
             return

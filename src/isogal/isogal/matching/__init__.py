@@ -10,7 +10,7 @@
     expansion              readings that are more than one number: channels, the own field of a
                            vehicle, footprints of several beams
     parameters             constants, or what changes slowly, estimated along
-    several                when batches of several fields end
+    update_schedule        when batches of several fields end
     joint_batches          from scans of several fields to batches with a common end
     usability              whether a batch can be used at all
     failures               a matcher that raises declines the batch

@@ -32,11 +32,11 @@ __all__ = [
     "LOST_COVARIANCE",
     "LOST_SIGMA",
     "Batch",
-    "Beside",
     "Candidates",
     "Fix",
     "Information",
     "Matcher",
+    "SecondaryBatch",
     "Status",
     "declined",
 ]
@@ -112,7 +112,7 @@ class Batch:
     them are those of when they were sensed; None = those of the last row."""
     correction: Array | None = None
     """(7,) change of the navigator's estimate since the last batch; None = not known."""
-    beside: "tuple[Beside, ...]" = ()
+    secondary: "tuple[SecondaryBatch, ...]" = ()
     """What other fields have read up to the same end."""
 
     def __len__(self) -> int:
@@ -189,7 +189,7 @@ class Batch:
             parameters=None if self.parameters is None else self.parameters.part(which),
             filter_path=None if self.filter_path is None else self.filter_path.part(which),
             cut=int((which < self.cut).sum()),
-            beside=(),
+            secondary=(),
         )
 
 
@@ -213,7 +213,7 @@ PER_ROW = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beside:
+class SecondaryBatch:
     """The batch of another field."""
 
     field: int

@@ -11,10 +11,10 @@ from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity, residual_gravity
 from isogal.maps.channels import AnyMap
 from isogal.matching.batching import BatchBuilder
-from isogal.matching.interfaces import Batch, Beside, Fix, Matcher
+from isogal.matching.interfaces import Batch, Fix, Matcher, SecondaryBatch
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected
-from isogal.matching.several import Rhythm
+from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -30,7 +30,7 @@ class JointBatches:
     builders : sequence of BatchBuilder
         Of each field.
     lead : int
-        See `isogal.matching.several.Rhythm`.
+        See `isogal.matching.update_schedule.UpdateSchedule`.
     gravity : KnownGravity, optional
         What the navigator knows of horizontal gravity; default: that it is normal gravity's.
     """
@@ -64,12 +64,12 @@ class JointBatches:
         if gravity is None:
             gravity = residual_gravity(scenario.gravity_field, build_trajectory(scenario))
         each = scenario.each_field
-        rhythm = Rhythm.of(each)
+        schedule = UpdateSchedule.of(each)
         builders = [
-            BatchBuilder.of(one, matcher.context, rhythm.marks(field, one))
+            BatchBuilder.of(one, matcher.context, schedule.marks(field, one))
             for field, one in enumerate(each)
         ]
-        return cls(builders, rhythm.lead, gravity)
+        return cls(builders, schedule.lead, gravity)
 
     @property
     def ready(self) -> bool:
@@ -130,5 +130,5 @@ class JointBatches:
             # one that has gone on beyond this end has its turn at the next
             if builder.mark(self.builders[self._lead]) and builder.has_new:
                 other = builder.build(prior)
-                beside.append(Beside(field, other, near(field, other)))
-        return replace(batch, beside=tuple(beside)) if beside else batch
+                beside.append(SecondaryBatch(field, other, near(field, other)))
+        return replace(batch, secondary=tuple(beside)) if beside else batch

@@ -13,7 +13,7 @@ from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
-from isogal.matching.several import Rhythm
+from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Scenario
 
 
@@ -56,7 +56,7 @@ class MapMatching:
         self.batches = JointBatches.of(scenario, self.matcher, gravity)
         self.memory: Any = None
         """What the matcher remembers of earlier batches."""
-        self.lead = Rhythm.of(scenario.each_field).lead
+        self.lead = UpdateSchedule.of(scenario.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
         self._sigmas = [one.gravimeter.sigma for one in scenario.each_field]

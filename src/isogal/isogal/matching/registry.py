@@ -9,7 +9,7 @@ from isogal import plugins
 from isogal.errors import InputError
 from isogal.fields.measured import field_named
 from isogal.matching.interfaces import Matcher
-from isogal.matching.several import Rhythm
+from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.scenario import Scenario, describe
 
@@ -29,7 +29,7 @@ def build_run_matcher(scenario: Scenario) -> Matcher:
     if len(each) == 1:
         return load_matcher(each[0].matcher, channels[0])
     settings = [one.matcher for one in each]
-    return matcher_of_fields(settings, scenario.field_names, Rhythm.of(each).lead)
+    return matcher_of_fields(settings, scenario.field_names, UpdateSchedule.of(each).lead)
 
 
 def matcher_of_fields(

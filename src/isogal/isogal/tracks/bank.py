@@ -21,7 +21,7 @@ from isogal.matching.information import (
     measurement_only,
     positive_part,
 )
-from isogal.matching.interfaces import Batch, Beside, Fix, Information, declined
+from isogal.matching.interfaces import Batch, Fix, Information, SecondaryBatch, declined
 from isogal.matching.pmht.cells import at_cells
 from isogal.matching.pmht.publish import FieldInformation
 from isogal.matching.pmht.rows import parts_of, rows_of, some
@@ -72,7 +72,7 @@ class TrackMatcher:
         """Match one batch; see `interfaces.Matcher`."""
         if reason := unusable(batch):
             return declined(batch, reason), None
-        each = (Beside(0, batch, field_map), *batch.beside)
+        each = (SecondaryBatch(0, batch, field_map), *batch.secondary)
         found = [(one.field, seen) for one in each if (seen := self._seen(one))]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
@@ -85,7 +85,7 @@ class TrackMatcher:
             return declined(batch, "none of the likely places is on the map"), None
         places = shifts.places
         numbers = {"probability": float(places[0]), "places": float(len(places))}
-        given = {0: batch} | {one.field: one.batch for one in batch.beside}
+        given = {0: batch} | {one.field: one.batch for one in batch.secondary}
         for k, field in enumerate(fields):
             prefix = f"{self.names[field]}." if field else ""
             of_field = figures(shifts, k, given[field], left[k])
@@ -98,7 +98,7 @@ class TrackMatcher:
             return declined(batch, reason, **numbers), shifts
         return _fix(batch, prior, shifts, numbers), shifts
 
-    def _seen(self, one: Beside) -> Seen | None:
+    def _seen(self, one: SecondaryBatch) -> Seen | None:
         batch, field_map = one.batch, one.field_map
         around = None
         if isinstance(field_map, FieldMap):

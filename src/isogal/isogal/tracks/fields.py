@@ -9,7 +9,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.channels import AnyMap, ChannelMap, RouteMap
 from isogal.matching.expansion import Channels, with_allowed_tilt
-from isogal.matching.interfaces import Batch, Beside, Matcher
+from isogal.matching.interfaces import Batch, Matcher, SecondaryBatch
 from isogal.matching.pmht.settings import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
@@ -96,9 +96,9 @@ def joint_batch(
     for index, (field, jacobian) in enumerate(zip(fields, jacobians, strict=True)):
         batch = field.batch(jacobian, rows, new, error, covariance)
         near = field.field_map.near(batch.latitude, batch.longitude)
-        each.append(Beside(index, without_map_edge(batch, near) if edge else batch, near))
+        each.append(SecondaryBatch(index, without_map_edge(batch, near) if edge else batch, near))
     batch = each[0].batch
-    return (replace(batch, beside=tuple(each[1:])) if each[1:] else batch), each[0].field_map
+    return (replace(batch, secondary=tuple(each[1:])) if each[1:] else batch), each[0].field_map
 
 
 def matcher_of(fields: Sequence[TrackField]) -> Matcher:

@@ -123,7 +123,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     needed = (topics.IMU, *(one.raw if reduces else one.reduced for one in each))
     needed += aids_of(scenario)
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
-    sensed = any(one.raw is topics.FELT for one in each)
+    sensed = any(one.raw is topics.GRAVIMETRY for one in each)
     return Recorded(
         scenario,
         int(reader.texts.get("run", 0)),

@@ -38,8 +38,8 @@ def accelerations(
     """Return an adapter of gravity as the instrument feels it, and of a reduction of it between
     limits, m/s²: the same type of message."""
     return Adapter(
-        topics.FELT,
-        partial(_write, topics.FELT),
+        topics.GRAVIMETRY,
+        partial(_write, topics.GRAVIMETRY),
         lambda message: _read(message, SMALLEST_GRAVITY, LARGEST_GRAVITY),
         reduced,
         partial(_write, reduced),

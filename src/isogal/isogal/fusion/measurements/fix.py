@@ -66,8 +66,8 @@ def measurements_of(fix: Fix, relative_to: Estimate | None = None) -> list[Measu
     if fix.widening is not None:
         found.append(Widening(fix.widening))
     if fix.published and fix.information is not None:
-        told = fix.information
-        found.append(InformationUpdate(np.array(told.vector), np.array(told.matrix), relative_to))
+        b, A = np.array(fix.information.vector), np.array(fix.information.matrix)
+        found.append(InformationUpdate(b, A, relative_to))
     elif fix.published:
         found.append(PositionFix(fix.latitude, fix.longitude, np.array(fix.covariance)))
     return found

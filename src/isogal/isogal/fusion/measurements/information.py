@@ -86,22 +86,22 @@ def update_information(
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
     which, gate = BATCH[: len(vector)], model.gate(len(vector))
-    error, reduced, values, told = _informed(
+    error, reduced, values, pull = _informed(
         state.covariance, which, np.ascontiguousarray(vector), np.ascontiguousarray(matrix)
     )
     if not np.isfinite(values[0]):
         raise np.linalg.LinAlgError("Matrix is not positive definite")
     if values[0] < LEAST_INFORMATION:
         raise ValueError("information matrix is too negative")
-    size = float(((told / (1.0 + np.maximum(values, LEAST_APPLIED))) ** 2).sum())
+    size = float(((pull / (1.0 + np.maximum(values, LEAST_APPLIED))) ** 2).sum())
     if size > gate:
         return Innovation.of(error[:2], size, gate).far_away()
     state.covariance[:] = reduced
     move(state.nominal, error)
-    up = (values > 0.0) & (told != 0.0)
-    nis = float((told[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
+    up = (values > 0.0) & (pull != 0.0)
+    nis = float((pull[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
     result = Innovation.of(error[which][:2], nis, math.inf)
-    gained = told[up] ** 2 / (1.0 + values[up]) - np.log1p(values[up])
+    gained = pull[up] ** 2 / (1.0 + values[up]) - np.log1p(values[up])
     result.log_likelihood = 0.5 * float(gained.sum())
     return result
 
@@ -128,13 +128,13 @@ def _informed(
     values, turn = eigen(product(product(factor.T, matrix), factor))
     back = inverse_of_lower(factor)
     largest = max(abs(values[0]), abs(values[n - 1]))
-    told, spread = np.zeros(n), np.zeros((size, n))
+    pull, spread = np.zeros(n), np.zeros((size, n))
     error, reduced = np.zeros(size), P.copy()
     for k in range(n):
         if abs(values[k]) > 1e-12 * largest:
             for i in range(n):
                 for j in range(n):
-                    told[k] += turn[j, k] * factor[i, j] * vector[i]
+                    pull[k] += turn[j, k] * factor[i, j] * vector[i]
         for i in range(n):
             along = 0.0
             for j in range(n):
@@ -143,10 +143,10 @@ def _informed(
                 spread[s, k] += P[s, which[i]] * along
         applied = max(values[k], LEAST_APPLIED)
         for s in range(size):
-            error[s] -= spread[s, k] * told[k] / (1.0 + applied)  # x is estimate minus truth
+            error[s] -= spread[s, k] * pull[k] / (1.0 + applied)  # x is estimate minus truth
             for t in range(s + 1):
                 reduced[s, t] -= spread[s, k] * spread[t, k] * applied / (1.0 + applied)
     for s in range(size):
         for t in range(s):
             reduced[t, s] = reduced[s, t]
-    return error, reduced, values, told
+    return error, reduced, values, pull

@@ -22,7 +22,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.maps.channels import AnyMap, channels_of
-from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Beside, Fix, declined
+from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, SecondaryBatch, declined
 from isogal.matching.pmht.cells import SURE
 from isogal.matching.pmht.diverged import decided, pursued
 from isogal.matching.pmht.hypotheses import Hypotheses
@@ -84,7 +84,7 @@ class Pmht:
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
-        each = (Beside(self.lead, batch, field_map), *batch.beside)
+        each = (SecondaryBatch(self.lead, batch, field_map), *batch.secondary)
         whys = (unusable(one.batch) or _unlike(one) for one in each)
         reason = next((why for why in whys if why is not None), None)
         if reason is not None and (memory is None or unusable(_silent(batch)) is not None):
@@ -124,7 +124,7 @@ class Pmht:
         return replace(fix, reset=reset, widened=widened), memory
 
     def _readings(
-        self, each: Sequence[Beside], memory: Memory, prior: Array
+        self, each: Sequence[SecondaryBatch], memory: Memory, prior: Array
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
         wide = math.sqrt(float(np.linalg.eigvalsh(prior[:2, :2])[-1])) > WIDE_M
@@ -152,7 +152,7 @@ def _silent(batch: Batch) -> Batch:
     return replace(batch, reading=np.full(len(batch), np.nan))
 
 
-def _unlike(one: Beside) -> str | None:
+def _unlike(one: SecondaryBatch) -> str | None:
     """Why readings cannot be of a map, in one line; None where they can."""
     channels = 1 if one.batch.channel is None else one.batch.rows_per_scan
     maps = len(channels_of(one.field_map))
@@ -179,7 +179,7 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
 
 
 def _observed(
-    each: Sequence[Beside], rows: Sequence[Rows | None], memory: Memory, prior: Array
+    each: Sequence[SecondaryBatch], rows: Sequence[Rows | None], memory: Memory, prior: Array
 ) -> tuple[Memory, FieldInformation, float] | None:
     """Return the memory after new readings, what they say, and the log evidence of the first
     field's; None where none of its hypotheses is on the map.

@@ -18,7 +18,7 @@ from isogal.matching.information import (
     measurement_only,
     shares,
 )
-from isogal.matching.interfaces import Beside, Candidates, Fix, Information, declined
+from isogal.matching.interfaces import Candidates, Fix, Information, SecondaryBatch, declined
 from isogal.matching.pmht.diverged import probability
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
@@ -71,7 +71,7 @@ def _sum(parts: Sequence[Information]) -> Information:
 
 
 def published(
-    each: Sequence[Beside],
+    each: Sequence[SecondaryBatch],
     memory: Memory,
     prior: Array,
     shared: FieldInformation,
@@ -82,7 +82,7 @@ def published(
 
     Parameters
     ----------
-    each : sequence of Beside
+    each : sequence of SecondaryBatch
         The batch of the first field, and those of others.
     prior : (7, 7) array
         Covariance of the navigator, widened where it has diverged.
@@ -117,7 +117,7 @@ def published(
     return fix, memory.after(mean, covariance)
 
 
-def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float] | None:
+def _gravity_error(each: Sequence[SecondaryBatch], memory: Memory) -> tuple[float, float] | None:
     """Return sigma (m/s²) and correlation length (m) of the gravity map's error, as readings have
     shown them; None where it is specified that there is none."""
     for one in each:
@@ -128,7 +128,7 @@ def _gravity_error(each: Sequence[Beside], memory: Memory) -> tuple[float, float
     return None
 
 
-def _candidates(one: Beside, bank: Hypotheses) -> Candidates:
+def _candidates(one: SecondaryBatch, bank: Hypotheses) -> Candidates:
     """Return where the likeliest hypotheses have each scan of the batch."""
     each, _ = first_channel(one.batch, one.field_map)
     best = np.argsort(-bank.log_weight)[:SHOWN]
@@ -145,7 +145,7 @@ def _candidates(one: Beside, bank: Hypotheses) -> Candidates:
 
 
 def _of_each_scan(
-    fix: Fix, one: Beside, information: Information, prior: Array, mean: Array
+    fix: Fix, one: SecondaryBatch, information: Information, prior: Array, mean: Array
 ) -> Fix:
     """Return the fix with what it says at each scan, for retrodiction."""
     batch = one.batch
@@ -170,7 +170,9 @@ def _of_each_scan(
     )
 
 
-def _figures(each: Sequence[Beside], memory: Memory, names: Sequence[str]) -> dict[str, float]:
+def _figures(
+    each: Sequence[SecondaryBatch], memory: Memory, names: Sequence[str]
+) -> dict[str, float]:
     """Return what the diagnostics say: of the first field, and of others with their names."""
     figures: dict[str, float] = {}
     for one in each:

@@ -9,23 +9,23 @@ from rclpy.serialization import deserialize_message
 from isogal_ros import topics
 from isogal_ros.faults.trials import Feed, track_of
 from isogal_ros.nodes.health import OK
-from ukf_fusion_node.doubt import Doubt
+from ukf_fusion_node.unresolved_gap import UnresolvedGap
 
 GAP = 60.0
 """s."""
 
 
 def test_it_lasts_until_fixes_have_agreed_for_a_time() -> None:
-    doubt = Doubt(100)
-    doubt.renew(5)
-    assert doubt.text(6, False) is None  # there was no gap
-    doubt.begin(10)
-    assert doubt.text(110, False)
-    doubt.renew(60)
-    assert doubt.text(160, False)
-    assert doubt.text(161, True)  # the filter is not sure itself
-    assert doubt.text(161, False) is None
-    assert doubt.text(50, False) is None
+    unresolved = UnresolvedGap(100)
+    unresolved.renew(5)
+    assert unresolved.text(6, False) is None  # there was no gap
+    unresolved.begin(10)
+    assert unresolved.text(110, False)
+    unresolved.renew(60)
+    assert unresolved.text(160, False)
+    assert unresolved.text(161, True)  # the filter is not sure itself
+    assert unresolved.text(161, False) is None
+    assert unresolved.text(50, False) is None
 
 
 def elbow(degrees: float) -> str:

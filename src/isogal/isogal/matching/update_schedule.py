@@ -11,7 +11,7 @@ from isogal.scenario import Assumed
 
 
 @dataclass(frozen=True, slots=True)
-class Rhythm:
+class UpdateSchedule:
     """When batches end."""
 
     lead: int
@@ -20,7 +20,7 @@ class Rhythm:
     """Of each field the time between its fixes if it were alone, s."""
 
     @classmethod
-    def of(cls, scenarios: Sequence[Assumed]) -> "Rhythm":
+    def of(cls, scenarios: Sequence[Assumed]) -> "UpdateSchedule":
         """Return that of fields, each with its scenario (`Scenario.each_field`)."""
         times = tuple(
             one.matcher.scans_between_fixes * one.gravimeter.interval for one in scenarios

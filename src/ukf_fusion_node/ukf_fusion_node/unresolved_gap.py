@@ -7,7 +7,7 @@ few fixes as well as another: the first that contradict it may come after minute
 TEXT = "samples were missing for long: whether there was a sharp manoeuvre is for fixes to say"
 
 
-class Doubt:
+class UnresolvedGap:
     """Lasts until fixes have agreed with the navigator for a time.
 
     Parameters
@@ -30,7 +30,7 @@ class Doubt:
             self._since = ns
 
     def text(self, ns: int, undecided: bool) -> str | None:
-        """Say it, at a stamp; None = there is no doubt any more.
+        """Say it, at a stamp; None = there is nothing unresolved any more.
 
         Parameters
         ----------
