@@ -120,8 +120,9 @@ class PmhtMmNode(GraphNode):
         latitude, longitude, height = nav.position
         north, east, _ = nav.velocity
         at = State(latitude, longitude, height, north, east, nav.attitude)
+        reduction = self._reductions[field].dated(to_seconds(nav.ns))
         by_navigator = reduction_variance(
-            self._reductions[field], at, nav.covariance[:4, :4], nav.height_variance
+            reduction, at, nav.covariance[:4, :4], nav.height_variance
         )
         own = variance - float(by_navigator)
         return own if own > 0.0 else float(variance)
