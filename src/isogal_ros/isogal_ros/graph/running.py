@@ -61,6 +61,8 @@ class Progress:
     """m; NaN = not known."""
 
 
+LOOK_EVERY = 0.05
+"""s of wall time between looks at the nodes and the progress: a step has some twenty messages."""
 Report = Callable[[Progress], None]
 """Takes the progress, again and again."""
 
@@ -97,8 +99,12 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report)
                 nodes[name] = node_class(name)(name, values=plan.values(name), context=context)
                 executor.add_node(nodes[name])
             simulator, begun = nodes[topics.INS_SIM], time.monotonic()
+            looked = begun
             while not (interrupt or simulator.finished):
                 executor.spin_once(timeout_sec=0.2)
+                if (now := time.monotonic()) < looked + LOOK_EVERY:
+                    continue
+                looked = now
                 _require_well(nodes)
                 if (progress := progress_of(simulator.health.figures)) is not None:
                     report(progress)
