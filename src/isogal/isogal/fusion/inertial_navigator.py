@@ -230,7 +230,7 @@ class InertialNavigator:
             if reason is not None:
                 return [Innovation.refused(reason)] * len(measurements)
         marked = [(self._segment_at(time), one) for time, one in measurements]
-        first = min(self._segments.index(segment) for segment, _ in marked)
+        first = min(self._index(time) for time, _ in measurements)
         before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
