@@ -229,8 +229,13 @@ class InertialNavigator:
             reason = self._impossible(time)
             if reason is not None:
                 return [Innovation.refused(reason)] * len(measurements)
-        marked = [(self._segment_at(time), one) for time, one in measurements]
-        first = min(self._index(time) for time, _ in measurements)
+        for time, _ in measurements:
+            self._segment_at(time)
+        indices = [self._index(time) for time, _ in measurements]
+        marked = [
+            (self._segments[k], one) for k, (_, one) in zip(indices, measurements, strict=True)
+        ]
+        first = min(indices)
         before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
@@ -249,16 +254,16 @@ class InertialNavigator:
     ) -> list[Innovation]:
         """Apply measurements to their segments, the earliest of which is given, and replay what
         comes after."""
-        results: list[Innovation] = []
+        results: dict[int, Innovation] = {}
         for index in range(first, len(self._segments)):
             segment = self._segments[index]
             if index > first:
                 self._redo(index)
-            for place, one in marked:
+            for k, (place, one) in enumerate(marked):
                 if place is segment:
-                    results.append(segment.after.update(one, self.model))
+                    results[k] = segment.after.update(one, self.model)
                     segment.measurements.append(one)
-        return results
+        return [results[k] for k in range(len(marked))]
 
     def back(self, samples: int) -> None:
         """Forget the newest samples, which came one by one: they were not true. Up to one at which
