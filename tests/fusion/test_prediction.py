@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from helpers.navigators import error_between, fly
-from isogal.fusion.measurements import PositionFix
+from helpers.navigators import error_between, fly, identical
+from isogal.fusion.measurements import HeightReading, PositionFix
 from isogal.fusion.prediction import FilterDivergenceError, propagate
 from isogal.fusion.state import FilterState
-from isogal.scenario import Imu, Route, Scenario
+from isogal.scenario import Height, Imu, Route, Scenario, Velocity
 from isogal.seeds import generator
 
 
@@ -77,3 +77,27 @@ def test_a_known_height_passes_whatever_it_is():
     force, rate, _ = flight.samples(0, 1)
     propagate(flight.start, flight.model, force, rate, np.array([10e3]))
     assert flight.start.position[2] > 1e3
+
+
+BAROMETER = Height(source="barometer", bias=6.0, scale=0.02, weather_sigma=4.0)
+LOG = Velocity(kind="dvl", current_sigma=0.3)
+
+
+@pytest.mark.parametrize("filter_", ["compiled", "reference"])
+def test_heights_with_the_inertial_data_equal_readings_of_their_own(filter_):
+    """Propagation with a reading at its end against propagation without, then the reading."""
+    flight = fly(height=BAROMETER, velocity=LOG, fusion={"filter": filter_})
+    force, rate, _ = flight.samples(0, 3)
+    inside, after = flight.start.copy(), flight.start.copy()
+    propagate(inside, flight.model, force, rate, np.array([np.nan, np.nan, 107.0]))
+    propagate(after, flight.model, force, rate, np.full(3, np.nan))
+    HeightReading(107.0, BAROMETER.sigma**2).update(after, flight.model)
+    sigma = np.sqrt(np.diag(after.covariance))
+    np.testing.assert_allclose(error_between(inside, after) / sigma, 0.0, atol=1e-6)
+    unlike = (inside.covariance - after.covariance) / sigma / sigma[:, None]
+    np.testing.assert_allclose(unlike, 0.0, atol=1e-7)
+    # beyond the gate, once the height is known
+    wrong, without = inside.copy(), inside.copy()
+    propagate(wrong, flight.model, force[:1], rate[:1], np.array([10e3]))
+    propagate(without, flight.model, force[:1], rate[:1], np.array([np.nan]))
+    assert identical(wrong, without)

@@ -111,7 +111,7 @@ class Navigator:
         specific_force, angular_rate : (S, 3) or (3,) arrays
             Means over each interval, body axes, m/s² and rad/s.
         height : (S,) array or float
-            Known height, m; NaN = not known.
+            Known or measured height, m; NaN = none.
         missing : float
             How much of the time before the first sample it does not cover, s.
         """

@@ -4,7 +4,11 @@ import math
 
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion import gravity_states, imu_states
-from isogal.fusion.measurements.height import UNKNOWN_HEIGHT, height_error_states
+from isogal.fusion.measurements.height import (
+    UNKNOWN_HEIGHT,
+    height_contents,
+    height_error_states,
+)
 from isogal.fusion.measurements.velocity import velocity_error_states
 from isogal.fusion.model import FilterModel
 from isogal.scenario import Assumed
@@ -43,18 +47,21 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
     tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
     up = UNKNOWN_HEIGHT if height.measured else KNOWN_HEIGHT
     sigma = (position, position, up, velocity, velocity, 0.01, tilt, tilt, heading)
+    auxiliary = (
+        *gravity_states.states(gravity),
+        *imu_states.states(scenario),
+        *height_error_states(height),
+        *velocity_error_states(scenario.velocity),
+    )
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),
         initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
         dt=1.0 / scenario.navigation_rate,
         filter=scenario.fusion.filter,
-        height_sigma=0.0 if height.measured else KNOWN_HEIGHT,
-        auxiliary=(
-            *gravity_states.states(gravity),
-            *imu_states.states(scenario),
-            *height_error_states(height),
-            *velocity_error_states(scenario.velocity),
-        ),
+        height_sigma=height.sigma if height.measured else KNOWN_HEIGHT,
+        height_measured=height.measured,
+        height_contents=height_contents(auxiliary) if height.measured else (),
+        auxiliary=auxiliary,
         gravity=gravity,
         preintegrated=scenario.samples_per_step > 1,
         false_rejection=scenario.fusion.false_rejection,

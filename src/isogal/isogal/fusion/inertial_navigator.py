@@ -178,7 +178,7 @@ class InertialNavigator:
         specific_force, angular_rate : (S, 3) or (3,) arrays
             Means over each interval, body axes, m/s², rad/s.
         height : (S,) array or float
-            Known height at the end of each, m; NaN = not known.
+            Known or measured height at the end of each, m; NaN = none.
         missing : float
             How much of the time before the first sample it does not cover, s; the covariance grows
             by what may have happened meanwhile (`isogal.fusion.outage`).

@@ -1,10 +1,12 @@
 """What the filter assumes about sensors and aids."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
 from isogal.fusion.gate import quantile
@@ -26,7 +28,12 @@ class FilterModel:
     dt: float
     """IMU interval, s."""
     height_sigma: float = 0.1
-    """1-sigma of the known height, m; 0 = it is not known."""
+    """1-sigma of a height that comes with the inertial data, known or measured, m; 0 = none."""
+    height_measured: bool = False
+    """Whether such a height is a sensor's; one that is known passes no gate."""
+    height_contents: tuple[tuple[float, float], ...] = ()
+    """What a measured height contains of each auxiliary state: a constant, and a share of the
+    height, 1/m; () = nothing."""
     alpha: float = 1.0
     beta: float = 2.0
     kappa: float = 0.0
@@ -53,6 +60,8 @@ class FilterModel:
             self.dt,
             np.array(self.noise),
             self.height_sigma,
+            *self.height_errors.T.copy(),
+            gates[0] if self.height_measured else math.inf,
             merwe_weights(*scaling, self.states),
             scaling,
             auxiliary_of(self.auxiliary),
@@ -61,6 +70,11 @@ class FilterModel:
         )
         object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)
+
+    @property
+    def height_errors(self) -> Array:
+        """(M, 2) what a measured height contains of the auxiliary states."""
+        return np.array(self.height_contents or [(0.0, 0.0)] * len(self.auxiliary)).reshape(-1, 2)
 
     def gate(self, dimensions: int) -> float:
         """Return the largest normalised innovation squared of so many dimensions that is used."""

@@ -43,7 +43,7 @@ def propagate(
     specific_force, angular_rate : (S, 3) arrays
         Means over each interval, body axes, m/s² and rad/s.
     height : (S,) array
-        Known height after each interval, m, NaN = none.
+        Known or measured height after each interval, m, NaN = none.
     dt : float, optional
         The interval, s; default: the model's.
 

@@ -29,7 +29,7 @@ def advance(
     assumptions: Assumptions,
     track: Array,
 ) -> int:
-    """Run prediction and the known-height update over S intervals, in place; return the steps done
+    """Run prediction and the height update over S intervals, in place; return the steps done
     before a failure, as `ukf.advance` does.
 
     Parameters
@@ -53,8 +53,7 @@ def advance(
         try:
             end = _predict(unscented, state, force[k], rate[k], assumptions)
             if assumptions.height_sigma > 0.0 and not np.isnan(known):
-                up = float(end.position[2])
-                unscented.update([known], hx=lambda error, up=up: [up - error[2]])
+                _take_height(unscented, float(known), end, assumptions)
         except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
             done = k
             break
@@ -64,6 +63,21 @@ def advance(
         track[k] = np.concatenate([*end[:3], unscented.P[:2, :2].ravel()[[0, 1, 3]]])
     covariance[:] = 0.5 * (unscented.P + unscented.P.T)
     return done
+
+
+def _take_height(
+    unscented: UnscentedKalmanFilter, height: float, state: Nominal, assumptions: Assumptions
+) -> None:
+    """Update with a height (m), unless it is beyond the gate."""
+    up, x, P = float(state.position[2]), unscented.x.copy(), unscented.P.copy()
+    contents = assumptions.height_offset + assumptions.height_share * up
+
+    def expected(error: Array) -> list[float]:
+        return [up - error[2] + float(contents @ (state.auxiliary + error[FILTER_STATES:]))]
+
+    unscented.update([height], hx=expected)
+    if float(unscented.y @ unscented.SI @ unscented.y) > assumptions.height_gate:
+        unscented.x, unscented.P = x, P
 
 
 def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:

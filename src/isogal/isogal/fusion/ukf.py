@@ -51,7 +51,13 @@ class Assumptions(NamedTuple):
     """(6,) white noise densities of accelerometers and gyroscopes, m/s²/sqrt(Hz),
     rad/s/sqrt(Hz)."""
     height_sigma: float
-    """m, 1-sigma of the known height; 0 = it is not known."""
+    """m, 1-sigma of a height that comes with the inertial data, known or measured; 0 = none."""
+    height_offset: Array
+    """(M,) what such a height contains of each auxiliary state."""
+    height_share: Array
+    """(M,) what it contains of each beside that, per m of the height."""
+    height_gate: float
+    """The largest normalised innovation squared of a height that is used."""
     weights: Weights
     scaling: tuple[float, float, float]
     """alpha, beta, kappa of the scaled transform, which the weights follow from."""
@@ -85,16 +91,28 @@ def update_height(
     nominal: Nominal,
     covariance: Array,
     height: float,
-    sigma: float,
+    assumptions: Assumptions,
     gain: Array,
     error: Array,
 ) -> None:
-    """Update a state with a known height (m), in place; `gain` (W,) and `error` (W,) are work
-    space."""
-    innovation = nominal.position[2] - height  # measured minus predicted, positive down
+    """Update a state with a height (m), in place, unless it is beyond the gate; `gain` (W,) and
+    `error` (W,) are work space. See `isogal.fusion.measurements.height` for what it contains."""
+    up, sigma = nominal.position[2], assumptions.height_sigma
+    innovation = up - height  # measured minus predicted, positive down
     for i in range(columns(n)):
         gain[i] = covariance[2, i]
-    inverse = 1.0 / (gain[2] + sigma * sigma)
+    for j in range(n - N):
+        contents = assumptions.height_offset[j] + assumptions.height_share[j] * up
+        innovation += contents * nominal.auxiliary[j]
+        for i in range(columns(n)):
+            gain[i] -= contents * covariance[N + j, i]
+    variance = gain[2]
+    for j in range(n - N):
+        contents = assumptions.height_offset[j] + assumptions.height_share[j] * up
+        variance -= contents * gain[N + j]
+    inverse = 1.0 / (variance + sigma * sigma)
+    if innovation * innovation * inverse > assumptions.height_gate:
+        return
     for i in range(columns(n)):
         error[i] = gain[i] * (innovation * inverse)
     for a in range(n):
@@ -123,7 +141,7 @@ def advance(
     assumptions: Assumptions,
     track: Array,
 ) -> int:
-    """Run prediction and the known-height update over S intervals, in place; return the steps done
+    """Run prediction and the height update over S intervals, in place; return the steps done
     before the covariance was no longer positive definite, S where it is.
 
     `force`, `rate` (S, 3) are the means over each interval in body axes, `height` (S,) m the known
@@ -131,7 +149,8 @@ def advance(
     `track` (S, 13) receives position, velocity and attitude after each interval, and the
     covariance of the position: north, north-east, east."""
     steps = force.shape[0]
-    dt, noise, height_sigma, weights, _, every, compensation, coning = assumptions
+    dt, noise, weights = assumptions.dt, assumptions.noise, assumptions.weights
+    compensation, coning = assumptions.compensation, assumptions.coning
     n = covariance.shape[0]
     width = columns(n)
     P = np.zeros((n, width))
@@ -144,7 +163,7 @@ def advance(
     mean = np.zeros(width)
     gain = np.zeros(width)
     total = np.zeros(9)
-    auxiliary = of_gravity(every, residual_gravity)
+    auxiliary = of_gravity(assumptions.auxiliary, residual_gravity)
     x, v, q = nominal.position, nominal.velocity, nominal.attitude
     for i in range(n):  # a slice would take seconds to compile
         for j in range(n):
@@ -183,8 +202,8 @@ def advance(
             q[i] = ends[6 + i, CENTRE]
         add_noise(q, noise, dt, P)
         move(nominal, mean)
-        if height_sigma > 0.0 and not math.isnan(height[k]):
-            update_height(n, nominal, P, height[k], height_sigma, gain, mean)
+        if assumptions.height_sigma > 0.0 and not math.isnan(height[k]):
+            update_height(n, nominal, P, height[k], assumptions, gain, mean)
         for i in range(3):
             track[k, i], track[k, 3 + i] = x[i], v[i]
         for i in range(4):

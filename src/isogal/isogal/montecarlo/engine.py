@@ -15,7 +15,7 @@ from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator, compensated
-from isogal.fusion.measurements import HeightReading, Measurement, VelocityReading
+from isogal.fusion.measurements import Measurement, VelocityReading
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import propagate as propagate_ins
@@ -163,11 +163,10 @@ class Simulation:
             _readings(one, trajectory, its_map, runs)
             for one, its_map in zip(self._fields, self._maps, strict=True)
         ]
-        self._height: Array = trajectory.height[1:]
-        self._heights = self._velocities = None
+        self._heights = np.broadcast_to(trajectory.height[1:], (len(runs), len(trajectory)))
         if truth.height.measured:
-            self._height = np.full(len(trajectory), np.nan)
             self._heights = simulate_heights(truth, trajectory, runs)
+        self._velocities: Array | None = None
         if truth.velocity.kind != "none":
             self._velocities = simulate_velocities(truth, trajectory, runs)
 
@@ -194,18 +193,13 @@ class Simulation:
         )
 
     def measurements(self, run: int) -> dict[int, list[Measurement]]:
-        """Return the readings of aids, by the number of IMU intervals before each."""
-        found: dict[int, list[Measurement]] = {}
-        if self._heights is not None:
-            variance = self.scenario.height.sigma**2
-            for k in np.flatnonzero(np.isfinite(self._heights[run])).tolist():
-                found[k + 1] = [HeightReading(float(self._heights[run, k]), variance)]
-        if self._velocities is not None:
-            for k, velocity in enumerate(self._velocities[run], 1):
-                reading = VelocityReading.of(self.scenario.velocity, velocity)
-                if reading is not None:
-                    found.setdefault(k, []).append(reading)
-        return found
+        """Return the readings of aids, by the number of IMU intervals before each; those of the
+        height come with the inertial data."""
+        if self._velocities is None:
+            return {}
+        settings = self.scenario.velocity
+        made = [VelocityReading.of(settings, velocity) for velocity in self._velocities[run]]
+        return {k: [reading] for k, reading in enumerate(made, 1) if reading is not None}
 
     def advance(
         self,
@@ -225,10 +219,10 @@ class Simulation:
                 navigator.measure(navigator.time, *aids[end])
 
     def samples(self, run: int, first: int, last: int) -> tuple[Array, Array, Array]:
-        """Return specific force (S, 3), angular rate (S, 3) and known height (S,) of some IMU
-        intervals."""
+        """Return specific force (S, 3), angular rate (S, 3) and height (S,), known or measured, of
+        some IMU intervals."""
         part, imu = slice(first, last), self._imu
-        return imu.specific_force[run, part], imu.angular_rate[run, part], self._height[part]
+        return imu.specific_force[run, part], imu.angular_rate[run, part], self._heights[run, part]
 
     def sensed(self, field: int, run: int, scans: Integers) -> Array:
         """Return (K,) or (K, C) what the instrument of a field senses at scans of its own, counted

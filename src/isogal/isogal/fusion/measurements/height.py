@@ -3,8 +3,12 @@
     z = h (1 + s) + b + w + v
 
 with the height h (m), a scale factor s, a constant offset b, what the weather adds, w, and white
-noise v."""
+noise v.
 
+Readings that come with the inertial data (`InertialNavigator.imu`) are used by the compiled filter
+in the same way."""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,12 +40,16 @@ def height_error_states(height: Height) -> tuple[AuxiliaryState, ...]:
     return tuple(state for state in every if state.sigma > 0.0)
 
 
+def height_contents(auxiliary: Sequence[AuxiliaryState]) -> tuple[tuple[float, float], ...]:
+    """Return what a reading contains of each auxiliary state (`FilterModel.height_contents`)."""
+    factor = {_BIAS: (1.0, 0.0), _WEATHER: (1.0, 0.0), _SCALE: (0.0, 1.0)}
+    return tuple(factor.get(one.name, (0.0, 0.0)) for one in auxiliary)
+
+
 def by_auxiliary(model: FilterModel, height: ArrayLike) -> Array:
     """Return (..., M) by how much a reading at heights (...), m, changes with each auxiliary
     state."""
-    factor = {_BIAS: (1.0, 0.0), _WEATHER: (1.0, 0.0), _SCALE: (0.0, 1.0)}
-    every = [factor.get(one.name, (0.0, 0.0)) for one in model.auxiliary]
-    constant, share = np.array(every).reshape(-1, 2).T
+    constant, share = model.height_errors.T
     return np.asarray(constant + share * np.asarray(height)[..., None])
 
 
