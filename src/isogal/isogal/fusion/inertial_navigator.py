@@ -89,7 +89,7 @@ class _Segment:
         return parts
 
 
-def _row(state: FilterState) -> Array:
+def track_row(state: FilterState) -> Array:
     """Return (13,) the track's row of a state."""
     of_position = state.covariance[:2, :2].ravel()[[0, 1, 3]]
     return np.concatenate([*state.estimate, of_position])
@@ -135,7 +135,7 @@ class InertialNavigator:
                 state.position[2:].copy(),
                 model.dt,
                 Mixture.of(state.copy()),
-                _row(state)[None],
+                track_row(state)[None],
             )
         ]
 
@@ -293,11 +293,14 @@ class InertialNavigator:
     def track(self, time: Array) -> Array:
         """Return (K, 13) the track (`isogal.fusion.prediction.TRACK_COLUMNS`) at times (K,), s,
         that the history covers; between samples by dead reckoning from the one before."""
-        used = self._segments[max(0, self._index(float(time[0])) - 1) :]
+        first = min(self._index(float(time[0])), len(self._segments) - 1)
+        if first > 0 and time[0] < self._segments[first].time[0] - AT_ONCE:
+            first -= 1  # it is between the two
+        used = self._segments[first:]
         stamps = np.concatenate([segment.time for segment in used])
         rows = np.concatenate([segment.track for segment in used])
         ends = np.cumsum([len(segment.time) for segment in used]) - 1
-        rows[ends] = [_row(segment.after.merged) for segment in used]
+        rows[ends] = [track_row(segment.after.merged) for segment in used]
         index = np.searchsorted(stamps, np.asarray(time) + AT_ONCE, side="right") - 1
         found = rows[index]
         for row, ahead in zip(found, np.asarray(time) - stamps[index], strict=True):

@@ -15,6 +15,7 @@ from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator, compensated
+from isogal.fusion.inertial_navigator import track_row
 from isogal.fusion.measurements import Measurement, VelocityReading
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
@@ -113,7 +114,7 @@ def simulate(
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
     simulation = Simulation(scenario, runs, trajectory, field_map)
-    ends = simulation.batch_ends()
+    ends = simulation.ends
     recorder = Recorder(trajectory, simulation.index, ends, len(runs))
     elapsed = trajectory.time[-1] - trajectory.time[0]
     stops = [0, *ends.tolist()]
@@ -129,10 +130,10 @@ def simulate(
             applied = navigator.fix()
             if applied is not None:
                 recorder.write_fix(run, batch, applied)
-                after = simulation.track(navigator, before, scan)
-                recorder.write_track(run, scan, after[-1:])
+                recorder.write_track(run, scan, track_row(navigator.state)[None])
                 if revised is not None and applied.innovations:
-                    revised(run, np.arange(before + 1, scan + 1), after)
+                    scans = np.arange(before + 1, scan + 1)
+                    revised(run, scans, simulation.track(navigator, before, scan))
             if progress is not None:
                 share = (run + scan / simulation.scans) / len(runs)
                 progress(float(trajectory.time[0] + share * elapsed))
@@ -159,6 +160,8 @@ class Simulation:
         self._fields, self._maps = scenario.each_field, each_map(field_map)
         self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]
         """Scans of the record from one of each field to the next."""
+        self.ends = self._batch_ends()
+        """The scans at which a batch ends."""
         self._readings = [
             _readings(one, trajectory, its_map, runs)
             for one, its_map in zip(self._fields, self._maps, strict=True)
@@ -170,7 +173,7 @@ class Simulation:
         if truth.velocity.kind != "none":
             self._velocities = simulate_velocities(truth, trajectory, runs)
 
-    def batch_ends(self) -> Integers:
+    def _batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
         lead = UpdateSchedule.of(self._fields).lead
         every, settings = self._every[lead], self._fields[lead].matcher
@@ -189,7 +192,7 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=float(np.diff(self._time([0, *self.batch_ends(), self.scans])).max()),
+            horizon=float(np.diff(self._time([0, *self.ends, self.scans])).max()),
         )
 
     def measurements(self, run: int) -> dict[int, list[Measurement]]:
