@@ -56,11 +56,13 @@ class FilterModel:
     def __post_init__(self) -> None:
         scaling = self.alpha, self.beta, self.kappa
         gates = tuple(quantile(self.false_rejection, 1 + k) for k in range(len(BATCH)))
+        offset, share = self.height_errors.T
         assumptions = Assumptions(
             self.dt,
             np.array(self.noise),
             self.height_sigma,
-            *self.height_errors.T.copy(),
+            offset.copy(),
+            share.copy(),
             gates[0] if self.height_measured else math.inf,
             merwe_weights(*scaling, self.states),
             scaling,
