@@ -29,11 +29,6 @@ class FilterModel:
     """IMU interval, s."""
     height_sigma: float = 0.1
     """1-sigma of a height that comes with the inertial data, known or measured, m; 0 = none."""
-    height_measured: bool = False
-    """Whether such a height is a sensor's; one that is known passes no gate."""
-    height_contents: tuple[tuple[float, float], ...] = ()
-    """What a measured height contains of each auxiliary state: a constant, and a share of the
-    height, 1/m; () = nothing."""
     alpha: float = 1.0
     beta: float = 2.0
     kappa: float = 0.0
@@ -48,6 +43,11 @@ class FilterModel:
     false_rejection: float = 1e-9
     """How probable it is that the innovation gate does not use a measurement that is as good as it
     says; 0 = no gate."""
+    height_measured: bool = False
+    """Whether such a height is a sensor's; one that is known passes no gate."""
+    height_contents: tuple[tuple[float, float], ...] = ()
+    """What a measured height contains of each auxiliary state: a constant, and a share of the
+    height, 1/m; () = nothing."""
     gates: tuple[float, ...] = field(init=False, repr=False, compare=False)
     """The largest normalised innovation squared of 1, 2, ... 7 dimensions that is used."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
