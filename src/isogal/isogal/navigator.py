@@ -115,9 +115,9 @@ class Navigator:
         missing : float
             How much of the time before the first sample it does not cover, s.
         """
-        before = self.time, self.state.batch_prior
+        before = (self.time, self.state.batch_prior) if missing > HELD else None
         track = self.inertial.imu(time, specific_force, angular_rate, height, missing)
-        if missing > HELD:
+        if before is not None:
             self.matching.batches.bridge(*before, self.time, self.state.batch_prior)
         return track
 

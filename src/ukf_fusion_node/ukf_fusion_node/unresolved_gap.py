@@ -1,7 +1,7 @@
 """What is not known after a long gap in the IMU's samples.
 
 The filter goes on as if the vehicle had made no manoeuvre in it, or one of the size that it was
-told to expect (`isogal.fusion.outage`). A sharper turn is neither, and one heading error suits a
+set to expect (`isogal.fusion.outage`). A sharper turn is neither, and one heading error suits a
 few fixes as well as another: the first that contradict it may come after minutes."""
 
 TEXT = "samples were missing for long: whether there was a sharp manoeuvre is for fixes to say"

@@ -15,12 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.measurements import InformationUpdate, Innovation, Measurement, Outcome
 from isogal.fusion.model import FilterModel
-from isogal.fusion.nominal import move
+from isogal.fusion.nominal import error_between, move
 from isogal.fusion.state import FilterState
-from isogal.inertial.rotations import multiply, to_rotation_vector
 
 DROPPED = 1e-3
 """Probability below which a state is dropped."""
@@ -58,7 +56,7 @@ class Mixture:
             return self.states[0]
         weights = np.exp(self.log_weights - np.logaddexp.reduce(self.log_weights))
         one = self.states[0].copy()
-        apart = np.array([_error_between(state, one) for state in self.states])
+        apart = np.array([error_between(state.nominal, one.nominal) for state in self.states])
         mean = weights @ apart
         away = apart - mean
         about = [
@@ -116,21 +114,3 @@ class Mixture:
         kept = np.flatnonzero(self.log_weights > math.log(DROPPED))
         self.states, self.log_weights = [self.states[k] for k in kept], self.log_weights[kept]
         return answer
-
-
-def _error_between(state: FilterState, origin: FilterState) -> Array:
-    """Return the error state (15 + M,) that moves one state to another."""
-    latitude, _, height = origin.position
-    metres = np.array([*metres_per_radian(latitude, height), -1.0])
-    w, x, y, z = origin.attitude
-    turn = to_rotation_vector(*multiply(*state.attitude, w, -x, -y, -z))
-    return np.concatenate(
-        [
-            (state.position - origin.position) * metres,
-            state.velocity - origin.velocity,
-            turn,
-            state.accelerometer_bias - origin.accelerometer_bias,
-            state.gyroscope_bias - origin.gyroscope_bias,
-            state.auxiliary - origin.auxiliary,
-        ]
-    )

@@ -3,10 +3,17 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.earth.ellipsoid import curvature
-from isogal.inertial.rotations import INLINE, from_rotation_vector, multiply
+from isogal.earth.ellipsoid import curvature, metres_per_radian
+from isogal.inertial.rotations import (
+    INLINE,
+    from_rotation_vector,
+    multiply,
+    to_rotation_vector,
+)
 
 
 class Nominal(NamedTuple):
@@ -45,3 +52,21 @@ def move(nominal: Nominal, error: Array) -> None:
         nominal.gyroscope_bias[i] += error[12 + i]
     for j in range(len(nominal.auxiliary)):
         nominal.auxiliary[j] += error[15 + j]
+
+
+def error_between(state: Nominal, origin: Nominal) -> Array:
+    """Return the error state (15 + M,) that moves one state to another, the inverse of `move`."""
+    latitude, _, height = origin.position
+    metres = np.array([*metres_per_radian(latitude, height), -1.0])
+    w, x, y, z = origin.attitude
+    turn = to_rotation_vector(*multiply(*state.attitude, w, -x, -y, -z))
+    return np.concatenate(
+        [
+            (state.position - origin.position) * metres,
+            state.velocity - origin.velocity,
+            turn,
+            state.accelerometer_bias - origin.accelerometer_bias,
+            state.gyroscope_bias - origin.gyroscope_bias,
+            state.auxiliary - origin.auxiliary,
+        ]
+    )

@@ -9,13 +9,12 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.auxiliary import Auxiliary, add_input, of_gravity
-from isogal.fusion.nominal import Nominal, move
+from isogal.fusion.nominal import Nominal, error_between, move
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.gravity import horizontal_gravity
-from isogal.inertial.rotations import matrix, multiply, to_rotation_vector
+from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import step
 
 
@@ -111,7 +110,7 @@ def _predict(
     def process(error: Array, dt: float) -> Array:
         moved = Nominal(*(array.copy() for array in state))
         move(moved, error)
-        return _difference(after(moved, error), centre)
+        return error_between(after(moved, error), centre)
 
     axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
     unscented.x = np.zeros(len(unscented.P))
@@ -151,20 +150,3 @@ def _after(
     position, velocity, attitude = (np.array(part) for part in after)
     biases = state.accelerometer_bias.copy(), state.gyroscope_bias.copy()
     return Nominal(position, velocity, attitude, *biases, correlation * state.auxiliary)
-
-
-def _difference(state: Nominal, centre: Nominal) -> Array:
-    """Return the error state (15 + M,) that leads from one state to another."""
-    north, east = metres_per_radian(centre.position[0], centre.position[2])
-    w, x, y, z = centre.attitude.tolist()
-    turn = to_rotation_vector(*multiply(*state.attitude.tolist(), w, -x, -y, -z))
-    return np.concatenate(
-        [
-            (state.position - centre.position) * [north, east, -1.0],
-            state.velocity - centre.velocity,
-            turn,
-            state.accelerometer_bias - centre.accelerometer_bias,
-            state.gyroscope_bias - centre.gyroscope_bias,
-            state.auxiliary - centre.auxiliary,
-        ]
-    )
