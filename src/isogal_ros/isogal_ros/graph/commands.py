@@ -14,6 +14,7 @@ from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
 from isogal.evaluation.results import Summary
 from isogal.evaluation.run_report import key_figures, run_report
+from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
 from isogal.maps.several import RunMap, first_map
@@ -59,6 +60,7 @@ class Manner:
     """Of the page; 0 = any that is free."""
 
 
+@shared_maps()
 def run_command(
     scenario: Scenario, out: Path, bag: Path | None, *, how: Manner, json: bool
 ) -> int:
@@ -118,6 +120,7 @@ def run_command(
     return 0
 
 
+@shared_maps()
 def replay_command(
     bag: Path,
     out: Path | None,
