@@ -21,6 +21,7 @@ from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import from_heading, matrix
 from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.matrices import product
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 
@@ -130,11 +131,20 @@ def along_edge(
     F = np.zeros((n, n))
     fill_dynamics(F, geometry, force, rotation[direction])
     F[n - 2, n - 1] = 1.0
-    transition = np.eye(n) + dt * F + 0.5 * dt * dt * np.dot(F, F)
+    transition, turned = product(F, F), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            transition[i, j] = (i == j) + dt * F[i, j] + 0.5 * dt * dt * transition[i, j]
     c = math.exp(-speed * dt / map_error[1])
     transition[m, m] = c
-    half = 0.5 * dt * white[direction]
-    h = np.zeros(n)
+    for i in range(n):
+        for j in range(n):
+            turned[j, i] = transition[i, j]
+    half, before = np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            half[i, j] = 0.5 * dt * white[direction, i, j]
+    h, column = np.zeros(n), np.empty(n)
     for k in range(count):
         lat = latitude + (k + 1) * dt * vn * inv_m
         lon = longitude + (k + 1) * dt * ve * inv_n / math.cos(lat)
@@ -144,12 +154,26 @@ def along_edge(
         known = not math.isnan(by_lat)
         variance = sigma[i, j] ** 2 if known else P[m, m]
         half[m, m] = variance * (1.0 - c * c) / (1.0 + c * c)
-        P = np.dot(np.dot(transition, P + half), transition.T) + half
+        for i in range(n):
+            for j in range(n):
+                before[i, j] = P[i, j] + half[i, j]
+        P = product(product(transition, before), turned)
+        for i in range(n):
+            for j in range(n):
+                P[i, j] += half[i, j]
         if known:
-            h[:4] = jacobian[direction]
+            for i in range(4):
+                h[i] = jacobian[direction, i]
             h[0] -= by_lat * inv_m
             h[1] -= by_lon * inv_n / math.cos(lat)
             h[m] = h[n - 2] = 1.0
-            column = np.dot(P, h)
-            P -= np.outer(column, column) / (noise + np.dot(column, h))
+            total = noise
+            for i in range(n):
+                column[i] = 0.0
+                for j in range(n):
+                    column[i] += P[i, j] * h[j]
+                total += column[i] * h[i]
+            for i in range(n):
+                for j in range(n):
+                    P[i, j] -= column[i] * column[j] / total
     return P
