@@ -45,20 +45,6 @@ class Recorder:
         return declined(batch, "not matched"), None
 
 
-@pytest.mark.parametrize("quantity", FIELDS)
-def test_fixes_are_near_the_truth_in_every_scalar_field(quantity):
-    field_map = field_of(quantity)
-    sigma = 1e-5 * FIELDS[quantity][1]
-    track, latitude, longitude = made_track(field_map, error=(900.0, -600.0), sigma=sigma)
-    matches = match_track(track, field_map, Matcher(), PRIOR)
-    assert len(matches) == 2
-    errors = errors_of(matches, latitude, longitude)
-    for error, match in zip(errors, matches, strict=True):
-        assert match.fix.published, match.fix.reason
-        assert np.hypot(*error) < 150.0
-        assert nees_per_axis(error, match.fix.covariance) < 6.9  # 99.9 %
-
-
 def test_the_same_field_in_another_unit_gives_the_same_fixes():
     gravity = match_track(
         made_track(DISTURBANCE, error=(300.0, 200.0))[0], DISTURBANCE, Matcher(), PRIOR
