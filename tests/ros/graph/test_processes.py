@@ -152,7 +152,7 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
-    assert "Interrupted" in err
+    assert f"The recording is kept: isogal replay {out / 'bag'}" in err
     assert "Traceback" not in err
     assert not any(node.is_running() for node in nodes.values())
     assert own
@@ -180,6 +180,19 @@ def test_a_node_that_dies_ends_the_run_and_leaves_a_bag_that_can_be_read(tmp_pat
     reader = BagReader(bag)
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is not None
+
+
+def test_interrupted_before_anything_is_recorded_no_recording_is_kept(
+    settings, tmp_path, monkeypatch
+) -> None:
+    def interrupted(_plan, _folder, interrupt, *_) -> float:
+        interrupt(signal.SIGINT)
+        return 0.0
+
+    monkeypatch.setattr(commands, "run_processes", interrupted)
+    status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
+    assert status == 130
+    assert err.splitlines()[-1].endswith("all nodes have ended.")
 
 
 def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path, monkeypatch):
