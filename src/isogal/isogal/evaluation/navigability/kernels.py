@@ -21,6 +21,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers, Values
 from isogal.compiled import kernel
+from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
 
 _PROMISING = 60.0
@@ -96,13 +97,13 @@ def _filter(
     """Write gain (T,) and 1 / innovation variance (T,) of the scalar filter of the map's error at
     node (i, j), for readings of which some are known (T,); return that error's correlation from
     reading to reading."""
-    correlation = math.exp(-approach.step / ground.length[i, j])
+    correlation, joins = markov_step(approach.step, ground.length[i, j])
     variance = ground.sigma[i, j] ** 2
     left = variance
     for t in range(len(gain)):
         weight[t] = 1.0 / (left + approach.noise)
         gain[t] = left * weight[t] if known[t] else 0.0
-        left = correlation**2 * left * (1.0 - gain[t]) + (1.0 - correlation**2) * variance
+        left = correlation**2 * left * (1.0 - gain[t]) + joins * variance
     return correlation
 
 

@@ -20,6 +20,7 @@ from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import from_heading, matrix
+from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matrices import product
 from isogal.scenario import Scenario
@@ -135,7 +136,7 @@ def along_edge(
     for i in range(n):
         for j in range(n):
             transition[i, j] = (i == j) + dt * F[i, j] + 0.5 * dt * dt * transition[i, j]
-    c = math.exp(-speed * dt / map_error[1])
+    c, joins = markov_step(speed * dt, map_error[1])
     transition[m, m] = c
     for i in range(n):
         for j in range(n):
@@ -153,7 +154,7 @@ def along_edge(
         j = int((lon - grid.longitude0) / grid.longitude_step + 0.5)
         known = not math.isnan(by_lat)
         variance = sigma[i, j] ** 2 if known else P[m, m]
-        half[m, m] = variance * (1.0 - c * c) / (1.0 + c * c)
+        half[m, m] = variance * joins / (1.0 + c * c)
         for i in range(n):
             for j in range(n):
                 before[i, j] = P[i, j] + half[i, j]
