@@ -149,6 +149,13 @@ class InertialNavigator:
         """Specific force and angular rate of the newest sample; do not change them."""
         return self._segments[-1].force[-1], self._segments[-1].rate[-1]
 
+    def sample_at(self, time: float) -> tuple[Array, Array]:
+        """Return specific force and angular rate of the sample that a time (s) of the history is
+        in; do not change them."""
+        segment = self._segments[min(self._index(time), len(self._segments) - 1)]
+        k = min(int(np.searchsorted(segment.time, time - AT_ONCE)), len(segment.time) - 1)
+        return segment.force[k], segment.rate[k]
+
     @property
     def state(self) -> FilterState:
         """The newest state; do not change it. While it is open whether there was a manoeuvre in a
