@@ -22,7 +22,7 @@ from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import from_heading, matrix
 from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
-from isogal.matrices import product
+from isogal.matrices import product, product_transposed
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 
@@ -89,6 +89,21 @@ def start_covariance(scenario: Scenario, own_variance: float) -> Array:
 
 
 @kernel(error_model="numpy")
+def _update(P: Array, h: Array, noise: float, column: Array) -> None:
+    """Take a reading with a derivative h (n,) and a variance into a covariance (n, n), in place;
+    `column` (n,) is work space."""
+    n, total = P.shape[0], noise
+    for i in range(n):
+        column[i] = 0.0
+        for j in range(n):
+            column[i] += P[i, j] * h[j]
+        total += column[i] * h[i]
+    for i in range(n):
+        for j in range(n):
+            P[i, j] -= column[i] * column[j] / total
+
+
+@kernel(error_model="numpy")
 def along_edge(
     P: Array,
     latitude: float,
@@ -132,15 +147,12 @@ def along_edge(
     F = np.zeros((n, n))
     fill_dynamics(F, geometry, force, rotation[direction])
     F[n - 2, n - 1] = 1.0
-    transition, turned = product(F, F), np.empty((n, n))
+    transition = product(F, F)
     for i in range(n):
         for j in range(n):
             transition[i, j] = (i == j) + dt * F[i, j] + 0.5 * dt * dt * transition[i, j]
     c, joins = markov_step(speed * dt, map_error[1])
     transition[m, m] = c
-    for i in range(n):
-        for j in range(n):
-            turned[j, i] = transition[i, j]
     half, before = np.empty((n, n)), np.empty((n, n))
     for i in range(n):
         for j in range(n):
@@ -158,7 +170,7 @@ def along_edge(
         for i in range(n):
             for j in range(n):
                 before[i, j] = P[i, j] + half[i, j]
-        P = product(product(transition, before), turned)
+        P = product_transposed(product(transition, before), transition)
         for i in range(n):
             for j in range(n):
                 P[i, j] += half[i, j]
@@ -168,13 +180,5 @@ def along_edge(
             h[0] -= by_lat * inv_m
             h[1] -= by_lon * inv_n / math.cos(lat)
             h[m] = h[n - 2] = 1.0
-            total = noise
-            for i in range(n):
-                column[i] = 0.0
-                for j in range(n):
-                    column[i] += P[i, j] * h[j]
-                total += column[i] * h[i]
-            for i in range(n):
-                for j in range(n):
-                    P[i, j] -= column[i] * column[j] / total
+            _update(P, h, noise, column)
     return P
