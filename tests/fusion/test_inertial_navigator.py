@@ -417,7 +417,7 @@ def test_what_would_be_known_without_satellites() -> None:
     height = HeightReading(float(place[2]), 0.25)
 
     def fix(k):
-        return PositionFix(*FLIGHT.fix(k, 1.0, -1.0), np.eye(2) * 4.0)
+        return PositionFix(*FLIGHT.fix(k, 1.0, -1.0), np.eye(2) * 4.0, source="an aid")
 
     def flown(aids, late=()):
         it = navigator()

@@ -66,6 +66,8 @@ class Collector:
         self.candidates: dict[int, bytes] = {}
         self.batches: dict[int, dict[str, str]] = {}
         """Figures of each batch by stamp of its end, from the diagnostics."""
+        self.aids: list[Said] = []
+        """What the navigator said of each aid; its level is OK where it was used."""
         self.said: list[Said] = []
         """Diagnostics that are not OK."""
         first, *others = scenario.each_field
@@ -82,7 +84,7 @@ class Collector:
 
     def topics(self) -> tuple[Topic, ...]:
         """Return the topics that are wanted."""
-        return (*self._plain, topics.NAV_FIX, topics.DIAGNOSTICS)
+        return (*self._plain, topics.NAV_FIX, topics.NAV_AIDS, topics.DIAGNOSTICS)
 
     def take(self, topic: Topic, data: bytes) -> None:
         """Keep one serialised message, if its topic is wanted."""
@@ -92,6 +94,13 @@ class Collector:
             ns = peek_ns(data)
             self.first_nav.setdefault(ns, data)
             self.last_nav[ns] = data
+        elif topic is topics.NAV_AIDS:
+            array = deserialize_message(data, topics.NAV_AIDS.type)
+            ns = to_ns(array.header.stamp)
+            self.aids += [
+                Said(ns, LEVELS.get(item.level, "OK"), item.name, item.message)
+                for item in array.status
+            ]
         elif topic is topics.DIAGNOSTICS:
             self._take_diagnostics(data)
 

@@ -1,16 +1,18 @@
 """A recording as `isogal view` shows it."""
 
+from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isogal.errors import InputError
 from isogal.evaluation.run_report import subtitle_of
-from isogal.evaluation.view.record import Event, ViewedRun
+from isogal.evaluation.view.record import AidUse, Event, ViewedRun
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import first_map
 from isogal.sensors.trajectory import build_trajectory
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
 from isogal_ros.messages.stamps import to_seconds
@@ -65,7 +67,26 @@ def viewed_run(
         return None
     events = [Event(to_seconds(one.ns), one.level, one.name, one.text) for one in collector.said]
     subtitle = subtitle or subtitle_of(runs, collector.scenario)
-    return ViewedRun(runs, collector.scenario, title, subtitle, events, is_true)
+    aids = uses_of(collector.aids)
+    return ViewedRun(runs, collector.scenario, title, subtitle, events, is_true, aids)
+
+
+def uses_of(said: Sequence[Said]) -> list[AidUse]:
+    """Return when each aid was used and when not, of what was said of them one after the other: a
+    use goes on until something else is said."""
+    found: list[AidUse] = []
+    last: dict[str, int] = {}
+    for one in said:
+        time, used = to_seconds(one.ns), one.level == "OK"
+        row = last.get(one.name)
+        if row is not None:
+            before = found[row]
+            found[row] = replace(before, end=time)
+            if (before.used, before.text) == (used, one.text):
+                continue
+        last[one.name] = len(found)
+        found.append(AidUse(one.name, time, time, used, one.text))
+    return found
 
 
 def _title(bag: Path) -> str:

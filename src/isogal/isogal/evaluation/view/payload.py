@@ -46,6 +46,7 @@ def payload(viewed: ViewedRun, projection: Projection, scale: FieldScale) -> dic
         "candidates": _candidates(viewed.runs, projection),
         "readings": _readings(viewed, scale),
         "events": _events(viewed),
+        "aids": _aids(viewed),
         "missing": viewed.missing,
     }
 
@@ -172,6 +173,18 @@ def _events(viewed: ViewedRun) -> Table:
         "source": [event.source for event in first],
         "text": [event.text for event in first],
         "times": times,
+    }
+
+
+def _aids(viewed: ViewedRun) -> Table:
+    """When each aid was used, one row for each time and aid."""
+    start, uses = viewed.runs.time[0], viewed.aids
+    return {
+        "aid": [one.aid for one in uses],
+        "begin": [float(f"{(one.begin - start) / 3600.0:.5f}") for one in uses],
+        "end": [float(f"{(one.end - start) / 3600.0:.5f}") for one in uses],
+        "used": [float(one.used) for one in uses],
+        "text": [one.text for one in uses],
     }
 
 

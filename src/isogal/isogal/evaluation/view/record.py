@@ -21,6 +21,20 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class AidUse:
+    """A time over which an aid was used, or was not for one reason."""
+
+    aid: str
+    """Its topic."""
+    begin: float
+    """s, of the same clock as the run's."""
+    end: float
+    used: bool
+    text: str
+    """What the navigator said of it."""
+
+
+@dataclass(frozen=True, slots=True)
 class ViewedRun:
     """One run, and what is said of it."""
 
@@ -34,6 +48,8 @@ class ViewedRun:
     is_true: bool = True
     """Whether the positions of `runs` are true; else they are the navigator's own, and errors
     are not known."""
+    aids: Sequence[AidUse] = ()
+    """When each aid was used; none where that was not recorded."""
 
     @property
     def missing(self) -> list[str]:

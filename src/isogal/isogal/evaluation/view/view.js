@@ -74,6 +74,7 @@
         + t + (e.times[i] > 1 ? ` (${e.times[i]} times)` : ""))),
     });
     view.texts = texts;
+    aids(data.aids, s.t[s.t.length - 1] || 1);
     view.half = fitted(s);
     hide(data.is_true, values([all.unaided_x]).length > 0);
     byId("missing").replaceChildren(...data.missing.map((text) => {
@@ -85,6 +86,28 @@
     slider.max = String(s.t.length - 1);
     view.batch = -1;
     show(document.body.dataset.live && atEnd ? s.t.length - 1 : view.index);
+  }
+
+  function aids(uses, end) {
+    // A band for each aid under the slider: green while it is used, grey while it is not.
+    const bands = new Map();
+    uses.aid.forEach((name, i) => {
+      if (!bands.has(name)) {
+        const band = document.createElement("div"), label = document.createElement("b");
+        band.className = "aid";
+        band.setAttribute("role", "listitem");
+        label.textContent = name;
+        band.append(label);
+        bands.set(name, band);
+      }
+      const part = document.createElement("span"), from = Math.max(0, uses.begin[i]);
+      part.className = uses.used[i] ? "used" : "";
+      part.style.left = `${(100 * from) / end}%`;
+      part.style.width = `${(100 * Math.max(0, Math.min(end, uses.end[i]) - from)) / end}%`;
+      part.title = `${name}, ${clock(uses.begin[i])} to ${clock(uses.end[i])}: ${uses.text[i]}`;
+      bands.get(name).prepend(part);
+    });
+    byId("aids").replaceChildren(...bands.values());
   }
 
   function hide(isTrue, hasUnaided) {
