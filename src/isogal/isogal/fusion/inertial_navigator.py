@@ -26,7 +26,7 @@ AT_ONCE = 1e-6
 
 
 @dataclass(slots=True, eq=False)
-class _Segment:
+class Segment:
     """IMU samples of equal intervals, and the state after them."""
 
     time: Array
@@ -54,7 +54,7 @@ class _Segment:
         """s."""
         return float(self.time[-1])
 
-    def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "_Segment":
+    def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "Segment":
         """Return the samples from one to before another, less two times (s) at the beginning and
         at the end, which may be of a single sample."""
         part = replace(
@@ -71,7 +71,7 @@ class _Segment:
             part.missing, part.change = 0.0, None
         return part
 
-    def divided(self, time: float) -> "list[_Segment]":
+    def divided(self, time: float) -> "list[Segment]":
         """Return the parts of a segment that end at a time (s) within it, and those after it, all
         of equal intervals; the last has the measurements."""
         count = len(self.time)
@@ -128,7 +128,7 @@ class InertialNavigator:
         self.motion = motion or UnknownMotion()
         force, rate = steady_sample(state) if sample is None else sample
         self._segments = [
-            _Segment(
+            Segment(
                 np.array([time], dtype=float),
                 np.array([force], dtype=float),
                 np.array([rate], dtype=float),
@@ -204,7 +204,7 @@ class InertialNavigator:
             # over a short gap the sample stands for the gap as well
             interval = float(times[0]) - self.time - (missing if missing > HELD else 0.0)
             dt = dt if abs(interval - dt) < AT_ONCE else interval
-        new = _Segment(times, force, rate, heights, dt, self._segments[-1].after, _EMPTY, missing)
+        new = Segment(times, force, rate, heights, dt, self._segments[-1].after, _EMPTY, missing)
         if missing > 0.0:
             before = self.sample
             new.change = force[0] - before[0], rate[0] - before[1]
@@ -250,7 +250,7 @@ class InertialNavigator:
         return results
 
     def _apply(
-        self, first: int, marked: Sequence[tuple[_Segment, Measurement]]
+        self, first: int, marked: Sequence[tuple[Segment, Measurement]]
     ) -> list[Innovation]:
         """Apply measurements to their segments, the earliest of which is given, and replay what
         comes after."""
@@ -308,6 +308,19 @@ class InertialNavigator:
                 row[:3] = dead_reckoned(row[:3], row[3:6], ahead)
         return found
 
+    def history(self, time: Array) -> list[Segment]:
+        """Return all that is kept, oldest first, divided at times (K,), s, that it covers; do not
+        change it. Of the first segment only the state at its end counts.
+
+        Raises
+        ------
+        ValueError
+            At one of the times there is no state.
+        """
+        for stamp in np.asarray(time).tolist():
+            self.state_at(stamp)
+        return self._segments
+
     def forecast(self, time: float, height: float = np.nan) -> FilterState:
         """Return the state at a later time, if the vehicle goes on as it does (a known height, m,
         or NaN)."""
@@ -334,7 +347,7 @@ class InertialNavigator:
             return len(self._segments) - 1
         return bisect_left(self._segments, time - AT_ONCE, key=lambda segment: segment.end)
 
-    def _segment_at(self, time: float) -> _Segment:
+    def _segment_at(self, time: float) -> Segment:
         """Return the segment that ends at a time, which is made if there is none."""
         index = self._index(time)
         segment = self._segments[index]
@@ -358,7 +371,7 @@ class InertialNavigator:
         for measurement in segment.measurements:
             segment.after.update(measurement, self.model)
 
-    def _carry(self, before: Mixture, segment: _Segment) -> None:
+    def _carry(self, before: Mixture, segment: Segment) -> None:
         """Set what is known after a segment's samples from what was known before them."""
         after = before.copy()
         if segment.change is not None:
@@ -373,19 +386,17 @@ class InertialNavigator:
     ) -> Mixture:
         """Return what is known after a time (s) without samples, in which specific force and
         angular rate have changed."""
-        steady, manoeuvre = (self.motion.seen(change, which) for which in (False, True))
+        motions = self.motion.possible(missing, change)
         if missing <= HELD:
             for state in before.states:
-                grow(state, missing, steady)
+                grow(state, missing, motions[0][1])
             return before
         one = before.merged.copy()
         keep_going(one, self.model, missing, float(height))
-        if manoeuvre == steady:
-            after, motions = Mixture.of(one), [steady]
-        else:
-            after = Mixture.of(one).divided(self.motion.log_probabilities(missing))
-            motions = [steady, manoeuvre]
-        for state, motion in zip(after.states, motions, strict=True):
+        after = Mixture.of(one)
+        if len(motions) > 1:
+            after = after.divided([probability for probability, _ in motions])
+        for state, (_, motion) in zip(after.states, motions, strict=True):
             grow(state, missing, motion)
         return after
 

@@ -38,6 +38,7 @@ from isogal.fusion.sigma_points import (
 from isogal.fusion.sigma_points import (
     CORE as N,
 )
+from isogal.fusion.trace import Trace, record_cross, record_square
 from isogal.inertial.gravity import Compensation, horizontal_gravity
 from isogal.inertial.rotations import INLINE, rotate
 
@@ -140,6 +141,7 @@ def advance(
     height: Array,
     assumptions: Assumptions,
     track: Array,
+    trace: Trace,
 ) -> int:
     """Run prediction and the height update over S intervals, in place; return the steps done
     before the covariance was no longer positive definite, S where it is.
@@ -147,7 +149,7 @@ def advance(
     `force`, `rate` (S, 3) are the means over each interval in body axes, `height` (S,) m the known
     height after each, NaN where it is not known, `residual_gravity` (2,) as `FilterState` has it.
     `track` (S, 13) receives position, velocity and attitude after each interval, and the
-    covariance of the position: north, north-east, east."""
+    covariance of the position: north, north-east, east; `trace` what it is asked for."""
     steps = force.shape[0]
     dt, noise, weights = assumptions.dt, assumptions.noise, assumptions.weights
     compensation, coning = assumptions.compensation, assumptions.coning
@@ -195,6 +197,9 @@ def advance(
         tail_points(auxiliary, q, f, w, dt, factor, odd, total)
         errors_of(ends, points)
         moments(n, points, even, odd, weights, mean, P)
+        traced = k < trace.cross.shape[0]
+        if traced:
+            record_cross(n, factor, odd, weights, auxiliary, v, dt, trace.cross[k])
         age(auxiliary, nominal.auxiliary, v, dt, P)
         for i in range(3):
             x[i], v[i] = ends[i, CENTRE], ends[3 + i, CENTRE]
@@ -202,8 +207,16 @@ def advance(
             q[i] = ends[6 + i, CENTRE]
         add_noise(q, noise, dt, P)
         move(nominal, mean)
+        if traced:
+            record_square(n, P, trace.predicted[k])
+            for i in range(n):
+                mean[i] = 0.0
         if assumptions.height_sigma > 0.0 and not math.isnan(height[k]):
             update_height(n, nominal, P, height[k], assumptions, gain, mean)
+        if traced:
+            record_square(n, P, trace.filtered[k])
+            for i in range(n):
+                trace.correction[k, i] = mean[i]
         for i in range(3):
             track[k, i], track[k, 3 + i] = x[i], v[i]
         for i in range(4):
