@@ -21,6 +21,7 @@ from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Measurement, measurements_of
 from isogal.fusion.outage import HELD
+from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import matrix
@@ -163,6 +164,17 @@ class Navigator:
         matched = self.matching.match(self.state.batch_prior)
         self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched
+
+    def smoothed(self, time: Array) -> list[FilterState]:
+        """Return the states at times (K,), s, rising, as all data so far have them; see
+        `isogal.fusion.smoothing`. The navigator is not changed.
+
+        Raises
+        ------
+        ValueError
+            A time is not within the horizon.
+        """
+        return smoothed(self.inertial, time)
 
     def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:
         """Apply a fix of any time within the horizon, and carry what it changes back to the

@@ -86,9 +86,7 @@ class UnknownMotion:
         steady, manoeuvre = (self.seen(change, which) for which in (False, True))
         if seconds <= HELD or manoeuvre == steady:
             return [(0.0, steady)]
-        return list(
-            zip(self.log_probabilities(seconds), (steady, manoeuvre), strict=True)
-        )
+        return list(zip(self.log_probabilities(seconds), (steady, manoeuvre), strict=True))
 
     def log_probabilities(self, seconds: float) -> tuple[float, float]:
         """Return the log probabilities that a gap has no manoeuvre, and that it has one."""

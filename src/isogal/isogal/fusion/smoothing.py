@@ -98,7 +98,8 @@ class _Stage(NamedTuple):
             found[index].append(way.of(one))
         size = len(self.before[0].covariance)
         if self.merged is not None:
-            return _divided(_together(sum(found, []), size), self.merged, self.before)
+            every = [one for parts in found for one in parts]
+            return _divided(_together(every, size), self.merged, self.before)
         return [_together(parts, size) for parts in found]
 
 

@@ -3,6 +3,7 @@
 A run's numbers depend on the scenario's seed and its own index only, not on which other runs are
 computed with it."""
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -88,6 +89,8 @@ def simulate(
     matcher: Matcher | None = None,
     progress: Progress | None = None,
     revised: Revised | None = None,
+    *,
+    smooth: bool = False,
 ) -> Runs:
     """Run the closed loop and return its record, at the start and at every scan.
 
@@ -104,6 +107,8 @@ def simulate(
     revised : callable, optional
         Called with past states that retrodiction corrects; the record keeps the navigator's
         estimates of the time.
+    smooth : bool
+        Record besides what all data of a run say of each state.
 
     Raises
     ------
@@ -113,7 +118,7 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
-    simulation = Simulation(scenario, runs, trajectory, field_map)
+    simulation = Simulation(scenario, runs, trajectory, field_map, whole=smooth)
     ends = simulation.ends
     recorder = Recorder(trajectory, simulation.index, ends, len(runs))
     elapsed = trajectory.time[-1] - trajectory.time[0]
@@ -137,6 +142,9 @@ def simulate(
             if progress is not None:
                 share = (run + scan / simulation.scans) / len(runs)
                 progress(float(trajectory.time[0] + share * elapsed))
+        if smooth:
+            states = trajectory.time[simulation.index]
+            recorder.write_smoothed(run, navigator.smoothed(states))
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
@@ -144,9 +152,17 @@ class Simulation:
     """What is simulated of R runs, and how it reaches their navigators."""
 
     def __init__(
-        self, scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, field_map: RunMap
+        self,
+        scenario: Scenario,
+        runs: Sequence[int],
+        trajectory: Trajectory,
+        field_map: RunMap,
+        *,
+        whole: bool = False,
     ) -> None:
         self.scenario, self.trajectory, self.runs = scenario, trajectory, runs
+        self._whole = whole
+        """Whether navigators keep their whole history."""
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
@@ -192,8 +208,13 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=float(np.diff(self._time([0, *self.ends, self.scans])).max()),
+            horizon=math.inf if self._whole else self._longest,
         )
+
+    @property
+    def _longest(self) -> float:
+        """s from one batch end to the next, at most."""
+        return float(np.diff(self._time([0, *self.ends, self.scans])).max())
 
     def measurements(self, run: int) -> dict[int, list[Measurement]]:
         """Return the readings of aids, by the number of IMU intervals before each; those of the
