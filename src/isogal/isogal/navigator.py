@@ -21,7 +21,6 @@ from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Measurement, measurements_of
 from isogal.fusion.outage import HELD
-from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import matrix
@@ -174,7 +173,7 @@ class Navigator:
         ValueError
             A time is not within the horizon.
         """
-        return smoothed(self.inertial, time)
+        return self.inertial.smoothed(time)
 
     def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:
         """Apply a fix of any time within the horizon, and carry what it changes back to the

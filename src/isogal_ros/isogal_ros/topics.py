@@ -145,6 +145,9 @@ v_east (m/s), attitude about north, east, down (rad), which an Odometry cannot c
 NAV_PATH = Topic("nav/path", Path)
 PROTECTION_LEVEL = Topic("nav/protection_level", Float64)
 """m, one after each nav/odom, which has the stamp and the covariance that it is computed from."""
+SMOOTHED = Topic("nav/smoothed", Odometry)
+"""States of the past, each once, as all data up to `fusion.lag` later have them; none without a
+lag."""
 TF = None if TFMessage is None else Topic("/tf", TFMessage, single=False)
 TF_STATIC = None if TFMessage is None else Topic("/tf_static", TFMessage, single=False)
 TRANSFORMS = () if TF is None else (TF,)
@@ -154,7 +157,7 @@ ALL = (
     CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, GRAVIMETRY, GRAVITY,
     DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, SOUNDINGS, FAN,
     FOOTPRINTS, FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX,
-    NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, *TRANSFORMS, DIAGNOSTICS,
+    NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, SMOOTHED, *TRANSFORMS, DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

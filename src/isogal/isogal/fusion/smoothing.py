@@ -25,13 +25,13 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.inertial_navigator import AT_ONCE, InertialNavigator, Segment
 from isogal.fusion.measurements import Measurement, Widening
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
-from isogal.fusion.outage import HELD, grow, keep_going
+from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going
 from isogal.fusion.prediction import propagate
+from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.state import FilterState
 from isogal.fusion.trace import Trace
 
@@ -103,17 +103,21 @@ class _Stage(NamedTuple):
         return [_together(parts, size) for parts in found]
 
 
-def smoothed(navigator: InertialNavigator, time: Array) -> list[FilterState]:
-    """Return the states at times (K,), s, rising, as all that the navigator has been given since
-    has them. It is not changed.
+def smoothed(
+    segments: Sequence[Segment], model: FilterModel, motion: UnknownMotion, time: Array
+) -> list[FilterState]:
+    """Return the states at times (K,), s, rising, as the whole history has them.
 
-    Raises
-    ------
-    ValueError
-        A time is not within the history.
+    Parameters
+    ----------
+    segments : sequence of Segment
+        The history, divided at these times.
+    model : FilterModel
+    motion : UnknownMotion
+        How the vehicle may move where samples are missing.
+    time : (K,) array
     """
     time = np.asarray(time, dtype=float)
-    segments = navigator.history(time)
     ends = np.array([segment.end for segment in segments])
     wanted = np.searchsorted(ends, time - AT_ONCE)
     first = int(wanted.min()) if len(wanted) else len(segments)
@@ -128,7 +132,7 @@ def smoothed(navigator: InertialNavigator, time: Array) -> list[FilterState]:
         if k in asked:
             found[k] = _one(segments[k].after, hindsight)
         if k > first:
-            for stage in reversed(stages(navigator, segments[k - 1].after, segments[k])):
+            for stage in reversed(stages(segments[k - 1].after, segments[k], model, motion)):
                 hindsight = stage.back(hindsight)
     return [found[k] for k in wanted.tolist()]
 
@@ -195,17 +199,19 @@ def _divided(
     return found
 
 
-def stages(navigator: InertialNavigator, before: Mixture, segment: Segment) -> list[_Stage]:
+def stages(
+    before: Mixture, segment: Segment, model: FilterModel, motion: UnknownMotion
+) -> list[_Stage]:
     """Return what happened to the states before a segment up to those after it, in order."""
     now = before.copy()
     found: list[_Stage] = []
     if segment.change is not None:
-        now, found = _over_gap(navigator, now, segment)
+        now, found = _over_gap(now, segment, model, motion)
     states = tuple(state.copy() for state in now.states)
-    ways = [_propagated(state, navigator.model, segment) for state in now.states]
+    ways = [_propagated(state, model, segment) for state in now.states]
     found.append(_Stage(states, tuple(enumerate(ways))))
     for measurement in segment.measurements:
-        found.append(_measured(now, measurement, navigator.model))
+        found.append(_measured(now, measurement, model))
     return found
 
 
@@ -264,35 +270,35 @@ def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _St
 
 
 def _over_gap(
-    navigator: InertialNavigator, now: Mixture, segment: Segment
+    now: Mixture, segment: Segment, model: FilterModel, motion: UnknownMotion
 ) -> tuple[Mixture, list[_Stage]]:
     """Carry a mixture over the time without samples before a segment, and return it and what
     happened."""
     assert segment.change is not None
     missing = segment.missing
-    motions = navigator.motion.possible(missing, segment.change)
+    motions = motion.possible(missing, segment.change)
     found: list[_Stage] = []
     if missing > HELD:
         before = tuple(state.copy() for state in now.states)
         one = now.merged.copy()
         merged = one.copy() if len(before) > 1 else None
         traces: list[Trace] = []
-        keep_going(one, navigator.model, missing, float(segment.height[0]), traces)
+        keep_going(one, model, missing, float(segment.height[0]), traces)
         found.append(_Stage(before, ((0, _way_back(traces)),), merged))
         now = Mixture.of(one)
         if len(motions) > 1:
             now = now.divided([probability for probability, _ in motions])
         origin = [0] * len(now.states)
-        each = [motion for _, motion in motions]
+        each = [seen for _, seen in motions]
     else:
         origin = list(range(len(now.states)))
         each = [motions[0][1]] * len(now.states)
     apart = len(set(origin))
     before = tuple(state.copy() for state in now.states[:apart])
     ways = []
-    for index, state, motion in zip(origin, now.states, each, strict=True):
+    for index, state, seen in zip(origin, now.states, each, strict=True):
         was = state.covariance.copy()
-        grow(state, missing, motion)
+        grow(state, missing, seen)
         ways.append((index, _widened(was, state.covariance)))
     found.append(_Stage(before, tuple(ways)))
     return now, found

@@ -82,4 +82,6 @@ def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
         others.add(topics.BAROMETER)
     if scenario.velocity.kind == "none":
         others.add(topics.VELOCITY)
+    if scenario.fusion.lag == 0.0:
+        others.add(topics.SMOOTHED)
     return tuple(topic for topic in all_topics(scenario) if topic not in others)
