@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from isogal.afterwards import Afterwards
 from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fields.measured import measured_field
@@ -83,6 +84,8 @@ class Navigator:
         """Of the batch before the newest, and of the newest, s."""
         self._scan_times = np.empty(0)
         self._each_scan = scenario.matcher.mode == "retrodiction"
+        self.afterwards = Afterwards(scenario, maps, self._reductions)
+        """What is kept for the smoothed track of a whole voyage."""
 
     @property
     def time(self) -> float:
@@ -144,6 +147,7 @@ class Navigator:
         attitude = matrix(track[:, 6:10])
         state = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1], attitude)
         reduced = np.asarray(self._reductions[field].reduce(readings, state))
+        self.afterwards.read(field, time, readings)
         for stamp, place, speed, reading in zip(time, position, velocity, reduced, strict=True):
             self.matching.add(field, float(stamp), place, speed, reading)
         return reduced
@@ -166,14 +170,15 @@ class Navigator:
 
     def smoothed(self, time: Array) -> list[FilterState]:
         """Return the states at times (K,), s, rising, as all data so far have them; see
-        `isogal.fusion.smoothing`. The navigator is not changed.
+        `isogal.fusion.smoothing` and, of a history that is whole, `isogal.afterwards`. The
+        navigator is not changed.
 
         Raises
         ------
         ValueError
             A time is not within the horizon.
         """
-        return self.inertial.smoothed(time)
+        return self.afterwards.smoothed(self.inertial, time)
 
     def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:
         """Apply a fix of any time within the horizon, and carry what it changes back to the
@@ -191,6 +196,7 @@ class Navigator:
             (time, one) for time, part in shares for one in measurements_of(part, relative_to)
         ]
         innovations = self.inertial.measure_all(parts) if parts else []
+        self.afterwards.fixed(fix, [one for _, one in parts])
         jump = batch_difference(self.state.estimate, before)
         if jump.any():
             self.matching.batches.correct(self.time, jump)
