@@ -1,19 +1,15 @@
 """A second smoothing pass, by the readings themselves.
 
-What a fix says is about the navigator alone. A reading also shares the map's error with those
-around it, and an instrument's bias with all: the fix of a batch has that from its past, not from
-its future. And a batch is matched with what was known at its time, which may have been too little
-to tell one place from another. Afterwards both are known: the voyage is navigated once more, with
-each reading as a measurement that is linear about the smoothed track, the map's error and those of
-the instrument as auxiliary states, and smoothed; and so on until the track stays (iterated
-posterior linearisation smoother: García-Fernández, Svensson & Särkkä 2017; docs/mathematics.md,
-section 3.9).
+A navigator that was found to be lost has been so since the start, and was given fixes of wrong
+places. Afterwards its place is known, and by the inertial data where it was before: the voyage is
+navigated once more from a start that is as uncertain as it was found to be, with each reading as a
+measurement that is linear about the smoothed track, the map's error and those of the instrument as
+auxiliary states, and smoothed; and so on until the track stays (iterated posterior linearisation
+smoother: García-Fernández, Svensson & Särkkä 2017; docs/mathematics.md, section 3.9)."""
 
-A navigator that was found to be lost was so from the start on: what it became less certain by
-counts then, and no fix from before says anything."""
-
+from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,14 +18,22 @@ from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import Measurement
+from isogal.fusion.measurements import (
+    InformationUpdate,
+    LearntMapError,
+    Measurement,
+    Widening,
+)
 from isogal.fusion.measurements.map_reading import MapReading, linear_map
+from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import matrix
 from isogal.maps.tiled_map import ScalarMap
 from isogal.sensors.reduction import Reduction, State
 
+OF_FIXES = InformationUpdate, LearntMapError, Widening
+"""What fixes consist of that say more than a position."""
 ITERATIONS = 8
 """At most."""
 SETTLED = 0.05
@@ -50,8 +54,6 @@ class Readings:
     """Of the white noise, rounding of the map included."""
     errors: tuple[AuxiliaryState, ...]
     """Slow errors: of the map, of the instrument."""
-    drift: str = ""
-    """Which of them grows with the time since the first reading; empty = none."""
 
     def measurements(self, states: Sequence[FilterState]) -> list[MapReading | None]:
         """Return the readings about states (K) that are known beforehand; None where there is no
@@ -66,15 +68,12 @@ class Readings:
         near = linear_map(self.field_map, place[:, 0], place[:, 1], covariance)
         residual = reduced - near.value
         reference = np.column_stack([place, velocity[:, :2]])
+        contents = [one.name for one in self.errors]
         found: list[MapReading | None] = []
-        for k, time in enumerate(self.time.tolist()):
-            if not np.isfinite(residual[k]) or not np.isfinite(near.left[k]):
+        for k in range(len(self.time)):
+            if not (np.isfinite(residual[k]) and np.isfinite(near.left[k])):
                 found.append(None)
                 continue
-            elapsed = time - float(self.time[0])
-            contents = [
-                (one.name, elapsed if one.name == self.drift else 1.0) for one in self.errors
-            ]
             found.append(
                 MapReading(
                     reference[k],
@@ -93,10 +92,8 @@ def smoothed_by_readings(
     navigator: InertialNavigator,
     readings: Sequence[Readings],
     time: Array,
-    *,
-    of_fixes: Callable[[Measurement], bool],
-    lost: Array | None = None,
-    since: float = -np.inf,
+    lost: Array,
+    since: float,
 ) -> list[FilterState]:
     """Return the states at times (K,), s, rising, as all readings have them.
 
@@ -107,9 +104,7 @@ def smoothed_by_readings(
     readings : sequence of Readings
         Of each field.
     time : (K,) array
-    of_fixes : callable
-        Whether a measurement is of a fix, in whose place the readings come.
-    lost : (7, 7) array, optional
+    lost : (7, 7) array
         What the covariance of the start, of a batch's states, grows by: the navigator was found to
         be lost.
     since : float
@@ -120,7 +115,7 @@ def smoothed_by_readings(
     for _ in range(ITERATIONS):
         measured = _by_time(readings, every, track, known)
         again = _again(navigator, readings, lost)
-        _navigate(navigator, again, measured, of_fixes)
+        _navigate(navigator, again, measured)
         new = again.smoothed(every)
         settled = known.all() and _moved(new, track) < SETTLED
         track, known = new, np.ones_like(known)
@@ -145,7 +140,7 @@ def _by_time(
 
 
 def _again(
-    navigator: InertialNavigator, readings: Sequence[Readings], lost: Array | None
+    navigator: InertialNavigator, readings: Sequence[Readings], lost: Array
 ) -> InertialNavigator:
     """Return a navigator at the start of the history, with the readings' errors as states, which
     knows what has been learnt of the gravity map and of aids."""
@@ -159,8 +154,7 @@ def _again(
     variance = np.diag([one.sigma**2 for one in errors])
     covariance = np.zeros((size + len(errors),) * 2)
     covariance[:size, :size], covariance[size:, size:] = before.covariance, variance
-    if lost is not None:
-        covariance[np.ix_(BATCH, BATCH)] += lost
+    covariance[np.ix_(BATCH, BATCH)] += lost
     learnt = newest.residual_gravity
     for at, one in enumerate(model.auxiliary, size - len(model.auxiliary)):
         if one.enters == "gravity" and learnt[0] > 0.0:
@@ -181,14 +175,18 @@ def _navigate(
     navigator: InertialNavigator,
     again: InertialNavigator,
     measured: Mapping[float, Sequence[Measurement]],
-    of_fixes: Callable[[Measurement], bool],
 ) -> None:
     """Give a navigator what another one has been given, with readings in place of fixes."""
-    for segment in navigator.history(np.empty(0))[1:]:
+    segments = navigator.history(np.empty(0))
+    ends = [segment.end for segment in segments]
+    of_segment: dict[int, Sequence[Measurement]] = {
+        bisect_left(ends, time - AT_ONCE): those for time, those in measured.items()
+    }
+    for index, segment in enumerate(segments[1:], 1):
         samples = segment.time, segment.force, segment.rate, segment.height
         again.imu(*samples, segment.missing)
-        others = [one for one in segment.measurements if not of_fixes(one)]
-        for one in (*others, *measured.get(segment.end, ())):
+        others = [one for one in segment.measurements if not isinstance(one, OF_FIXES)]
+        for one in (*others, *of_segment.get(index, ())):
             again.measure(segment.end, one)
 
 

@@ -72,8 +72,8 @@ class MapReading:
     by_height: float
     """Of the reduction by an error of the height, per m."""
     variance: float
-    contents: Sequence[tuple[str, float]]
-    """Auxiliary states that are in it, by name, and how much of each."""
+    contents: Sequence[str]
+    """Names of the auxiliary states that are in it."""
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
@@ -88,10 +88,9 @@ class MapReading:
         H[0, 2] = self.by_height
         first = model.states - len(state.auxiliary)
         names = [one.name for one in model.auxiliary]
-        for name, share in self.contents:
-            at = first + names.index(name)
-            H[0, at] = share
-            expected += share * float(state.auxiliary[at - first])
+        for at in map(names.index, self.contents):
+            H[0, first + at] = 1.0
+            expected += float(state.auxiliary[at])
         rows = Rows(
             np.array([self.residual]), np.array([expected]), H, np.array([[self.variance]])
         )
