@@ -87,10 +87,9 @@ class MapReading:
         H[0, :2], H[0, 3:5] = by_place, -self.jacobian[2:]
         H[0, 2] = self.by_height
         first = model.states - len(state.auxiliary)
-        names = [one.name for one in model.auxiliary]
-        for at in map(names.index, self.contents):
-            H[0, first + at] = 1.0
-            expected += float(state.auxiliary[at])
+        for at in (model.places[name] for name in self.contents):
+            H[0, at] = 1.0
+            expected += float(state.auxiliary[at - first])
         rows = Rows(
             np.array([self.residual]), np.array([expected]), H, np.array([[self.variance]])
         )
