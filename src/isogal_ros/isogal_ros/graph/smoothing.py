@@ -2,31 +2,39 @@
 filter keeps its whole history."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from pydantic import JsonValue
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
+from isogal.afterwards import Sensed, smoothed_voyage
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
+from isogal.fields.scenario_map import maps_for_scenario
 from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.maps.channels import RouteMap
+from isogal.maps.several import each_map
 from isogal.scenario import Scenario
+from isogal.sensors.trajectory import build_trajectory
 from isogal.tracks.smoothed import SmoothedTrack
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Places
 from isogal_ros.bags.writer import BagWriter
 from isogal_ros.graph.replay import replay
 from isogal_ros.graph.running import Report, no_report
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.odometry import fill_odom
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.signals import Interrupt
 
 WHOLE = 1e8
@@ -76,7 +84,15 @@ def smoothed_bag(
     stamps, rates = navigator.samples(-np.inf, navigator.time)
     if not len(stamps):
         raise InputError(f"{reader.path}: {'; '.join(played.failures) or 'no IMU sample'}")
-    track = SmoothedTrack(stamps, navigator.smoothed(stamps))
+    states = smoothed_voyage(
+        navigator,
+        stamps,
+        played.scenario,
+        _maps(played.scenario),
+        _sensed(reader, played.scenario),
+        _figures(played.outputs),
+    )
+    track = SmoothedTrack(stamps, states)
     figures = _errors(track, navigator, played.outputs)
     return SmoothedBag(
         played.scenario,
@@ -87,6 +103,43 @@ def smoothed_bag(
         played.failures,
         played.interrupted,
     )
+
+
+def _maps(scenario: Scenario) -> Sequence[RouteMap]:
+    return each_map(maps_for_scenario(scenario, build_trajectory(scenario)))
+
+
+def _sensed(reader: BagReader, scenario: Scenario) -> list[Sensed | None]:
+    """Return what the instruments of a scenario's fields sensed, by the bag; None where that is
+    not there as numbers of one channel, or has to be compensated first."""
+    adapters = [adapter_of(one) for one in scenario.each_field]
+    found: dict[topics.Topic, dict[float, float]] = {one.raw: {} for one in adapters}
+    found.pop(topics.MAGNETIC_FIELD, None)
+    reads = {one.raw: one.read_raw for one in adapters}
+    for topic, data in wanted_messages(reader, tuple(found)):
+        with suppress(BadMessageError):
+            sensed, _ = reads[topic](deserialize_message(data, topic.type))
+            if np.ndim(sensed) == 0:
+                found[topic][to_seconds(peek_ns(data))] = float(sensed)
+    each: list[Sensed | None] = []
+    for one in adapters:
+        readings = found.get(one.raw)
+        if not readings:
+            each.append(None)
+            continue
+        time = np.array(sorted(readings))
+        each.append(Sensed(time, np.array([readings[stamp] for stamp in time.tolist()])))
+    return each
+
+
+def _figures(outputs: Collector) -> dict[str, float]:
+    """Return the figures of the last batch that are numbers."""
+    found: dict[str, float] = {}
+    if outputs.batches:
+        for name, text in outputs.batches[max(outputs.batches)].items():
+            with suppress(ValueError):
+                found[name] = float(text)
+    return found
 
 
 def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collector) -> Figures:
