@@ -29,12 +29,15 @@ from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 
 MARKS = closed_loop.marks_of(__file__)
+LAG = 300.0
+"""s, the other lag."""
 CHUNK = 2
 """Runs to a job."""
 COLUMNS = {
     "at the time (m)": "{causal:.1f}",
     "smoothed (m)": "{rms:.1f}",
     "of that": "{of_causal:.2f}",
+    "300 s later, of that": "{of_causal_late:.2f}",
     "bound of smoothing (m)": "{bound:.1f}",
     "ratio to it": "{ratio:.2f} ± {ratio_error:.2f}",
     "NEES": "{nees:.2f}",
@@ -48,27 +51,31 @@ def rows() -> list[Row]:
     return [*acceptance_rows.of_the_readme("nothing told"), *starts]
 
 
-def some_runs(scenario: Scenario, runs: range) -> Runs:
+def some_runs(scenario: Scenario, runs: range, lag: float) -> Runs:
     """Return some runs, smoothed."""
-    return simulate(scenario, runs, smooth=True)
+    return simulate(scenario, runs, lag=lag)
 
 
 def figures_of(scenario: Scenario, count: int, pool: Executor) -> closed_loop.Figures:
     """Return the figures of runs of a scenario; see `COLUMNS`."""
     parts = [range(k, min(k + CHUNK, count)) for k in range(0, count, CHUNK)]
-    record = Runs.concatenate(list(pool.map(partial(some_runs, scenario), parts)))
+    record, late = (
+        Runs.concatenate(list(pool.map(partial(some_runs, scenario, lag=lag), parts)))
+        for lag in (math.inf, LAG)
+    )
     trajectory = build_trajectory(scenario)
     maps = maps_for_scenario(scenario, trajectory)
     limit = posterior_cramer_rao(_unsure(scenario), trajectory, maps, smoothed=True)
     bound = closed_loop.rms(limit.smoothed_rms_at(record.time))
     states = record.smoothed
-    assert states is not None
+    assert states is not None and late.smoothed is not None
     squared = (states.horizontal_error**2).mean(axis=1)
     rms, causal = float(np.sqrt(squared.mean())), closed_loop.rms(record.horizontal_error)
     return {
         "causal": causal,
         "rms": rms,
         "of_causal": rms / causal,
+        "of_causal_late": closed_loop.rms(late.smoothed.horizontal_error) / causal,
         "bound": bound,
         "ratio": rms / bound,
         "ratio_error": float(squared.std() / np.sqrt(count) / (2.0 * rms) / bound),

@@ -99,7 +99,7 @@ def simulate(
     progress: Progress | None = None,
     revised: Revised | None = None,
     *,
-    smooth: bool = False,
+    lag: float = 0.0,
 ) -> Runs:
     """Run the closed loop and return its record, at the start and at every scan.
 
@@ -116,8 +116,9 @@ def simulate(
     revised : callable, optional
         Called with past states that retrodiction corrects; the record keeps the navigator's
         estimates of the time.
-    smooth : bool
-        Record besides what all data of a run say of each state.
+    lag : float
+        Record besides what all data until so much later say of each state, s; infinite = all data
+        of the run, 0 = nothing.
 
     Raises
     ------
@@ -127,7 +128,7 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
-    simulation = Simulation(scenario, runs, trajectory, field_map, whole=smooth)
+    simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag)
     ends = simulation.ends
     recorder = Recorder(trajectory, simulation.index, ends, len(runs))
     elapsed = trajectory.time[-1] - trajectory.time[0]
@@ -152,9 +153,8 @@ def simulate(
             if progress is not None:
                 share = (run + scan / simulation.scans) / len(runs)
                 progress(float(trajectory.time[0] + share * elapsed))
-        if smooth:
-            states = trajectory.time[simulation.index]
-            recorder.write_smoothed(run, navigator.smoothed(states))
+            if lag > 0.0:
+                simulation.look_back(navigator, run, recorder, at_end=scan == simulation.scans)
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
@@ -168,11 +168,11 @@ class Simulation:
         trajectory: Trajectory,
         field_map: RunMap,
         *,
-        whole: bool = False,
+        lag: float = 0.0,
     ) -> None:
         self.scenario, self.trajectory, self.runs = scenario, trajectory, runs
-        self._whole = whole
-        """Whether navigators keep their whole history."""
+        self._lag, self._looked_back = lag, 0
+        """s, and how many states of the run being simulated have been smoothed."""
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
@@ -221,8 +221,21 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=math.inf if self._whole else self._longest,
+            horizon=self._lag + self._longest,
         )
+
+    def look_back(
+        self, navigator: Navigator, run: int, recorder: Recorder, *, at_end: bool
+    ) -> None:
+        """Record the smoothed states of a run that are a lag old, or at its end all that are
+        left."""
+        states = self.trajectory.time[self.index]
+        first = self._looked_back
+        old = np.searchsorted(states, navigator.time - self._lag + 1e-6)
+        last = len(states) if at_end else int(old)
+        if last > first:
+            recorder.write_smoothed(run, first, navigator.smoothed(states[first:last]))
+        self._looked_back = 0 if at_end else last
 
     @property
     def _longest(self) -> float:

@@ -57,17 +57,18 @@ class Recorder:
         )
         self._covariance[run, which] = track[:, [10, 11, 11, 12]].reshape(-1, 2, 2)
 
-    def write_smoothed(self, run: int, states: Sequence[FilterState]) -> None:
-        """Write all states of a run as all its data have them."""
+    def write_smoothed(self, run: int, first: int, states: Sequence[FilterState]) -> None:
+        """Write smoothed states of a run, from a state on."""
         if self._smoothed is None:
-            self._smoothed = (
-                np.full_like(self._error, np.nan),
-                np.full_like(self._covariance, np.nan),
-            )
+            arrays = self._error, self._covariance
+            self._smoothed = np.full_like(arrays[0], np.nan), np.full_like(arrays[1], np.nan)
+        which = slice(first, first + len(states))
         place = np.array([state.position for state in states])
         error, covariance = self._smoothed
-        error[run] = horizontal_difference(place[:, 0], place[:, 1], self.latitude, self.longitude)
-        covariance[run] = [state.covariance[:2, :2] for state in states]
+        error[run, which] = horizontal_difference(
+            place[:, 0], place[:, 1], self.latitude[which], self.longitude[which]
+        )
+        covariance[run, which] = [state.covariance[:2, :2] for state in states]
 
     def write_readings(self, scans: Integers, readings: Array, track: Array) -> None:
         """Write the first run's readings (K,) or (K, C) of some scans, and its track there."""

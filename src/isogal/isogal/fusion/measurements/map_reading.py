@@ -1,12 +1,12 @@
 """A reading of a map as a measurement by itself, linear about a place that is known beforehand
-(docs/mathematics.md, section 3.9):
+(docs/mathematics.md, section 3.14):
 
     reduced(x0) - m = (g - J) (x - x0) + u + b + white noise
 
 with the reading reduced at a reference x0, the Jacobian J of the reduction, the map as m + g (x -
 x0), the map's error u and slow errors b of the instrument. m and g are the map's statistical
-regression over what is known of the place (posterior linearisation: García-Fernández, Svensson,
-Morelande & Särkkä 2015); what they leave of the map is white noise."""
+regression over what is known of the place (García-Fernández, Svensson & Särkkä 2017); what they
+leave of the map is white noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
