@@ -118,8 +118,10 @@ def _errors(
 ) -> tuple[AuxiliaryState, ...] | None:
     """Return the slow errors of a field's readings; None where there are others."""
     settings, matcher = scenario.gravimeter, scenario.matcher
-    others = settings.filter_time, settings.delay, settings.delay_sigma
-    others += settings.cross_coupling, settings.platform_tilt
+    others = (
+        *(settings.filter_time, settings.delay, settings.delay_sigma),
+        *(settings.cross_coupling, settings.platform_tilt),
+    )
     if any(others) or any(figures.get(fault, 0.0) > LIKELY for fault in FAULTS):
         return None
     sigma, length = matcher.map_sigma, matcher.map_correlation_length

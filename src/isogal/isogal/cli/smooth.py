@@ -45,17 +45,7 @@ def smooth(
     The sensor messages are played to fresh nodes as by `isogal replay`. Where the truth was
     recorded, the errors are printed. The scenario is the recording's own; --scenario names
     another, --set changes keys."""
-    from isogal.cli.run import require_ros
-
-    if not source.exists():
-        raise InputError(f"{source}: no such recording or folder")
-    bag = source / "bag" if (source / "bag").is_dir() else source
-    if bag.is_dir() and (source / "results.json").is_file() and not any(bag.glob("*.mcap*")):
-        raise InputError(
-            f"{source}: is a study, which has no recording; isogal montecarlo --smooth smooths its"
-            " runs"
-        )
-    require_ros("smooth")
+    bag = _bag_of(source)
     from isogal.scenario import load_scenario
     from isogal_ros.graph.commands import smooth_command
 
@@ -69,3 +59,20 @@ def smooth(
         json=json,
     )
     raise typer.Exit(status)
+
+
+def _bag_of(source: Path) -> Path:
+    """Return the recording of a run; raises InputError where there is none, or it cannot be
+    read."""
+    from isogal.cli.run import require_ros
+
+    if not source.exists():
+        raise InputError(f"{source}: no such recording or folder")
+    bag = source / "bag" if (source / "bag").is_dir() else source
+    if bag.is_dir() and (source / "results.json").is_file() and not any(bag.glob("*.mcap*")):
+        raise InputError(
+            f"{source}: is a study, which has no recording; isogal montecarlo --smooth smooths its"
+            " runs"
+        )
+    require_ros("smooth")
+    return bag

@@ -64,12 +64,7 @@ def summarise(
         "matcher": scenario.matcher.name,
         "runs": len(runs),
         "diverged": int(astray.sum()),
-        "position_error": {
-            "mean": _mean(aided),
-            "rms": _rms(aided),
-            "mean_after_1h": _mean(aided[:, settled]),
-            "rms_after_1h": _rms(aided[:, settled]),
-        },
+        "position_error": _position_error(aided, settled),
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
         "nees_per_axis": _nees(posterior_nees(runs)),
@@ -87,24 +82,18 @@ def summarise(
         "rms_over_time": _rms_over_time(runs, bound_rms),
     }
     if runs.smoothed is not None:
-        later = np.full_like(bound_rms, np.nan)
-        if smoothed_bound_rms is not None:
-            later = smoothed_bound_rms
-        summary["smoothed"] = _smoothed(runs, runs.smoothed, later)
+        summary["smoothed"] = _smoothed(runs, runs.smoothed, smoothed_bound_rms)
     return summary
 
 
-def _smoothed(runs: Runs, states: SmoothedStates, bound_rms: Array) -> SmoothedSummary:
+def _smoothed(runs: Runs, states: SmoothedStates, known: Array | None) -> SmoothedSummary:
+    """Return the section of smoothed states, with the RMS bound (K,), m, if it is known."""
+    bound_rms = np.full(runs.time.shape, np.nan) if known is None else known
     error, entries = states.horizontal_error, _entries(runs)
     settled = runs.elapsed > SETTLED_AFTER
     rms, bound, causal = _rms(error), _rms(bound_rms), _rms(runs.horizontal_error)
     return {
-        "position_error": {
-            "mean": _mean(error),
-            "rms": rms,
-            "mean_after_1h": _mean(error[:, settled]),
-            "rms_after_1h": _rms(error[:, settled]),
-        },
+        "position_error": _position_error(error, settled),
         "nees_per_axis": _nees(nees_per_axis(states.error, states.covariance)),
         "bound": {"rms": bound, "rms_after_1h": _rms(bound_rms[settled])},
         "ratio": rms / bound if rms is not None and bound else None,
@@ -114,6 +103,15 @@ def _smoothed(runs: Runs, states: SmoothedStates, bound_rms: Array) -> SmoothedS
             "smoothed": finite_list(np.sqrt(np.mean(error[:, entries] ** 2, axis=0))),
             "bound": finite_list(bound_rms[entries]),
         },
+    }
+
+
+def _position_error(error: Array, settled: Booleans) -> dict[str, Number]:
+    return {
+        "mean": _mean(error),
+        "rms": _rms(error),
+        "mean_after_1h": _mean(error[:, settled]),
+        "rms_after_1h": _rms(error[:, settled]),
     }
 
 

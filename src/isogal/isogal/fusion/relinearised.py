@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.inertial_navigator import InertialNavigator
@@ -62,7 +62,8 @@ class Readings:
         velocity = np.array([state.velocity for state in states])
         covariance = np.array([state.covariance[:2, :2] for state in states])
         attitude = matrix(np.array([state.attitude for state in states]))
-        at = State(*place.T, velocity[:, 0], velocity[:, 1], attitude)
+        latitude, longitude, height = place.T
+        at = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1], attitude)
         reduced = np.asarray(self.reduction.reduce(self.sensed, at))
         jacobian, by_height = self.reduction.jacobian(at), self.reduction.height_slope(at)
         near = linear_map(self.field_map, place[:, 0], place[:, 1], covariance)
@@ -125,7 +126,7 @@ def smoothed_by_readings(
 
 
 def _by_time(
-    readings: Sequence[Readings], every: Array, track: Sequence[FilterState], known: Array
+    readings: Sequence[Readings], every: Array, track: Sequence[FilterState], known: Booleans
 ) -> dict[float, list[Measurement]]:
     """Return the readings about a track at times (K,), s, by their times, without those at times
     at which it is not known."""

@@ -29,7 +29,7 @@ class Trace(NamedTuple):
     def of(cls, intervals: int, states: int) -> "Trace":
         """Return an empty one."""
         square = (intervals, states, states)
-        return cls(*(np.zeros(square) for _ in range(3)), np.zeros(square[:2]))
+        return cls(np.zeros(square), np.zeros(square), np.zeros(square), np.zeros(square[:2]))
 
 
 NONE = Trace.of(0, 0)
@@ -45,11 +45,15 @@ def record_cross(
     auxiliary: Auxiliary,
     velocity: Array,
     dt: float,
-    cross: Array,
+    trace: Trace,
+    k: int,
 ) -> None:
-    """Write the covariance (N, N) of the error before an interval with that after it, from the
-    columns of the former's factor (`sigma_points.factorise`) and the halves of the differences of
-    opposite points (`sigma_points.moments`), with the ageing of auxiliary states."""
+    """Write `Trace.cross` of interval k, if it is asked for, from the columns of the covariance's
+    factor before it (`sigma_points.factorise`) and the halves of the differences of opposite
+    points (`sigma_points.moments`), with the ageing of auxiliary states."""
+    if k >= trace.cross.shape[0]:
+        return
+    cross = trace.cross[k]
     paired = 2.0 * weights.other * weights.spread
     distance = dt * math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
     for a in range(n):
@@ -68,8 +72,23 @@ def record_cross(
 
 
 @kernel(**INLINE)
-def record_square(n: int, P: Array, kept: Array) -> None:
-    """Write the symmetric part of P (N, W) into `kept` (N, N)."""
+def record_predicted(n: int, P: Array, error: Array, trace: Trace, k: int) -> None:
+    """Write `Trace.predicted` of interval k, the symmetric part of P (N, W), if it is asked for;
+    zeros in `error` (W,) then stand for a height that is not used."""
+    if k >= trace.cross.shape[0]:
+        return
     for a in range(n):
+        error[a] = 0.0
         for b in range(n):
-            kept[a, b] = 0.5 * (P[a, b] + P[b, a])
+            trace.predicted[k, a, b] = 0.5 * (P[a, b] + P[b, a])
+
+
+@kernel(**INLINE)
+def record_filtered(n: int, P: Array, error: Array, trace: Trace, k: int) -> None:
+    """Write `Trace.filtered` and `Trace.correction` of interval k, if they are asked for."""
+    if k >= trace.cross.shape[0]:
+        return
+    for a in range(n):
+        trace.correction[k, a] = error[a]
+        for b in range(n):
+            trace.filtered[k, a, b] = 0.5 * (P[a, b] + P[b, a])

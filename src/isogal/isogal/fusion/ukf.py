@@ -38,7 +38,7 @@ from isogal.fusion.sigma_points import (
 from isogal.fusion.sigma_points import (
     CORE as N,
 )
-from isogal.fusion.trace import Trace, record_cross, record_square
+from isogal.fusion.trace import Trace, record_cross, record_filtered, record_predicted
 from isogal.inertial.gravity import Compensation, horizontal_gravity
 from isogal.inertial.rotations import INLINE, rotate
 
@@ -131,6 +131,16 @@ def write_symmetric(n: int, P: Array, covariance: Array) -> None:
             covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
 
 
+@kernel(**INLINE)
+def write_row(nominal: Nominal, P: Array, track: Array, k: int) -> None:
+    """Write row k of a track (S, 13): position, velocity, attitude, covariance of the position."""
+    for i in range(3):
+        track[k, i], track[k, 3 + i] = nominal.position[i], nominal.velocity[i]
+    for i in range(4):
+        track[k, 6 + i] = nominal.attitude[i]
+    track[k, 10], track[k, 11], track[k, 12] = P[0, 0], P[0, 1], P[1, 1]
+
+
 @kernel(error_model="numpy")
 def advance(
     nominal: Nominal,
@@ -197,9 +207,7 @@ def advance(
         tail_points(auxiliary, q, f, w, dt, factor, odd, total)
         errors_of(ends, points)
         moments(n, points, even, odd, weights, mean, P)
-        traced = k < trace.cross.shape[0]
-        if traced:
-            record_cross(n, factor, odd, weights, auxiliary, v, dt, trace.cross[k])
+        record_cross(n, factor, odd, weights, auxiliary, v, dt, trace, k)
         age(auxiliary, nominal.auxiliary, v, dt, P)
         for i in range(3):
             x[i], v[i] = ends[i, CENTRE], ends[3 + i, CENTRE]
@@ -207,20 +215,10 @@ def advance(
             q[i] = ends[6 + i, CENTRE]
         add_noise(q, noise, dt, P)
         move(nominal, mean)
-        if traced:
-            record_square(n, P, trace.predicted[k])
-            for i in range(n):
-                mean[i] = 0.0
+        record_predicted(n, P, mean, trace, k)
         if assumptions.height_sigma > 0.0 and not math.isnan(height[k]):
             update_height(n, nominal, P, height[k], assumptions, gain, mean)
-        if traced:
-            record_square(n, P, trace.filtered[k])
-            for i in range(n):
-                trace.correction[k, i] = mean[i]
-        for i in range(3):
-            track[k, i], track[k, 3 + i] = x[i], v[i]
-        for i in range(4):
-            track[k, 6 + i] = q[i]
-        track[k, 10], track[k, 11], track[k, 12] = P[0, 0], P[0, 1], P[1, 1]
+        record_filtered(n, P, mean, trace, k)
+        write_row(nominal, P, track, k)
     write_symmetric(n, P, covariance)
     return done

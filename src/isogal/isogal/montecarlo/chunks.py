@@ -125,7 +125,8 @@ class Task(NamedTuple):
     def compute(self, field_map: RunMap, progress: Progress | None = None) -> Runs:
         """Compute the runs; raises InputError where the scenario cannot be used."""
         matcher = None if self.aided else Unaided()
-        return simulate(self.scenario, self.runs, field_map, matcher, progress, smooth=self.smooth)
+        lag = math.inf if self.smooth else 0.0
+        return simulate(self.scenario, self.runs, field_map, matcher, progress, lag=lag)
 
 
 class Unaided:

@@ -129,16 +129,12 @@ def simulate(
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
     simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag)
-    ends = simulation.ends
-    recorder = Recorder(trajectory, simulation.index, ends, len(runs))
-    elapsed = trajectory.time[-1] - trajectory.time[0]
-    stops = [0, *ends.tolist()]
-    stops += [] if stops[-1] == simulation.scans else [simulation.scans]
+    recorder = Recorder(trajectory, simulation.index, simulation.ends, len(runs))
     for run in range(len(runs)):
         navigator = simulation.navigator(run, matcher)
         recorder.write_track(run, 0, navigator.inertial.track(trajectory.time[:1]))
         aids = simulation.measurements(run)
-        for batch, (before, scan) in enumerate(pairwise(stops)):
+        for batch, (before, scan) in enumerate(pairwise(simulation.stops)):
             for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
                 simulation.advance(navigator, run, begin, end, aids)
                 recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
@@ -152,9 +148,8 @@ def simulate(
                     revised(run, scans, simulation.track(navigator, before, scan))
             if progress is not None:
                 share = (run + scan / simulation.scans) / len(runs)
-                progress(float(trajectory.time[0] + share * elapsed))
-            if lag > 0.0:
-                simulation.look_back(navigator, run, recorder, at_end=scan == simulation.scans)
+                progress(float(trajectory.time[0] + share * np.ptp(trajectory.time)))
+            simulation.look_back(navigator, run, scan, recorder)
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
@@ -224,11 +219,17 @@ class Simulation:
             horizon=self._lag + self._longest,
         )
 
-    def look_back(
-        self, navigator: Navigator, run: int, recorder: Recorder, *, at_end: bool
-    ) -> None:
-        """Record the smoothed states of a run that are a lag old, or at its end all that are
-        left."""
+    @property
+    def stops(self) -> list[int]:
+        """The start, and the scans at which a batch or a run ends."""
+        return sorted({0, *self.ends.tolist(), self.scans})
+
+    def look_back(self, navigator: Navigator, run: int, scan: int, recorder: Recorder) -> None:
+        """Record the smoothed states of a run that are a lag old at a scan, or at its end all that
+        are left; where there is no lag, none."""
+        if self._lag == 0.0:
+            return
+        at_end = scan == self.scans
         states = self.trajectory.time[self.index]
         first = self._looked_back
         old = np.searchsorted(states, navigator.time - self._lag + 1e-6)
