@@ -41,6 +41,10 @@ class Segment:
         """s."""
         return float(self.time[-1])
 
+    def goes_on(self, later: "Segment") -> bool:
+        """Whether a later segment's samples follow on this one's as if of the same segment."""
+        return later.change is None and abs(later.dt - self.dt) < AT_ONCE
+
     def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "Segment":
         """Return the samples from one to before another, less two times (s) at the beginning and
         at the end, which may be of a single sample."""
