@@ -51,10 +51,14 @@ def rms(field_map: FieldMap | None = WAVES, **sections: Any) -> float:
 
 
 def _dense(
-    settings: Scenario, trajectory: Trajectory, gradient: tuple[float, float], quantisation: float
+    settings: Scenario,
+    trajectory: Trajectory,
+    gradient: tuple[float, float],
+    quantisation: float,
+    scan: int = -1,
 ) -> np.ndarray:
-    """Covariance of the position error at the last scan given all readings, by conditioning one
-    big Gaussian vector.
+    """Covariance of the position error at a scan, counted from 0, given all readings, by
+    conditioning one big Gaussian vector.
 
     By matrix exponentials, Van Loan's noise integral and the full covariance of the map's error,
     so it has nothing in common with the recursion."""
@@ -101,8 +105,8 @@ def _dense(
     instrument = settings.gravimeter
     readings += instrument.correlated_sigma**2 * np.exp(-apart / instrument.correlation_time)
     readings += instrument.bias_walk**2 * np.minimum(time[:, None], time)
-    cross = np.einsum("jab,jb->aj", states[-1], H)[:2]
-    return states[-1, -1][:2, :2] - cross @ np.linalg.solve(readings, cross.T)
+    cross = np.einsum("jab,jb->aj", states[scan], H)[:2]
+    return states[scan, scan][:2, :2] - cross @ np.linalg.solve(readings, cross.T)
 
 
 @pytest.mark.parametrize(
@@ -128,13 +132,18 @@ def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, errors):
     i = len(trajectory)
     _, north, east = field_map.value_and_gradient(trajectory.latitude[i], trajectory.longitude[i])
     assert (north, east) == pytest.approx((1e-7, -6e-8), rel=0.01)
-    bound = posterior_cramer_rao(settings, trajectory, field_map)
+    bound = posterior_cramer_rao(settings, trajectory, field_map, smoothed=True)
     # the dense covariance takes one gradient for the whole route, so the map's is taken at its
     # middle
     middle = trajectory.latitude[i // 2], trajectory.longitude[i // 2]
     _, north, east = field_map.value_and_gradient(*middle)
     dense = _dense(settings, trajectory, (float(north), float(east)), 2e-6)
     np.testing.assert_allclose(bound.covariance[-1], dense, rtol=2e-3)
+    assert bound.smoothed is not None
+    np.testing.assert_allclose(bound.smoothed[-1], bound.covariance[-1], rtol=1e-12)
+    for scan in (0, 12, 20):
+        dense_then = _dense(settings, trajectory, (float(north), float(east)), 2e-6, scan)
+        np.testing.assert_allclose(bound.smoothed[scan + 1], dense_then, rtol=5e-3)
     unaided = unaided_covariance(settings, trajectory)
     assert np.trace(dense) < 0.8 * np.trace(unaided.covariance[-1])
 
@@ -360,3 +369,13 @@ def test_in_turns_cross_coupling_counts():
     # readings of a turn that may be wrong by 0.4 m/s² say nothing but what their two unknown
     # shares leave
     assert coupled < 1.001 * blind
+
+
+def test_what_comes_later_informs_the_past_and_costs_nothing() -> None:
+    both = bound(how={"smoothed": True})
+    assert both.smoothed is not None and bound().smoothed is None
+    np.testing.assert_array_equal(both.covariance, bound().covariance)
+    less = both.covariance - both.smoothed
+    assert np.linalg.eigvalsh(less).min() > -1e-9
+    assert both.smoothed_rms_at(np.array([900.0])) < 0.8 * both.rms_at(np.array([900.0]))
+    assert np.isnan(bound().smoothed_rms_at(np.array([900.0]))).all()

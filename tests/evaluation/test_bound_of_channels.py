@@ -105,9 +105,13 @@ class TestOnePotential:
         wrong = tensor_covariance(settings.gradiometer.components, channel, apart, 900.0)
         whole = 1e-16 * wrong + 1e-18 * np.kron(np.eye(len(scans)), self.NOISE)
         dense = np.linalg.inv(slope.T @ np.linalg.solve(whole, slope) + np.eye(2) / 300.0**2)
-        bound = posterior_cramer_rao(settings, trajectory, self.MAPS)
+        bound = posterior_cramer_rao(settings, trajectory, self.MAPS, smoothed=True)
         found = np.sqrt(np.trace(bound.covariance[-1]))
         np.testing.assert_allclose(found, np.sqrt(np.trace(dense)), rtol=0.05)
+        # the error does not change on the way: afterwards it is known as well at any time
+        assert bound.smoothed is not None
+        later = np.sqrt(np.trace(bound.smoothed, axis1=1, axis2=2))
+        np.testing.assert_allclose(later, found, rtol=0.05)
         # another bound than that of errors that do not go together
         alone = settings.model_copy(
             update={"gradiometer": Gradiometer(covariance_eotvos=self.NOISE.tolist())}

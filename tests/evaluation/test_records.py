@@ -5,14 +5,16 @@ import pytest
 
 from helpers.studies import outcomes
 from isogal.errors import InputError
-from isogal.evaluation.records import RunDetail, Runs
+from isogal.evaluation.records import RunDetail, Runs, SmoothedStates
 from isogal.matching.interfaces import Candidates
 
+Record = Runs | RunDetail | SmoothedStates
 
-def assert_equal(a: Runs | RunDetail, b: Runs | RunDetail) -> None:
+
+def assert_equal(a: Record, b: Record) -> None:
     for item in fields(a):
         x, y = getattr(a, item.name), getattr(b, item.name)
-        if isinstance(x, RunDetail):
+        if isinstance(x, RunDetail | SmoothedStates):
             assert_equal(x, y)
         else:
             np.testing.assert_array_equal(x, y)
@@ -119,3 +121,18 @@ def test_candidates_are_flattened_with_their_batch():
     np.testing.assert_array_equal(flat["candidate_scan"], [0, 3, 2])
     np.testing.assert_array_equal(flat["candidate_latitude"], [0.1, 0.2, 0.3])
     assert all(values.size == 0 for values in RunDetail.flatten([None, None]).values())
+
+
+def smoothed(runs: Runs) -> Runs:
+    return replace(runs, smoothed=SmoothedStates(0.5 * runs.error, 0.25 * runs.covariance))
+
+
+def test_smoothed_states_are_saved_and_joined(make_runs, tmp_path):
+    whole = smoothed(make_runs(runs=5))
+    whole.save(tmp_path / "chunk.npz")
+    assert_equal(Runs.load(tmp_path / "chunk.npz"), whole)
+    assert_equal(Runs.concatenate([whole.part(range(2)), whole.part(range(2, 5))]), whole)
+    with pytest.raises(ValueError, match="not can"):
+        Runs.concatenate([whole.part([0]), replace(whole.part([1]), smoothed=None)])
+    with pytest.raises(ValueError, match="covariance must have shape"):
+        SmoothedStates(whole.error, whole.covariance[:, :-1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.studies import outcomes
-from isogal.evaluation.records import Runs
+from isogal.evaluation.records import Runs, SmoothedStates
 from isogal.evaluation.results import canonical_json, write_json
 from isogal.evaluation.summary import diverged, posterior_nees, summarise
 from isogal.scenario import Scenario
@@ -134,3 +134,24 @@ def test_json_is_canonical(tmp_path):
     write_json(tmp_path / "out" / "results.json", value)
     assert (tmp_path / "out" / "results.json").read_text(encoding="utf-8") == text
     assert len(list((tmp_path / "out").iterdir())) == 1
+
+
+def test_smoothed_states_have_a_section_of_their_own(make_runs):
+    states = 121
+    runs = make_runs(runs=2, error=np.full((2, states, 2), [60.0, 80.0]))
+    error, covariance = np.full((2, states, 2), [6.0, 8.0]), np.zeros((2, states, 2, 2))
+    covariance[:] = np.diag([36.0, 32.0])
+    smoothed = replace(runs, smoothed=SmoothedStates(error, covariance))
+    bound = np.full(states, 40.0)
+    result = summarise(smoothed, Scenario(), bound, smoothed_bound_rms=np.full(states, 8.0))
+    assert list(result) == [*CONTRACT, "smoothed"]
+    found = result["smoothed"]
+    assert found["position_error"]["rms"] == pytest.approx(10.0)
+    assert found["position_error"]["rms_after_1h"] == pytest.approx(10.0)
+    assert found["bound"] == {"rms": pytest.approx(8.0), "rms_after_1h": pytest.approx(8.0)}
+    assert found["ratio"] == pytest.approx(1.25) and found["of_causal"] == pytest.approx(0.1)
+    assert found["nees_per_axis"]["mean"] == pytest.approx(1.5)
+    assert set(found["rms_over_time"]) == {"time", "smoothed", "bound"}
+    assert json.loads(canonical_json(result)) == result
+    unknown = summarise(smoothed, Scenario(), bound)["smoothed"]
+    assert unknown["ratio"] is None and unknown["bound"]["rms"] is None

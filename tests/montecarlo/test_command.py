@@ -81,6 +81,16 @@ def test_what_it_writes(finished: Path) -> None:
     assert (finished / "position_error.png").stat().st_size > 10_000
 
 
+def test_smoothed_runs(arguments: list[str], tmp_path: Path) -> None:
+    words = ("--runs", "2", "--workers", "1", "--out", str(tmp_path), "--smooth")
+    printed = answer(*arguments, *words)
+    assert "Smoothed: RMS error over bound" in printed
+    found = json.loads((tmp_path / "results.json").read_text())
+    assert list(found) == [*KEYS, "smoothed"]
+    assert found["smoothed"]["bound"]["rms"] < found["bound"]["rms"]
+    assert found["smoothed"]["position_error"]["rms"] > 0.0
+
+
 def test_again_with_json_computes_nothing_and_says_the_same(
     arguments: list[str], finished: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from helpers.navigators import ROUTE
 from helpers.studies import same_runs
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
+from isogal.evaluation.consistency import nees_per_axis
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.matching.joint_batches import JointBatches
@@ -336,3 +337,55 @@ def test_batches_learn_of_each_fix_of_their_own_run(monkeypatch):
     told = [[fix.reason for fix in fixes] for fixes in seen.values()]
     assert told == runs.fix_reason.tolist()
     assert told[0] != told[1]
+
+
+@pytest.mark.slow
+def test_smoothed_states_are_as_good_as_they_say():
+    """Of 16 runs of half an hour. 1800 s are some three independent errors of two axes: the mean
+    of the NEES is of about 100 values, and beyond 0.6 to 1.5 once in 3000 studies."""
+    it = scenario(duration=1800.0, stride=5)
+    found = simulate(it, range(16), MAP, lag=np.inf)
+    states = found.smoothed
+    assert states is not None
+    same_runs(simulate(it, [3], MAP), replace(found, smoothed=None).part([3]))
+    nees = nees_per_axis(states.error, states.covariance)
+    assert 0.6 < nees.mean() < 1.5
+    settled = found.elapsed > 300.0
+    then, later = found.horizontal_error[:, settled], states.horizontal_error[:, settled]
+    assert np.sqrt(np.mean(later**2)) < 0.8 * np.sqrt(np.mean(then**2))
+    np.testing.assert_allclose(states.error[:, -1], found.error[:, -1], atol=1e-6)
+    np.testing.assert_allclose(states.covariance[:, -1], found.covariance[:, -1], rtol=1e-9)
+
+
+def test_a_fixed_lag_lies_between_nothing_and_all():
+    """Each state by data up to a lag later: the last ones by all, none by more."""
+    it = scenario(duration=1200.0, stride=5)
+    causal, whole = (simulate(it, range(3), MAP, lag=lag) for lag in (0.0, np.inf))
+    found = simulate(it, range(3), MAP, lag=300.0)
+    assert causal.smoothed is None
+    assert found.smoothed is not None and whole.smoothed is not None
+    same_runs(replace(found, smoothed=None), causal)
+    traces = [
+        np.trace(one, axis1=2, axis2=3)
+        for one in (whole.smoothed.covariance, found.smoothed.covariance, causal.covariance)
+    ]
+    assert (traces[0] <= traces[1] * 1.001).all()
+    settled = causal.elapsed > 300.0
+    assert (traces[1][:, settled].mean(axis=0) < traces[2][:, settled].mean(axis=0) * 1.05).all()
+    last = causal.elapsed > 900.0
+    np.testing.assert_allclose(traces[1][:, last], traces[0][:, last], rtol=1e-6)
+
+
+def test_a_navigator_that_was_lost_knows_its_past_afterwards():
+    """It believes to know its start, and is some km away: fixes of the first part of the voyage
+    are of wrong places, and what it says of them at the time is far from the truth."""
+    it = scenario(duration=1900.0, stride=5).model_copy(
+        update={"initial_error": InitialError(position=50.0, hidden_position=6000.0)}
+    )
+    found = simulate(it, [0], field_map_of(wavy, half=60e3, step=500.0), lag=np.inf)
+    states = found.smoothed
+    assert states is not None
+    early = found.elapsed < 400.0
+    assert np.sqrt(np.mean(found.horizontal_error[:, early] ** 2)) > 5000.0
+    assert np.sqrt(np.mean(states.horizontal_error[:, early] ** 2)) < 300.0
+    assert nees_per_axis(states.error, states.covariance).mean() < 4.0

@@ -8,11 +8,13 @@ The two halves, `isogal.fusion.inertial_navigator` and `isogal.matching.map_matc
 nodes of the graph run by themselves; a simulation runs both here. A run through the graph and one
 through this object agree."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from isogal.afterwards import Sensed, smoothed_voyage
 from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fields.measured import measured_field
@@ -59,7 +61,7 @@ class Navigator:
     matcher : Matcher, optional
         Default: the scenario's.
     horizon : float
-        How old a measurement may be, s.
+        How old a measurement may be, s; infinite = the whole history is kept.
     """
 
     def __init__(
@@ -83,6 +85,11 @@ class Navigator:
         """Of the batch before the newest, and of the newest, s."""
         self._scan_times = np.empty(0)
         self._each_scan = scenario.matcher.mode == "retrodiction"
+        self._scenario, self._maps, self._whole = scenario, tuple(maps), math.isinf(horizon)
+        self._sensed: list[list[Sensed]] = [[] for _ in each]
+        """All readings, where the whole history is kept."""
+        self._figures: Mapping[str, float] = {}
+        """Of the last fix."""
 
     @property
     def time(self) -> float:
@@ -144,6 +151,8 @@ class Navigator:
         attitude = matrix(track[:, 6:10])
         state = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1], attitude)
         reduced = np.asarray(self._reductions[field].reduce(readings, state))
+        if self._whole:
+            self._sensed[field].append(Sensed(time, np.array(readings, dtype=float)))
         for stamp, place, speed, reading in zip(time, position, velocity, reduced, strict=True):
             self.matching.add(field, float(stamp), place, speed, reading)
         return reduced
@@ -164,6 +173,22 @@ class Navigator:
         matched = self.matching.match(self.state.batch_prior, aided=aided)
         self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched
+
+    def smoothed(self, time: Array) -> list[FilterState]:
+        """Return the states at times (K,), s, rising, as all data so far have them; with an
+        infinite horizon as `isogal.afterwards` has the whole voyage. The navigator is not changed.
+
+        Raises
+        ------
+        ValueError
+            A time is not within the horizon.
+        """
+        if not self._whole:
+            return self.inertial.smoothed(time)
+        sensed = [Sensed.joined(parts) if parts else None for parts in self._sensed]
+        return smoothed_voyage(
+            self.inertial, time, self._scenario, self._maps, sensed, self._figures
+        )
 
     def _aided(self) -> Aided | None:
         """Return what satellites have told since the last batch."""
@@ -189,6 +214,7 @@ class Navigator:
             (time, one) for time, part in shares for one in measurements_of(part, relative_to)
         ]
         innovations = self.inertial.measure_all(parts) if parts else []
+        self._figures = fix.diagnostics or self._figures
         jump = batch_difference(self.state.estimate, before)
         if jump.any():
             self.matching.batches.correct(self.time, jump)

@@ -150,6 +150,9 @@ v_east (m/s), attitude about north, east, down (rad), which an Odometry cannot c
 NAV_PATH = Topic("nav/path", Path)
 PROTECTION_LEVEL = Topic("nav/protection_level", Float64)
 """m, one after each nav/odom, which has the stamp and the covariance that it is computed from."""
+SMOOTHED = Topic("nav/smoothed", Odometry)
+"""States of the past, each once, as all data up to `fusion.lag` later have them; none without a
+lag."""
 NAV_AIDS = Topic("nav/aids", DiagnosticArray)
 """Which aids the navigator uses, since when not, and why."""
 TF = None if TFMessage is None else Topic("/tf", TFMessage, single=False)
@@ -162,7 +165,7 @@ ALL = (
     GRAVIMETRY, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE,
     TERRAIN, SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE,
     CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL,
-    NAV_AIDS, *TRANSFORMS, DIAGNOSTICS,
+    NAV_AIDS, SMOOTHED, *TRANSFORMS, DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

@@ -28,6 +28,8 @@ from ukf_fusion_node.start import initial_state, start_ns
 from ukf_fusion_node.unresolved_gap import UnresolvedGap
 from ukf_fusion_node.upright import Upright
 
+REACH = 1.2
+"""Lags that the history goes back where states are smoothed, which is done by a tenth of it."""
 SAID_NS = 1_000_000_000
 """How long missing samples of a fast IMU are the node's state, in the time of the stamps."""
 
@@ -43,6 +45,7 @@ class Navigation:
 
     def __init__(self, node: GraphNode) -> None:
         self._settings, self._health = node.settings, node.health
+        self._horizon = max(node.settings.horizon, REACH * node.scenario.fusion.lag)
         measured = node.scenario.height.measured
         self._height = math.nan if measured else node.scenario.route.height
         self._log = node.get_logger()
@@ -185,7 +188,7 @@ class Navigation:
 
     def _set(self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None) -> None:
         self.navigator = InertialNavigator(
-            self.model, state, to_seconds(ns), self._settings.horizon, self._motion, sample
+            self.model, state, to_seconds(ns), self._horizon, self._motion, sample
         )
         self.ns, self._placed, self._upright = ns, None, Upright()
         self._fixed = ns

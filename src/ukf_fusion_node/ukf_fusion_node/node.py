@@ -8,6 +8,7 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
@@ -24,6 +25,7 @@ from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
 from ukf_fusion_node.settings import UkfFusionSettings
+from ukf_fusion_node.smoothed import Smoothed
 from ukf_fusion_node.watch import Leaps, LoneSamples, StuckError, Watch
 
 
@@ -53,7 +55,7 @@ class UkfFusionNode(GraphNode):
         self._aids = Aids(self, self._go_on)
         self._held: deque[Imu] = deque()
         """IMU samples that wait for other sensors."""
-        self.outputs = Outputs(self)
+        self.outputs, self._smoothed = Outputs(self), Smoothed(self)
         self._frame = map_frame(self.scenario)
         self.listen(topics.IMU, self._take_imu)
         self.listen(topics.FIX, self._take_fix)
@@ -61,8 +63,17 @@ class UkfFusionNode(GraphNode):
         whole = self.listen(topics.INFORMATION, self._take_whole)
         ahead = from_seconds(self.settings.max_gap)
         self._fixes = FixQueue(whole.get_publisher_count, ahead, self.monotonic)
-        self.offer_reset(self._navigation.reset)
+        self.offer_reset(self._reset)
         self.watch("silent", lambda: self._watch.silent, ERROR)
+
+    @property
+    def navigator(self) -> InertialNavigator | None:
+        """The filter with its history; None = it has not begun."""
+        return self._navigation.navigator
+
+    def _reset(self) -> str:
+        self._smoothed.begin_anew()
+        return self._navigation.reset()
 
     def _take_imu(self, message: Imu) -> None:
         self._held.append(message)
@@ -101,6 +112,7 @@ class UkfFusionNode(GraphNode):
             self._publish()
             if self._fixes:
                 self._settle()
+            self._smoothed.publish(self._navigation.navigator)
             self._navigation.keep()
         self.health.concern("stuck", self._watch.stuck)
         self.health.concern("gap", self._navigation.unresolved)

@@ -24,7 +24,7 @@ class UkfFusionSettings(NodeSettings):
     velocity_frame: str = Field(
         BASE, description="frame of velocity/data_raw, axes forward, left, up; empty = take any"
     )
-    horizon: float = Field(1200.0, ge=0.0, le=86400.0, description="how old a fix may be, s")
+    horizon: float = Field(1200.0, ge=0.0, le=1e8, description="how old a fix may be, s")
     max_gap: float = Field(
         10.0,
         gt=0.0,

@@ -38,6 +38,9 @@ COMMANDS = {
         "replay",
         "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ.",
     ),
+    "smooth": Place(
+        "smooth", "smooth", "Say of each moment of a recorded voyage what all its data know of it."
+    ),
     "faults": Place(
         "run", "faults", "Run the nodes with faulty sensors, links and nodes; table of the harm."
     ),

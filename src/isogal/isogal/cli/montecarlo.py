@@ -32,6 +32,12 @@ def montecarlo(
             "--matcher", metavar="NAME", help="Matcher to use instead of the scenario's."
         ),
     ] = None,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth", help="Show besides how well all data of a run know each of its states."
+        ),
+    ] = False,
 ) -> None:
     """Run a scenario many times; write results.json, report.html and figures, and print the
     figures of merit.
@@ -46,7 +52,7 @@ def montecarlo(
 
     settings = chosen.load(*([f"matcher.name={matcher}"] if matcher else ()))
     backend = workers.backend()
-    case = _checked_case(settings, runs)
+    case = _checked_case(settings, runs, smooth)
     store = Store(results.runs)
     make_folder(results.out)
     start = time.monotonic()
@@ -59,7 +65,7 @@ def montecarlo(
         _print(summary, page)
 
 
-def _checked_case(settings: "Scenario", runs: int) -> "Case":
+def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
     """Return the runs of a scenario; raises InputError where its matcher, route or map cannot be
     used."""
     from isogal.fields.scenario_map import maps_for_scenario, true_map
@@ -74,7 +80,7 @@ def _checked_case(settings: "Scenario", runs: int) -> "Case":
     field_map = maps_for_scenario(settings, trajectory)
     for one, its_map in zip(settings.each_field, each_map(field_map), strict=True):
         true_readings(one.true, trajectory, true_map(one, trajectory, its_map))
-    return Case("montecarlo", settings, runs, field_map)
+    return Case("montecarlo", settings, runs, field_map, smooth=smooth)
 
 
 def _evaluate(
@@ -89,9 +95,15 @@ def _evaluate(
 
     settings, field_map = case.scenario, case.field_map
     record = store.load(case)
-    bound = posterior_cramer_rao(settings, build_trajectory(settings), field_map)
-    at = bound.rms_at(record.time)
-    summary = summarise(record, settings, at, wall_seconds=wall_seconds)
+    trajectory = build_trajectory(settings)
+    bound = posterior_cramer_rao(settings, trajectory, field_map, smoothed=case.smooth)
+    summary = summarise(
+        record,
+        settings,
+        bound.rms_at(record.time),
+        smoothed_bound_rms=bound.smoothed_rms_at(record.time),
+        wall_seconds=wall_seconds,
+    )
     write_json(out / "results.json", summary)
     return summary, run_report(record, settings, field_map, bound, out, summary)
 

@@ -87,6 +87,9 @@ class BoundResult:
     """(K,) s."""
     covariance: Array
     """(K, 2, 2) m², north and east."""
+    smoothed: Array | None = None
+    """(K, 2, 2) m², of one that knows all readings of the voyage, those after a time as well; None
+    = not asked for."""
 
     @property
     def rms(self) -> Array:
@@ -97,6 +100,13 @@ class BoundResult:
         """Return the RMS horizontal error (m) at any times (s): linear between scans, NaN before
         the start and after the last scan."""
         return np.interp(time, self.time, self.rms, left=np.nan, right=np.nan)
+
+    def smoothed_rms_at(self, time: Array) -> Array:
+        """Return the same of one that knows all readings; NaN where it was not asked for."""
+        if self.smoothed is None:
+            return np.full(np.shape(time), np.nan)
+        rms = np.sqrt(np.trace(self.smoothed, axis1=1, axis2=2))
+        return np.interp(time, self.time, rms, left=np.nan, right=np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,6 +174,53 @@ class BoundModel:
             P[:, here] = P[:, here] @ moved.T
             P[newest, newest] += steps.root[own - 1] @ steps.root[own - 1].T
 
+    def smoothed(self) -> Array:
+        """Return (S + 1, 2, 2) the position covariances at the start and after each scan, given
+        all readings, those that come later included.
+
+        Forward covariances P, then backwards the information L of what comes later, of which P - P
+        L P is left (modified Bryson-Frazier; Bierman 1973, docs/mathematics.md, section 11.1).
+        Over a transition T, L becomes T' L T; over a reading with row h, gain k and innovation
+        variance s, (I - k h')' L (I - k h') + h h' / s."""
+        size, scans = len(self.start), len(self.used)
+        P, kept = self.start.copy(), [self.start.copy()]
+        over, said = [np.eye(size)], [np.zeros((size, size))]
+        for stretch, (transition, half) in enumerate(self.transitions(), 1):
+            moved = transition @ (P + half) @ transition.T + half
+            P[:] = 0.5 * (moved + moved.T)
+            self.jump(P, stretch)
+            A, B = self.jumped(transition @ over[-1], stretch), said[-1]
+            for sensor in self.measurements:
+                for row, noise in sensor.at(stretch):
+                    variance = noise + float(row @ P @ row)
+                    gain, seen = condition(P, row, noise), row @ A
+                    B += np.outer(seen, seen) / variance
+                    A -= np.outer(gain, seen)
+            over[-1] = A
+            if stretch % self.segments.per_scan == 0:
+                kept.append(P.copy())
+                over.append(np.eye(size))
+                said.append(np.zeros((size, size)))
+        result, later = np.empty((scans + 1, 2, 2)), np.zeros((size, size))
+        for scan in range(scans, -1, -1):
+            P = kept[scan]
+            result[scan] = P[:2, :2] - P[:2] @ later @ P[:, :2]
+            if scan > 0:
+                A = over[scan - 1]
+                later = A.T @ later @ A + said[scan - 1]
+        return result
+
+    def jumped(self, A: Array, stretch: int) -> Array:
+        """Return a transition (n, n) followed by that of map errors which go on to a scan at the
+        end of a stretch."""
+        for first, every, steps in self.jumps:
+            own, rest = divmod(stretch, every)
+            if not rest and own <= len(steps.gain):
+                count, size = steps.gain.shape[1:]
+                moved = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
+                A[first : first + size] = moved @ A[first : first + size]
+        return A
+
     def bound(self) -> Array:
         """Return (S + 1, 2, 2) the position covariances at the start and after each scan.
 
@@ -208,6 +265,7 @@ def posterior_cramer_rao(
     *,
     batchwise: bool = False,
     map_share: Array | None = None,
+    smoothed: bool = False,
 ) -> BoundResult:
     """Return the bound of a navigator that uses every reading at once, with the noise and map
     error of the scenario's true world, which it knows.
@@ -231,6 +289,8 @@ def posterior_cramer_rao(
     map_share : (S,) array, optional
         1-sigma of the map's error at each scan in units of `map_error.sigma`, where there is one
         field; default: 1.
+    smoothed : bool
+        Return besides that of one that knows all readings of the voyage.
     """
     world, settings = scenario.informed, scenario.informed.gravimeter
     chance = len(scenario.each_field) == 1 and settings.missing_fraction > 0.0
@@ -239,28 +299,32 @@ def posterior_cramer_rao(
         scenario = world.model_copy(update={"gravimeter": whole})
     model = bound_model(scenario, trajectory, field_map, batchwise=batchwise, map_share=map_share)
     if not chance:
-        return _result(world, trajectory, model.bound())
+        return _result(world, trajectory, [model], smoothed)
     scans = scan_index(world, trajectory)
     *aids, readings = model.measurements
-    found = []
+    models = []
     for run in range(PATTERNS):
         rows = readings.rows.copy()
         rows[missing(settings, world.seed, run, trajectory, scans)] = np.nan
         patterned = (*aids, replace(readings, rows=rows))
-        found.append(replace(model, measurements=patterned).bound())
-    return _result(world, trajectory, np.mean(found, axis=0))
+        models.append(replace(model, measurements=patterned))
+    return _result(world, trajectory, models, smoothed)
 
 
 def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
     """Return the error covariance of the navigator without any reading, by the same linear
     model, in the scenario's true world."""
-    return _result(scenario.informed, trajectory, linear_model(scenario, trajectory, []).bound())
+    return _result(scenario.informed, trajectory, [linear_model(scenario, trajectory, [])])
 
 
-def _result(world: Scenario, trajectory: Trajectory, covariance: Array) -> BoundResult:
-    return BoundResult(
-        trajectory.time[np.arange(len(covariance)) * world.steps_per_scan], covariance
-    )
+def _result(
+    world: Scenario, trajectory: Trajectory, models: Sequence[BoundModel], smoothed: bool = False
+) -> BoundResult:
+    """Return the bound that is the mean over models."""
+    covariance = np.mean([model.bound() for model in models], axis=0)
+    later = np.mean([model.smoothed() for model in models], axis=0) if smoothed else None
+    time = trajectory.time[np.arange(len(covariance)) * world.steps_per_scan]
+    return BoundResult(time, covariance, later)
 
 
 def bound_model(

@@ -22,7 +22,7 @@ Texts = NDArray[np.str_]
 
 FORMAT = 2
 """Version of the file layout; a file of another version is refused."""
-_DETAIL_PREFIX = "detail_"
+_DETAIL_PREFIX, _SMOOTHED_PREFIX = "detail_", "smoothed_"
 
 
 def _shape(*lengths: int | str) -> dict[str, tuple[int | str, ...]]:
@@ -91,6 +91,28 @@ class RunDetail:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SmoothedStates:
+    """The states of R runs at the K times of their record, as all data of the voyage have them."""
+
+    error: Array = field(metadata=_shape("R", "K", 2))
+    """(R, K, 2) m, estimate minus truth, north and east."""
+    covariance: Array = field(metadata=_shape("R", "K", 2, 2))
+    """(R, K, 2, 2) m²."""
+
+    def __post_init__(self) -> None:
+        _check_shapes(self)
+
+    @property
+    def horizontal_error(self) -> Array:
+        """(R, K) m."""
+        return cast(Array, np.hypot(self.error[..., 0], self.error[..., 1]))
+
+    def part(self, which: Sequence[int]) -> "SmoothedStates":
+        """Return those of some of the runs, by their places."""
+        return SmoothedStates(self.error[list(which)], self.covariance[list(which)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Runs:
     """R runs of one scenario: K navigation states and B batch ends each. Errors are estimate minus
     truth, north and east, m."""
@@ -125,6 +147,8 @@ class Runs:
     """(R, B) s, computing time of each batch."""
     detail: RunDetail | None = None
     """Extras for the figures of run 0."""
+    smoothed: SmoothedStates | None = None
+    """None = the runs were not smoothed."""
 
     def __post_init__(self) -> None:
         _check_shapes(self)
@@ -164,7 +188,9 @@ class Runs:
         """Return some of the runs, by their places in the record; the detail stays only where the
         first of them is the first here."""
         own = {name: getattr(self, name)[list(which)] for name in _PER_RUN}
-        return replace(self, **own, detail=self.detail if list(which[:1]) == [0] else None)
+        smoothed = None if self.smoothed is None else self.smoothed.part(which)
+        detail = self.detail if list(which[:1]) == [0] else None
+        return replace(self, **own, detail=detail, smoothed=smoothed)
 
     @staticmethod
     def concatenate(parts: Sequence["Runs"]) -> "Runs":
@@ -183,7 +209,16 @@ class Runs:
             if not all(np.array_equal(getattr(first, name), getattr(p, name)) for p in parts):
                 raise ValueError(f"runs of different scenarios cannot be joined: {name} differs")
         joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in _PER_RUN}
-        return replace(first, **joined, detail=first.detail)
+        found = [part.smoothed for part in parts if part.smoothed is not None]
+        if len(found) not in (0, len(parts)):
+            raise ValueError("runs that were smoothed and runs that were not cannot be joined")
+        smoothed = None
+        if found:
+            smoothed = SmoothedStates(
+                np.concatenate([one.error for one in found]),
+                np.concatenate([one.covariance for one in found]),
+            )
+        return replace(first, **joined, detail=first.detail, smoothed=smoothed)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz. The file appears whole or not at all, even if the writer
@@ -191,6 +226,10 @@ class Runs:
         arrays = {name: getattr(self, name) for name in _OF_RUNS}
         if self.detail is not None:
             arrays |= {_DETAIL_PREFIX + name: getattr(self.detail, name) for name in _OF_DETAIL}
+        if self.smoothed is not None:
+            arrays |= {
+                _SMOOTHED_PREFIX + name: getattr(self.smoothed, name) for name in _OF_SMOOTHED
+            }
         with atomic_path(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, format=np.array(FORMAT), **arrays)
 
@@ -212,7 +251,13 @@ class Runs:
                     detail = RunDetail(
                         **{name: stored[_DETAIL_PREFIX + name] for name in _OF_DETAIL}
                     )
-                return Runs(**{name: stored[name] for name in _OF_RUNS}, detail=detail)
+                smoothed = None
+                if _SMOOTHED_PREFIX + "error" in stored:
+                    smoothed = SmoothedStates(
+                        **{name: stored[_SMOOTHED_PREFIX + name] for name in _OF_SMOOTHED}
+                    )
+                own = {name: stored[name] for name in _OF_RUNS}
+                return Runs(**own, detail=detail, smoothed=smoothed)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         except (
@@ -226,7 +271,7 @@ class Runs:
             raise InputError(f"{path}: not a record of runs of format {FORMAT}: {error}") from None
 
 
-def _check_shapes(record: RunDetail | Runs) -> None:
+def _check_shapes(record: RunDetail | SmoothedStates | Runs) -> None:
     """Raise ValueError unless all arrays have the shapes that their fields say."""
     lengths: dict[int | str, int] = {}
     for name, shape in _shapes(type(record)).items():
@@ -239,11 +284,14 @@ def _check_shapes(record: RunDetail | Runs) -> None:
             raise ValueError(f"{name} must have shape {expected}, has {found}")
 
 
-def _shapes(record: type[RunDetail] | type[Runs]) -> dict[str, tuple[int | str, ...]]:
+def _shapes(
+    record: type[RunDetail] | type[SmoothedStates] | type[Runs],
+) -> dict[str, tuple[int | str, ...]]:
     """Return names and shapes of the arrays of a record."""
     return {one.name: one.metadata["shape"] for one in fields(record) if one.metadata}
 
 
-_OF_DETAIL, _OF_RUNS = _shapes(RunDetail), _shapes(Runs)
+_OF_DETAIL, _OF_SMOOTHED = _shapes(RunDetail), _shapes(SmoothedStates)
+_OF_RUNS = _shapes(Runs)
 _PER_RUN = [name for name, (first, *_) in _OF_RUNS.items() if first == "R"]
 """Arrays of a record that every run has one of; others are shared."""

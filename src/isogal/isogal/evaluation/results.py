@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 
@@ -69,6 +69,21 @@ class IntegritySummary(TypedDict):
     alert_limit: Alerts | None
 
 
+class SmoothedSummary(TypedDict):
+    """What all data of a voyage say of each of its states (`montecarlo --smooth`)."""
+
+    position_error: dict[str, Number]
+    nees_per_axis: Nees
+    """At every recorded state."""
+    bound: dict[str, Number]
+    """Of one that knows all readings."""
+    ratio: Number
+    """RMS error over RMS bound, whole run."""
+    of_causal: Number
+    """RMS error over that of the navigator at the time."""
+    rms_over_time: dict[str, list[Number]]
+
+
 class Summary(TypedDict):
     """The whole document."""
 
@@ -92,6 +107,8 @@ class Summary(TypedDict):
     time: dict[str, Number]
     """That all took, and a fix."""
     rms_over_time: dict[str, list[Number]]
+    smoothed: NotRequired[SmoothedSummary]
+    """Where the runs were smoothed."""
 
 
 def finite(value: float) -> Number:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import yaml
 
-from isogal.arrays import Array
 from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures.ensemble import ensemble_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
@@ -62,10 +61,9 @@ def run_report(
     Path
         Of the page.
     """
-    bound_rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
     many, shown = len(runs) > 1, scenario.each_field[0]
     sections = [
-        _accuracy(runs, bound_rms, many),
+        _accuracy(runs, bound, many),
         _integrity(runs, scenario.integrity, summary["integrity"]),
         *_single(runs, shown, channels_of(first_map(field_map))[0], many),
         _declined(runs) if many else _batches(runs),
@@ -135,6 +133,7 @@ def key_figures(summary: Summary) -> Table:
             number(bound["rms_after_1h"]),
         ),
         ("RMS error over bound", _ratio(error["rms"], bound["rms"]), ratio),
+        *_of_smoothed(summary),
         ("Unaided INS, mean (m)", number(summary["unaided"]["mean"]), ""),
         ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
         (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
@@ -157,16 +156,40 @@ def key_figures(summary: Summary) -> Table:
     return Table("Key figures.", ("", "whole run", "after the first hour"), rows)
 
 
+def _of_smoothed(summary: Summary) -> list[tuple[str, str, str]]:
+    """Return the rows of the key figures about smoothed states; none where there are none."""
+    if "smoothed" not in summary:
+        return []
+    found = summary["smoothed"]
+    error, bound, nees = found["position_error"], found["bound"], found["nees_per_axis"]
+    interval = " to ".join(number(end) for end in nees["interval"])
+    later = _ratio(error["rms_after_1h"], bound["rms_after_1h"])
+    causal = _ratio(error["rms_after_1h"], summary["position_error"]["rms_after_1h"])
+    return [
+        ("Smoothed: RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"])),
+        ("Smoothed: bound, RMS (m)", number(bound["rms"]), number(bound["rms_after_1h"])),
+        ("Smoothed: RMS error over bound", _ratio(error["rms"], bound["rms"]), later),
+        (
+            "Smoothed: RMS error over that of the time",
+            number(found["of_causal"]),
+            causal,
+        ),
+        (f"Smoothed: NEES per axis (95 % interval {interval})", number(nees["mean"]), ""),
+    ]
+
+
 def _ratio(value: float | None, reference: float | None) -> str:
     return "–" if not value or not reference else number(value / reference)
 
 
-def _accuracy(runs: Runs, bound_rms: Array, many: bool) -> Section:
+def _accuracy(runs: Runs, bound: BoundResult, many: bool) -> Section:
+    time = runs.time - runs.time[0] + bound.time[0]
+    later = None if bound.smoothed is None else bound.smoothed_rms_at(time)
     whose = "RMS over the runs" if many else "Of one run"
     pictures = [
         Illustration(
             "position_error",
-            ensemble_figure(runs, bound_rms),
+            ensemble_figure(runs, bound.rms_at(time), later),
             f"{whose}: horizontal position error of the aided and of the unaided navigator, and"
             " the posterior Cramér–Rao bound, which is an RMS over many runs"
             + (

@@ -10,8 +10,8 @@ from isogal.arrays import Array, Booleans
 from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, all_scans_nees, judge
-from isogal.evaluation.records import Runs
-from isogal.evaluation.results import Nees, Number, Summary, finite, finite_list
+from isogal.evaluation.records import Runs, SmoothedStates
+from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite, finite_list
 from isogal.fix import Status
 from isogal.scenario import Scenario
 
@@ -29,6 +29,7 @@ def summarise(
     scenario: Scenario,
     bound_rms: Array,
     *,
+    smoothed_bound_rms: Array | None = None,
     wall_seconds: float = math.nan,
 ) -> Summary:
     """Return the figures of merit of runs.
@@ -41,6 +42,8 @@ def summarise(
         What they were runs of.
     bound_rms : (K,) array
         m, RMS bound at `runs.time` (`BoundResult.rms_at`); NaN where not known.
+    smoothed_bound_rms : (K,) array, optional
+        The same of one that knows all readings (`BoundResult.smoothed_rms_at`).
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
 
@@ -56,17 +59,12 @@ def summarise(
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     judgement = judge(runs, astray)
-    return {
+    summary: Summary = {
         "scenario": scenario.model_dump(mode="json"),
         "matcher": scenario.matcher.name,
         "runs": len(runs),
         "diverged": int(astray.sum()),
-        "position_error": {
-            "mean": _mean(aided),
-            "rms": _rms(aided),
-            "mean_after_1h": _mean(aided[:, settled]),
-            "rms_after_1h": _rms(aided[:, settled]),
-        },
+        "position_error": _position_error(aided, settled),
         "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
         "nees_per_axis": _nees(posterior_nees(runs)),
@@ -82,6 +80,38 @@ def summarise(
             "fix_ms_median": finite(1e3 * _median(runs.fix_seconds)),
         },
         "rms_over_time": _rms_over_time(runs, bound_rms),
+    }
+    if runs.smoothed is not None:
+        summary["smoothed"] = _smoothed(runs, runs.smoothed, smoothed_bound_rms)
+    return summary
+
+
+def _smoothed(runs: Runs, states: SmoothedStates, known: Array | None) -> SmoothedSummary:
+    """Return the section of smoothed states, with the RMS bound (K,), m, if it is known."""
+    bound_rms = np.full(runs.time.shape, np.nan) if known is None else known
+    error, entries = states.horizontal_error, _entries(runs)
+    settled = runs.elapsed > SETTLED_AFTER
+    rms, bound, causal = _rms(error), _rms(bound_rms), _rms(runs.horizontal_error)
+    return {
+        "position_error": _position_error(error, settled),
+        "nees_per_axis": _nees(nees_per_axis(states.error, states.covariance)),
+        "bound": {"rms": bound, "rms_after_1h": _rms(bound_rms[settled])},
+        "ratio": rms / bound if rms is not None and bound else None,
+        "of_causal": rms / causal if rms is not None and causal else None,
+        "rms_over_time": {
+            "time": finite_list(runs.elapsed[entries]),
+            "smoothed": finite_list(np.sqrt(np.mean(error[:, entries] ** 2, axis=0))),
+            "bound": finite_list(bound_rms[entries]),
+        },
+    }
+
+
+def _position_error(error: Array, settled: Booleans) -> dict[str, Number]:
+    return {
+        "mean": _mean(error),
+        "rms": _rms(error),
+        "mean_after_1h": _mean(error[:, settled]),
+        "rms_after_1h": _rms(error[:, settled]),
     }
 
 
@@ -101,9 +131,14 @@ def _fixes(runs: Runs) -> dict[str, int]:
     }
 
 
-def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, list[Number]]:
+def _entries(runs: Runs) -> slice:
+    """Return which states are shown over time."""
     step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
-    entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
+    return slice(None, None, max(1, round(OVER_TIME_STEP / step)))
+
+
+def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, list[Number]]:
+    entries = _entries(runs)
     aided, unaided = runs.horizontal_error[:, entries], runs.unaided_horizontal_error[:, entries]
     return {
         "time": finite_list(runs.elapsed[entries]),

@@ -9,7 +9,7 @@ after: the result is exactly that of a measurement that had come on time."""
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,82 +20,13 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
 from isogal.fusion.satellite_monitor import SatelliteMonitor, Without, by_itself, of_aid
+from isogal.fusion.segment import AT_ONCE, Segment
+from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
 
-AT_ONCE = 1e-6
-"""s by which two stamps may differ that are the same time."""
 
-
-@dataclass(slots=True, eq=False)
-class _Segment:
-    """IMU samples of equal intervals, and the state after them."""
-
-    time: Array
-    """(S,) s, ends of the intervals."""
-    force: Array
-    """(S, 3)."""
-    rate: Array
-    """(S, 3)."""
-    height: Array
-    """(S,) known height, m; NaN = none."""
-    dt: float
-    """s, the interval that a sample is of."""
-    after: Mixture
-    """After the last interval, and the measurements of then."""
-    track: Array
-    """(S, 13) before these measurements (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
-    missing: float = 0.0
-    """s before the first interval without data, or at its beginning up to `HELD`."""
-    change: tuple[Array, Array] | None = None
-    """Of specific force and angular rate, (3,) each, over that."""
-    measurements: list[Measurement] = field(default_factory=list)
-
-    @property
-    def end(self) -> float:
-        """s."""
-        return float(self.time[-1])
-
-    def goes_on(self, later: "_Segment") -> bool:
-        """Whether a later segment's samples follow on this one's as if of the same segment."""
-        return later.change is None and abs(later.dt - self.dt) < AT_ONCE
-
-    def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "_Segment":
-        """Return the samples from one to before another, less two times (s) at the beginning and
-        at the end, which may be of a single sample."""
-        part = replace(
-            self,
-            time=self.time[first:last] - cut[1],
-            force=self.force[first:last],
-            rate=self.rate[first:last],
-            height=self.height[first:last],
-            track=self.track[first:last],
-            dt=self.dt - sum(cut),
-            measurements=[],
-        )
-        if first > 0 or cut[0] > 0.0:
-            part.missing, part.change = 0.0, None
-        return part
-
-    def divided(self, time: float) -> "list[_Segment]":
-        """Return the parts of a segment that end at a time (s) within it, and those after it, all
-        of equal intervals; the last has the measurements."""
-        count = len(self.time)
-        k = int(np.searchsorted(self.time, time - AT_ONCE))
-        after = float(self.time[k]) - time
-        if after <= AT_ONCE:
-            parts = [self.part(0, k + 1)]
-        else:
-            before = self.dt - after
-            parts = [self.part(0, k)] if k > 0 else []
-            parts += [self.part(k, k + 1, (0.0, after)), self.part(k, k + 1, (before, 0.0))]
-        if k + 1 < count:
-            parts.append(self.part(k + 1, count))
-        parts[-1].measurements = self.measurements
-        return parts
-
-
-def _joined(segments: Sequence[_Segment]) -> _Segment:
+def _joined(segments: Sequence[Segment]) -> Segment:
     """Return segments of which each goes on from the one before as one, without measurements."""
     if len(segments) == 1:
         return segments[0]
@@ -153,7 +84,7 @@ class InertialNavigator:
         self.satellites = SatelliteMonitor()
         force, rate = steady_sample(state) if sample is None else sample
         self._segments = [
-            _Segment(
+            Segment(
                 np.array([time], dtype=float),
                 np.array([force], dtype=float),
                 np.array([rate], dtype=float),
@@ -241,7 +172,7 @@ class InertialNavigator:
             # over a short gap the sample stands for the gap as well
             interval = float(times[0]) - self.time - (missing if missing > HELD else 0.0)
             dt = dt if abs(interval - dt) < AT_ONCE else interval
-        new = _Segment(times, force, rate, heights, dt, self._segments[-1].after, _EMPTY, missing)
+        new = Segment(times, force, rate, heights, dt, self._segments[-1].after, _EMPTY, missing)
         if missing > 0.0:
             before = self.sample
             new.change = force[0] - before[0], rate[0] - before[1]
@@ -296,7 +227,7 @@ class InertialNavigator:
         return results
 
     def _apply(
-        self, first: int, marked: Sequence[tuple[_Segment, Measurement]]
+        self, first: int, marked: Sequence[tuple[Segment, Measurement]]
     ) -> list[Innovation]:
         """Apply measurements to their segments, the earliest of which is given, and replay what
         comes after."""
@@ -355,6 +286,41 @@ class InertialNavigator:
                 row[:3] = dead_reckoned(row[:3], row[3:6], ahead)
         return found
 
+    def smoothed(self, time: Array) -> list[FilterState]:
+        """Return the states at times (K,), s, rising, as all that has been measured since then
+        has them (`isogal.fusion.smoothing`). Nothing is changed.
+
+        Raises
+        ------
+        ValueError
+            At one of the times there is no state, or it is older than the history.
+        """
+        return smoothed(self.history(time), self.model, self.motion, time)
+
+    def samples(self, after: float, until: float) -> tuple[Array, Array]:
+        """Return the stamps (K,), s, after a time and up to another, of the samples that the
+        history has, and the angular rates (K, 3), rad/s, that the gyroscopes measured."""
+        used = [segment for segment in self._segments[1:] if segment.end > after + AT_ONCE]
+        if not used:
+            return np.empty(0), np.empty((0, 3))
+        time = np.concatenate([segment.time for segment in used])
+        rate = np.concatenate([segment.rate for segment in used])
+        asked = (time > after + AT_ONCE) & (time < until + AT_ONCE)
+        return time[asked], rate[asked]
+
+    def history(self, time: Array) -> list[Segment]:
+        """Return all that is kept, oldest first, divided at times (K,), s, that it covers; do not
+        change it. Of the first segment only the state at its end counts.
+
+        Raises
+        ------
+        ValueError
+            At one of the times there is no state.
+        """
+        for stamp in np.asarray(time).tolist():
+            self.state_at(stamp)
+        return self._segments
+
     def unaided(self, since: float) -> FilterState | None:
         """Return the newest state as it would be without satellites after a time (s) of the
         history; None where there have been none."""
@@ -370,7 +336,7 @@ class InertialNavigator:
     def later(self, before: Without, source: str = "") -> Without:
         """Return what is known at the newest sample without an aid, by its name, or without all
         that say where the vehicle is, and without what fixes say."""
-        one, waiting = before.after, list[_Segment]()
+        one, waiting = before.after, list[Segment]()
         for segment in self._segments[self._index(before.time) + 1 :]:
             if waiting and not waiting[-1].goes_on(segment):
                 one, _ = self._carried(one, _joined(waiting))
@@ -425,7 +391,7 @@ class InertialNavigator:
             return len(self._segments) - 1
         return bisect_left(self._segments, time - AT_ONCE, key=lambda segment: segment.end)
 
-    def _segment_at(self, time: float) -> _Segment:
+    def _segment_at(self, time: float) -> Segment:
         """Return the segment that ends at a time, which is made if there is none."""
         index = self._index(time)
         segment = self._segments[index]
@@ -449,11 +415,11 @@ class InertialNavigator:
         for measurement in segment.measurements:
             segment.after.update(measurement, self.model)
 
-    def _carry(self, before: Mixture, segment: _Segment) -> None:
+    def _carry(self, before: Mixture, segment: Segment) -> None:
         """Set what is known after a segment's samples from what was known before them."""
         segment.after, segment.track = self._carried(before, segment)
 
-    def _carried(self, before: Mixture, segment: _Segment) -> tuple[Mixture, Array]:
+    def _carried(self, before: Mixture, segment: Segment) -> tuple[Mixture, Array]:
         """Return what is known after a segment's samples, and the track over them."""
         after = before.copy()
         if segment.change is not None:
@@ -467,19 +433,17 @@ class InertialNavigator:
     ) -> Mixture:
         """Return what is known after a time (s) without samples, in which specific force and
         angular rate have changed."""
-        steady, manoeuvre = (self.motion.seen(change, which) for which in (False, True))
+        motions = self.motion.possible(missing, change)
         if missing <= HELD:
             for state in before.states:
-                grow(state, missing, steady)
+                grow(state, missing, motions[0][1])
             return before
         one = before.merged.copy()
         keep_going(one, self.model, missing, float(height))
-        if manoeuvre == steady:
-            after, motions = Mixture.of(one), [steady]
-        else:
-            after = Mixture.of(one).divided(self.motion.log_probabilities(missing))
-            motions = [steady, manoeuvre]
-        for state, motion in zip(after.states, motions, strict=True):
+        after = Mixture.of(one)
+        if len(motions) > 1:
+            after = after.divided([probability for probability, _ in motions])
+        for state, (_, motion) in zip(after.states, motions, strict=True):
             grow(state, missing, motion)
         return after
 

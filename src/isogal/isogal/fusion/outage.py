@@ -28,6 +28,7 @@ from isogal.earth.gravity import normal_gravity_at
 from isogal.fusion.model import FilterModel
 from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
+from isogal.fusion.trace import Trace
 from isogal.inertial.rotations import matrix
 
 HELD = 10.0
@@ -77,6 +78,16 @@ class UnknownMotion:
             lasts=MANOEUVRE if share * self.acceleration > force else math.inf,
         )
 
+    def possible(
+        self, seconds: float, change: tuple[Array, Array]
+    ) -> "list[tuple[float, UnknownMotion]]":
+        """Return what may have happened in a gap, with log probabilities: no manoeuvre, then, if
+        it is long enough and that would be another motion, one; see `seen`."""
+        steady, manoeuvre = (self.seen(change, which) for which in (False, True))
+        if seconds <= HELD or manoeuvre == steady:
+            return [(0.0, steady)]
+        return list(zip(self.log_probabilities(seconds), (steady, manoeuvre), strict=True))
+
     def log_probabilities(self, seconds: float) -> tuple[float, float]:
         """Return the log probabilities that a gap has no manoeuvre, and that it has one."""
         return -seconds / self.between, math.log(-math.expm1(-seconds / self.between))
@@ -109,7 +120,13 @@ def grow(state: FilterState, seconds: float, motion: UnknownMotion) -> None:
     state.covariance[:9, :9] += added
 
 
-def keep_going(state: FilterState, model: FilterModel, seconds: float, height: float) -> None:
+def keep_going(
+    state: FilterState,
+    model: FilterModel,
+    seconds: float,
+    height: float,
+    traces: list[Trace] | None = None,
+) -> None:
     """Advance a state as if the vehicle kept its velocity and attitude, in place.
 
     Parameters
@@ -119,11 +136,17 @@ def keep_going(state: FilterState, model: FilterModel, seconds: float, height: f
     seconds : float
     height : float
         Known height, m; NaN = not known.
+    traces : list of Trace, optional
+        Receives one of each step.
     """
     steps = max(1, math.ceil(seconds / STEP))
     for _ in range(steps):
         force, rate = steady_sample(state)
-        propagate(state, model, force[None], rate[None], np.array([height]), seconds / steps)
+        trace = None if traces is None else Trace.of(1, model.states)
+        sample = force[None], rate[None], np.array([height])
+        propagate(state, model, *sample, seconds / steps, trace)
+        if traces is not None and trace is not None:
+            traces.append(trace)
 
 
 def steady_sample(state: FilterState) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ from isogal.arrays import Array
 from isogal.fusion import ukf
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
+from isogal.fusion.trace import NONE, Trace
 
 TRACK_COLUMNS = 13
 """Of a track: position (3; rad, rad, m), velocity (3; NED, m/s), attitude (4; quaternion body to
@@ -33,6 +34,7 @@ def propagate(
     angular_rate: Array,
     height: Array,
     dt: float | None = None,
+    trace: Trace | None = None,
 ) -> Array:
     """Advance a state over S intervals, in place; return (S, 13) the track.
 
@@ -46,13 +48,16 @@ def propagate(
         Known or measured height after each interval, m, NaN = none.
     dt : float, optional
         The interval, s; default: the model's.
+    trace : Trace, optional
+        Of the S intervals; receives how their states are correlated, always by the compiled
+        filter.
 
     Raises
     ------
     FilterDivergenceError
         The covariance is no longer positive definite; it is not repaired.
     """
-    advance = _reference().advance if model.filter == "reference" else ukf.advance
+    compiled = model.filter != "reference" or trace is not None
     assumed = model.assumptions if dt is None else model.assumptions._replace(dt=dt)
     track = np.empty((len(specific_force), TRACK_COLUMNS))
     # in one memory layout, whatever came: the filter is compiled anew for each, for ten seconds
@@ -60,7 +65,11 @@ def propagate(
         np.ascontiguousarray(part, float) for part in (specific_force, angular_rate, height)
     )
     mean, learnt = state.nominal, state.residual_gravity
-    done = advance(mean, state.covariance, learnt, *samples, assumed, track)
+    if compiled:
+        kept = NONE if trace is None else trace
+        done = ukf.advance(mean, state.covariance, learnt, *samples, assumed, track, kept)
+    else:
+        done = _reference().advance(mean, state.covariance, learnt, *samples, assumed, track)
     if done < len(track):
         raise FilterDivergenceError("the filter's covariance is not positive definite")
     return track

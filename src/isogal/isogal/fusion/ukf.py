@@ -38,6 +38,7 @@ from isogal.fusion.sigma_points import (
 from isogal.fusion.sigma_points import (
     CORE as N,
 )
+from isogal.fusion.trace import Trace, record_cross, record_filtered, record_predicted
 from isogal.inertial.gravity import Compensation, horizontal_gravity
 from isogal.inertial.rotations import INLINE, rotate
 
@@ -130,6 +131,16 @@ def write_symmetric(n: int, P: Array, covariance: Array) -> None:
             covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
 
 
+@kernel(**INLINE)
+def write_row(nominal: Nominal, P: Array, track: Array, k: int) -> None:
+    """Write row k of a track (S, 13): position, velocity, attitude, covariance of the position."""
+    for i in range(3):
+        track[k, i], track[k, 3 + i] = nominal.position[i], nominal.velocity[i]
+    for i in range(4):
+        track[k, 6 + i] = nominal.attitude[i]
+    track[k, 10], track[k, 11], track[k, 12] = P[0, 0], P[0, 1], P[1, 1]
+
+
 @kernel(error_model="numpy")
 def advance(
     nominal: Nominal,
@@ -140,6 +151,7 @@ def advance(
     height: Array,
     assumptions: Assumptions,
     track: Array,
+    trace: Trace,
 ) -> int:
     """Run prediction and the height update over S intervals, in place; return the steps done
     before the covariance was no longer positive definite, S where it is.
@@ -147,7 +159,7 @@ def advance(
     `force`, `rate` (S, 3) are the means over each interval in body axes, `height` (S,) m the known
     height after each, NaN where it is not known, `residual_gravity` (2,) as `FilterState` has it.
     `track` (S, 13) receives position, velocity and attitude after each interval, and the
-    covariance of the position: north, north-east, east."""
+    covariance of the position: north, north-east, east; `trace` what it is asked for."""
     steps = force.shape[0]
     dt, noise, weights = assumptions.dt, assumptions.noise, assumptions.weights
     compensation, coning = assumptions.compensation, assumptions.coning
@@ -194,6 +206,7 @@ def advance(
         tail_points(auxiliary, q, f, w, dt, factor, odd, total)
         errors_of(ends, points)
         moments(n, points, even, odd, weights, mean, P)
+        record_cross(n, factor, odd, weights, auxiliary, v, dt, trace, k)
         age(auxiliary, nominal.auxiliary, v, dt, P)
         for i in range(3):
             x[i], v[i] = ends[i, CENTRE], ends[3 + i, CENTRE]
@@ -201,12 +214,10 @@ def advance(
             q[i] = ends[6 + i, CENTRE]
         add_noise(q, noise, dt, P)
         move(nominal, mean)
+        record_predicted(n, P, mean, trace, k)
         if assumptions.height_sigma > 0.0 and not math.isnan(height[k]):
             update_height(n, nominal, P, height[k], assumptions, gain, mean)
-        for i in range(3):
-            track[k, i], track[k, 3 + i] = x[i], v[i]
-        for i in range(4):
-            track[k, 6 + i] = q[i]
-        track[k, 10], track[k, 11], track[k, 12] = P[0, 0], P[0, 1], P[1, 1]
+        record_filtered(n, P, mean, trace, k)
+        write_row(nominal, P, track, k)
     write_symmetric(n, P, covariance)
     return done

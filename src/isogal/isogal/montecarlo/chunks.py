@@ -55,6 +55,8 @@ class Case:
     field_map: RunMap
     aided: bool = True
     """False: no fix is ever taken; shows the inertial navigator and its filter by themselves."""
+    smooth: bool = False
+    """Whether the states of each run are smoothed, too."""
 
     @cached_property
     def duration(self) -> float:
@@ -74,6 +76,7 @@ class Case:
             "scenario": self.scenario.model_dump(mode="json", exclude={"integrity"}),
             "map": map_digest(self.field_map),
             "aided": self.aided,
+            "smooth": self.smooth,
         }
         each = self.scenario.each_field
         if any("map" in one.truth for one in each):
@@ -102,7 +105,7 @@ class Chunk:
     def task(self) -> "Task":
         """What a worker needs to know of it."""
         case = self.case
-        return Task(map_digest(case.field_map), case.scenario, self.runs, case.aided)
+        return Task(map_digest(case.field_map), case.scenario, self.runs, case.aided, case.smooth)
 
     def __str__(self) -> str:
         first, last = self.runs[0], self.runs[-1]
@@ -117,11 +120,13 @@ class Task(NamedTuple):
     scenario: Scenario
     runs: tuple[int, ...]
     aided: bool
+    smooth: bool = False
 
     def compute(self, field_map: RunMap, progress: Progress | None = None) -> Runs:
         """Compute the runs; raises InputError where the scenario cannot be used."""
         matcher = None if self.aided else Unaided()
-        return simulate(self.scenario, self.runs, field_map, matcher, progress)
+        lag = math.inf if self.smooth else 0.0
+        return simulate(self.scenario, self.runs, field_map, matcher, progress, lag=lag)
 
 
 class Unaided:

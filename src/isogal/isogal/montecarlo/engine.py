@@ -98,6 +98,8 @@ def simulate(
     matcher: Matcher | None = None,
     progress: Progress | None = None,
     revised: Revised | None = None,
+    *,
+    lag: float = 0.0,
 ) -> Runs:
     """Run the closed loop and return its record, at the start and at every scan.
 
@@ -114,6 +116,9 @@ def simulate(
     revised : callable, optional
         Called with past states that retrodiction corrects; the record keeps the navigator's
         estimates of the time.
+    lag : float
+        Record besides what all data until so much later say of each state, s; infinite = all data
+        of the run, 0 = nothing.
 
     Raises
     ------
@@ -123,17 +128,13 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
-    simulation = Simulation(scenario, runs, trajectory, field_map)
-    ends = simulation.ends
-    recorder = Recorder(trajectory, simulation.index, ends, len(runs))
-    elapsed = trajectory.time[-1] - trajectory.time[0]
-    stops = [0, *ends.tolist()]
-    stops += [] if stops[-1] == simulation.scans else [simulation.scans]
+    simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag)
+    recorder = Recorder(trajectory, simulation.index, simulation.ends, len(runs))
     for run in range(len(runs)):
         navigator = simulation.navigator(run, matcher)
         recorder.write_track(run, 0, navigator.inertial.track(trajectory.time[:1]))
         aids = simulation.measurements(run)
-        for batch, (before, scan) in enumerate(pairwise(stops)):
+        for batch, (before, scan) in enumerate(pairwise(simulation.stops)):
             for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
                 simulation.advance(navigator, run, begin, end, aids)
                 recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
@@ -147,7 +148,8 @@ def simulate(
                     revised(run, scans, simulation.track(navigator, before, scan))
             if progress is not None:
                 share = (run + scan / simulation.scans) / len(runs)
-                progress(float(trajectory.time[0] + share * elapsed))
+                progress(float(trajectory.time[0] + share * np.ptp(trajectory.time)))
+            simulation.look_back(navigator, run, scan, recorder)
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
@@ -155,9 +157,17 @@ class Simulation:
     """What is simulated of R runs, and how it reaches their navigators."""
 
     def __init__(
-        self, scenario: Scenario, runs: Sequence[int], trajectory: Trajectory, field_map: RunMap
+        self,
+        scenario: Scenario,
+        runs: Sequence[int],
+        trajectory: Trajectory,
+        field_map: RunMap,
+        *,
+        lag: float = 0.0,
     ) -> None:
         self.scenario, self.trajectory, self.runs = scenario, trajectory, runs
+        self._lag, self._looked_back = lag, 0
+        """s, and how many states of the run being simulated have been smoothed."""
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
@@ -206,9 +216,33 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=float(np.diff(self._time([0, *self.ends, self.scans])).max())
-            + self.scenario.true.gnss.delay,
+            horizon=self._lag + self._longest,
         )
+
+    @property
+    def stops(self) -> list[int]:
+        """The start, and the scans at which a batch or a run ends."""
+        return sorted({0, *self.ends.tolist(), self.scans})
+
+    def look_back(self, navigator: Navigator, run: int, scan: int, recorder: Recorder) -> None:
+        """Record the smoothed states of a run that are a lag old at a scan, or at its end all that
+        are left; where there is no lag, none."""
+        if self._lag == 0.0:
+            return
+        at_end = scan == self.scans
+        states = self.trajectory.time[self.index]
+        first = self._looked_back
+        old = np.searchsorted(states, navigator.time - self._lag + 1e-6)
+        last = len(states) if at_end else int(old)
+        if last > first:
+            recorder.write_smoothed(run, first, navigator.smoothed(states[first:last]))
+        self._looked_back = 0 if at_end else last
+
+    @property
+    def _longest(self) -> float:
+        """s from one batch end to the next, at most, and how late satellites are."""
+        batches = np.diff(self._time([0, *self.ends, self.scans]))
+        return float(batches.max()) + self.scenario.true.gnss.delay
 
     def measurements(self, run: int) -> Arrivals:
         """Return the readings of aids, with their times (s), by the number of IMU intervals before

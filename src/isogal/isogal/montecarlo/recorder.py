@@ -1,13 +1,16 @@
 """The record of the closed loop, collected while it runs."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
-from isogal.evaluation.records import RunDetail, Runs
+from isogal.evaluation.records import RunDetail, Runs, SmoothedStates
 from isogal.fix import Candidates, Status
 from isogal.fusion.gate import REJECTED
 from isogal.fusion.measurements import Outcome
+from isogal.fusion.state import FilterState
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.navigator import Applied
 from isogal.sensors.trajectory import Trajectory
@@ -34,6 +37,7 @@ class Recorder:
         scans, batches = len(index) - 1, len(ends)
         self._error = np.full((runs, scans + 1, 2), np.nan)
         self._covariance = np.full((runs, scans + 1, 2, 2), np.nan)
+        self._smoothed: tuple[Array, Array] | None = None
         self._fix_place = np.full((2, runs, batches), np.nan)
         self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
         self._fix_seconds = np.zeros((runs, batches))
@@ -52,6 +56,19 @@ class Recorder:
             track[:, 0], track[:, 1], self.latitude[which], self.longitude[which]
         )
         self._covariance[run, which] = track[:, [10, 11, 11, 12]].reshape(-1, 2, 2)
+
+    def write_smoothed(self, run: int, first: int, states: Sequence[FilterState]) -> None:
+        """Write smoothed states of a run, from a state on."""
+        if self._smoothed is None:
+            arrays = self._error, self._covariance
+            self._smoothed = np.full_like(arrays[0], np.nan), np.full_like(arrays[1], np.nan)
+        which = slice(first, first + len(states))
+        place = np.array([state.position for state in states])
+        error, covariance = self._smoothed
+        error[run, which] = horizontal_difference(
+            place[:, 0], place[:, 1], self.latitude[which], self.longitude[which]
+        )
+        covariance[run, which] = [state.covariance[:2, :2] for state in states]
 
     def write_readings(self, scans: Integers, readings: Array, track: Array) -> None:
         """Write the first run's readings (K,) or (K, C) of some scans, and its track there."""
@@ -98,6 +115,7 @@ class Recorder:
             posterior_covariance=self._covariance[:, self.ends],
             fix_seconds=self._fix_seconds,
             detail=self._detail(field_map),
+            smoothed=None if self._smoothed is None else SmoothedStates(*self._smoothed),
         )
 
     def _detail(self, field_map: RouteMap) -> RunDetail:

@@ -19,3 +19,6 @@ class Fusion(Section):
     false_rejection: float = Field(1e-9, ge=0.0, le=0.01)
     """innovation gate: how probable it is that a measurement which is as good as it says is not
     used; 0 = no gate"""
+    lag: float = Field(0.0, ge=0.0, le=86400.0)
+    """nav/smoothed: how much later the states of the past are said once more, as all data since
+    have them, s; 0 = they are not"""

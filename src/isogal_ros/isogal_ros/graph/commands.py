@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import typer
+import yaml
 
 from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
+from isogal.evaluation.html_report import number
 from isogal.evaluation.results import Summary
 from isogal.evaluation.run_report import key_figures, run_report
 from isogal.fields.derived_maps import shared_maps
@@ -22,6 +24,7 @@ from isogal.files import make_folder
 from isogal.maps.several import RunMap, first_map
 from isogal.scenario import Scenario, changed_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
+from isogal.tracks.smoothed import write_smoothed
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
@@ -32,6 +35,7 @@ from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError, Plan, checked
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.running import run_in_process, run_processes
+from isogal_ros.graph.smoothing import smoothed_bag, thinned, write_bag
 from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
@@ -180,6 +184,65 @@ def replay_command(
     return FAILED if failures else 0
 
 
+def smooth_command(
+    bag: Path,
+    out: Path,
+    *,
+    scenario: Scenario | None = None,
+    overrides: Sequence[str] = (),
+    parameters: Sequence[str] = (),
+    interval: float,
+    json: bool,
+) -> int:
+    """Smooth a recorded voyage, write files and a bag, and print how good it is where the truth is
+    recorded; return the exit status: 1 where the filter has used nothing of a sensor.
+
+    Parameters
+    ----------
+    bag, out : Path
+        The recording, and the folder to write into.
+    scenario, overrides, parameters, json
+        See `replay_command`.
+    interval : float
+        s between the rows of the files, at least.
+
+    Raises
+    ------
+    InputError
+        The bag or what it needs cannot be used.
+    """
+    reader, of_filter = BagReader(bag), filter_parameters(parameters)
+    scenario = scenario or reader.scenario()
+    if scenario is not None and overrides:
+        scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")
+    make_folder(out)
+    changed = bool(overrides or parameters)
+    with interrupts() as interrupt, watching() as report:
+        found = smoothed_bag(reader, interrupt, report, scenario, of_filter, again=changed)
+    if found.interrupted:
+        note(f"interrupted; nothing is written of {bag}")
+        return INTERRUPTED
+    track = thinned(found.track, interval)
+    paths = [str(path) for path in write_smoothed(track, out)]
+    write_bag(found, out / "bag", scenario_text(found.scenario))
+    files = [*paths, str(out / "bag")]
+    result = {"states": len(found.track.time), **found.figures, "files": files}
+    for line in [*found.notes, *found.failures]:
+        note(f"{bag}: {line}")
+    if json:
+        print_json(result)
+    else:
+        names = {"position_error_rms": "RMS position error (m)", "nees_per_axis": "NEES per axis"}
+        rows = [
+            (names[name], *(number(value) for value in values.values()))
+            for name, values in found.figures.items()
+        ]
+        if rows:
+            print_table(("", "smoothed", "at the time"), rows)
+        typer.echo("\n".join(files))
+    return FAILED if found.failures else 0
+
+
 def faults_command(
     scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
 ) -> int:
@@ -248,6 +311,12 @@ def _evaluate(
     write_json(out / "summary.json", summary)
     run_report(runs, scenario, field_map, bound, out, summary)
     return summary
+
+
+def scenario_text(scenario: Scenario) -> dict[str, str]:
+    """Return what a bag keeps of its scenario."""
+    document = scenario.model_dump(mode="json")
+    return {"scenario": yaml.safe_dump(document, sort_keys=False)}
 
 
 def _fresh_checkpoints(folder: Path) -> Path:

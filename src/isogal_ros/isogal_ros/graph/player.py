@@ -8,6 +8,7 @@ from functools import partial
 
 from pydantic import JsonValue
 
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.graph.bus import Bus, Publisher
@@ -89,6 +90,12 @@ class Player:
             # one that begins later must not take the start for the state of its first sample
             own |= {"start_time": math.nan if self.bus.now == 0.0 else 0.0, **self._of_filter}
         self.nodes[name] = self.bus.add(name, self._plan.values(name) | own)
+
+    @property
+    def filter(self) -> InertialNavigator | None:
+        """The filter, with its history; None = it has not begun."""
+        navigator: InertialNavigator | None = self.nodes[topics.UKF_FUSION].navigator
+        return navigator
 
     def kill(self, name: str) -> None:
         """Take a node off, as if its process had been killed."""

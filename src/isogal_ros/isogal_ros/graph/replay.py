@@ -12,6 +12,7 @@ from pydantic import JsonValue
 
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
@@ -65,6 +66,8 @@ class Replay:
     """Why the replay shows nothing: sensors of which no message was used, and that there was no
     fix; empty where it was interrupted."""
     interrupted: bool
+    filter: InertialNavigator | None
+    """The fresh filter, with its history; None = it has not begun."""
 
 
 def replay(
@@ -73,6 +76,8 @@ def replay(
     report: Report = no_report,
     scenario: Scenario | None = None,
     parameters: Mapping[str, JsonValue] | None = None,
+    *,
+    again: bool | None = None,
 ) -> Replay:
     """Replay a bag as fast as the nodes can.
 
@@ -83,6 +88,9 @@ def replay(
         where the bag has them.
     parameters : mapping, optional
         Own parameters of the filter's node by name (`isogal_ros.graph.parameter_files`).
+    again : bool, optional
+        Whether the nodes do otherwise than the recorded ones, whatever the scenario says; default:
+        where there are parameters.
 
     Raises
     ------
@@ -95,7 +103,7 @@ def replay(
             f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
             " --scenario which one was run"
         )
-    recorded = load(reader, scenario, changed=bool(parameters))
+    recorded = load(reader, scenario, changed=bool(parameters) if again is None else again)
     begun = time.monotonic()
     # a simulated run that is recorded from its start on begins as the scenario says
     whole = bool(recorded.collector.truth) and recorded.first <= LATE
@@ -113,6 +121,7 @@ def replay(
         _notes(reader, recorded),
         [] if interrupt else _shortcomings(player, answered),
         bool(interrupt),
+        player.filter,
     )
 
 

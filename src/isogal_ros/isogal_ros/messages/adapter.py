@@ -80,4 +80,6 @@ def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
     if topics.MAGNETIC_FIELD in own:
         others.discard(topics.SCALAR_FIELD)
     others |= {*AIDS} - {*aids_of(scenario)}
+    if scenario.fusion.lag == 0.0:
+        others.add(topics.SMOOTHED)
     return tuple(topic for topic in all_topics(scenario) if topic not in others)

@@ -56,15 +56,24 @@ def draw_curves(panel: "Axes", curves: Sequence[Curve]) -> None:
     style.time_axis(panel, max(float(style.hours(curve.time[-1:])[0]) for curve in curves))
 
 
-def ensemble_figure(runs: Runs, bound_rms: Array) -> "Figure":
+def ensemble_figure(
+    runs: Runs, bound_rms: Array, smoothed_bound_rms: Array | None = None
+) -> "Figure":
     """RMS error of the unaided and the aided navigators over time, with the posterior Cramér–Rao
-    bound (K,) m at `runs.time`."""
+    bound (K,) m at `runs.time`; of runs that were smoothed also that of the smoothed states, with
+    the bound of one that knows all readings."""
     bound = "posterior Cramér–Rao bound (RMS)"
     curves = [
         Curve("unaided INS", runs.elapsed, _rms(runs.unaided_horizontal_error), style.UNAIDED),
         Curve("aided", runs.elapsed, _rms(runs.horizontal_error), style.AIDED),
         Curve(bound, runs.elapsed, bound_rms, style.BOUND),
     ]
+    if runs.smoothed is not None:
+        error = _rms(runs.smoothed.horizontal_error)
+        curves.append(Curve("smoothed", runs.elapsed, error, style.SMOOTHED))
+        if smoothed_bound_rms is not None:
+            label = "bound of smoothing (RMS)"
+            curves.append(Curve(label, runs.elapsed, smoothed_bound_rms, style.SMOOTHED_BOUND))
     many = len(runs) > 1
     label = f"RMS position error of {len(runs)} runs (m)" if many else "position error (m)"
     return rms_figure(curves, label)

@@ -70,6 +70,8 @@ class Line:
 AIDED = Line(BLUE, "-", 1.5)
 UNAIDED = Line(VERMILION, (0, (5, 2)))
 BOUND = Line(BLACK, (0, (1, 1.2)))
+SMOOTHED = Line(GREEN, "-", 1.5)
+SMOOTHED_BOUND = Line(GREEN, (0, (1, 1.2)))
 TRUTH = Line(BLACK, "-", 1.0)
 SERIES = (
     Line(BLUE, "-", 1.5),

@@ -1,0 +1,124 @@
+"""What all data of a voyage say of each of its states, beside the bound of smoothing and the error
+of the time.
+
+    python benchmarks/smoothing.py --data DIR [--out DIR] [--runs 12] [--workers 2]
+        [--rows TEXT ...] [--page docs/evidence/smoothing.md]
+
+The rows are the README's twelve with nothing told, and starts that the navigator is unsure of, or
+wrong about, for which the bound is that of one who knows how wrong it may be (DIR holds
+`se_australia_gravity.nc`). Errors and bounds are RMS over whole runs, the
+beginning included. Ratios have the standard error over runs."""
+
+import argparse
+import math
+from concurrent.futures import Executor, ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import acceptance_rows
+import closed_loop
+import numpy as np
+from acceptance_rows import Place, Row
+
+from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.evaluation.consistency import nees_per_axis
+from isogal.evaluation.records import Runs
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import Scenario
+from isogal.sensors.trajectory import build_trajectory
+
+MARKS = closed_loop.marks_of(__file__)
+LAG = 300.0
+"""s, the other lag."""
+CHUNK = 2
+"""Runs to a job."""
+COLUMNS = {
+    "at the time (m)": "{causal:.1f}",
+    "smoothed (m)": "{rms:.1f}",
+    "of that": "{of_causal:.2f}",
+    "300 s later, of that": "{of_causal_late:.2f}",
+    "bound of smoothing (m)": "{bound:.1f}",
+    "ratio to it": "{ratio:.2f} ± {ratio_error:.2f}",
+    "NEES": "{nees:.2f}",
+    "NEES at the time": "{nees_causal:.2f}",
+}
+
+
+def rows() -> list[Row]:
+    """Return what is simulated."""
+    starts = [row for row in acceptance_rows.of_gravity() if "start" in row.name]
+    return [*acceptance_rows.of_the_readme("nothing told"), *starts]
+
+
+def some_runs(scenario: Scenario, runs: range, lag: float) -> Runs:
+    """Return some runs, smoothed."""
+    return simulate(scenario, runs, lag=lag)
+
+
+def figures_of(scenario: Scenario, count: int, pool: Executor) -> closed_loop.Figures:
+    """Return the figures of runs of a scenario; see `COLUMNS`."""
+    parts = [range(k, min(k + CHUNK, count)) for k in range(0, count, CHUNK)]
+    record, late = (
+        Runs.concatenate(list(pool.map(partial(some_runs, scenario, lag=lag), parts)))
+        for lag in (math.inf, LAG)
+    )
+    trajectory = build_trajectory(scenario)
+    maps = maps_for_scenario(scenario, trajectory)
+    limit = posterior_cramer_rao(_unsure(scenario), trajectory, maps, smoothed=True)
+    bound = closed_loop.rms(limit.smoothed_rms_at(record.time))
+    states = record.smoothed
+    assert states is not None and late.smoothed is not None
+    squared = (states.horizontal_error**2).mean(axis=1)
+    rms, causal = float(np.sqrt(squared.mean())), closed_loop.rms(record.horizontal_error)
+    return {
+        "causal": causal,
+        "rms": rms,
+        "of_causal": rms / causal,
+        "of_causal_late": closed_loop.rms(late.smoothed.horizontal_error) / causal,
+        "bound": bound,
+        "ratio": rms / bound,
+        "ratio_error": float(squared.std() / np.sqrt(count) / (2.0 * rms) / bound),
+        "nees": float(np.mean(nees_per_axis(states.error, states.covariance))),
+        "nees_causal": float(np.mean(nees_per_axis(record.error, record.covariance))),
+    }
+
+
+def _unsure(scenario: Scenario) -> Scenario:
+    """Return a scenario whose navigator knows how wrong its start may be."""
+    initial = scenario.initial_error
+    if initial.hidden_position == 0.0:
+        return scenario
+    position = math.hypot(initial.position, initial.hidden_position)
+    known = {"position": position, "hidden_position": 0.0}
+    return scenario.model_copy(update={"initial_error": initial.model_copy(update=known)})
+
+
+def table(options: argparse.Namespace) -> str:
+    """Simulate the rows, print them one by one, and return the table."""
+    place = Place(options.data, options.out, seed=0)
+    lines = [closed_loop.head_of(["row", *COLUMNS])]
+    print(lines[0], flush=True)
+    with ProcessPoolExecutor(options.workers) as pool:
+        for row in rows():
+            if not closed_loop.containing(row.name, options.rows):
+                continue
+            scenario = acceptance_rows.scenario_of(row, place)
+            figures = figures_of(scenario, options.runs, pool)
+            cells = closed_loop.cells_of(figures, COLUMNS)
+            lines.append(closed_loop.line_of([row.name.removesuffix(", nothing told"), *cells]))
+            print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Make the table."""
+    names = ("data", "workers", "rows", "page")
+    parser = closed_loop.parser(__doc__, *names, runs=12, out=Path("out/smoothing"))
+    options = parser.parse_args()
+    made = table(options)
+    closed_loop.write_between(options.page, MARKS, f"{options.runs} runs a row.\n\n{made}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""A piece of a navigator's history (`isogal.fusion.inertial_navigator`)."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.measurements import Measurement
+from isogal.fusion.mixture import Mixture
+
+AT_ONCE = 1e-6
+"""s by which two stamps may differ that are the same time."""
+
+
+@dataclass(slots=True, eq=False)
+class Segment:
+    """IMU samples of equal intervals, and the state after them."""
+
+    time: Array
+    """(S,) s, ends of the intervals."""
+    force: Array
+    """(S, 3)."""
+    rate: Array
+    """(S, 3)."""
+    height: Array
+    """(S,) known height, m; NaN = none."""
+    dt: float
+    """s, the interval that a sample is of."""
+    after: Mixture
+    """After the last interval, and the measurements of then."""
+    track: Array
+    """(S, 13) before these measurements (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
+    missing: float = 0.0
+    """s before the first interval without data, or at its beginning up to `HELD`."""
+    change: tuple[Array, Array] | None = None
+    """Of specific force and angular rate, (3,) each, over that."""
+    measurements: list[Measurement] = field(default_factory=list)
+
+    @property
+    def end(self) -> float:
+        """s."""
+        return float(self.time[-1])
+
+    def goes_on(self, later: "Segment") -> bool:
+        """Whether a later segment's samples follow on this one's as if of the same segment."""
+        return later.change is None and abs(later.dt - self.dt) < AT_ONCE
+
+    def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "Segment":
+        """Return the samples from one to before another, less two times (s) at the beginning and
+        at the end, which may be of a single sample."""
+        part = replace(
+            self,
+            time=self.time[first:last] - cut[1],
+            force=self.force[first:last],
+            rate=self.rate[first:last],
+            height=self.height[first:last],
+            track=self.track[first:last],
+            dt=self.dt - sum(cut),
+            measurements=[],
+        )
+        if first > 0 or cut[0] > 0.0:
+            part.missing, part.change = 0.0, None
+        return part
+
+    def divided(self, time: float) -> "list[Segment]":
+        """Return the parts of a segment that end at a time (s) within it, and those after it, all
+        of equal intervals; the last has the measurements."""
+        count = len(self.time)
+        k = int(np.searchsorted(self.time, time - AT_ONCE))
+        after = float(self.time[k]) - time
+        if after <= AT_ONCE:
+            parts = [self.part(0, k + 1)]
+        else:
+            before = self.dt - after
+            parts = [self.part(0, k)] if k > 0 else []
+            parts += [self.part(k, k + 1, (0.0, after)), self.part(k, k + 1, (before, 0.0))]
+        if k + 1 < count:
+            parts.append(self.part(k + 1, count))
+        parts[-1].measurements = self.measurements
+        return parts

@@ -1,0 +1,197 @@
+"""A recorded voyage, smoothed: its sensor messages are played to fresh nodes as by a replay, whose
+filter keeps its whole history."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import JsonValue
+from rclpy.serialization import deserialize_message, serialize_message
+
+from isogal.afterwards import Sensed, smoothed_voyage
+from isogal.arrays import Array
+from isogal.earth.frames import horizontal_difference
+from isogal.errors import InputError
+from isogal.evaluation.consistency import nees_per_axis
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.maps.channels import RouteMap
+from isogal.maps.several import each_map
+from isogal.scenario import Scenario
+from isogal.sensors.trajectory import build_trajectory
+from isogal.tracks.smoothed import SmoothedTrack
+from isogal_ros import topics
+from isogal_ros.bags.collect import Collector, wanted_messages
+from isogal_ros.bags.metadata import qos_entries
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Places
+from isogal_ros.bags.writer import BagWriter
+from isogal_ros.graph.replay import replay
+from isogal_ros.graph.running import Report, no_report
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.nodes.signals import Interrupt
+
+WHOLE = 1e8
+"""s that the history goes back: three years."""
+Figures = dict[str, dict[str, float | None]]
+OF = "smoothed", "at_the_time"
+
+
+@dataclass(frozen=True)
+class SmoothedBag:
+    """What is known of a recorded voyage afterwards."""
+
+    scenario: Scenario
+    track: SmoothedTrack
+    rates: Array
+    """(K, 3) angular rates that the gyroscopes measured, rad/s."""
+    figures: Figures
+    """Of the errors where the truth is recorded, smoothed and at the time: `position_error_rms`,
+    m, `nees_per_axis`."""
+    notes: list[str]
+    failures: list[str]
+    interrupted: bool
+
+
+def smoothed_bag(
+    reader: BagReader,
+    interrupt: Interrupt,
+    report: Report = no_report,
+    scenario: Scenario | None = None,
+    parameters: Mapping[str, JsonValue] | None = None,
+    *,
+    again: bool,
+) -> SmoothedBag:
+    """Smooth a recorded voyage; the arguments are those of `isogal_ros.graph.replay.replay`.
+
+    Raises
+    ------
+    InputError
+        The bag cannot be replayed, or the filter has begun nowhere in it.
+    """
+    played = replay(
+        reader, interrupt, report, scenario, {"horizon": WHOLE, **(parameters or {})}, again=again
+    )
+    navigator = played.filter
+    if navigator is None:
+        raise InputError(f"{reader.path}: the filter has no start: {'; '.join(played.failures)}")
+    stamps, rates = navigator.samples(-np.inf, navigator.time)
+    if not len(stamps):
+        raise InputError(f"{reader.path}: {'; '.join(played.failures) or 'no IMU sample'}")
+    states = smoothed_voyage(
+        navigator,
+        stamps,
+        played.scenario,
+        _maps(played.scenario),
+        _sensed(reader, played.scenario),
+        _figures(played.outputs),
+    )
+    track = SmoothedTrack(stamps, states)
+    figures = _errors(track, navigator, played.outputs)
+    return SmoothedBag(
+        played.scenario,
+        track,
+        rates,
+        figures,
+        played.notes,
+        played.failures,
+        played.interrupted,
+    )
+
+
+def _maps(scenario: Scenario) -> Sequence[RouteMap]:
+    return each_map(maps_for_scenario(scenario, build_trajectory(scenario)))
+
+
+def _sensed(reader: BagReader, scenario: Scenario) -> list[Sensed | None]:
+    """Return what the instruments of a scenario's fields sensed, by the bag; None where that is
+    not there as numbers of one channel, or has to be compensated first."""
+    adapters = [adapter_of(one) for one in scenario.each_field]
+    found: dict[topics.Topic, dict[float, float]] = {one.raw: {} for one in adapters}
+    found.pop(topics.MAGNETIC_FIELD, None)
+    reads = {one.raw: one.read_raw for one in adapters}
+    for topic, data in wanted_messages(reader, tuple(found)):
+        with suppress(BadMessageError):
+            sensed, _ = reads[topic](deserialize_message(data, topic.type))
+            if np.ndim(sensed) == 0:
+                found[topic][to_seconds(peek_ns(data))] = float(sensed)
+    each: list[Sensed | None] = []
+    for one in adapters:
+        readings = found.get(one.raw)
+        if not readings:
+            each.append(None)
+            continue
+        time = np.array(sorted(readings))
+        each.append(Sensed(time, np.array([readings[stamp] for stamp in time.tolist()])))
+    return each
+
+
+def _figures(outputs: Collector) -> dict[str, float]:
+    """Return the figures of the last batch that are numbers."""
+    found: dict[str, float] = {}
+    if outputs.batches:
+        for name, text in outputs.batches[max(outputs.batches)].items():
+            with suppress(ValueError):
+                found[name] = float(text)
+    return found
+
+
+def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collector) -> Figures:
+    """Return the figures of the errors; none where the truth is not known."""
+    if not outputs.truth:
+        return {}
+    true = Places(outputs.truth).at([from_seconds(time) for time in track.time.tolist()])
+    known = np.isfinite(true).all(axis=1)
+    if not known.any():
+        return {}
+    then = navigator.track(track.time)
+    place = np.array([state.position[:2] for state in track.states])
+    covariance = np.array([state.covariance[:2, :2] for state in track.states])
+    rms: dict[str, float | None] = {}
+    nees: dict[str, float | None] = {}
+    of_then = then[:, [10, 11, 11, 12]].reshape(-1, 2, 2)
+    for name, where, P in zip(OF, (place, then[:, :2]), (covariance, of_then), strict=True):
+        error = np.asarray(horizontal_difference(*where[known].T, *true[known].T))
+        rms[name] = float(np.sqrt((error**2).sum(axis=-1).mean()))
+        nees[name] = float(np.mean(nees_per_axis(error, P[known])))
+    return {"position_error_rms": rms, "nees_per_axis": nees}
+
+
+def write_bag(found: SmoothedBag, folder: Path, texts: dict[str, str]) -> None:
+    """Write a bag with the states on nav/smoothed; a bag in the folder is replaced."""
+    frame, message = map_frame(found.scenario), topics.SMOOTHED.type(child_frame_id=BASE)
+    message.header.frame_id = MAP
+    writer = BagWriter(folder, texts, replace=True)
+    name = f"/{topics.SMOOTHED.name}"
+    writer.add_topic(
+        name, topics.type_name(topics.SMOOTHED.type), qos_entries([topics.LOSSLESS]), ""
+    )
+    try:
+        for time, state, rate in zip(
+            found.track.time.tolist(), found.track.states, found.rates, strict=True
+        ):
+            ns = from_seconds(time)
+            nav = np.concatenate(state.estimate)
+            fill_odom(message, ns, frame, nav, state.turn_rate(rate), state.covariance)
+            writer.write(name, serialize_message(message), ns, ns)
+    finally:
+        writer.close()
+
+
+def thinned(track: SmoothedTrack, interval: float) -> SmoothedTrack:
+    """Return the states that are at least so many seconds apart, the first and the last among
+    them."""
+    kept: list[int] = []
+    times: Sequence[float] = track.time.tolist()
+    for k, time in enumerate(times):
+        if not kept or time - times[kept[-1]] >= interval - 1e-6:
+            kept.append(k)
+    if kept[-1] != len(times) - 1:
+        kept.append(len(times) - 1)
+    return SmoothedTrack(track.time[kept], [track.states[k] for k in kept])

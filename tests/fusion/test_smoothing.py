@@ -1,0 +1,300 @@
+"""Smoothing against conditioning of one Gaussian vector of all times, and what it must not do."""
+
+import numpy as np
+import pytest
+
+from helpers.navigators import ROUTE, error_between, fly, identical
+from isogal.earth.ellipsoid import radii
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import InformationUpdate, LearntMapError, PositionFix, Widening
+from isogal.fusion.prediction import propagate
+from isogal.fusion.trace import Trace
+from isogal.inertial.error_model import fill_dynamics
+from isogal.inertial.error_state import BATCH, batch_covariance
+from isogal.inertial.rotations import matrix
+from isogal.scenario import Gravity, Height, Velocity
+
+DURATION = 120
+SHORT = ROUTE.model_copy(update={"duration": float(DURATION)})
+FLIGHT = fly(route=SHORT)
+EVERY = np.arange(0.0, DURATION + 1.0, 10.0)
+R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
+WIDER = batch_covariance(200.0, 0.2, 1e-5, 1e-4)
+
+
+def navigator(flight=FLIGHT) -> InertialNavigator:
+    return InertialNavigator(flight.model, flight.start, horizon=np.inf)
+
+
+def advance(it: InertialNavigator, until: int, flight=FLIGHT) -> None:
+    k = round(it.time)
+    it.imu(np.arange(k + 1.0, until + 1.0), *flight.samples(k, until))
+
+
+def fix(stamp: int, north: float = 0.0, east: float = 0.0, flight=FLIGHT) -> PositionFix:
+    return PositionFix(*flight.fix(stamp, north, east), R)
+
+
+def information(sign: float = 1.0) -> InformationUpdate:
+    A = np.zeros((7, 7))
+    A[:2, :2] = sign * np.linalg.inv(R)
+    A[2, 2] = sign * 0.5 / 0.05**2
+    return InformationUpdate(np.array([0.01, -0.02, 0.3, 0.0, 0.0, 0.0, 0.0]), A)
+
+
+SCHEDULES = {
+    "fixes": {20: [("fix", 30.0, -40.0)], 50: [("fix", -25.0, 10.0)], 90: [("fix", 15.0, 20.0)]},
+    "information": {20: ["information"], 70: ["information"], 100: ["negative"]},
+    "widened": {20: [("fix", 0.0, 0.0)], 60: ["wider", ("fix", 150.0, 100.0)]},
+    "learnt": {30: ["learnt", ("fix", 20.0, 0.0)], 80: [("fix", -40.0, 5.0)]},
+}
+
+
+def made(what, stamp: int, flight=FLIGHT):
+    if isinstance(what, tuple):
+        return fix(stamp, *what[1:], flight)
+    one = {
+        "information": information(),
+        "negative": information(-0.1),
+        "wider": Widening(WIDER),
+        "learnt": LearntMapError(5e-5, 4000.0),
+    }
+    return one[what]
+
+
+def flown(schedule, flight=FLIGHT) -> InertialNavigator:
+    it = navigator(flight)
+    for stamp, those in schedule.items():
+        advance(it, stamp, flight)
+        for what in those:
+            it.measure(float(stamp), made(what, stamp, flight))
+    advance(it, DURATION, flight)
+    return it
+
+
+FLIGHTS = {
+    "plain": FLIGHT,
+    "auxiliary": fly(
+        route=SHORT,
+        gravity=Gravity(field="normal", residual_sigma=1e-4, residual_correlation_length=1000.0),
+        velocity=Velocity(kind="dvl", current_sigma=0.3),
+    ),
+    "barometer": fly(route=SHORT, height=Height(source="barometer")),
+}
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_the_trace_reproduces_the_forward_covariance(name) -> None:
+    """P' = F P F' + Q with F from the cross-covariance and noise that is no less than that of the
+    sensors, and the same numbers as without a trace."""
+    flight = FLIGHTS[name]
+    plain, traced = flight.start.copy(), flight.start.copy()
+    size = len(plain.covariance)
+    trace = Trace.of(60, size)
+    track = propagate(plain, flight.model, *flight.samples(0, 60))
+    np.testing.assert_array_equal(
+        propagate(traced, flight.model, *flight.samples(0, 60), None, trace), track
+    )
+    assert identical(plain, traced)
+    np.testing.assert_array_equal(trace.filtered[-1], traced.covariance)
+    before = [flight.start.covariance, *trace.filtered[:-1]]
+    for P, C, after in zip(before, trace.cross, trace.predicted, strict=True):
+        sigma = np.sqrt(np.diag(after))
+        F = np.linalg.solve(P / np.outer(sigma, sigma), C / np.outer(sigma, sigma)).T
+        noise = after / np.outer(sigma, sigma) - F @ (P / np.outer(sigma, sigma)) @ F.T
+        assert np.linalg.eigvalsh(noise).min() > -1e-9
+        expected = np.array(flight.model.noise[:3]).min() ** 2
+        assert (np.diag(noise)[3:6] * sigma[3:6] ** 2).min() > 0.99 * expected
+
+
+def test_the_trace_has_the_dynamics_of_the_error_model() -> None:
+    """Over a second, of what the linear model without a height channel has."""
+    state, trace = FLIGHT.start.copy(), Trace.of(1, 15 + len(FLIGHT.model.auxiliary))
+    latitude, _, height = state.position
+    rotation = matrix(state.attitude)
+    force = rotation @ FLIGHT.force[0]
+    meridian, normal = radii(latitude)
+    geometry = [latitude, *state.velocity[:2], 1 / (meridian + height), 1 / (normal + height)]
+    dynamics = np.zeros((13, 13))
+    fill_dynamics(dynamics, np.array(geometry), force, rotation)
+    start = state.covariance.copy()
+    propagate(state, FLIGHT.model, *FLIGHT.samples(0, 1), None, trace)
+    F = np.linalg.solve(start, trace.cross[0]).T
+    which = [0, 1, 3, 4, *range(6, 15)]
+    found = F[np.ix_(which, which)]
+    expected = np.eye(13) + dynamics + 0.5 * dynamics @ dynamics
+    scale = np.sqrt(np.diag(start))[which]
+    np.testing.assert_allclose(
+        found * scale / scale[:, None], expected * scale / scale[:, None], atol=2e-4
+    )
+
+
+def free(until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Samples without a height, which would be a measurement."""
+    force, rate, height = FLIGHT.samples(until - 10, until)
+    return force, rate, np.full_like(height, np.nan)
+
+
+def dense(schedule) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Means, as error states from the unaided ones, and covariances of the states at `EVERY`, by
+    conditioning one vector of all of them."""
+    state, size, count = FLIGHT.start.copy(), FLIGHT.model.states, len(EVERY)
+    unit = np.sqrt(np.diag(state.covariance))
+    C = np.zeros((count * size,) * 2)
+    C[:size, :size] = state.covariance / np.outer(unit, unit)
+    M, pull = np.zeros_like(C), np.zeros(count * size)
+    for k in range(1, count):
+        stamp, P, F = 10 * k, state.covariance.copy(), np.eye(size)
+        trace = Trace.of(10, size)
+        propagate(state, FLIGHT.model, *free(stamp), None, trace)
+        before = P
+        for cross, after in zip(trace.cross, trace.predicted, strict=True):
+            F = np.linalg.solve(before / np.outer(unit, unit), cross / np.outer(unit, unit)).T @ F
+            before = after
+        Q = state.covariance / np.outer(unit, unit) - F @ (P / np.outer(unit, unit)) @ F.T
+        here, last = slice(k * size, (k + 1) * size), slice((k - 1) * size, k * size)
+        C[here, : k * size] = F @ C[last, : k * size]
+        C[: k * size, here] = C[here, : k * size].T
+        C[here, here] = F @ C[last, last] @ F.T + Q
+        for what in schedule.get(stamp, ()):
+            A, vector = np.zeros((size, size)), np.zeros(size)
+            one = made(what, stamp)
+            if what == "wider":
+                wide = np.zeros((size, size))
+                wide[np.ix_(BATCH, BATCH)] = WIDER
+                C[here, here] += wide / np.outer(unit, unit)
+            elif isinstance(one, PositionFix):
+                metres = FLIGHT.fix(stamp, 1.0, 1.0) - np.array(FLIGHT.fix(stamp, 0.0, 0.0))
+                away = (np.array([one.latitude, one.longitude]) - state.position[:2]) / metres
+                A[:2, :2] = np.linalg.inv(R)
+                vector[:2] = A[:2, :2] @ away
+            else:
+                A[np.ix_(BATCH, BATCH)] = one.matrix
+            M[here, here] += A * np.outer(unit, unit)
+            pull[here] += vector * unit
+    after = np.linalg.solve(np.eye(len(C)) + C @ M, C)
+    mean = after @ pull
+    parts = [slice(k * size, (k + 1) * size) for k in range(count)]
+    covariances = [after[part, part] * np.outer(unit, unit) for part in parts]
+    return [mean[part] * unit for part in parts], covariances
+
+
+@pytest.mark.parametrize("name", ["fixes", "information", "widened"])
+def test_it_is_the_conditional_of_all_states_at_once(name) -> None:
+    it, unaided = navigator(), navigator()
+    for stamp in range(10, DURATION + 1, 10):
+        for one in (it, unaided):
+            one.imu(np.arange(stamp - 9.0, stamp + 1.0), *free(stamp))
+        for what in SCHEDULES[name].get(stamp, ()):
+            assert it.measure(float(stamp), made(what, stamp)).used
+    means, covariances = dense(SCHEDULES[name])
+    for k, found in enumerate(it.smoothed(EVERY)):
+        sigma = np.sqrt(np.diag(covariances[k]))
+        np.testing.assert_allclose(
+            found.covariance / np.outer(sigma, sigma),
+            covariances[k] / np.outer(sigma, sigma),
+            atol=2e-3,
+        )
+        if name != "information":
+            moved = error_between(found, unaided.state_at(EVERY[k]))
+            np.testing.assert_allclose(moved / sigma, means[k] / sigma, atol=0.02)
+
+
+@pytest.mark.parametrize("name", SCHEDULES)
+def test_the_newest_state_is_the_filters_and_no_other_is_less_certain(name) -> None:
+    it = flown(SCHEDULES[name])
+    filtered = [it.state_at(time).copy() for time in EVERY]
+    found = it.smoothed(EVERY)
+    assert identical(found[-1], filtered[-1])
+    for one, other in zip(found, filtered, strict=True):
+        scale = np.sqrt(np.diag(other.covariance))
+        less = (other.covariance - one.covariance) / np.outer(scale, scale)
+        assert np.linalg.eigvalsh(one.covariance / np.outer(scale, scale)).min() > 0.0
+        if name != "information":  # negative information makes earlier states less certain
+            assert np.linalg.eigvalsh(less).min() > -1e-6
+
+
+def test_a_late_fix_and_other_times_change_nothing() -> None:
+    """The past is the same in whatever order fixes came, and whatever else is asked for."""
+    on_time = flown(SCHEDULES["fixes"])
+    late = navigator()
+    advance(late, DURATION)
+    for stamp, those in reversed(SCHEDULES["fixes"].items()):
+        late.measure(float(stamp), *(made(what, stamp) for what in those))
+    every = on_time.smoothed(EVERY)
+    for it in (on_time, late):
+        few = it.smoothed(np.array([40.0, 80.0]))
+        for one, other in zip(few, (every[4], every[8]), strict=True):
+            sigma = np.sqrt(np.diag(other.covariance))
+            np.testing.assert_allclose(error_between(one, other) / sigma, 0.0, atol=1e-6)
+            np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), sigma, rtol=1e-6)
+
+
+def test_a_navigator_without_measurements_knows_no_more_afterwards() -> None:
+    it = navigator()
+    for stamp in range(10, DURATION + 1, 10):
+        it.imu(np.arange(stamp - 9.0, stamp + 1.0), *free(stamp))
+    for one, time in zip(it.smoothed(EVERY), EVERY, strict=True):
+        assert identical(one, it.state_at(time))
+
+
+def test_what_happened_in_a_gap_is_settled_by_a_later_fix() -> None:
+    """The vehicle turned in a gap: right after it that is as improbable as it seemed, afterwards
+    it is known, and so is where the vehicle was."""
+    gap, seen = 60, 110
+    found = {}
+    for name, away in {"straight": 0.0, "manoeuvre": 400.0}.items():
+        it = navigator()
+        advance(it, 20)
+        it.measure(20.0, fix(20))
+        force, rate, height = FLIGHT.samples(gap, gap + 1)
+        it.imu(gap + 1.0, force[0], rate[0], height[0], gap - 20.0)
+        advance(it, DURATION)
+        assert it.undecided
+        it.measure(float(seen), fix(seen, away))
+        if name == "manoeuvre":
+            assert not it.undecided
+        found[name] = it.smoothed(np.array([20.0, gap + 1.0, float(seen)]))
+        filtered = it.state_at(gap + 1.0)
+        after = found[name][1]
+        scale = np.sqrt(np.diag(after.covariance))
+        correlations = after.covariance / np.outer(scale, scale)
+        assert np.linalg.eigvalsh(correlations).min() > 0.0
+        assert after.covariance[0, 0] < filtered.covariance[0, 0]
+    apart = error_between(found["manoeuvre"][1], found["straight"][1])
+    assert 40.0 < apart[0] < 300.0  # it had moved some of the way when the data came back
+    again = error_between(found["manoeuvre"][0], found["straight"][0])
+    assert abs(again[0]) < 60.0  # before the gap there was a fix
+
+
+def test_several_gaps_while_it_is_undecided() -> None:
+    """States that were merged for a second gap are told apart by what came after it."""
+    it = navigator()
+    advance(it, 20)
+    it.measure(20.0, fix(20))
+    for end in (50, 80):
+        force, rate, height = FLIGHT.samples(end, end + 1)
+        it.imu(end + 1.0, force[0], rate[0], height[0], end - it.time)
+    assert it.undecided
+    advance(it, DURATION)
+    it.measure(float(DURATION), fix(DURATION))
+    for one in it.smoothed(np.array([20.0, 51.0, 81.0])):
+        scale = np.sqrt(np.diag(one.covariance))
+        assert np.linalg.eigvalsh(one.covariance / np.outer(scale, scale)).min() > 0.0
+        assert np.isfinite(np.concatenate(one.estimate)).all()
+
+
+def test_times_that_are_not_in_the_history() -> None:
+    it = navigator()
+    advance(it, DURATION)
+    with pytest.raises(ValueError, match="older than the buffer"):
+        it.smoothed(np.array([-5.0]))
+    assert it.smoothed(np.empty(0)) == []
+
+
+def test_samples_of_the_history() -> None:
+    it = flown(SCHEDULES["fixes"])
+    stamps, rates = it.samples(10.0, 50.0)
+    np.testing.assert_allclose(stamps, np.arange(11.0, 51.0))
+    np.testing.assert_array_equal(rates, FLIGHT.rate[10:50])
+    assert len(it.samples(-np.inf, it.time)[0]) == DURATION
