@@ -9,19 +9,20 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.assumed import filter_model
-from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.inertial_navigator import AT_ONCE, InertialNavigator
 from isogal.fusion.measurements import PositionFix
 from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import Estimate
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
-from ukf_fusion_node.start import initial_state, start_ns
+from ukf_fusion_node.start import initial_state, start_ns, with_given
 from ukf_fusion_node.unresolved_gap import UnresolvedGap
 from ukf_fusion_node.upright import Upright
 
@@ -47,7 +48,8 @@ class Navigation:
         self.model = filter_model(node.scenario, known)
         self._sample = 1.0 / node.scenario.imu.rate
         of_step = node.scenario.samples_per_step
-        self._stream = SampleStream(node.scenario.imu.rate, of_step) if of_step > 1 else None
+        streams = of_step > 1 and not node.scenario.ins.gives_solution
+        self._stream = SampleStream(node.scenario.imu.rate, of_step) if streams else None
         self._start = FilterState.start(initial_state(node.scenario, node.settings), self.model)
         self._motion = UnknownMotion(
             node.settings.outage_acceleration,
@@ -108,15 +110,22 @@ class Navigation:
             newest = self.ns if self._stream is None else self._stream.ns
             require_later(ns, max(newest, self._published))
 
-    def begin(self, ns: int) -> bool:
-        """Begin with the first sample (its stamp), if there is something to begin with; return
-        whether it has begun at the start itself, which is then to be published."""
-        first = ns - from_seconds(self._sample)
+    def begin(self, ns: int, solution: Array | None = None) -> bool:
+        """Begin with the first sample (its stamp), or with the first solution (10,) of an INS, if
+        there is something to begin with; return whether it has begun at the start itself, which is
+        then to be published."""
+        first = ns - (from_seconds(self._sample) if solution is None else 0)
         fresh = False
         if self._placed is not None:
+            if solution is not None:  # a pose says less of both, and they must be those of the INS
+                self._placed.velocity[:], self._placed.attitude[:] = solution[3:6], solution[6:]
             self._set(first, self._placed)
         elif (saved := self._checkpoint.take(first)) is not None and self._fits(saved.content):
             self._set(saved.time, *saved.content)
+        elif solution is not None:
+            start_of = with_given(self._settings, Estimate(*np.split(solution, [3, 6])))
+            self._set(ns, FilterState.start(start_of, self.model))
+            fresh = True
         elif self._from_start:
             start = start_ns(self._settings, first)
             margin = from_seconds(min(0.5 * self.model.dt, 1.0))
@@ -190,14 +199,27 @@ class Navigation:
         """Return a state to be changed: the newest, or where there is none that of the start."""
         return (self._start if self.navigator is None else self.state).copy()
 
-    def sample(self, ns: int, force: Array, rate: Array) -> Iterator[None]:
+    def sample(
+        self, ns: int, force: Array, rate: Array, interval: float | None = None
+    ) -> Iterator[None]:
         """Take a sample: advance by each step that ends with it, and yield after each.
+
+        Parameters
+        ----------
+        interval : float, optional
+            s before its stamp that it is of, where that is known.
 
         Raises
         ------
         BadMessageError
             It cannot be used.
         """
+        if interval is not None:
+            missing = to_seconds(ns - self.ns) - interval
+            self._note_gap(missing + self.model.dt)
+            self._advance(ns, force, rate, missing if missing > AT_ONCE else 0.0)
+            yield
+            return
         if self._stream is None:
             self._advance(ns, force, rate, self._note_gap(to_seconds(ns - self.ns)))
             yield

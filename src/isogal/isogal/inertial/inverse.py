@@ -9,20 +9,22 @@ to the solution's over `RETURN`, since another INS integrates in steps of its ow
 starts elsewhere differs from the solution by the INS's error, and the difference grows by the
 error model of inertial navigation, as it would on the readings of the INS's own sensors.
 
-That holds for any attitude, if the same one is used in the inverse and in the start: specific force
-in navigation axes is what the solution determines, body axes are only those in which biases are
-constant. Where a solution has no attitude that of a level vehicle on its course does."""
+That holds for any attitude, if the same one is used in the inverse and in the start: specific
+force in navigation axes is what the solution determines, body axes are only those in which biases
+are constant. Where a solution has no attitude that of a level vehicle on its course does."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.earth.ellipsoid import curvature
+from isogal.earth.ellipsoid import curvature, metres_per_radian
 from isogal.inertial.preintegration import constant_force
 from isogal.inertial.rotations import (
     from_heading,
+    from_rotation_vector,
     matrix,
     multiply,
     rotate,
@@ -37,10 +39,12 @@ themselves but for terms of the Earth's rotation, 1e-4 of them a second, so each
 least three digits in steps of up to ten seconds."""
 RETURN = 10.0
 """s, over which the strapdown's position returns to the solution's. It averages the last digit of
-a position over as long, and lags behind a turn, within which the trapezoid is wrong by v w² T² / 12
-(2 mm/s at 20 m/s and 0.03 rad/s, T = 1 s), by that times as long: 2 cm."""
+a position over as long, and lags behind a turn, within which the trapezoid is wrong by v w² T² /
+12 (2 mm/s at 20 m/s and 0.03 rad/s, T = 1 s), by that times as long: 2 cm."""
 SHORTEST_RETURN = 4.0
 """Intervals, for the same."""
+LONGEST_STEP = 10.0
+"""s, longest interval of one sample."""
 NO_COURSE = 0.5
 """m/s of speed below which a velocity has no course: the attitude stays as it was."""
 COLUMNS = 10
@@ -155,17 +159,24 @@ class Felt:
     """s."""
 
 
+class NothingFeltError(ValueError):
+    """Why a solution does not say what the INS felt."""
+
+
 class InverseStrapdown:
     """Makes samples of solutions as they come, at whatever times.
+
+    Where solutions are missing nothing is lost but the path between: the INS went on, and tells
+    where it has come. The time is filled in by the smoothest path between the two.
 
     Parameters
     ----------
     jump : float
         By how much (m) a position may miss what the velocity says of a second; beyond it the INS
-        has set itself anew. Over longer intervals by the square of their length more, as the
-        trapezoid does.
+        has set itself anew. Of a longer interval it may miss more, by the square of its length, as
+        the trapezoid does.
     longest : float
-        s, longest interval that one sample may be of.
+        s, longest time without solutions that is filled in.
     preintegrated : bool
         As for `inverse`.
     """
@@ -174,38 +185,71 @@ class InverseStrapdown:
         self._jump, self._longest = jump, longest
         self._coning = ROTATIONS if preintegrated else MEANS
         self._time, self._state, self._last = 0.0, np.full(COLUMNS, np.nan), np.empty(0)
-        self.jumps = 0
-        """How often the INS has set itself anew."""
 
-    def take(self, time: float, solution: Array) -> "Felt | str | None":
+    @property
+    def last(self) -> Array | None:
+        """The newest solution (10,); None = none yet."""
+        return self._last if self._last.size else None
+
+    def take(self, time: float, solution: Array) -> list[Felt]:
         """Take a solution (10,; `COLUMNS`) of a time (s) later than the last; return what the INS
-        felt since, or why that is not known; None of the first.
+        felt since, in order of time; nothing of the first.
 
-        A solution that is exactly the last one, of an INS that moves, is not taken: the next
-        says what was felt since the last one that was."""
+        Raises
+        ------
+        NothingFeltError
+            It is exactly the last one, of an INS that moves, and not taken: the next says what was
+            felt since the last one that was. Or it comes after too long a time, or its position
+            has jumped: then the next says what is felt from here on.
+        """
         if not self._last.size:
             self._begin(time, solution)
-            return None
+            return []
         dt = time - self._time
-        if np.array_equal(solution, self._last) and np.linalg.norm(solution[3:5]) > NO_COURSE:
-            return "is the one before again, of an INS that moves: not taken"
+        if np.array_equal(solution, self._last) and np.hypot(*solution[3:5]) > NO_COURSE:
+            raise NothingFeltError("is the one before once more, of an INS that moves")
         if dt > self._longest:
             self._begin(time, solution)
-            return f"is {dt:.1f} s after the one before: goes on from it, as after a gap"
-        sample = np.empty(6)
-        limit = self._jump * max(1.0, dt * dt)
-        known, missed = _advance(self._state, solution, dt, self._coning, limit, sample)
+            raise NothingFeltError(f"is {dt:.0f} s after the one before, too long to fill in")
+        parts = max(1, math.ceil(dt / LONGEST_STEP))
+        found, part = [], dt / parts
+        limit = self._jump * max(1.0, part * part)
+        for row in between(self._last, solution, dt, parts):
+            sample = np.empty(6)
+            known, missed = _advance(self._state, row, part, self._coning, limit, sample)
+            if not known:
+                self._begin(time, solution)
+                raise NothingFeltError(
+                    f"position has jumped by {missed:.1f} m: the INS has set itself anew (ins.jump"
+                    f" is {self._jump:g} m)"
+                )
+            found.append(Felt(sample[:3], sample[3:], part))
         self._time, self._last = time, solution.copy()
-        if not known:
-            self.jumps += 1
-            return (
-                f"position jumped by {missed:.1f} m: the INS has set itself anew (ins.jump is"
-                f" {self._jump:g} m)"
-            )
-        return Felt(sample[:3], sample[3:], dt)
+        return found
 
     def _begin(self, time: float, solution: Array) -> None:
         self._time, self._state, self._last = time, solution.copy(), solution.copy()
+
+
+def between(before: Array, after: Array, dt: float, parts: int) -> Array:
+    """Return (parts, 10) solutions at the ends of equal parts of a time (s), the last of which is
+    the one after it: the cubic through both positions with both velocities, a constant turn."""
+    t = np.arange(1, parts + 1)[:, None] / parts
+    step = after[:3] - before[:3]
+    step[1] -= 2.0 * np.pi * np.round(step[1] / (2.0 * np.pi))
+    north, east = metres_per_radian(0.5 * (before[0] + after[0]), 0.5 * (before[2] + after[2]))
+    unit = np.array([north, east, -1.0])
+    v0, v1, mean = before[3:6] / unit, after[3:6] / unit, step / dt
+    place = before[:3] + dt * t * (
+        v0 + t * (3.0 * mean - 2.0 * v0 - v1) + t * t * (v0 + v1 - 2.0 * mean)
+    )
+    speed = v0 + 2.0 * t * (3.0 * mean - 2.0 * v0 - v1) + 3.0 * t * t * (v0 + v1 - 2.0 * mean)
+    w, x, y, z = before[6:]
+    turn = np.array(to_rotation_vector(*multiply(*after[6:], w, -x, -y, -z)))
+    turned = [multiply(*from_rotation_vector(*(share * turn)), w, x, y, z) for share in t[:, 0]]
+    rows = np.concatenate([place, speed * unit, turned], axis=1)
+    rows[-1] = after
+    return rows
 
 
 def level_attitude(velocity: Array, before: Array | None = None) -> Array:

@@ -39,8 +39,8 @@ def simulate_solution(
 
 
 def said(ins: Ins, solution: Array) -> Array:
-    """Return a solution (R, K + 1, 10) as an INS says it: to its last digit, and with the course of
-    a level vehicle where it has no attitude."""
+    """Return a solution (R, K + 1, 10) as an INS says it: to its last digit, and with the course
+    of a level vehicle where it has no attitude."""
     solution = solution.copy()
     if (last := ins.position_resolution) > 0.0:
         north, east = metres_per_radian(solution[:, :1, 0], solution[:, :1, 2])
