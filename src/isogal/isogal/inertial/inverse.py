@@ -67,14 +67,13 @@ def _solve(
     )
     turn = to_rotation_vector(tw, tx, ty, tz)
     a, u = np.array(turn), np.zeros(3)
-    force, rate = np.zeros(3), np.zeros(3)
     end = (place, speed, first)
     for k in range(ROUNDS):
         f = rotate(qw, -qx, -qy, -qz, u[0] / dt, u[1] / dt, u[2] / dt)
         w = rotate(qw, -qx, -qy, -qz, a[0] / dt, a[1] / dt, a[2] / dt)
         end = step(place, speed, first, f, w, (0.0, 0.0, 0.0), dt, coning)
         for i in range(3):
-            force[i], rate[i] = f[i], w[i]
+            sample[i], sample[3 + i] = f[i], w[i]
         if k + 1 < ROUNDS:
             _, v, q = end
             bw, bx, by, bz = multiply(q[0], q[1], q[2], q[3], qw, -qx, -qy, -qz)
@@ -84,17 +83,13 @@ def _solve(
             for i in range(3):
                 u[i] += du[i]
                 a[i] += turn[i] - b[i]
-    sample[:3], sample[3:] = force, rate
     return end
 
 
 @kernel(error_model="numpy")
-def _advance(
-    state: Array, solution: Array, dt: float, coning: float, jump: float, sample: Array
-) -> tuple[bool, float]:
-    """Find the sample (6,) of an interval that ends at a solution (10,) and set the state (10,) to
-    what the strapdown makes of it; return whether there was one, and by how much (m) the position
-    missed. Beyond `jump` (m) there is none, and the state is the solution."""
+def _advance(state: Array, solution: Array, dt: float, coning: float, sample: Array) -> None:
+    """Find the sample (6,) of an interval that ends at a solution (10,), and set the state (10,)
+    to what the strapdown makes of it."""
     velocity, attitude = solution[3:6].copy(), solution[6:10]
     place, speed, turned = _solve(state, velocity, attitude, dt, coning, sample)
     m, n = curvature(np.sin(place[0]))
@@ -103,10 +98,6 @@ def _advance(
     north = (solution[0] - place[0]) * (m + place[2])
     east = lon * (n + place[2]) * np.cos(place[0])
     down = place[2] - solution[2]
-    missed = np.sqrt(north * north + east * east + down * down)
-    if missed > jump:
-        state[:] = solution
-        return False, missed
     back = max(RETURN, SHORTEST_RETURN * dt)
     velocity[0] += north / back
     velocity[1] += east / back
@@ -116,7 +107,6 @@ def _advance(
         state[i], state[3 + i] = place[i], speed[i]
     for i in range(4):
         state[6 + i] = turned[i]
-    return True, missed
 
 
 @kernel(error_model="numpy")
@@ -125,7 +115,7 @@ def _invert(solution: Array, dt: float, coning: float, samples: Array) -> None:
     for r in range(solution.shape[0]):
         state = solution[r, 0].copy()
         for k in range(samples.shape[1]):
-            _advance(state, solution[r, k + 1], dt, coning, np.inf, samples[r, k])
+            _advance(state, solution[r, k + 1], dt, coning, samples[r, k])
 
 
 def inverse(solution: Array, dt: float, preintegrated: bool = False) -> tuple[Array, Array]:
@@ -211,18 +201,18 @@ class InverseStrapdown:
         if dt > self._longest:
             self._begin(time, solution)
             raise NothingFeltError(f"is {dt:.0f} s after the one before, too long to fill in")
+        missed = float(np.linalg.norm(_misfit(self._last, solution, dt)))
+        if missed > self._jump * max(1.0, dt * dt):
+            self._begin(time, solution)
+            raise NothingFeltError(
+                f"position has jumped by {missed:.1f} m: the INS has set itself anew (ins.jump"
+                f" is {self._jump:g} m)"
+            )
         parts = max(1, math.ceil(dt / LONGEST_STEP))
         found, part = [], dt / parts
-        limit = self._jump * max(1.0, part * part)
         for row in between(self._last, solution, dt, parts):
             sample = np.empty(6)
-            known, missed = _advance(self._state, row, part, self._coning, limit, sample)
-            if not known:
-                self._begin(time, solution)
-                raise NothingFeltError(
-                    f"position has jumped by {missed:.1f} m: the INS has set itself anew (ins.jump"
-                    f" is {self._jump:g} m)"
-                )
+            _advance(self._state, row, part, self._coning, sample)
             found.append(Felt(sample[:3], sample[3:], part))
         self._time, self._last = time, solution.copy()
         return found
@@ -231,15 +221,28 @@ class InverseStrapdown:
         self._time, self._state, self._last = time, solution.copy(), solution.copy()
 
 
+def _step(before: Array, after: Array) -> tuple[Array, Array]:
+    """Return (3,) by how much a solution's position changes, rad, rad, m, and (3,) how many metres
+    north, east and down one of each is."""
+    step = after[:3] - before[:3]
+    step[1] -= 2.0 * np.pi * np.round(step[1] / (2.0 * np.pi))
+    north, east = metres_per_radian(0.5 * (before[0] + after[0]), 0.5 * (before[2] + after[2]))
+    return step, np.array([north, east, -1.0])
+
+
+def _misfit(before: Array, after: Array, dt: float) -> Array:
+    """Return (3,) m, by how much a position differs from where the mean of both velocities leads
+    to from the one before."""
+    step, metres = _step(before, after)
+    return np.asarray(step * metres - 0.5 * dt * (before[3:6] + after[3:6]))
+
+
 def between(before: Array, after: Array, dt: float, parts: int) -> Array:
     """Return (parts, 10) solutions at the ends of equal parts of a time (s), the last of which is
     the one after it: the cubic through both positions with both velocities, a constant turn."""
     t = np.arange(1, parts + 1)[:, None] / parts
-    step = after[:3] - before[:3]
-    step[1] -= 2.0 * np.pi * np.round(step[1] / (2.0 * np.pi))
-    north, east = metres_per_radian(0.5 * (before[0] + after[0]), 0.5 * (before[2] + after[2]))
-    unit = np.array([north, east, -1.0])
-    v0, v1, mean = before[3:6] / unit, after[3:6] / unit, step / dt
+    step, metres = _step(before, after)
+    v0, v1, mean = before[3:6] / metres, after[3:6] / metres, step / dt
     place = before[:3] + dt * t * (
         v0 + t * (3.0 * mean - 2.0 * v0 - v1) + t * t * (v0 + v1 - 2.0 * mean)
     )
@@ -247,7 +250,7 @@ def between(before: Array, after: Array, dt: float, parts: int) -> Array:
     w, x, y, z = before[6:]
     turn = np.array(to_rotation_vector(*multiply(*after[6:], w, -x, -y, -z)))
     turned = [multiply(*from_rotation_vector(*(share * turn)), w, x, y, z) for share in t[:, 0]]
-    rows = np.concatenate([place, speed * unit, turned], axis=1)
+    rows = np.concatenate([place, speed * metres, turned], axis=1)
     rows[-1] = after
     return rows
 
