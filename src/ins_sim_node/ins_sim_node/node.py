@@ -54,7 +54,7 @@ class InsSimNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
-        "magnetometer", "altimeter", "map", "map_error", "gravity", "height", "velocity",
+        "magnetometer", "altimeter", "map", "map_error", "gravity", "height", "velocity", "gnss",
         "matcher", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings

@@ -35,7 +35,7 @@ class UkfFusionNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter", "map",
-        "gravity", "height", "velocity", "matcher", "fusion", "integrity", "truth",
+        "gravity", "height", "velocity", "gnss", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings
@@ -163,8 +163,9 @@ class UkfFusionNode(GraphNode):
 
     def _settle(self) -> None:
         """Apply the fixes that need not wait, and answer each, even one that is dropped."""
-        for _, content in self._fixes.due(self._navigation.ns):
+        for ns, content in self._fixes.due(self._navigation.ns):
             self.guard(topics.FIX, self._corrections.apply, self._navigation.navigator, content)
+            self._navigation.matched(ns)
             self._answer()
 
     def _answer(self) -> None:
@@ -176,7 +177,7 @@ class UkfFusionNode(GraphNode):
 
     def _publish(self) -> None:
         ns, state, rate = self._navigation.latest()
-        self.outputs.publish(ns, state, rate)
+        self.outputs.publish(ns, state, rate, self._navigation.aided)
         if self._solutions is not None:
             self._solutions.publish_error(ns, state)
 

@@ -15,6 +15,7 @@ from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import simulate_solution
+from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
 
@@ -39,6 +40,8 @@ class SimulatedVehicle:
     none."""
     velocity: Array | None
     """(K, 3) m/s, FRD, what the velocity aid reads, likewise."""
+    satellites: SatelliteFixes | None
+    """Of one run: what the satellite receiver gives; None = there is none."""
     solution: Array | None
     """(K + 1, 10) what the INS says (`isogal.inertial.inverse.COLUMNS`), where it gives its
     solution in place of samples; None = it gives samples."""
@@ -95,6 +98,7 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     height = simulate_heights(truth, trajectory, [run])[0] if truth.height.measured else None
     aid = truth.velocity.kind != "none"
     velocity = simulate_velocities(truth, trajectory, [run])[0] if aid else None
+    satellites = simulate_satellites(truth, trajectory, [run]) if truth.gnss.used else None
     return SimulatedVehicle(
         trajectory,
         states,
@@ -103,6 +107,7 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         unaided,
         height,
         velocity,
+        satellites,
         solution,
         _turn_rate(trajectory),
     )
