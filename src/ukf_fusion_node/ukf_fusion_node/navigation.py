@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans
 from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import AT_ONCE, InertialNavigator
@@ -50,7 +50,8 @@ class Navigation:
         self.model = filter_model(node.scenario, known)
         self._sample = 1.0 / node.scenario.imu.rate
         of_step = node.scenario.samples_per_step
-        streams = of_step > 1 and not node.scenario.ins.gives_solution
+        self._has_imu = not node.scenario.ins.gives_solution
+        streams = of_step > 1 and self._has_imu
         self._stream = SampleStream(node.scenario.imu.rate, of_step) if streams else None
         self._start = FilterState.start(initial_state(node.scenario, node.settings), self.model)
         self._motion = UnknownMotion(
@@ -85,6 +86,12 @@ class Navigation:
         latitude, longitude, height = self._start.position.tolist()
         navigator.imu(dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
         navigator.measure(dt, PositionFix(latitude, longitude, np.eye(2) * 1e6))
+
+    @property
+    def noisy(self) -> Booleans:
+        """(6,) which axes of the IMU have noise, so that a value does not come twice: what an INS
+        felt may well, where it is at rest, or to its last digit."""
+        return (np.array(self.model.noise) > 0.0) & self._has_imu
 
     @property
     def state(self) -> FilterState:

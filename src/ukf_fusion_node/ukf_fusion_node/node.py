@@ -50,10 +50,8 @@ class UkfFusionNode(GraphNode):
         self._corrections = Corrections(self.health, self.get_logger(), self._navigation.unfit)
         self._leaps = Leaps(from_seconds(self.settings.max_gap))
         limits = self.settings.max_acceleration, self.settings.max_turn_rate
-        # a solution may well repeat what an INS felt: of one at rest, or to its last digit
-        noisy = np.array(self._navigation.model.noise) > 0.0
-        noisy &= not self.scenario.ins.gives_solution
-        self._watch, self._lone = Watch(*limits, self.monotonic, noisy), LoneSamples()
+        self._watch = Watch(*limits, self.monotonic, self._navigation.noisy)
+        self._lone = LoneSamples()
         self._aids = Aids(self, self._go_on)
         self._held: deque[Imu | Solution] = deque()
         """IMU samples, or solutions of an INS, that wait for other sensors."""
@@ -98,20 +96,14 @@ class UkfFusionNode(GraphNode):
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
         """Take what an INS felt since its last solution for samples."""
-        solution = solutions.read(message)
-        self._navigation.require_later(ns)
+        found = solutions.samples(ns, message, self._navigation, self._leaps)
         if self._navigation.navigator is not None:
-            self._leaps.check(ns, self._navigation.ns)
-        found = solutions.felt(ns, solution)
-        if self._navigation.navigator is None:
-            if self._navigation.begin(ns, solution):
-                self._publish()
-            self.health.tick(ns)
+            for sample in found:
+                self._take_sample(*sample)
             return
-        after = from_seconds(sum(one.interval for one in found))
-        for one in found:
-            after -= from_seconds(one.interval)
-            self._take_sample(ns - max(after, 0), one.force, one.rate, one.interval)
+        if self._navigation.begin(ns, solutions.last):
+            self._publish()
+        self.health.tick(ns)
 
     def _take_sample(
         self, ns: int, force: Array, rate: Array, interval: float | None = None

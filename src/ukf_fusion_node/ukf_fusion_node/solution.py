@@ -1,7 +1,7 @@
 """The solution of an INS in place of samples of an IMU, and what is found wrong with it."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -12,7 +12,6 @@ from std_msgs.msg import Header
 from isogal.arrays import Array
 from isogal.fusion.state import FilterState
 from isogal.inertial.inverse import (
-    Felt,
     InverseStrapdown,
     NothingFeltError,
     level_attitude,
@@ -25,8 +24,10 @@ from isogal_ros.messages.ins_solution import (
     read_position_and_velocity,
     read_solution,
 )
-from isogal_ros.messages.stamps import to_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
+from ukf_fusion_node.navigation import Navigation
+from ukf_fusion_node.watch import Leaps
 
 LONGEST = 600.0
 """s without solutions that are filled in; after longer it may be another INS, or one that was
@@ -43,7 +44,9 @@ class Joined(NamedTuple):
     twist: TwistWithCovarianceStamped
 
 
-Solution = Odometry | Joined
+Solution: TypeAlias = Odometry | Joined
+Sample = tuple[int, Array, Array, float]
+"""Stamp of its end (ns), specific force and angular rate (3,), and its interval, s."""
 
 
 class Solutions:
@@ -99,23 +102,38 @@ class Solutions:
         if isinstance(message, Odometry):
             return read_solution(message, self._frame)
         place, velocity = read_position_and_velocity(message.fix, message.twist)
-        last = self._inverse.last
+        last = self.last
         attitude = level_attitude(velocity[None], None if last is None else last[6:])[0]
         return np.concatenate([place, velocity, attitude])
 
-    def felt(self, ns: int, solution: Array) -> list[Felt]:
-        """Return what the INS felt since the last solution; raises BadMessageError where this one
-        does not say it."""
+    @property
+    def last(self) -> Array | None:
+        """The newest solution (10,) that was taken; None = none yet."""
+        return self._inverse.last
+
+    def samples(
+        self, ns: int, message: Solution, navigation: Navigation, leaps: Leaps
+    ) -> list[Sample]:
+        """Return what the INS felt since its last solution; raises BadMessageError where a message
+        (its stamp) cannot be used, or does not say that."""
+        solution = self.read(message)
+        navigation.require_later(ns)
+        if navigation.navigator is not None:
+            leaps.check(ns, navigation.ns)
         try:
             found = self._inverse.take(to_seconds(ns), solution)
-            self._newest = ns
-            return found
         except NothingFeltError as error:
             raise BadMessageError(str(error)) from None
+        self._newest = ns
+        ends = np.cumsum([one.interval for one in found][::-1])[::-1] - [x.interval for x in found]
+        return [
+            (ns - from_seconds(float(after)), one.force, one.rate, one.interval)
+            for after, one in zip(ends, found, strict=True)
+        ]
 
     def publish_error(self, ns: int, state: FilterState) -> None:
         """Publish what is wrong with the newest solution, if a state is of its stamp (ns)."""
-        last = self._inverse.last
+        last = self.last
         if last is None or ns != self._newest:
             return
         fill_error(self._m_error, ns, last, np.concatenate(state.estimate), state.covariance)
