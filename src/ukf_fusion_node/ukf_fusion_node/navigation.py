@@ -208,7 +208,13 @@ class Navigation:
         self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
 
     def place(self, state: FilterState) -> None:
-        """Navigate from a state on: from now, or from the first sample if there was none."""
+        """Navigate from a state on: from now, or from the first sample if there was none. By the
+        solution of an INS only its position counts: velocity and attitude go with the INS's."""
+        if not self._has_imu:
+            state, placed = self.start_state(), state
+            state.position[:] = placed.position
+            state.covariance[:3], state.covariance[:, :3] = 0.0, 0.0
+            state.covariance[:3, :3] = placed.covariance[:3, :3]
         self.rate = np.zeros(3)
         if self.navigator is None:
             self._placed = state

@@ -123,11 +123,12 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     _check_reduction(reader.path, recorded, scenario, whole)
     first = min(sensors[inertial[-1]], default=0)
     differs = changed or recorded != scenario or to_seconds(first) > LATE
+    reduced = (collector.readings, *collector.others)
+    differs |= not all(reduced)  # of an instrument alone, without a navigator
     reduces = differs and whole
     if not reduces:
         for topic in raw:
             del sensors[topic]
-        reduced = (collector.readings, *collector.others)
         sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
     needed = (*inertial, *(one.raw if reduces else one.reduced for one in each))
     needed += aids_of(scenario)

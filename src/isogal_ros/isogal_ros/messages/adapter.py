@@ -17,6 +17,7 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.aids import AIDS, aids_of
+from isogal_ros.messages.ins_solution import OF_INERTIAL_DATA, inertial_topics
 from isogal_ros.topics import Message, Topic
 
 Reading = float | Array
@@ -80,4 +81,7 @@ def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
     if topics.MAGNETIC_FIELD in own:
         others.discard(topics.SCALAR_FIELD)
     others |= {*AIDS} - {*aids_of(scenario)}
+    others |= {*OF_INERTIAL_DATA} - {*inertial_topics(scenario.ins)}
+    if not scenario.ins.gives_solution:
+        others.add(topics.INS_ERROR)
     return tuple(topic for topic in all_topics(scenario) if topic not in others)
