@@ -34,7 +34,7 @@ WORLDS: dict[str, dict[str, object]] = {
     "quantum, 1 Hz": SHIP | {"imu": {"grade": "quantum"}},
     "navigation, 1 Hz": SHIP | {"imu": {"grade": "navigation"}},
     "precision, 1 Hz, aircraft": AIRCRAFT,
-    "precision, 10 Hz": SHIP | {"imu": {"rate": 10.0}},
+    "precision, 4 Hz": SHIP | {"imu": {"rate": 4.0}},
     "precision, IMU of 20 Hz, solution of 1 Hz": SHIP
     | {"imu": {"rate": 20.0}, "fusion": {"rate": 1.0}},
 }
