@@ -53,9 +53,9 @@ class InsSimNode(GraphNode):
     answered."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "fields", "route", "imu", "initial_error", "gravimeter", "magnetometer",
-        "altimeter", "map", "map_error", "gravity", "height", "velocity", "gnss", "matcher",
-        "fusion", "truth",
+        "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
+        "magnetometer", "altimeter", "map", "map_error", "gravity", "height", "velocity", "gnss",
+        "matcher", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)

@@ -20,6 +20,7 @@ from isogal_ros.messages.aids import (
 )
 from isogal_ros.messages.frames import ANTENNA, BASE, MAP, map_frame
 from isogal_ros.messages.imu import fill_imu, fill_noise
+from isogal_ros.messages.ins_solution import fill_east_north_up, inertial_topics
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
@@ -27,6 +28,33 @@ from isogal_ros.nodes.base import GraphNode
 
 COMPARE_EVERY = 0.1
 """s of wall time between comparisons of navigator and truth."""
+
+
+class Solution:
+    """What an INS publishes of itself in place of samples."""
+
+    def __init__(self, node: GraphNode, solution: Array) -> None:
+        self._rows, self._whole = solution, node.scenario.ins.attitude
+        self._frame = map_frame(node.scenario)
+        each = inertial_topics(node.scenario.ins)
+        self._publishers = [node.advertise(topic) for topic in each]
+        self._messages = [topic.type() for topic in each]
+        for message in self._messages:
+            message.header.frame_id = MAP if self._whole else BASE
+        if self._whole:
+            self._messages[0].child_frame_id = BASE
+
+    def publish(self, k: int, ns: int, turn_rate: Array) -> None:
+        """Publish the solution at the end of step k."""
+        row = self._rows[k]
+        if self._whole:
+            fill_odom(self._messages[0], ns, self._frame, row, turn_rate)
+        else:
+            twist, fix = self._messages
+            fill_east_north_up(twist, ns, row[3:6])
+            fill_fix(fix, ns, *row[:3].tolist())
+        for publisher, message in zip(self._publishers, self._messages, strict=True):
+            publisher.publish(message)
 
 
 class Satellites:
@@ -69,7 +97,12 @@ class Outputs:
         self._compared = 0.0
         self._step_ns = from_seconds(vehicle.trajectory.dt)
         self._frame = map_frame(node.scenario)
-        self._clock, self._imu = node.advertise(topics.CLOCK), node.advertise(topics.IMU)
+        self._clock = node.advertise(topics.CLOCK)
+        self._solution: Solution | None = None
+        if vehicle.solution is not None:
+            self._solution = Solution(node, vehicle.solution)
+        else:
+            self._imu = node.advertise(topics.IMU)
         self._height = node.scenario.true.height
         if vehicle.height is not None:
             self._pressure = node.advertise(topics.BAROMETER)
@@ -93,14 +126,17 @@ class Outputs:
         fill_noise(self._m_imu, node.scenario.imu.sensors, interval)
 
     def publish(self, k: int, ns: int) -> None:
-        """Publish step k: the clock, then the IMU's samples of the step, so that the filter works
-        while the rest is made. The start (k = 0) has no sample."""
+        """Publish step k: the clock, then the IMU's samples of the step, or the INS's solution, so
+        that the filter works while the rest is made. The start (k = 0) has no sample."""
         run = self._vehicle
         set_stamp(self._m_clock.clock, ns)
         self._clock.publish(self._m_clock)
         if k > 0:
             self._publish_aids(k, ns)
-            self._publish_samples(run.samples[k - 1], ns)
+            if self._solution is None:
+                self._publish_samples(run.samples[k - 1], ns)
+        if self._solution is not None:
+            self._solution.publish(k, ns, run.turn_rate[k])
         latitude, longitude, height = run.states[k, :3].tolist()
         fill_fix(self._m_truth, ns, latitude, longitude, height)
         fill_fix(self._m_ins, ns, run.unaided[k, 0], run.unaided[k, 1], height)

@@ -95,6 +95,13 @@ class Topic:
 
 CLOCK = Topic("/clock", Clock, single=False)
 IMU = Topic("imu/data_raw", Imu, (UKF_FUSION,))
+INS_SOLUTION = Topic("ins/solution", Odometry, (UKF_FUSION,))
+"""In place of the IMU, if `ins.source` is solution: what an INS says of itself, in the frame
+``map``, with the child ``base_link``."""
+INS_SOLUTION_FIX = Topic("ins/solution_fix", NavSatFix, (UKF_FUSION,))
+INS_SOLUTION_VELOCITY = Topic("ins/solution_velocity", TwistWithCovarianceStamped, (UKF_FUSION,))
+"""Both, of the same stamps, in place of that if `ins.attitude` is false; velocity east, north,
+up."""
 BAROMETER = Topic("barometer/data_raw", FluidPressure, (UKF_FUSION,))
 """In air or in water, if `height.source` says so."""
 VELOCITY = Topic("velocity/data_raw", TwistWithCovarianceStamped, (UKF_FUSION,))
@@ -107,6 +114,9 @@ GNSS_VELOCITY = Topic("gnss/velocity", TwistWithCovarianceStamped, (UKF_FUSION,)
 TRUTH_FIX = Topic("ground_truth/fix", NavSatFix, (GRAVIMETER,))
 TRUTH_ODOM = Topic("ground_truth/odom", Odometry)
 INS_FIX = Topic("ins/fix", NavSatFix)
+INS_ERROR = Topic("ins/error", Odometry)
+"""What the filter finds wrong with the solution of an INS: its difference from nav/odom of the
+stamp, on axes east, north, up (frame and child frame ``enu``)."""
 GRAVIMETRY = Topic("gravimeter/data_raw", AccelWithCovarianceStamped)
 GRAVITY = Topic("gravimeter/gravity", AccelWithCovarianceStamped)
 DISTURBANCE = Topic("gravimeter/disturbance", AccelWithCovarianceStamped)
@@ -161,11 +171,12 @@ TRANSFORMS = () if TF is None else (TF,)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,), single=False)
 
 ALL = (
-    CLOCK, IMU, BAROMETER, VELOCITY, GNSS_FIX, GNSS_VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX,
-    GRAVIMETRY, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE,
-    TERRAIN, SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE,
-    CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL,
-    NAV_AIDS, SMOOTHED, *TRANSFORMS, DIAGNOSTICS,
+    CLOCK, IMU, INS_SOLUTION, INS_SOLUTION_FIX, INS_SOLUTION_VELOCITY, INS_ERROR, BAROMETER,
+    VELOCITY, GNSS_FIX, GNSS_VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, GRAVIMETRY, GRAVITY,
+    DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, SOUNDINGS, FAN,
+    FOOTPRINTS, FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX,
+    NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, NAV_AIDS, SMOOTHED, *TRANSFORMS,
+    DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Booleans
 from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
@@ -14,8 +14,9 @@ from isogal.fusion.measurements import PositionFix
 from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
+from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import batch_difference
+from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.matching.interfaces import Aided
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
@@ -24,7 +25,7 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
-from ukf_fusion_node.start import initial_state, start_ns
+from ukf_fusion_node.start import initial_state, start_ns, with_given
 from ukf_fusion_node.unresolved_gap import UnresolvedGap
 from ukf_fusion_node.upright import Upright
 
@@ -53,7 +54,9 @@ class Navigation:
         self.model = filter_model(node.scenario, known)
         self._sample = 1.0 / node.scenario.imu.rate
         of_step = node.scenario.samples_per_step
-        self._stream = SampleStream(node.scenario.imu.rate, of_step) if of_step > 1 else None
+        self._has_imu = not node.scenario.ins.gives_solution
+        streams = of_step > 1 and self._has_imu
+        self._stream = SampleStream(node.scenario.imu.rate, of_step) if streams else None
         self._start = FilterState.start(initial_state(node.scenario, node.settings), self.model)
         self._motion = UnknownMotion(
             node.settings.outage_acceleration,
@@ -87,6 +90,12 @@ class Navigation:
         latitude, longitude, height = self._start.position.tolist()
         navigator.imu(dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
         navigator.measure(dt, PositionFix(latitude, longitude, np.eye(2) * 1e6))
+
+    @property
+    def noisy(self) -> Booleans:
+        """(6,) which axes of the IMU have noise, so that a value does not come twice: what an INS
+        felt may well, where it is at rest, or to its last digit."""
+        return (np.array(self.model.noise) > 0.0) & self._has_imu
 
     @property
     def state(self) -> FilterState:
@@ -134,15 +143,22 @@ class Navigation:
             newest = self.ns if self._stream is None else self._stream.ns
             require_later(ns, max(newest, self._published))
 
-    def begin(self, ns: int) -> bool:
-        """Begin with the first sample (its stamp), if there is something to begin with; return
-        whether it has begun at the start itself, which is then to be published."""
-        first = ns - from_seconds(self._sample)
+    def begin(self, ns: int, solution: Array | None = None) -> bool:
+        """Begin with the first sample (its stamp), or with the first solution (10,) of an INS, if
+        there is something to begin with; return whether it has begun at the start itself, which is
+        then to be published."""
+        first = ns - (from_seconds(self._sample) if solution is None else 0)
         fresh = False
         if self._placed is not None:
+            if solution is not None:  # a pose says less of both, and they must be those of the INS
+                self._placed.velocity[:], self._placed.attitude[:] = solution[3:6], solution[6:]
             self._set(first, self._placed)
         elif (saved := self._checkpoint.take(first)) is not None and self._fits(saved.content):
             self._set(saved.time, *saved.content)
+        elif solution is not None:
+            start_of = with_given(self._settings, Estimate(*np.split(solution, [3, 6])))
+            self._set(ns, FilterState.start(start_of, self.model))
+            fresh = True
         elif self._from_start:
             start = start_ns(self._settings, first)
             margin = from_seconds(min(0.5 * self.model.dt, 1.0))
@@ -196,7 +212,13 @@ class Navigation:
         self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
 
     def place(self, state: FilterState) -> None:
-        """Navigate from a state on: from now, or from the first sample if there was none."""
+        """Navigate from a state on: from now, or from the first sample if there was none. By the
+        solution of an INS only its position counts: velocity and attitude go with the INS's."""
+        if not self._has_imu:
+            state, placed = self.start_state(), state
+            state.position[:] = placed.position
+            state.covariance[:3], state.covariance[:, :3] = 0.0, 0.0
+            state.covariance[:3, :3] = placed.covariance[:3, :3]
         self.rate = np.zeros(3)
         if self.navigator is None:
             self._placed = state
@@ -217,14 +239,27 @@ class Navigation:
         """Return a state to be changed: the newest, or where there is none that of the start."""
         return (self._start if self.navigator is None else self.state).copy()
 
-    def sample(self, ns: int, force: Array, rate: Array) -> Iterator[None]:
+    def sample(
+        self, ns: int, force: Array, rate: Array, interval: float | None = None
+    ) -> Iterator[None]:
         """Take a sample: advance by each step that ends with it, and yield after each.
+
+        Parameters
+        ----------
+        interval : float, optional
+            s before its stamp that it is of, where that is known.
 
         Raises
         ------
         BadMessageError
             It cannot be used.
         """
+        if interval is not None:
+            missing = to_seconds(ns - self.ns) - interval
+            self._note_gap(missing + self.model.dt)
+            self._advance(ns, force, rate, missing if missing > AT_ONCE else 0.0)
+            yield
+            return
         if self._stream is None:
             self._advance(ns, force, rate, self._note_gap(to_seconds(ns - self.ns)))
             yield

@@ -8,6 +8,7 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
+from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
@@ -26,6 +27,7 @@ from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.smoothed import Smoothed
+from ukf_fusion_node.solution import Solution, Solutions
 from ukf_fusion_node.watch import Leaps, LoneSamples, StuckError, Watch
 
 
@@ -34,8 +36,8 @@ class UkfFusionNode(GraphNode):
     publishes nav/* of its newest stamp after each and after each fix."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "fields", "route", "imu", "initial_error", "gravimeter", "map", "gravity",
-        "height", "velocity", "gnss", "matcher", "fusion", "integrity", "truth",
+        "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter", "map",
+        "gravity", "height", "velocity", "gnss", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings
@@ -50,14 +52,21 @@ class UkfFusionNode(GraphNode):
         self._corrections = Corrections(self.health, self.get_logger(), self._navigation.unfit)
         self._leaps = Leaps(from_seconds(self.settings.max_gap))
         limits = self.settings.max_acceleration, self.settings.max_turn_rate
-        noisy = np.array(self._navigation.model.noise) > 0.0
-        self._watch, self._lone = Watch(*limits, self.monotonic, noisy), LoneSamples()
+        self._watch = Watch(*limits, self.monotonic, self._navigation.noisy)
+        self._lone = LoneSamples()
         self._aids = Aids(self, self._go_on)
-        self._held: deque[Imu] = deque()
-        """IMU samples that wait for other sensors."""
+        self._held: deque[Imu | Solution] = deque()
+        """IMU samples, or solutions of an INS, that wait for other sensors."""
         self.outputs, self._smoothed = Outputs(self), Smoothed(self)
         self._frame = map_frame(self.scenario)
-        self.listen(topics.IMU, self._take_imu)
+        self._solutions: Solutions | None = None
+        self._inertial = topics.IMU
+        if self.scenario.ins.gives_solution:
+            preintegrated = self._navigation.model.preintegrated
+            self._solutions = Solutions(self, preintegrated, self._hold)
+            self._inertial = self._solutions.topic
+        else:
+            self.listen(topics.IMU, self._hold)
         self.listen(topics.FIX, self._take_fix)
         self.listen(topics.INITIAL_POSE, self._take_pose)
         whole = self.listen(topics.INFORMATION, self._take_whole)
@@ -75,7 +84,7 @@ class UkfFusionNode(GraphNode):
         self._smoothed.begin_anew()
         return self._navigation.reset()
 
-    def _take_imu(self, message: Imu) -> None:
+    def _hold(self, message: Imu | Solution) -> None:
         self._held.append(message)
         self._go_on()
 
@@ -83,14 +92,33 @@ class UkfFusionNode(GraphNode):
         """Take the IMU samples that need not wait for other sensors."""
         self._aids.apply(self._navigation.navigator, self._navigation.ns)
         while self._held and not self._aids.are_due(to_ns(self._held[0].header.stamp)):
-            self.guard(topics.IMU, self._take_sample, self._held.popleft())
+            self.guard(self._inertial, self._take_inertial, self._held.popleft())
 
-    def _take_sample(self, message: Imu) -> None:
+    def _take_inertial(self, message: Imu | Solution) -> None:
         self.samples += 1
         ns = to_ns(message.header.stamp)
+        if self._solutions is not None:
+            self._take_solution(ns, message, self._solutions)
+            return
         force, rate = read_imu(message, self.settings.imu_frame)
         # before anything is concluded from it: an old sample says nothing of those of now
         self._navigation.require_later(ns)
+        self._take_sample(ns, force, rate)
+
+    def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
+        """Take what an INS felt since its last solution for samples."""
+        found = solutions.samples(ns, message, self._navigation, self._leaps)
+        if self._navigation.navigator is not None:
+            for sample in found:
+                self._take_sample(*sample)
+            return
+        if self._navigation.begin(ns, solutions.last):
+            self._publish()
+        self.health.tick(ns)
+
+    def _take_sample(
+        self, ns: int, force: Array, rate: Array, interval: float | None = None
+    ) -> None:
         try:
             self._watch.take(force, rate)
         except StuckError as error:
@@ -98,16 +126,16 @@ class UkfFusionNode(GraphNode):
             raise
         untrue = self._lone.take(force, rate)
         if untrue and self._navigation.back(1):
-            self.health.drop(topics.IMU.name, untrue)
+            self.health.drop(self._inertial.name, untrue)
         if self._navigation.navigator is None:
             if self._navigation.begin(ns):
                 self._publish()
             if self._navigation.navigator is None:
                 self.health.tick(ns)
                 return
-        else:
+        elif interval is None:
             self._leaps.check(ns, self._navigation.ns)
-        for _ in self._navigation.sample(ns, force, rate):
+        for _ in self._navigation.sample(ns, force, rate, interval):
             self._aids.apply(self._navigation.navigator, self._navigation.ns)
             self._publish()
             if self._fixes:
@@ -152,7 +180,10 @@ class UkfFusionNode(GraphNode):
             self._navigation.keep()  # the fix does not come again
 
     def _publish(self) -> None:
-        self.outputs.publish(*self._navigation.latest(), self._navigation.aided)
+        ns, state, rate = self._navigation.latest()
+        self.outputs.publish(ns, state, rate, self._navigation.aided)
+        if self._solutions is not None:
+            self._solutions.publish_error(ns, state)
 
 
 main = main_of(UkfFusionNode, topics.UKF_FUSION)

@@ -23,6 +23,16 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> Estimate:
     InputError
         Only some of the numbers of a start are given, or the position is impossible.
     """
+    # two steps of the route are enough to know its start
+    route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
+    short = scenario.model_copy(update={"route": route})
+    drawn = draw_initial_state(scenario.true, build_trajectory(short), [settings.run])
+    state = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
+    return with_given(settings, state)
+
+
+def with_given(settings: UkfFusionSettings, state: Estimate) -> Estimate:
+    """Return a start with what the parameters give of it; raises InputError as `initial_state`."""
     parts = {
         name: np.array(getattr(settings, name), dtype=float)
         for name in ("start_position", "start_velocity", "start_attitude")
@@ -31,11 +41,7 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> Estimate:
         if np.isnan(value).any() and not np.isnan(value).all():
             raise InputError(f"{name}: give all three numbers, or none")
     given = {name: value for name, value in parts.items() if not np.isnan(value).any()}
-    # two steps of the route are enough to know its start
-    route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
-    short = scenario.model_copy(update={"route": route})
-    drawn = draw_initial_state(scenario.true, build_trajectory(short), [settings.run])
-    state = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
+    state = Estimate(*(part.copy() for part in state))
     if "start_position" in given:
         latitude, longitude, height = given["start_position"]
         if not (abs(latitude) <= 89.0 and abs(longitude) <= 360.0 and math.isfinite(height)):

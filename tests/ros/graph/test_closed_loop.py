@@ -123,6 +123,30 @@ def test_satellites_lost_and_back(scenario, tmp_path, more) -> None:
     assert_replayed(tmp_path / "bag")
 
 
+@pytest.mark.parametrize(
+    ("changes", "inertial"),
+    [
+        ((), ["/ins/solution"]),
+        (("ins.attitude=false",), ["/ins/solution_fix", "/ins/solution_velocity"]),
+        (("imu.rate=40.0", "fusion.rate=1.0", "gravity.field=map"), ["/ins/solution"]),
+    ],
+    ids=["whole", "without attitude", "of a fast IMU"],
+)
+def test_an_ins_that_gives_its_solution(scenario, tmp_path, changes, inertial) -> None:
+    black_box = scenario("route.duration=130.0", "ins.source=solution", *changes)
+    run_here(black_box, tmp_path / "bag")
+    graph, _ = assert_closed_loop(tmp_path / "bag", black_box)
+    found = counts(tmp_path / "bag")
+    # at the start there is a solution, but no sample
+    assert [found[name] for name in inertial] == [131] * len(inertial)
+    assert found["/imu/data_raw"] == 0
+    assert found["/ins/error"] == found["/nav/odom"]
+    assert_replayed(tmp_path / "bag")
+    by_imu = simulate(scenario("route.duration=130.0", *changes), [0])
+    apart = graph.error[0] - by_imu.error[0]
+    assert np.hypot(*apart.T).max() < 0.05 * np.hypot(*by_imu.error[0].T).max()
+
+
 def test_an_imu_of_two_hundred_hertz(scenario, tmp_path) -> None:
     rates = "gravimeter.interval=5.0", "imu.rate=200.0", "imu.grade=navigation"
     fast = scenario("route.duration=35.0", *rates)

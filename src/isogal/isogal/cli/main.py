@@ -57,6 +57,7 @@ COMMANDS = {
     "match": Place(
         "match.command", "match", "Match a recorded track of any scalar field against a map."
     ),
+    "bag": Place("bag", "bag", "Make a recording of a table of what an INS has said."),
     "view": Place(
         "view", "view", "Write one page to look through a run: map, errors, messages over time."
     ),

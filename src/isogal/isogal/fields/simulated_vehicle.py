@@ -14,6 +14,7 @@ from isogal.scenario import Scenario
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.ins_solution import simulate_solution
 from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
@@ -28,7 +29,7 @@ class SimulatedVehicle:
     """(K + 1, 10) true latitude, longitude (rad), height (m), velocity NED (m/s), quaternion FRD
     to NED."""
     imu: ImuData
-    """What the navigator gets over the steps."""
+    """What the sensors measure over the steps of a navigator."""
     samples: Array
     """(K, n, 6) specific force (m/s²) and angular rate (rad/s) of the n IMU samples of each
     step."""
@@ -41,6 +42,9 @@ class SimulatedVehicle:
     """(K, 3) m/s, FRD, what the velocity aid reads, likewise."""
     satellites: SatelliteFixes | None
     """Of one run: what the satellite receiver gives; None = there is none."""
+    solution: Array | None
+    """(K + 1, 10) what the INS says (`isogal.inertial.inverse.COLUMNS`), where it gives its
+    solution in place of samples; None = it gives samples."""
     turn_rate: Array
     """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
     before."""
@@ -61,18 +65,24 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     of_gravity = scenario.gravity_field
     gravity = sensed_gravity(of_gravity.true, trajectory, [run])
     imu = simulate_imu(truth, trajectory, [run], gravity)
-    compensation = known_gravity(of_gravity, trajectory).compensation
-    start = draw_initial_state(truth, trajectory, [run])
-    _, track = propagate(
-        start,
-        imu.specific_force,
-        imu.angular_rate,
-        trajectory.dt,
-        trajectory.height,
-        compensation,
-        history=True,
-        preintegrated=scenario.samples_per_step > 1,
-    )
+    solution: Array | None = None
+    if truth.ins.gives_solution:
+        solution = simulate_solution(truth, trajectory, [run], imu)[0]
+        unaided = solution[:, :2]
+    else:
+        compensation = known_gravity(of_gravity, trajectory).compensation
+        start = draw_initial_state(truth, trajectory, [run])
+        _, track = propagate(
+            start,
+            imu.specific_force,
+            imu.angular_rate,
+            trajectory.dt,
+            trajectory.height,
+            compensation,
+            history=True,
+            preintegrated=scenario.samples_per_step > 1,
+        )
+        unaided = np.concatenate([start.position[:, :2], track[0]])
     states = np.column_stack(
         [
             trajectory.latitude,
@@ -82,7 +92,6 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
             trajectory.attitude,
         ]
     )
-    unaided = np.concatenate([start.position[:, :2], track[0]])
     samples = simulate_samples(
         truth, trajectory, run, None if gravity is None else gravity[0]
     ).reshape(len(trajectory), -1, 6)
@@ -99,6 +108,7 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         height,
         velocity,
         satellites,
+        solution,
         _turn_rate(trajectory),
     )
 

@@ -5,7 +5,7 @@ places. Afterwards its place is known, and by the inertial data where it was bef
 navigated once more from a start that is as uncertain as it was found to be, with each reading as a
 measurement that is linear about the smoothed track, the map's error and those of the instrument as
 auxiliary states, and smoothed; and so on until the track stays (iterated posterior linearisation
-smoother: García-Fernández, Svensson & Särkkä 2017; docs/mathematics.md, section 3.14)."""
+smoother: García-Fernández, Svensson & Särkkä 2017; docs/mathematics.md, section 3.18)."""
 
 from bisect import bisect_left
 from collections import defaultdict

@@ -1,7 +1,7 @@
 """Fixed-interval smoothing: the states of the past, given all that has been measured since.
 
 A pass backwards over a navigator's history (Rauch, Tung & Striebel 1965; docs/mathematics.md,
-section 3.14). With m, P the filter's mean and covariance at a time and s, S what is known of then
+section 3.18). With m, P the filter's mean and covariance at a time and s, S what is known of then
 from all data, d = s - m and D = S - P go backwards by
 
     over an interval        d = G d',            D = G D' G',     G = C P'^-1

@@ -52,7 +52,7 @@ def _turned(a: Array, u: Array, first: float, second: float) -> Vector:
 
 
 @kernel(**INLINE)
-def _constant_force(phi: Array, dv: Array) -> Array:
+def constant_force(phi: Array, dv: Array) -> Array:
     """Return the velocity increment of a constant force that J(phi) turns into dv: the inverse of
     J, by [phi x]³ = -|phi|² [phi x]."""
     square = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -100,7 +100,7 @@ def _preintegrate(
                 qw, qx, qy, qz = multiply(qw, qx, qy, qz, pw, px, py, pz)
                 whole += t
             phi = to_rotation_vector(qw, qx, qy, qz)
-            u = _constant_force(phi, (vx, vy, vz))
+            u = constant_force(phi, (vx, vy, vz))
             for i in range(3):
                 mean_rate[r, s, i] = phi[i] / whole
                 mean_force[r, s, i] = u[i] / whole

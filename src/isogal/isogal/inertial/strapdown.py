@@ -8,6 +8,7 @@ trapezoid for the position (docs/mathematics.md, section 3.1; Titterton & Weston
 Groves 2013, ch. 5.4)."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -200,7 +201,7 @@ def _propagate(
     history: Array,
 ) -> None:
     """Advance R runs in place; `state` is their positions, velocities and attitudes, `height` (S +
-    1,) or (0,), `history` (R, S, 2) or (R, 0, 2)."""
+    1,) or (0,), `history` (R, S, 2), (R, S, 10) or (R, 0, 2)."""
     positions, velocities, attitudes = state
     runs, steps = force.shape[0], force.shape[1]
     for r in range(runs):
@@ -226,6 +227,11 @@ def _propagate(
                 position = (position[0], position[1], height[k + 1])
             if history.shape[1] > 0:
                 history[r, k, 0], history[r, k, 1] = position[0], position[1]
+            if history.shape[2] > 2:
+                history[r, k, 2] = position[2]
+                history[r, k, 3], history[r, k, 4], history[r, k, 5] = velocity
+                history[r, k, 6], history[r, k, 7] = attitude[0], attitude[1]
+                history[r, k, 8], history[r, k, 9] = attitude[2], attitude[3]
         p[0], p[1], p[2] = position
         v[0], v[1], v[2] = velocity
         q[0], q[1], q[2], q[3] = attitude
@@ -238,7 +244,7 @@ def propagate(
     dt: float,
     known_height: Array | None = None,
     compensation: Compensation | None = None,
-    history: bool = False,
+    history: bool | Literal["whole"] = False,
     preintegrated: bool = False,
 ) -> tuple[NavState, Array]:
     """Run the strapdown over S intervals for R runs.
@@ -256,18 +262,19 @@ def propagate(
         by itself it is unstable (docs/mathematics.md, section 3.4).
     compensation : Compensation, optional
         Horizontal gravity that is taken off; default: none.
-    history : bool
-        Whether to return latitude and longitude (rad) after each interval.
+    history : bool or "whole"
+        Whether to return latitude and longitude (rad) after each interval, or all of the state:
+        then height (m), velocity NED (m/s) and attitude as well.
     preintegrated : bool
         Whether force and rate are those of `isogal.inertial.preintegration` rather than means.
 
     Returns
     -------
-    NavState, (R, S, 2) array (S = 0 without history)
+    NavState, (R, S, 2) or (R, S, 10) array (S = 0 without history)
     """
     end = state.copy()
     runs, steps = specific_force.shape[:2]
-    track = np.empty((runs, steps if history else 0, 2))
+    track = np.empty((runs, steps if history else 0, 10 if history == "whole" else 2))
     height = (
         np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
     )

@@ -26,6 +26,7 @@ from isogal.fusion.measurements import (
 )
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
+from isogal.inertial.strapdown import NavState
 from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
@@ -39,6 +40,7 @@ from isogal.scenario import Scenario, Truth
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.ins_solution import felt, simulate_solution
 from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
@@ -82,13 +84,16 @@ def simulate_unaided(
         history=True,
         preintegrated=truth.samples_per_step > 1,
     )
-    stride = truth.steps_per_scan
-    index = np.arange(0, len(trajectory) + 1, stride)
-    latitude = np.concatenate([start.position[:, :1], track[:, stride - 1 :: stride, 0]], axis=1)
-    longitude = np.concatenate([start.position[:, 1:2], track[:, stride - 1 :: stride, 1]], axis=1)
-    return horizontal_difference(
-        latitude, longitude, trajectory.latitude[index], trajectory.longitude[index]
-    )
+    whole = np.concatenate([start.position[:, None, :2], track], axis=1)
+    index = np.arange(0, len(trajectory) + 1, truth.steps_per_scan)
+    return _errors(trajectory, whole[:, index], index)
+
+
+def _errors(trajectory: Trajectory, track: Array, index: Integers) -> Array:
+    """Return the north and east error (R, S, 2; m) of tracks (R, S, 2+; latitude, longitude, rad)
+    after so many steps (S,)."""
+    latitude, longitude = trajectory.latitude[index], trajectory.longitude[index]
+    return horizontal_difference(track[..., 0], track[..., 1], latitude, longitude)
 
 
 def simulate(
@@ -175,9 +180,15 @@ class Simulation:
         self._known = known_gravity(of_gravity, trajectory)
         sensed = sensed_gravity(of_gravity.true, trajectory, runs)
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
-        compensation = self._known.compensation
-        self.unaided = simulate_unaided(truth, runs, trajectory, self._imu, compensation)
-        self._start = draw_initial_state(truth, trajectory, runs)
+        if truth.ins.gives_solution:
+            solution = simulate_solution(truth, trajectory, runs, self._imu)
+            self.unaided = _errors(trajectory, solution[:, self.index], self.index)
+            self._imu = felt(truth, solution, trajectory.dt)
+            self._start = NavState(*np.split(solution[:, 0], [3, 6], axis=1))
+        else:
+            compensation = self._known.compensation
+            self.unaided = simulate_unaided(truth, runs, trajectory, self._imu, compensation)
+            self._start = draw_initial_state(truth, trajectory, runs)
         self._fields, self._maps = scenario.each_field, each_map(field_map)
         self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]
         """Scans of the record from one of each field to the next."""

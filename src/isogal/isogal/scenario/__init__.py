@@ -6,6 +6,7 @@ one.
 section      what do the sections share: strictness, validation in one line?
 vehicle      which keys describe the route and the initial errors?
 inertial     which keys describe the inertial sensors?
+ins          which keys describe the solution of an INS?
 imu_grades   which grades of them are there?
 data_sheet   how are the units of data sheets read?
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
@@ -22,6 +23,7 @@ loading      how is a file read, and how are single keys overridden?"""
 from isogal.scenario.aids import Deception, Gnss, Height, Velocity
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
+from isogal.scenario.ins import Ins
 from isogal.scenario.instruments import (
     TENSOR_COMPONENTS,
     Aircraft,
@@ -54,6 +56,7 @@ __all__ = [
     "Imu",
     "ImuErrors",
     "InitialError",
+    "Ins",
     "Integrity",
     "Magnetometer",
     "Map",

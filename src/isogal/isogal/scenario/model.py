@@ -14,6 +14,7 @@ from isogal.scenario.aids import Gnss, Height, Velocity
 from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, scenarios_of
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
+from isogal.scenario.ins import Ins
 from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
 from isogal.scenario.integrity import Integrity
 from isogal.scenario.map import Gravity, Map, MapError
@@ -37,6 +38,7 @@ class Settings(Section):
     """field that is measured and matched; null = gravimeter.quantity"""
     route: Route = Route()
     imu: Imu = Imu()
+    ins: Ins = Ins()
     initial_error: InitialError = InitialError()
     gravimeter: Gravimeter = Gravimeter()
     magnetometer: Magnetometer = Magnetometer()

@@ -6,6 +6,7 @@ Reading
 - `csv_file`, `text_rows`: how is one read from a text file?
 - `averaging`: how does a dense one become a sparse one?
 - `recording`: how is one read from a bag?
+- `ins_file`: what has an INS said, by a text file?
 - `magnetic_flight`: how is a flight with two magnetometers read, and its compensated track
   written?
 

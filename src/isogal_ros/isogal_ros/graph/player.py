@@ -104,7 +104,7 @@ class Player:
     def steps(self, until: float = math.inf) -> Iterator[int]:
         """Yield the stamp (ns) of each IMU sample up to a time (s), and then play what the sensors
         say up to it, and let the nodes deal with it."""
-        for ns in [ns for ns, topic, _ in self._due if topic is topics.IMU]:
+        for ns in [ns for ns, topic, _ in self._due if topic is self.recorded.inertial]:
             if to_seconds(ns) > until:
                 break
             yield ns

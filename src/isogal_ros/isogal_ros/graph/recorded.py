@@ -24,6 +24,7 @@ from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.aids import AIDS, aids_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.nav_sample import moved, read_nav
 from isogal_ros.topics import Topic
@@ -57,7 +58,7 @@ class Recorded:
     collector: Collector
     sensors: Mapping[Topic, Mapping[int, bytes]]
     """Serialised messages of what is played, by topic and stamp (ns): sensors beside the IMU, the
-    IMU, and the readings."""
+    IMU or an INS, and the readings."""
     readings: tuple[Topic, ...]
     """Topics of the readings among them."""
     reduces: bool
@@ -71,8 +72,13 @@ class Recorded:
 
     @property
     def first(self) -> float:
-        """Stamp of the first IMU sample, s."""
-        return to_seconds(min(self.sensors[topics.IMU]))
+        """Stamp of the first IMU sample, or solution of an INS, s."""
+        return to_seconds(min(self.sensors[self.inertial]))
+
+    @property
+    def inertial(self) -> Topic:
+        """What moves the filter on: samples of the IMU, or the solution of an INS."""
+        return inertial_topics(self.scenario.ins)[-1]
 
     def in_order(self) -> list[tuple[int, Topic, bytes]]:
         """Return when messages come (ns), topics and messages in order of time; of one time in
@@ -102,10 +108,10 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     """
     collector = Collector(scenario)
     each = [adapter_of(one) for one in scenario.each_field]
-    raw = tuple(one.raw for one in each)
+    raw, inertial = tuple(one.raw for one in each), inertial_topics(scenario.ins)
     if topics.MAGNETIC_FIELD in raw:
         raw += (topics.SCALAR_FIELD,)
-    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*AIDS, topics.IMU, *raw)}
+    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*AIDS, *inertial, *raw)}
     odometry: dict[int, bytes] = {}
     wanted = (*sensors, topics.NAV_ODOM, *collector.topics())
     for topic, data in wanted_messages(reader, wanted):
@@ -118,15 +124,16 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     whole = all(sensors[one.raw] for one in each)
     recorded = reader.scenario()
     _check_reduction(reader.path, recorded, scenario, whole)
-    first = min(sensors[topics.IMU], default=0)
+    first = min(sensors[inertial[-1]], default=0)
     differs = changed or recorded != scenario or to_seconds(first) > LATE
+    reduced = (collector.readings, *collector.others)
+    differs |= not all(reduced)  # of an instrument alone, without a navigator
     reduces = differs and whole
     if not reduces:
         for topic in raw:
             del sensors[topic]
-        reduced = (collector.readings, *collector.others)
         sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
-    needed = (topics.IMU, *(one.raw if reduces else one.reduced for one in each))
+    needed = (*inertial, *(one.raw if reduces else one.reduced for one in each))
     needed += aids_of(scenario)
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
     sensed = any(one.raw is topics.GRAVIMETRY for one in each)
@@ -135,7 +142,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         int(reader.texts.get("run", 0)),
         collector,
         sensors,
-        tuple(topic for topic in sensors if topic not in (*AIDS, topics.IMU)),
+        tuple(topic for topic in sensors if topic not in (*AIDS, *inertial)),
         reduces,
         _start(scenario, collector.first_nav, odometry, first),
         _sigmas_in_vain(recorded, scenario, sensors, reduces),
@@ -240,7 +247,8 @@ def _start(
     fixes, odometry : dict
         Serialised messages on nav/fix and nav/odom by stamp (ns); of the latter the first will do.
     first : int
-        Stamp (ns) of the first IMU sample, before which the filter starts by one interval.
+        Stamp (ns) of the first IMU sample, before which the filter starts by one interval, or of
+        the first solution of an INS, at which it starts.
     """
     both = sorted(ns for ns in odometry if ns in fixes)
     if not both:
@@ -253,7 +261,8 @@ def _start(
         )
     except BadMessageError:
         return None
-    sample = moved(sample, first - from_seconds(1.0 / scenario.imu.rate))
+    before = 0.0 if scenario.ins.gives_solution else 1.0 / scenario.imu.rate
+    sample = moved(sample, first - from_seconds(before))
     latitude, longitude, height = sample.position
     return {
         "start_position": [math.degrees(latitude), math.degrees(longitude), float(height)],

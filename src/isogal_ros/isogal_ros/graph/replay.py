@@ -127,7 +127,7 @@ def replay(
 
 def _play(player: Player, interrupt: Interrupt, report: Report) -> int:
     """Play all; return the last stamp (ns) that was played, 0 = none."""
-    stamps = sorted(player.recorded.sensors[topics.IMU])
+    stamps = sorted(player.recorded.sensors[player.recorded.inertial])
     begun, answered = time.monotonic(), 0
     for ns in player.steps():
         if interrupt:
@@ -143,9 +143,9 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
     """Say what is missing, and what the replay does about it."""
     notes = []
     if reader.cut is not None:
-        last = to_seconds(max(recorded.sensors[topics.IMU]))
+        last = to_seconds(max(recorded.sensors[recorded.inertial]))
         notes.append(f"the bag is not read to its end: {reader.cut}; read up to {last:.0f} s")
-    if recorded.first > LATE:
+    if recorded.first > LATE and not recorded.scenario.ins.gives_solution:
         how = (
             "as the scenario says for its start, which is true only where the vehicle did not move"
             " before"
@@ -203,9 +203,10 @@ def _shortcomings(player: Player, answered: int) -> list[str]:
         return f"{name}: none of {count} messages was used: {reason}"
 
     fusion = player.nodes[topics.UKF_FUSION]
-    all_dropped = dropped[topics.IMU.name] >= len(recorded.sensors[topics.IMU])
+    inertial = recorded.inertial
+    all_dropped = dropped[inertial.name] >= len(recorded.sensors[inertial])
     if fusion.outputs.reached < 0 or all_dropped:
-        found.append(f"{unused(topics.IMU, fusion.health.message)}{_PARAMETERS}")
+        found.append(f"{unused(inertial, fusion.health.message)}{_PARAMETERS}")
     for topic in aids_of(recorded.scenario):
         if not fusion.health.figures.get(f"{topic.name} used", 0):
             no_state = "the filter had no state to which it could apply them"

@@ -17,6 +17,7 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.aids import AIDS, aids_of
+from isogal_ros.messages.ins_solution import OF_INERTIAL_DATA, inertial_topics
 from isogal_ros.topics import Message, Topic
 
 Reading = float | Array
@@ -82,4 +83,7 @@ def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
     others |= {*AIDS} - {*aids_of(scenario)}
     if scenario.fusion.lag == 0.0:
         others.add(topics.SMOOTHED)
+    others |= {*OF_INERTIAL_DATA} - {*inertial_topics(scenario.ins)}
+    if not scenario.ins.gives_solution:
+        others.add(topics.INS_ERROR)
     return tuple(topic for topic in all_topics(scenario) if topic not in others)

@@ -1,5 +1,5 @@
 """A reading of a map as a measurement by itself, linear about a place that is known beforehand
-(docs/mathematics.md, section 3.14):
+(docs/mathematics.md, section 3.18):
 
     reduced(x0) - m = (g - J) (x - x0) + u + b + white noise
 

@@ -1,0 +1,62 @@
+"""The solution of an INS: simulated, and as inertial data of a navigator (docs/mathematics.md,
+section 3.19).
+
+The INS is one of its own: it integrates what its sensors measure from the start that the scenario
+draws, takes off normal gravity only, and holds its height by a sensor, as every INS does."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.inverse import inverse, level_attitude
+from isogal.inertial.rotations import from_angles, matrix, to_angles
+from isogal.inertial.strapdown import propagate
+from isogal.scenario import Ins, Settings, Truth
+from isogal.sensors.imu import ImuData
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.trajectory import Trajectory
+
+
+def simulate_solution(
+    truth: Truth, trajectory: Trajectory, runs: Sequence[int], imu: ImuData
+) -> Array:
+    """Return (R, K + 1, 10) what an unaided INS says of itself (`isogal.inertial.inverse.COLUMNS`)
+    at the ends of the trajectory's steps, by what its sensors measure."""
+    start = draw_initial_state(truth, trajectory, runs)
+    first = np.concatenate([start.position, start.velocity, start.attitude], axis=1)
+    _, track = propagate(
+        start,
+        imu.specific_force,
+        imu.angular_rate,
+        trajectory.dt,
+        trajectory.height,
+        history="whole",
+        preintegrated=truth.samples_per_step > 1,
+    )
+    return said(truth.ins, np.concatenate([first[:, None], track], axis=1))
+
+
+def said(ins: Ins, solution: Array) -> Array:
+    """Return a solution (R, K + 1, 10) as an INS says it: to its last digit, and with the course
+    of a level vehicle where it has no attitude."""
+    solution = solution.copy()
+    if (last := ins.position_resolution) > 0.0:
+        north, east = metres_per_radian(solution[:, :1, 0], solution[:, :1, 2])
+        for column, digit in ((0, last / north), (1, last / east), (2, last)):
+            solution[..., column] = np.round(solution[..., column] / digit) * digit
+    if (last := ins.velocity_resolution) > 0.0:
+        solution[..., 3:6] = np.round(solution[..., 3:6] / last) * last
+    if not ins.attitude:
+        solution[..., 6:] = [level_attitude(velocity) for velocity in solution[..., 3:6]]
+    elif (last := ins.angle_resolution) > 0.0:
+        flat = solution.reshape(-1, solution.shape[-1])
+        for row in flat:
+            row[6:] = from_angles(*np.round(np.array(to_angles(matrix(row[6:]))) / last) * last)
+    return solution
+
+
+def felt(settings: Settings, solution: Array, dt: float) -> ImuData:
+    """Return what an INS of solutions (R, K + 1, 10) at the ends of intervals (s) felt."""
+    return ImuData(*inverse(solution, dt, settings.samples_per_step > 1))

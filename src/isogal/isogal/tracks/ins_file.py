@@ -1,0 +1,113 @@
+"""What an INS has said, in a text file with named columns, and readings taken meanwhile."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.inertial.inverse import level_attitude
+from isogal.inertial.rotations import from_angles
+from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
+
+REQUIRED = ("time", "latitude", "longitude")
+VELOCITY = ("velocity_north", "velocity_east", "velocity_down")
+ANGLES = ("roll", "pitch", "heading")
+_COLUMNS = {
+    "time": TIME,
+    "latitude": LATITUDE,
+    "longitude": LONGITUDE,
+    "height": Column(("height", "altitude", "alt"), -12000.0, 50000.0, " m"),
+    "velocity_north": Column(("velocity_north", "vn")),
+    "velocity_east": Column(("velocity_east", "ve")),
+    "velocity_down": Column(("velocity_down", "vd")),
+    "roll": Column(("roll",), -360.0, 360.0, " deg"),
+    "pitch": Column(("pitch",), -360.0, 360.0, " deg"),
+    "heading": Column(("heading", "yaw"), -360.0, 360.0, " deg"),
+    "value": Column(("value",), gaps=True),
+    "sigma": Column(("sigma",), least=math.ulp(0.0), gaps=True),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InsFile:
+    """N solutions of an INS."""
+
+    time: Array
+    """(N,) s, increasing."""
+    solution: Array
+    """(N, 10) as `isogal.inertial.inverse.COLUMNS`; the attitude, where there is none, is that of
+    a level vehicle on its course."""
+    has_attitude: bool
+    value: Array | None
+    """(N,) readings, unit of the file, NaN = none at that time; None = the file has none."""
+    sigma: Array | None
+    """(N,) their 1-sigma."""
+
+
+def read_ins_file(path: str | Path, height: float) -> InsFile:
+    """Read a file with a header line and the columns time, latitude, longitude (deg) and, as far
+    as there are, height (m), velocity_north, velocity_east, velocity_down (m/s), roll, pitch,
+    heading (deg), value and sigma. Without the horizontal velocity it is taken from differences of
+    the positions.
+
+    Parameters
+    ----------
+    path : path
+    height : float
+        m, where the file has none.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, lacks a column, has one of several that belong together, or too
+        few rows; times do not increase.
+    """
+    rows = read_rows(path, ", ".join(REQUIRED))
+    columns = rows.read(_COLUMNS, REQUIRED)
+    _check(columns, rows)
+    time, count = columns["time"], len(columns["time"])
+    places = np.column_stack(
+        [
+            np.radians(columns["latitude"]),
+            np.unwrap(np.radians(columns["longitude"])),
+            columns.get("height", np.full(count, height)),
+        ]
+    )
+    north, east = metres_per_radian(places[:, 0], places[:, 2])
+    metres = np.column_stack([north, east, np.full(count, -1.0)])
+    velocity = np.gradient(places, time, axis=0) * metres
+    for axis, name in enumerate(VELOCITY):
+        if name in columns:
+            velocity[:, axis] = columns[name]
+    has_attitude = ANGLES[0] in columns
+    if has_attitude:
+        angles = np.radians(np.column_stack([columns[name] for name in ANGLES]))
+        attitude = np.array([from_angles(*row) for row in angles.tolist()])
+    else:
+        attitude = level_attitude(velocity)
+    solution = np.concatenate([places, velocity, attitude], axis=1)
+    return InsFile(time, solution, has_attitude, columns.get("value"), columns.get("sigma"))
+
+
+def _check(columns: dict[str, Array], rows: TextRows) -> None:
+    """Raise InputError where columns are missing that belong to others, or times do not
+    increase."""
+    for whole in (VELOCITY[:2], ANGLES):
+        there = [name for name in whole if name in columns]
+        if there and len(there) < len(whole):
+            raise InputError(
+                f"{rows.where}: has {' and '.join(there)} but not all of {', '.join(whole)}"
+            )
+    if len(rows.cells) < 3:
+        raise InputError(f"{rows.where}: needs at least 3 rows, has {len(rows.cells)}")
+    late = np.flatnonzero(np.diff(columns["time"]) <= 0.0)
+    if late.size:
+        i = int(late[0]) + 1
+        raise InputError(
+            f"{rows.where}: times must increase; line {rows.number[i]}"
+            f" ({columns['time'][i]:.10g} s) is not later than the one before"
+        )

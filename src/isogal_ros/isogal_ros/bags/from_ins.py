@@ -1,0 +1,80 @@
+"""A recording of what an INS has said, and of readings, that were kept as a table."""
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+from rclpy.serialization import serialize_message
+
+from isogal.scenario import Scenario
+from isogal.tracks.ins_file import InsFile
+from isogal_ros import topics
+from isogal_ros.bags.metadata import qos_entries
+from isogal_ros.bags.writer import BagWriter
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.ins_solution import fill_east_north_up, inertial_topics
+from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.topics import Message, Topic
+
+_NO_TURN = np.zeros(3)
+
+
+def write_ins_bag(
+    folder: Path, scenario: Scenario, said: InsFile, value: np.ndarray | None, replace: bool
+) -> int:
+    """Write a recording with the scenario; return how many messages it has.
+
+    Parameters
+    ----------
+    folder : Path
+    scenario : Scenario
+        With `ins.source` solution.
+    said : InsFile
+    value : (N, 2) array, optional
+        What the instrument of the scenario's field sensed, and its 1-sigma (0 = not known), unit
+        inside; NaN = nothing at that time.
+    replace : bool
+        Whether an earlier bag is deleted.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be used.
+    """
+    text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False)
+    writer = BagWriter(folder, {"scenario": text, "run": "0"}, replace)
+    try:
+        frame, each = map_frame(scenario), inertial_topics(scenario.ins)
+        adapter = adapter_of(scenario)
+        messages = [topic.type() for topic in each]
+        for message in messages:
+            message.header.frame_id = MAP if scenario.ins.attitude else BASE
+        if scenario.ins.attitude:
+            messages[0].child_frame_id = BASE
+        for k, (time, row) in enumerate(zip(said.time.tolist(), said.solution, strict=True)):
+            ns = from_seconds(time)
+            if scenario.ins.attitude:
+                fill_odom(messages[0], ns, frame, row, _NO_TURN)
+            else:
+                fill_east_north_up(messages[0], ns, row[3:6])
+                fill_fix(messages[1], ns, *row[:3].tolist())
+            for topic, message in zip(each, messages, strict=True):
+                _write(writer, topic, message, ns)
+            if value is not None and np.isfinite(value[k, 0]):
+                reading, sigma = value[k].tolist()
+                made = adapter.write_raw(ns, reading, sigma**2, None)
+                _write(writer, adapter.raw, made, ns)
+        return writer.messages
+    finally:
+        writer.close()
+
+
+def _write(writer: BagWriter, topic: Topic, message: Message, ns: int) -> None:
+    name = f"/{topic.name}"
+    if not writer.knows(name):
+        kind = topics.type_name(topic.type)
+        writer.add_topic(name, kind, qos_entries([topics.LOSSLESS]), "")
+    writer.write(name, serialize_message(message), ns, ns)

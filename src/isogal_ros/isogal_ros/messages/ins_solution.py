@@ -1,0 +1,120 @@
+"""The solution of an INS as messages, and what is found wrong with it.
+
+An Odometry holds all of it, in the frame ``map`` (`isogal_ros.messages.frames`), which is exact
+however far the vehicle is from its origin, and with the child ``base_link``. Where there is no
+attitude, a NavSatFix and a TwistWithCovarianceStamped of the same stamp, both of frame
+``base_link``, hold the rest: whose position and velocity they are; the velocity is east, north,
+up."""
+
+import numpy as np
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix
+
+from isogal.arrays import Array
+from isogal.earth.frames import LocalFrame, horizontal_difference
+from isogal.inertial.rotations import (
+    from_matrix,
+    from_rotation_vector,
+    multiply,
+    to_rotation_vector,
+)
+from isogal.scenario import Ins
+from isogal_ros import topics
+from isogal_ros.messages.checks import BadMessageError, require_frame
+from isogal_ros.messages.frames import BASE, NED_ENU
+from isogal_ros.messages.odometry import FASTEST, read_velocity
+from isogal_ros.messages.position import read_position
+from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.topics import Topic
+
+ENU = "enu"
+"""Axes east, north, up at the vehicle."""
+FARTHEST = 1.4e7
+"""m from the origin of the frame ``map``: no place on the Earth is farther."""
+HIGHEST = 1e5
+"""m."""
+OF_INERTIAL_DATA = (
+    topics.IMU,
+    topics.INS_SOLUTION,
+    topics.INS_SOLUTION_VELOCITY,
+    topics.INS_SOLUTION_FIX,
+)
+"""Of which a graph has one, or the last two."""
+_POSE = [0, 1, 2, 6, 7, 8]
+
+
+def inertial_topics(ins: Ins) -> tuple[Topic, ...]:
+    """Return the topics that the filter has its inertial data from, the one that moves it on
+    last."""
+    if not ins.gives_solution:
+        return (topics.IMU,)
+    if ins.attitude:
+        return (topics.INS_SOLUTION,)
+    return topics.INS_SOLUTION_VELOCITY, topics.INS_SOLUTION_FIX
+
+
+def read_solution(message: Odometry, frame: LocalFrame) -> Array:
+    """Return (10,) latitude rad, longitude rad, height m, velocity NED m/s, quaternion FRD to
+    NED.
+
+    Raises
+    ------
+    BadMessageError
+        The message is of other frames or not finite, of no place on the Earth, or its orientation
+        is not a unit quaternion.
+    """
+    point = message.pose.pose.position
+    place = np.array([point.x, point.y, point.z])
+    if not (np.isfinite(place).all() and np.abs(place).max() <= FARTHEST):
+        raise BadMessageError("position is not finite, or not on the Earth")
+    latitude, longitude, height = (float(part) for part in frame.to_geodetic(place))
+    velocity, _, attitude = read_velocity(message, frame, latitude, longitude)
+    if abs(height) > HIGHEST:
+        raise BadMessageError(f"height of {height:.0f} m: is the pose in the frame 'map'?")
+    return np.array([latitude, longitude, height, *velocity, *from_matrix(attitude)])
+
+
+def read_position_and_velocity(
+    fix: NavSatFix, twist: TwistWithCovarianceStamped
+) -> tuple[Array, Array]:
+    """Return (3,) latitude rad, longitude rad, height m, and (3,) velocity NED, m/s; raises
+    BadMessageError where one is of another frame, not finite, or impossible."""
+    place = read_position(fix)
+    require_frame(twist, BASE)
+    linear = twist.twist.twist.linear
+    velocity = NED_ENU @ [linear.x, linear.y, linear.z]
+    if not np.isfinite(velocity).all() or np.abs(velocity).max() > FASTEST:
+        raise BadMessageError(f"velocity is not finite, or above {FASTEST:g} m/s")
+    return np.array(place), velocity
+
+
+def fill_east_north_up(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
+    """Write a velocity (3,) NED, m/s, east, north, up; its covariance is not known."""
+    set_stamp(message.header.stamp, ns)
+    linear = message.twist.twist.linear
+    linear.x, linear.y, linear.z = (NED_ENU @ velocity).tolist()
+
+
+def fill_error(
+    message: Odometry, ns: int, solution: Array, state: Array, covariance: Array
+) -> None:
+    """Write what is wrong with a solution (10,) if the vehicle is in a state (10,) of a covariance
+    (9+, 9+; position, velocity, attitude, NED): solution less state, the attitude as the rotation
+    from the state's to the solution's, all on axes east, north, up."""
+    set_stamp(message.header.stamp, ns)
+    message.header.frame_id = message.child_frame_id = ENU
+    north, east = horizontal_difference(*solution[:2], *state[:2])
+    point, orientation = message.pose.pose.position, message.pose.pose.orientation
+    point.x, point.y, point.z = float(east), float(north), float(solution[2] - state[2])
+    linear = message.twist.twist.linear
+    linear.x, linear.y, linear.z = (NED_ENU @ (solution[3:6] - state[3:6])).tolist()
+    w, x, y, z = state[6:]
+    turn = NED_ENU @ np.array(to_rotation_vector(*multiply(*solution[6:], w, -x, -y, -z)))
+    q = from_rotation_vector(*turn)
+    orientation.w, orientation.x, orientation.y, orientation.z = q
+    axes, twist = np.zeros((6, 6)), np.zeros((6, 6))
+    axes[:3, :3] = axes[3:, 3:] = NED_ENU
+    twist[:3, :3] = NED_ENU @ covariance[3:6, 3:6] @ NED_ENU
+    message.pose.covariance = (axes @ covariance[np.ix_(_POSE, _POSE)] @ axes).ravel()
+    message.twist.covariance = twist.ravel()

@@ -1,0 +1,140 @@
+"""The solution of an INS in place of samples of an IMU, and what is found wrong with it."""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix
+from std_msgs.msg import Header
+
+from isogal.arrays import Array
+from isogal.fusion.state import FilterState
+from isogal.inertial.inverse import (
+    InverseStrapdown,
+    NothingFeltError,
+    level_attitude,
+)
+from isogal_ros import topics
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.ins_solution import (
+    fill_error,
+    read_position_and_velocity,
+    read_solution,
+)
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from ukf_fusion_node.navigation import Navigation
+from ukf_fusion_node.watch import Leaps
+
+LONGEST = 600.0
+"""s without solutions that are filled in; after longer it may be another INS, or one that was
+started anew."""
+WAITING = 1000
+"""Positions, or velocities, that wait for the others of their stamps at most."""
+
+
+class Joined(NamedTuple):
+    """Position and velocity of one stamp."""
+
+    header: Header
+    fix: NavSatFix
+    twist: TwistWithCovarianceStamped
+
+
+Solution: TypeAlias = Odometry | Joined
+Sample = tuple[int, Array, Array, float]
+"""Stamp of its end (ns), specific force and angular rate (3,), and its interval, s."""
+
+
+class Solutions:
+    """Listens to an INS and says what it felt.
+
+    Parameters
+    ----------
+    node : GraphNode
+        Its scenario says what the INS gives.
+    preintegrated : bool
+        As the filter's model has it.
+    hold : callable
+        Takes each message that is a whole solution, or ends one.
+    """
+
+    def __init__(
+        self, node: GraphNode, preintegrated: bool, hold: Callable[[Solution], None]
+    ) -> None:
+        ins = node.scenario.ins
+        self._frame, self._hold = map_frame(node.scenario), hold
+        self._inverse = InverseStrapdown(ins.jump, LONGEST, preintegrated)
+        self._error, self._m_error = node.advertise(topics.INS_ERROR), topics.INS_ERROR.type()
+        self._fixes: dict[int, NavSatFix] = {}
+        self._twists: dict[int, TwistWithCovarianceStamped] = {}
+        self._newest = -1
+        """Stamp of the newest solution."""
+        self.topic = topics.INS_SOLUTION if ins.attitude else topics.INS_SOLUTION_FIX
+        if ins.attitude:
+            node.listen(topics.INS_SOLUTION, hold)
+        else:
+            node.listen(topics.INS_SOLUTION_FIX, self._take_fix)
+            node.listen(topics.INS_SOLUTION_VELOCITY, self._take_twist)
+
+    def _take_fix(self, message: NavSatFix) -> None:
+        self._fixes[to_ns(message.header.stamp)] = message
+        self._join()
+
+    def _take_twist(self, message: TwistWithCovarianceStamped) -> None:
+        self._twists[to_ns(message.header.stamp)] = message
+        self._join()
+
+    def _join(self) -> None:
+        """Hand on the positions of which the velocities have come."""
+        for ns in sorted(self._fixes.keys() & self._twists.keys()):
+            fix = self._fixes.pop(ns)
+            self._hold(Joined(fix.header, fix, self._twists.pop(ns)))
+        for waiting in (self._fixes, self._twists):
+            while len(waiting) > WAITING:
+                del waiting[min(waiting)]
+
+    def read(self, message: Solution) -> Array:
+        """Return the solution (10,) of a message; raises BadMessageError where it is none."""
+        if isinstance(message, Odometry):
+            return read_solution(message, self._frame)
+        place, velocity = read_position_and_velocity(message.fix, message.twist)
+        last = self.last
+        attitude = level_attitude(velocity[None], None if last is None else last[6:])[0]
+        return np.concatenate([place, velocity, attitude])
+
+    @property
+    def last(self) -> Array | None:
+        """The newest solution (10,) that was taken; None = none yet."""
+        return self._inverse.last
+
+    def samples(
+        self, ns: int, message: Solution, navigation: Navigation, leaps: Leaps
+    ) -> list[Sample]:
+        """Return what the INS felt since its last solution; raises BadMessageError where a message
+        (its stamp) cannot be used, or does not say that."""
+        solution = self.read(message)
+        navigation.require_later(ns)
+        if navigation.navigator is not None:
+            leaps.check(ns, navigation.ns)
+        try:
+            found = self._inverse.take(to_seconds(ns), solution)
+        except NothingFeltError as error:
+            raise BadMessageError(str(error)) from None
+        self._newest = ns
+        ends = np.cumsum([one.interval for one in found][::-1])[::-1] - [x.interval for x in found]
+        return [
+            (ns - from_seconds(float(after)), one.force, one.rate, one.interval)
+            for after, one in zip(ends, found, strict=True)
+        ]
+
+    def publish_error(self, ns: int, state: FilterState) -> None:
+        """Publish what is wrong with the newest solution, if a state is of its stamp (ns)."""
+        last = self.last
+        if last is None or ns != self._newest:
+            return
+        fill_error(self._m_error, ns, last, np.concatenate(state.estimate), state.covariance)
+        self._error.publish(self._m_error)

@@ -1,0 +1,76 @@
+"""What an INS has said, from a text file: columns that are there and that are not."""
+
+import numpy as np
+import pytest
+
+from isogal.errors import InputError
+from isogal.inertial.rotations import from_angles, from_heading
+from isogal.tracks.ins_file import read_ins_file
+
+PLACES = [(0.0, 10.0, 179.9999), (1.0, 10.0, -180.0), (3.0, 10.0, -179.9998)]
+METRES = 109_639.4
+"""To a degree of longitude at 10 degrees of latitude."""
+
+
+def write(path, names, rows):
+    lines = [",".join(names), *(",".join(str(cell) for cell in row) for row in rows)]
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_all_columns(tmp_path) -> None:
+    names = [
+        "time",
+        "lat",
+        "lon",
+        "height",
+        "vn",
+        "ve",
+        "vd",
+        "roll",
+        "pitch",
+        "heading",
+        "value",
+        "sigma",
+    ]
+    own = (50.0, 1.0, 10.0, -0.5, 1.0, -2.0, 90.0)
+    rows = [(*place, *own, value, 0.1) for place, value in zip(PLACES, (1, "", 3), strict=True)]
+    said = read_ins_file(write(tmp_path / "ins.csv", names, rows), 0.0)
+    assert said.time.tolist() == [0.0, 1.0, 3.0]
+    assert said.has_attitude
+    assert np.diff(said.solution[:, 1]) == pytest.approx(np.radians([1e-4, 2e-4]))
+    assert said.solution[0, 2:6].tolist() == [50.0, 1.0, 10.0, -0.5]
+    assert said.solution[0, 6:] == pytest.approx(from_angles(*np.radians([1.0, -2.0, 90.0])))
+    assert said.value == pytest.approx([1.0, np.nan, 3.0], nan_ok=True)
+    assert said.sigma == pytest.approx(0.1)
+
+
+def test_positions_alone(tmp_path) -> None:
+    path = write(tmp_path / "ins.csv", ("time", "latitude", "longitude"), PLACES)
+    said = read_ins_file(path, 30.0)
+    assert not said.has_attitude
+    assert (said.value, said.sigma) == (None, None)
+    assert said.solution[:, 2] == pytest.approx(30.0)
+    assert said.solution[:, 3:6] == pytest.approx(
+        np.tile([0.0, 1e-4 * METRES, 0.0], (3, 1)), rel=1e-3, abs=1e-9
+    )
+    assert said.solution[:, 6:] == pytest.approx(np.tile(from_heading(np.pi / 2), (3, 1)))
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "words"),
+    [
+        ("time latitude longitude roll", [(*p, 0) for p in PLACES], "has roll but not all of"),
+        ("time latitude longitude vn", [(*p, 0) for p in PLACES], "has velocity_north but not"),
+        ("latitude longitude", [p[1:] for p in PLACES], "has no column 'time'"),
+        ("time latitude longitude", PLACES[:2], "needs at least 3 rows, has 2"),
+        ("time latitude longitude", PLACES[::-1], r"line 3 \(1 s\) is not later"),
+        ("time latitude longitude heading", [(*p, 400) for p in PLACES], "must be -360 to 360"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(tmp_path, names, rows, words) -> None:
+    path = write(tmp_path / "ins.csv", names.split(), rows)
+    with pytest.raises(InputError, match=words) as caught:
+        read_ins_file(path, 0.0)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
