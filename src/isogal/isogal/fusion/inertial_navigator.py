@@ -101,7 +101,7 @@ class InertialNavigator:
     Parameters
     ----------
     model : FilterModel
-    state : FilterState
+    state : FilterState or Mixture
         At `time`.
     time : float
         s.
@@ -117,7 +117,7 @@ class InertialNavigator:
     def __init__(
         self,
         model: FilterModel,
-        state: FilterState,
+        state: FilterState | Mixture,
         time: float = 0.0,
         horizon: float = 1200.0,
         motion: UnknownMotion | None = None,
@@ -126,6 +126,8 @@ class InertialNavigator:
         self.model = model
         self.horizon = horizon
         self.motion = motion or UnknownMotion()
+        mixture = state.copy() if isinstance(state, Mixture) else Mixture.of(state.copy())
+        state = mixture.merged
         force, rate = steady_sample(state) if sample is None else sample
         self._segments = [
             _Segment(
@@ -134,7 +136,7 @@ class InertialNavigator:
                 np.array([rate], dtype=float),
                 state.position[2:].copy(),
                 model.dt,
-                Mixture.of(state.copy()),
+                mixture,
                 track_row(state)[None],
             )
         ]
@@ -154,6 +156,15 @@ class InertialNavigator:
         """The newest state; do not change it. While it is open whether there was a manoeuvre in a
         gap, mean and covariance over both."""
         return self._segments[-1].after.merged
+
+    @property
+    def mixture(self) -> Mixture:
+        """What is known now, where several things may be; do not change it."""
+        return self._segments[-1].after
+
+    def unite(self) -> None:
+        """Go on with one state that has the mean and the covariance of all."""
+        self._segments[-1].after = Mixture.of(self.mixture.moments)
 
     @property
     def undecided(self) -> bool:

@@ -13,17 +13,26 @@ position     a horizontal position
 information  what a batch of readings says, in information form
 height       a height sensor, with its errors as auxiliary states
 velocity     a velocity aid, with its errors and the current or wind; standstill
+ground_velocity  a velocity in the navigation frame, of an antenna beside the sensors
+heading      a heading of a compass or of two antennas, a course
+rest         means of the inertial data of a vehicle at rest
 fix          the measurements that a fix consists of
 """
 
 from isogal.fusion.measurements.fix import LearntMapError, Widening, measurements_of
+from isogal.fusion.measurements.ground_velocity import GroundVelocity
+from isogal.fusion.measurements.heading import HeadingReading
 from isogal.fusion.measurements.height import HeightReading
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement, Outcome
 from isogal.fusion.measurements.position import PositionFix
+from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.velocity import VelocityReading
 
 __all__ = [
+    "AtRest",
+    "GroundVelocity",
+    "HeadingReading",
     "HeightReading",
     "InformationUpdate",
     "Innovation",
