@@ -116,8 +116,8 @@ class Alignment:
     time : float
         Of the first sample's beginning, s.
     aim : float, optional
-        1-sigma of the heading (rad) at which it is aligned; default: 1 mrad, or what its gyroscopes
-        can tell at rest, or `POOR_AIM` where they cannot find north.
+        1-sigma of the heading (rad) at which it is aligned; default: 1 mrad, or what its
+        gyroscopes can tell at rest, or `POOR_AIM` where they cannot find north.
     horizon : float
         How old a measurement may be, s.
     course : bool
@@ -388,9 +388,9 @@ class Alignment:
             sigma = measured.standstill_speed
         self._resting = bool(np.linalg.norm(velocity) < 3.0 * sigma) and self._still.seconds > 0.0
         before, self._velocity = self._velocity, (time, velocity, R, of_body)
-        if self.navigator is None and self._place is not None and not self._resting:
-            if before is not None and before[3] == of_body and time - before[0] <= HELD:
-                self._begin_moving(before)
+        waits = self.navigator is None and self._place is not None and not self._resting
+        if waits and before is not None and before[3] == of_body and time - before[0] <= HELD:
+            self._begin_moving(before)
 
     def _take_place(self, fix: PositionFix) -> None:
         height = getattr(fix, "height", None)
@@ -556,7 +556,7 @@ class Alignment:
             angle = (sample.rate - bias) * (sample.time - time)
             turn, time = multiply(*turn, *from_rotation_vector(*angle.tolist())), sample.time
         seconds = time - self._first_time
-        latitude, longitude = state.position[:2]
+        latitude = float(state.position[0])
         s, c = math.sin(latitude), math.cos(latitude)
         change = state.position - self._start.place.position
         east = EARTH_RATE * seconds + math.remainder(change[1], 2.0 * math.pi)
