@@ -6,14 +6,16 @@ time. A measurement of within a segment divides it, also within a sample, whose 
 both parts. The state there is updated, and carried through all samples and measurements that came
 after: the result is exactly that of a measurement that had come on time."""
 
+import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.measurements import Innovation, Measurement
+from isogal.fusion.measurements import GroundVelocity, Innovation, Measurement, PositionFix
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
@@ -89,10 +91,26 @@ class _Segment:
         return parts
 
 
+class _Unaided(NamedTuple):
+    """What would be known without satellites after a time."""
+
+    since: float
+    """That time, s."""
+    time: float
+    """What is known when, s."""
+    after: Mixture
+    aided: bool
+    """Whether there have been any."""
+
+
 def track_row(state: FilterState) -> Array:
     """Return (13,) the track's row of a state."""
     of_position = state.covariance[:2, :2].ravel()[[0, 1, 3]]
     return np.concatenate([*state.estimate, of_position])
+
+
+AIDS = PositionFix, GroundVelocity
+"""Measurements that say where the vehicle is, beside the map."""
 
 
 class InertialNavigator:
@@ -128,6 +146,9 @@ class InertialNavigator:
         self.motion = motion or UnknownMotion()
         mixture = state.copy() if isinstance(state, Mixture) else Mixture.of(state.copy())
         state = mixture.merged
+        self._unaided: _Unaided | None = None
+        self._newest_aid = -math.inf
+        """Time of the newest of `AIDS`, s."""
         force, rate = steady_sample(state) if sample is None else sample
         self._segments = [
             _Segment(
@@ -150,6 +171,13 @@ class InertialNavigator:
     def sample(self) -> tuple[Array, Array]:
         """Specific force and angular rate of the newest sample; do not change them."""
         return self._segments[-1].force[-1], self._segments[-1].rate[-1]
+
+    def sample_at(self, time: float) -> tuple[Array, Array]:
+        """Return specific force and angular rate of the sample that a time (s) of the history is
+        in; do not change them."""
+        segment = self._segments[min(self._index(time), len(self._segments) - 1)]
+        k = min(int(np.searchsorted(segment.time, time - AT_ONCE)), len(segment.time) - 1)
+        return segment.force[k], segment.rate[k]
 
     @property
     def state(self) -> FilterState:
@@ -247,6 +275,11 @@ class InertialNavigator:
             (self._segments[k], one) for k, (_, one) in zip(indices, measurements, strict=True)
         ]
         first = min(indices)
+        aids = [time for time, one in measurements if isinstance(one, AIDS)]
+        self._newest_aid = max([self._newest_aid, *aids])
+        oldest = min(time for time, _ in measurements)
+        if self._unaided is not None and oldest <= self._unaided.time + AT_ONCE:
+            self._unaided = None
         before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
@@ -279,6 +312,7 @@ class InertialNavigator:
     def back(self, samples: int) -> None:
         """Forget the newest samples, which came one by one: they were not true. Up to one at which
         there was a measurement, the last true one stands for them."""
+        self._unaided = None
         first = max(1, len(self._segments) - samples)
         while len(self._segments) > first and not self._segments[-1].measurements:
             self._segments.pop()
@@ -318,6 +352,26 @@ class InertialNavigator:
             if ahead > AT_ONCE:
                 row[:3] = dead_reckoned(row[:3], row[3:6], ahead)
         return found
+
+    def unaided(self, since: float) -> FilterState | None:
+        """Return the newest state as it would be without satellites after a time (s) of the
+        history; None where there have been none."""
+        if self._newest_aid <= since + AT_ONCE:
+            return None
+        before = self._unaided
+        if before is None or before.since != since:
+            after = self._segments[self._index(since)].after
+            before = _Unaided(since, since, after, False)
+        aided, one = before.aided, before.after
+        for segment in self._segments[self._index(before.time) + 1 :]:
+            one, _ = self._carried(one, segment)
+            for measurement in segment.measurements:
+                if isinstance(measurement, AIDS):
+                    aided = True
+                else:
+                    one.update(measurement, self.model)
+        self._unaided = _Unaided(since, self.time, one, aided)
+        return one.merged if aided else None
 
     def forecast(self, time: float, height: float = np.nan) -> FilterState:
         """Return the state at a later time, if the vehicle goes on as it does (a known height, m,
@@ -371,13 +425,16 @@ class InertialNavigator:
 
     def _carry(self, before: Mixture, segment: _Segment) -> None:
         """Set what is known after a segment's samples from what was known before them."""
+        segment.after, segment.track = self._carried(before, segment)
+
+    def _carried(self, before: Mixture, segment: _Segment) -> tuple[Mixture, Array]:
+        """Return what is known after a segment's samples, and the track over them."""
         after = before.copy()
         if segment.change is not None:
             after = self._bridged(after, segment.missing, segment.change, segment.height[0])
         samples = segment.force, segment.rate, segment.height
         tracks = [propagate(state, self.model, *samples, segment.dt) for state in after.states]
-        segment.track = tracks[int(np.argmax(after.log_weights))]
-        segment.after = after
+        return after, tracks[int(np.argmax(after.log_weights))]
 
     def _bridged(
         self, before: Mixture, missing: float, change: tuple[Array, Array], height: float

@@ -14,7 +14,7 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
-from isogal.matching.interfaces import Information
+from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.models import FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
@@ -190,6 +190,13 @@ class Hypotheses:
             mean=self.mean + np.einsum("kij,kj->ki", across, right),
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
         )
+
+    def aided(self, by: Aided | None, prior: Array) -> "Hypotheses":
+        """Return them after what satellites have told the navigator, whose covariance is `prior`
+        (7, 7) since then. How well each had foretold that counts as much as a reading does."""
+        if by is None:
+            return self
+        return self.moved(-by.jump).informed(by.information(prior), prior).normalised()
 
     @property
     def most(self) -> int:

@@ -128,6 +128,8 @@ class Pmht:
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
         wide = math.sqrt(float(np.linalg.eigvalsh(prior[:2, :2])[-1])) > WIDE_M
+        aided = None if memory.fields else each[0].batch.aided
+        begun = prior if aided is None else aided.covariance
         fields, rows = dict(memory.fields), []
         for one in each:
             field = fields.get(one.field)
@@ -136,7 +138,9 @@ class Pmht:
                 known = assumed(self.settings[one.field], one.batch, one.field_map)
                 models = models_of(known, states)
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
-                bank = None if lost else Hypotheses.before(models, prior)
+                bank = None
+                if not lost:
+                    bank = Hypotheses.before(models, begun).aided(aided, prior)
                 field = FieldMemory(states, models, bank, specified=known.sigma or 0.0)
             lengths, rough = field.models.shapes
             new, epoch = rows_of(
@@ -175,7 +179,7 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
             # knew no more then; where it knows more, other aids have informed it since
             before = before + grown(before, back @ prior @ back.T)[0]
         memory = memory.moved(off)
-    return memory.propagated(before, back, prior, float(batch.time[-1]))
+    return memory.propagated(before, back, prior, float(batch.time[-1]), batch.aided)
 
 
 def _observed(
