@@ -13,6 +13,7 @@ in name only, when the heading's 1-sigma is below the aim. A vehicle that stays 
 learn."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -37,6 +38,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.standstill import CONFIRMED, REST_SIGMA, Standstill, zero_velocity
 from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import (
     from_matrix,
     from_rotation_vector,
@@ -76,6 +78,8 @@ SPREAD = 0.1
 """`FilterModel.alpha`: sigma points at 4.5 sigmas of a heading that is known to 0.1 rad are half a
 radian away. There sin x / x is 0.96, a gyroscope's bias no longer balances the heading error that
 it is the cause of, and the filter takes the difference for knowledge."""
+FARTHEST, FASTEST = 1e6, 100.0
+"""m, m/s: 1-sigma of a place and of a velocity of which nothing is known."""
 COURSE_SPEED = 3.0
 """m/s from which a course is taken for a heading."""
 COURSE_SIGMA = 0.1
@@ -205,9 +209,44 @@ class Alignment:
         return self._aligned and not self._resting
 
     @property
-    def state(self) -> FilterState | None:
-        """The newest state, aligned or not; do not change it. None = there is no attitude."""
-        return None if self.navigator is None else self.navigator.state
+    def navigation(self) -> InertialNavigator:
+        """Who navigates from the first attitude on.
+
+        Raises
+        ------
+        ValueError
+            There is none yet.
+        """
+        if self.navigator is None:
+            raise ValueError("there is no attitude yet")
+        return self.navigator
+
+    @property
+    def state(self) -> FilterState:
+        """The newest state, aligned or not; do not change it. While there is no attitude it is
+        that of a vehicle at rest, level and heading north, of which nothing is known but the
+        place."""
+        if self.navigator is not None:
+            return self.navigator.state
+        position, spread = np.zeros(3), np.eye(2) * FARTHEST**2
+        if self._place is not None:
+            position, spread = self._place.position, self._place.covariance
+        level = Estimate(position, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+        state = FilterState.start(level, self.model)
+        state.covariance[:2, :2] = spread
+        state.covariance[3:6, 3:6] = np.eye(3) * FASTEST**2
+        state.covariance[6:9, 6:9] = np.diag(np.square([UNKNOWN_TILT, UNKNOWN_TILT, UNKNOWN]))
+        return state
+
+    @property
+    def sample(self) -> tuple[Array, Array]:
+        """Specific force and angular rate of the newest sample; do not change them."""
+        return self.sample_at(self._time)
+
+    @property
+    def undecided(self) -> bool:
+        """See `InertialNavigator`; what is open here is said by `progress`."""
+        return self._aligned and self.navigation.undecided
 
     @property
     def heading_sigma(self) -> float:
@@ -271,7 +310,7 @@ class Alignment:
             if not (np.isfinite(force[k]).all() and np.isfinite(rate[k]).all()):
                 raise ValueError("IMU sample is not finite")
             self._take(_Sample(stamp, force[k], rate[k], heights[k], 0.0 if k else missing))
-            rows.append(self._row())
+            rows.append(track_row(self.state))
         return np.array(rows)
 
     def measure(self, time: float, *measurements: Measurement) -> Innovation:
@@ -296,7 +335,7 @@ class Alignment:
     def track(self, time: Array) -> Array:
         """Return (K, 13) the track at times (K,), s; before there was an attitude the place."""
         if self.navigator is None:
-            return np.repeat(self._row()[None], len(time), axis=0)
+            return np.repeat(track_row(self.state)[None], len(time), axis=0)
         first = self._first_time
         return self.navigator.track(np.maximum(np.asarray(time, dtype=float), first))
 
@@ -305,15 +344,40 @@ class Alignment:
         assert self._start is not None
         return self._start.time
 
-    def _row(self) -> Array:
-        if self.navigator is not None:
-            return track_row(self.navigator.state)
-        row = np.zeros(13)
-        row[6] = 1.0
-        if self._place is not None:
-            row[:3] = self._place.position
-            row[10:] = self._place.covariance.ravel()[[0, 1, 3]]
-        return row
+    def measure_all(self, measurements: Sequence[tuple[float, Measurement]]) -> list[Innovation]:
+        """Apply measurements; see `InertialNavigator.measure_all`."""
+        if self._aligned:
+            return self.navigation.measure_all(measurements)
+        return [self.measure(time, one) for time, one in measurements]
+
+    def sample_at(self, time: float) -> tuple[Array, Array]:
+        """Return specific force and angular rate of the sample that a time (s) is in, or of the
+        nearest; do not change them."""
+        if self.navigator is not None and time > self._first_time:
+            return self.navigator.sample_at(time)
+        found = [one for one in self._samples if one.time >= time - 1e-6] or self._samples[-1:]
+        if not found:
+            return np.zeros(3), np.zeros(3)
+        return found[0].force, found[0].rate
+
+    def state_at(self, time: float) -> FilterState:
+        """Return the state at a time; see `InertialNavigator.state_at`."""
+        return self.state if self.navigator is None else self.navigator.state_at(time)
+
+    def forecast(self, time: float, height: float = np.nan) -> FilterState:
+        """Return the state at a later time; see `InertialNavigator.forecast`."""
+        return self.navigation.forecast(time, height) if self._aligned else self.state
+
+    def unaided(self, since: float) -> FilterState | None:
+        """Return the newest state without satellites; see `InertialNavigator.unaided`."""
+        return self.navigation.unaided(since) if self._aligned else None
+
+    def back(self, samples: int) -> None:
+        """Forget the newest samples; see `InertialNavigator.back`. While it is being aligned they
+        stay: among many they do not matter."""
+        if self._aligned:
+            self.navigation.back(samples)
+            self._time = self.navigation.time
 
     def _take(self, sample: _Sample) -> None:
         before, self._time = self._time, sample.time
