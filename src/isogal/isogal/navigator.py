@@ -17,7 +17,7 @@ from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fields.measured import measured_field
 from isogal.fix import Fix
-from isogal.fusion.alignment import Alignment
+from isogal.fusion.alignment import Alignment, Navigating
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Measurement, measurements_of
@@ -75,12 +75,17 @@ class Navigator:
         horizon: float = 1200.0,
     ) -> None:
         model = filter_model(scenario, gravity)
-        self.inertial: InertialNavigator | Alignment
+        self.inertial: Navigating
         """Who navigates: until it is aligned, the alignment."""
         if scenario.fusion.start == "align":
-            place = None if scenario.gnss.used else start.position
-            aim = scenario.fusion.align_to
-            self.inertial = Alignment(model, place, time, aim=aim, horizon=horizon)
+            self.inertial = Alignment(
+                model,
+                start.position,
+                time,
+                measured=scenario.gnss.used,
+                aim=scenario.fusion.align_to,
+                horizon=horizon,
+            )
         else:
             state = FilterState.start(start, model)
             self.inertial = InertialNavigator(model, state, time, horizon)

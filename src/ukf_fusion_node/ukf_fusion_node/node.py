@@ -140,7 +140,8 @@ class UkfFusionNode(GraphNode):
             self._navigation.keep()  # the fix does not come again
 
     def _publish(self) -> None:
-        self.outputs.publish(*self._navigation.latest(), self._navigation.aided)
+        navigation = self._navigation
+        self.outputs.publish(*navigation.latest(), navigation.aided, navigation.aligned)
 
 
 main = main_of(UkfFusionNode, topics.UKF_FUSION)

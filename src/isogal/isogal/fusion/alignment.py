@@ -15,7 +15,7 @@ learn."""
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -115,8 +115,10 @@ class Alignment:
     ----------
     model : FilterModel
         What it assumes; of the initial 1-sigmas those of the position and of the biases are used.
-    position : (3,) array, optional
-        Latitude, longitude (rad), height (m) where it begins; None = a position is measured.
+    position : (3,) array
+        Latitude, longitude (rad), height (m) where it begins.
+    measured : bool
+        Whether a position is measured; the given one is then what is said until it comes.
     time : float
         Of the first sample's beginning, s.
     aim : float, optional
@@ -134,9 +136,10 @@ class Alignment:
     def __init__(
         self,
         model: FilterModel,
-        position: Array | None = None,
+        position: Array,
         time: float = 0.0,
         *,
+        measured: bool = False,
         aim: float | None = None,
         horizon: float = 1200.0,
         course: bool = True,
@@ -145,10 +148,10 @@ class Alignment:
         self.model = replace(model, alpha=SPREAD)
         self.horizon, self._motion = horizon, motion
         self._given_aim, self._course = aim, course
-        self._place = None
-        if position is not None:
-            sigma = model.initial_sigma[:2]
-            self._place = Place(np.array(position, dtype=float), np.diag(np.square(sigma)))
+        self._guess = np.array(position, dtype=float)
+        self._place: Place | None = None
+        if not measured:
+            self._place = Place(self._guess, np.diag(np.square(model.initial_sigma[:2])))
         self._time = self._since = time
         """Of the newest sample; when the vehicle came to rest, s."""
         self._still = Standstill(model)
@@ -177,13 +180,13 @@ class Alignment:
 
     @property
     def latitude(self) -> float:
-        """rad; NaN = not known."""
-        return math.nan if self._place is None else float(self._place.position[0])
+        """rad."""
+        return float((self._guess if self._place is None else self._place.position)[0])
 
     @property
     def north(self) -> float:
         """1-sigma to which the gyroscopes can find north here (`north_sigma`)."""
-        return north_sigma(self.model, 0.0 if self._place is None else self.latitude)
+        return north_sigma(self.model, self.latitude)
 
     @property
     def poor(self) -> bool:
@@ -228,7 +231,7 @@ class Alignment:
         place."""
         if self.navigator is not None:
             return self.navigator.state
-        position, spread = np.zeros(3), np.eye(2) * FARTHEST**2
+        position, spread = self._guess, np.eye(2) * FARTHEST**2
         if self._place is not None:
             position, spread = self._place.position, self._place.covariance
         level = Estimate(position, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
@@ -460,7 +463,7 @@ class Alignment:
         height = getattr(fix, "height", None)
         if height is None:
             known = [one.height for one in self._samples if math.isfinite(one.height)]
-            height = known[-1] if known else 0.0
+            height = known[-1] if known else self._guess[2]
         R = np.asarray(fix.covariance, dtype=float)[:2, :2]
         # an error that changes slowly is a state beside this one
         slow = [
@@ -628,3 +631,7 @@ class Alignment:
         w, x, y, z = turn
         back = multiply(*state.attitude, w, -x, -y, -z)
         return np.asarray(from_matrix(matrix(np.array(multiply(*frame, *back)))))
+
+
+Navigating: TypeAlias = InertialNavigator | Alignment
+"""Who navigates: the filter, or until it is aligned the alignment."""
