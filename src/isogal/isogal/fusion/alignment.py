@@ -160,6 +160,8 @@ class Alignment:
         self._velocity: tuple[float, Array, Array, bool] | None = None
         """Time, velocity, covariance and whether it is of the body, of the newest that was
         measured."""
+        self._told = False
+        """Whether anything but gyroscopes has told of the heading."""
         self._samples: list[_Sample] = []
         self._measured: list[tuple[float, Measurement]] = []
         self._zeros: list[float] = []
@@ -190,8 +192,15 @@ class Alignment:
 
     @property
     def poor(self) -> bool:
-        """Whether the gyroscopes cannot find north."""
-        return self.north > POOR
+        """Whether the gyroscopes cannot find north: at rest, or beside a velocity of the body,
+        where the heading changes while it is still looked for."""
+        moving = self._velocity is not None and self._velocity[3] and not self._rested
+        return self.north > (COARSE if moving else POOR)
+
+    @property
+    def _rested(self) -> bool:
+        """Whether it began at rest, or still may."""
+        return self._resting if self._start is None else self._start.rest is not None
 
     @property
     def aim(self) -> float:
@@ -322,6 +331,7 @@ class Alignment:
         for one in measurements:
             if isinstance(one, PositionFix) and self._place is None:
                 self._take_place(one)
+            self._told |= isinstance(one, GroundVelocity | HeadingReading)
             if isinstance(one, GroundVelocity | VelocityReading):
                 self._note(time, one)
             if self.navigator is None:
@@ -585,7 +595,7 @@ class Alignment:
         if not self._static and self._spread > LINEAR and sigma < self._spread / AGAIN:
             self._again(sigma)
             sigma = self.heading_sigma
-        if sigma <= self.aim:
+        if sigma <= self.aim and (self._told or not self.poor):
             self._aligned = True
 
     def _again(self, sigma: float) -> None:
