@@ -65,7 +65,8 @@ def between_directions(body: Array, navigation: Array) -> Array:
     a, b = (one / np.linalg.norm(one) for one in (body, navigation))
     axis, cosine = np.cross(a, b), float(a @ b)
     if cosine < -0.999999:  # upside down: about any axis that is square to it
-        return np.array([0.0, *np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])])
+        axis = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
+        return np.array([0.0, *(axis / np.linalg.norm(axis))])
     q = np.array([1.0 + cosine, *axis])
     return np.asarray(q / np.linalg.norm(q))
 
