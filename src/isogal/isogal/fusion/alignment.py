@@ -461,7 +461,7 @@ class Alignment:
         if not np.isfinite(np.asarray(measured.velocity)[:1]).all():
             return
         sigma = math.sqrt(float(np.trace(R)))
-        if of_body and measured.standstill_speed > np.linalg.norm(velocity):
+        if isinstance(measured, VelocityReading) and measured.standstill_speed > np.linalg.norm(velocity):
             sigma = measured.standstill_speed
         self._resting = bool(np.linalg.norm(velocity) < 3.0 * sigma) and self._still.seconds > 0.0
         before, self._velocity = self._velocity, (time, velocity, R, of_body)
