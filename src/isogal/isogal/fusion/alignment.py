@@ -36,6 +36,7 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion
+from isogal.fusion.satellite_monitor import SatelliteMonitor
 from isogal.fusion.standstill import CONFIRMED, REST_SIGMA, Standstill, zero_velocity
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
@@ -265,7 +266,7 @@ class Alignment:
         """1-sigma of the heading over all that may be, rad."""
         if self.navigator is None:
             return UNKNOWN
-        mixture = self.navigator.mixture
+        mixture = self.navigator.known
         weights = np.exp(mixture.log_weights - np.logaddexp.reduce(mixture.log_weights))
         w, x, y, z = mixture.states[0].attitude
         turns = np.array(
@@ -461,7 +462,9 @@ class Alignment:
         if not np.isfinite(np.asarray(measured.velocity)[:1]).all():
             return
         sigma = math.sqrt(float(np.trace(R)))
-        if isinstance(measured, VelocityReading) and measured.standstill_speed > np.linalg.norm(velocity):
+        if isinstance(measured, VelocityReading) and measured.standstill_speed > np.linalg.norm(
+            velocity
+        ):
             sigma = measured.standstill_speed
         self._resting = bool(np.linalg.norm(velocity) < 3.0 * sigma) and self._still.seconds > 0.0
         before, self._velocity = self._velocity, (time, velocity, R, of_body)
@@ -569,7 +572,7 @@ class Alignment:
         self._static = self._static and start.rest is not None
         self._samples = [one for one in self._samples if one.time > start.time + 1e-6]
         self._measured = [one for one in self._measured if one[0] > start.time]
-        self._spread = self.heading_sigma if len(navigator.mixture.states) == 1 else 0.1 * AGAIN
+        self._spread = self.heading_sigma if len(navigator.known.states) == 1 else 0.1 * AGAIN
         self._replay(navigator)
 
     def _replay(self, navigator: InertialNavigator) -> None:
@@ -597,6 +600,8 @@ class Alignment:
             sigma = self.heading_sigma
         if sigma <= self.aim and (self._told or not self.poor):
             self._aligned = True
+            # what goes on without satellites from a bank says nothing of them
+            self.navigator.satellites = SatelliteMonitor()
 
     def _again(self, sigma: float) -> None:
         """Begin again with the heading that is known now."""
