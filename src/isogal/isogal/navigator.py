@@ -19,6 +19,7 @@ from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fields.measured import measured_field
 from isogal.fix import Fix
+from isogal.fusion.alignment import Alignment, Navigating
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Measurement, measurements_of
@@ -76,14 +77,28 @@ class Navigator:
         horizon: float = 1200.0,
     ) -> None:
         model = filter_model(scenario, gravity)
-        state = FilterState.start(start, model)
-        self.inertial = InertialNavigator(model, state, time, horizon)
+        self.inertial: Navigating
+        """Who navigates: until it is aligned, the alignment."""
+        if scenario.fusion.start == "align":
+            self.inertial = Alignment(
+                model,
+                start.position,
+                time,
+                measured=scenario.gnss.used,
+                aim=scenario.fusion.align_to,
+                horizon=horizon,
+            )
+        else:
+            state = FilterState.start(start, model)
+            self.inertial = InertialNavigator(model, state, time, horizon)
         self.matching = MapMatching(scenario, maps, matcher, gravity)
         each = scenario.each_field
         self._reductions = [measured_field(one).reduction(one) for one in each]
         self._ends = time, time
         """Of the batch before the newest, and of the newest, s."""
         self._scan_times = np.empty(0)
+        self._passed = [0] * len(each)
+        """Readings of each field before it was aligned."""
         self._each_scan = scenario.matcher.mode == "retrodiction"
         self._scenario, self._maps, self._whole = scenario, tuple(maps), math.isinf(horizon)
         self._sensed: list[list[Sensed]] = [[] for _ in each]
@@ -95,6 +110,11 @@ class Navigator:
     def time(self) -> float:
         """Of the newest state, s."""
         return self.inertial.time
+
+    @property
+    def aligned(self) -> bool:
+        """Whether the state may be trusted: not while it is still being aligned."""
+        return not isinstance(self.inertial, Alignment) or self.inertial.aligned
 
     @property
     def state(self) -> FilterState:
@@ -122,8 +142,15 @@ class Navigator:
         missing : float
             How much of the time before the first sample it does not cover, s.
         """
-        before = (self.time, self.state.batch_prior) if missing > HELD else None
+        before = None
+        if missing > HELD and self.aligned:
+            before = (self.time, self.state.batch_prior)
+        aligned = self.aligned
         track = self.inertial.imu(time, specific_force, angular_rate, height, missing)
+        if self.aligned and not aligned:
+            self._ends = self.time, self.time
+        if isinstance(self.inertial, Alignment) and self.inertial.over:
+            self.inertial = self.inertial.navigation
         if before is not None:
             self.matching.batches.bridge(*before, self.time, self.state.batch_prior)
         return track
@@ -134,7 +161,7 @@ class Navigator:
 
     def read(self, field: int, time: Array, readings: Array) -> Array:
         """Take readings of a field up to the newest IMU sample, oldest first, and return them
-        reduced with the navigator's states of then.
+        reduced with the navigator's states of then. Those before it is aligned are not matched.
 
         Parameters
         ----------
@@ -145,14 +172,19 @@ class Navigator:
         readings : (K,) or (K, C) array
             As sensed; NaN = none.
         """
+        aligned = self.aligned
         track = self.inertial.track(time)
         position, velocity = track[:, :3], track[:, 3:6]
         latitude, longitude, height = position.T
         attitude = matrix(track[:, 6:10])
         state = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1], attitude)
         reduced = np.asarray(self._reductions[field].reduce(readings, state))
+        if not aligned:
+            self._passed[field] += len(time)
+            return reduced
         if self._whole:
             self._sensed[field].append(Sensed(time, np.array(readings, dtype=float)))
+        self.matching.batches.builders[field].begin(self._passed[field])
         for stamp, place, speed, reading in zip(time, position, velocity, reduced, strict=True):
             self.matching.add(field, float(stamp), place, speed, reading)
         return reduced
@@ -181,14 +213,17 @@ class Navigator:
         Raises
         ------
         ValueError
-            A time is not within the horizon.
+            A time is not within the horizon, or nothing is aligned yet.
         """
+        inertial = self.inertial
+        if isinstance(inertial, Alignment):
+            if not inertial.aligned:
+                raise ValueError("the navigator is not aligned yet")
+            inertial = inertial.navigation
         if not self._whole:
-            return self.inertial.smoothed(time)
+            return inertial.smoothed(time)
         sensed = [Sensed.joined(parts) if parts else None for parts in self._sensed]
-        return smoothed_voyage(
-            self.inertial, time, self._scenario, self._maps, sensed, self._figures
-        )
+        return smoothed_voyage(inertial, time, self._scenario, self._maps, sensed, self._figures)
 
     def _aided(self) -> Aided | None:
         """Return what satellites have told since the last batch."""

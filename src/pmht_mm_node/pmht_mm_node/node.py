@@ -48,6 +48,8 @@ class PmhtMmNode(GraphNode):
         """Load the map and make publishers and subscriptions."""
         self.taken = 0
         """Readings received, whatever became of them."""
+        self._aligned = True
+        """Whether the navigator was, at the newest scan."""
         self._report = Report(self)
         each = self.scenario.each_field
         maps = each_map(maps_for_scenario(self.scenario))
@@ -105,6 +107,9 @@ class PmhtMmNode(GraphNode):
         matching = self._matching
         self.scans.correct(matching.batches, nav.ns)
         matching.batches.builders[field].begin(self.scans.before(nav.ns, field))
+        if nav.aligned and not self._aligned:
+            matching.forget_scans()
+        self._aligned = nav.aligned
         white = self._white(field, nav, variance)
         matching.add(field, to_seconds(nav.ns), nav.position, nav.velocity, reading, white)
         if field == matching.lead and matching.ready:
@@ -136,6 +141,8 @@ class PmhtMmNode(GraphNode):
         self.scans.ended = nav.ns
         # the next batch is to use the readings of one whose end is not known
         why = "the navigator said nothing of the batch's end" if self.scans.guessed else None
+        if not nav.aligned:
+            why = "the navigator is not aligned"
         batch, fix, seconds = self._matching.match(nav.covariance, why, aided)
         self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)

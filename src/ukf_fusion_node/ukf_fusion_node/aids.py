@@ -9,7 +9,7 @@ import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import FluidPressure, NavSatFix
 
-from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.alignment import Navigating
 from isogal.fusion.measurements import (
     HeightReading,
     Innovation,
@@ -37,7 +37,7 @@ from ukf_fusion_node.measuring import Measuring
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
 Message: TypeAlias = FluidPressure | NavSatFix | TwistWithCovarianceStamped
-_Reading = Callable[[InertialNavigator, float], Measurement | None]
+_Reading = Callable[[Navigating, float], Measurement | None]
 """Returns the measurement of a navigator at its time (s); None = there is no number."""
 _Read = tuple[_Reading, Callable[[Innovation], str]]
 """A reading, and what to say of one that cannot be right."""
@@ -125,7 +125,7 @@ class Aids:
         begin = self._first - from_seconds(1.0 / self._scenario.imu.rate)
         return any(source.is_due(ns, begin) for source in self._sources)
 
-    def apply(self, navigator: InertialNavigator | None, ns: int) -> None:
+    def apply(self, navigator: Navigating | None, ns: int) -> None:
         """Apply the readings up to a stamp, which the navigator has reached."""
         if navigator is not None:
             self._report.tick(ns)
@@ -167,7 +167,7 @@ class Aids:
         velocity, covariance = read_ground_velocity(message)
         gnss = self._scenario.gnss
 
-        def of(navigator: InertialNavigator, time: float) -> Measurement | None:
+        def of(navigator: Navigating, time: float) -> Measurement | None:
             rate = navigator.sample_at(time)[1]
             return satellite_velocity(gnss, velocity, rate, covariance)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.fields.known_gravity import known_gravity
+from isogal.fusion.alignment import Alignment, Navigating
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import PositionFix
@@ -25,7 +26,7 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
-from ukf_fusion_node.start import initial_state, start_ns, with_given
+from ukf_fusion_node.start import aligner, initial_state, start_ns, with_given
 from ukf_fusion_node.unresolved_gap import UnresolvedGap
 from ukf_fusion_node.upright import Upright
 
@@ -63,6 +64,7 @@ class Navigation:
             node.settings.outage_turn_rate,
             node.settings.manoeuvre_interval,
         )
+        self._align = aligner(node.scenario, node.settings, self._motion)
         self._checkpoint = Checkpoint(node)
         self._from_start, self._why_not = True, ""
         self._placed: FilterState | None = None
@@ -72,7 +74,7 @@ class Navigation:
         self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
         self._noted = -SAID_NS
         self._upright = Upright()
-        self.navigator: InertialNavigator | None = None
+        self.navigator: Navigating | None = None
         """None = it has no start yet."""
         self.ns = -1
         """Stamp of the newest state."""
@@ -159,6 +161,10 @@ class Navigation:
             start_of = with_given(self._settings, Estimate(*np.split(solution, [3, 6])))
             self._set(ns, FilterState.start(start_of, self.model))
             fresh = True
+        elif self._align is not None:
+            self.navigator = self._align(self.model, self._start.position, to_seconds(first))
+            self.ns = self._fixed = first
+            fresh = True
         elif self._from_start:
             start = start_ns(self._settings, first)
             margin = from_seconds(min(0.5 * self.model.dt, 1.0))
@@ -203,6 +209,7 @@ class Navigation:
         return all(same) and finite
 
     def _set(self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None) -> None:
+        self._health.concern("aligning", None)
         self.navigator = InertialNavigator(
             self.model, state, to_seconds(ns), self._horizon, self._motion, sample
         )
@@ -278,10 +285,30 @@ class Navigation:
             self._health.state(ERROR, str(error))
             raise BadMessageError(str(error)) from None
         self.ns, self.rate = ns, rate
-        said = self._upright.take(to_seconds(ns), force, self.state.attitude)
-        self._health.concern("upright", said, ERROR)
+        if isinstance(self.navigator, Alignment):
+            self._follow(self.navigator)
+        if self.aligned:
+            said = self._upright.take(to_seconds(ns), force, self.state.attitude)
+            self._health.concern("upright", said, ERROR)
         if missing > HELD:
             self._unresolved.begin(ns)
+
+    def _follow(self, alignment: Alignment) -> None:
+        """Tell how far an alignment is, and go on without it when it is over."""
+        progress = alignment.progress
+        self._health.figures |= {
+            "aligned": progress.aligned,
+            "aligned, %": round(100.0 * progress.share),
+            "heading 1-sigma, mrad": 1e3 * progress.heading,
+        }
+        self._health.concern("aligning", None if progress.aligned else progress.text)
+        if alignment.over:
+            self.navigator = alignment.navigation
+
+    @property
+    def aligned(self) -> bool:
+        """Whether the state may be trusted: not while it is still being aligned."""
+        return not isinstance(self.navigator, Alignment) or self.navigator.aligned
 
     def back(self, samples: int) -> bool:
         """Forget the newest samples, which were not true, and return whether they are forgotten;
@@ -305,8 +332,11 @@ class Navigation:
         self._unresolved.renew(self.ns)
 
     def keep(self) -> None:
-        """Write a checkpoint of the newest state and the sample that led to it."""
+        """Write a checkpoint of the newest state and the sample that led to it, unless it is still
+        being aligned."""
         assert self.navigator is not None
+        if not self.aligned:
+            return
         self._checkpoint.save(self.ns, (self.state, self.navigator.sample))
 
     def _note_gap(self, interval: float) -> float:

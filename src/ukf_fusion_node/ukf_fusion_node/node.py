@@ -9,6 +9,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
 from isogal.arrays import Array
+from isogal.fusion.alignment import Alignment
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
@@ -77,8 +78,9 @@ class UkfFusionNode(GraphNode):
 
     @property
     def navigator(self) -> InertialNavigator | None:
-        """The filter with its history; None = it has not begun."""
-        return self._navigation.navigator
+        """The filter with its history; None = it has not begun, or is being aligned."""
+        found = self._navigation.navigator
+        return None if isinstance(found, Alignment) else found
 
     def _reset(self) -> str:
         self._smoothed.begin_anew()
@@ -140,7 +142,7 @@ class UkfFusionNode(GraphNode):
             self._publish()
             if self._fixes:
                 self._settle()
-            self._smoothed.publish(self._navigation.navigator)
+            self._smoothed.publish(self.navigator)
             self._navigation.keep()
         self.health.concern("stuck", self._watch.stuck)
         self.health.concern("gap", self._navigation.unresolved)
@@ -180,8 +182,9 @@ class UkfFusionNode(GraphNode):
             self._navigation.keep()  # the fix does not come again
 
     def _publish(self) -> None:
-        ns, state, rate = self._navigation.latest()
-        self.outputs.publish(ns, state, rate, self._navigation.aided)
+        navigation = self._navigation
+        ns, state, rate = navigation.latest()
+        self.outputs.publish(ns, state, rate, navigation.aided, navigation.aligned)
         if self._solutions is not None:
             self._solutions.publish_error(ns, state)
 

@@ -4,6 +4,7 @@ from copy import deepcopy
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import NavSatStatus
 from std_msgs.msg import Float64
 
 from isogal.arrays import Array
@@ -50,9 +51,11 @@ class Outputs:
         state: FilterState,
         angular_rate: Array,
         aided: AidedSince | None = None,
+        aligned: bool = True,
     ) -> None:
         """Publish a state, the angular rate (3,) FRD that the gyroscopes measured, and what
-        satellites have told since the last fix."""
+        satellites have told since the last fix. One that is not aligned promises nothing: it is no
+        fix, and has no protection level, path or transforms."""
         self.reached = ns
         covariance = state.covariance
         latitude, longitude, height = state.position.tolist()
@@ -61,15 +64,19 @@ class Outputs:
         # odometry first: a lock-step simulation goes on with it while the rest is made
         fill_odom(self._m_odom, ns, self._frame, nav, turn_rate, covariance)
         self._odom.publish(self._m_odom)
-        promise = self._integrity
-        self._m_level.data = float(
-            protection_level(covariance[:2, :2], promise.risk, promise.correlation_time)
-        )
-        self._level.publish(self._m_level)
+        if aligned:
+            promise = self._integrity
+            self._m_level.data = float(
+                protection_level(covariance[:2, :2], promise.risk, promise.correlation_time)
+            )
+            self._level.publish(self._m_level)
         fill_nav_covariance(self._m_covariance, ns, state.batch_prior, aided)
         self._covariance.publish(self._m_covariance)
-        fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3])
+        status = NavSatStatus.STATUS_FIX if aligned else NavSatStatus.STATUS_NO_FIX
+        fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3], status)
         self._fix.publish(self._m_fix)
+        if not aligned:
+            return
         self._transforms.publish(ns, self._m_odom.pose.pose)
         self._extend_path(ns)
 

@@ -5,6 +5,9 @@ measurements        what the filter is updated with, a measurement model in each
 prediction          a state through IMU intervals
 state               mean and covariance
 mixture             several states of which one is true
+alignment           the first state of a navigator that is told no attitude
+coarse              first attitudes: levelling, gyrocompassing, a bank of headings
+standstill          whether a vehicle that was at rest still is
 outage              what is still known after a time without inertial data
 sample_stream       samples of a fast IMU, one by one, as steps of the navigator
 model, assumed      what the filter assumes; the same from a scenario

@@ -53,7 +53,7 @@ class InertialNavigator:
     Parameters
     ----------
     model : FilterModel
-    state : FilterState
+    state : FilterState or Mixture
         At `time`.
     time : float
         s.
@@ -69,7 +69,7 @@ class InertialNavigator:
     def __init__(
         self,
         model: FilterModel,
-        state: FilterState,
+        state: FilterState | Mixture,
         time: float = 0.0,
         horizon: float = 1200.0,
         motion: UnknownMotion | None = None,
@@ -78,6 +78,8 @@ class InertialNavigator:
         self.model = model
         self.horizon = horizon
         self.motion = motion or UnknownMotion()
+        mixture = state.copy() if isinstance(state, Mixture) else Mixture.of(state.copy())
+        state = mixture.merged
         self._unaided: Without | None = None
         self._newest_aid = -math.inf
         """Time of the newest measurement of an aid that says where the vehicle is, s."""
@@ -90,7 +92,7 @@ class InertialNavigator:
                 np.array([rate], dtype=float),
                 state.position[2:].copy(),
                 model.dt,
-                Mixture.of(state.copy()),
+                mixture,
                 track_row(state)[None],
             )
         ]
@@ -122,6 +124,10 @@ class InertialNavigator:
     def known(self) -> Mixture:
         """All that is known at the newest sample; do not change it."""
         return self._segments[-1].after
+
+    def unite(self) -> None:
+        """Go on with one state that has the mean and the covariance of all."""
+        self._segments[-1].after = Mixture.of(self.known.moments)
 
     @property
     def undecided(self) -> bool:

@@ -70,6 +70,20 @@ class Mixture:
         move(one.nominal, mean)
         return one
 
+    @property
+    def moments(self) -> FilterState:
+        """One state with the mean and the covariance of all."""
+        weights = np.exp(self.log_weights - np.logaddexp.reduce(self.log_weights))
+        one = self.states[int(np.argmax(weights))].copy()
+        apart = np.array([error_between(state.nominal, one.nominal) for state in self.states])
+        away = apart - weights @ apart
+        one.covariance[:] = sum(
+            weight * (state.covariance + np.outer(by, by))
+            for weight, state, by in zip(weights, self.states, away, strict=True)
+        )
+        move(one.nominal, weights @ apart)
+        return one
+
     def update(self, measurement: Measurement, model: FilterModel) -> Innovation:
         """Update all states in place, and drop what has become improbable; return what became of
         the measurement in the most probable state that it was used in.

@@ -5,9 +5,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.fields.known_gravity import KnownGravity
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import RouteMap
 from isogal.matching.failures import match_or_decline
 from isogal.matching.interfaces import Aided, Batch, Fix, Matcher, declined
@@ -112,6 +115,16 @@ class MapMatching:
         """Forget all readings, and what the matcher remembers."""
         self.batches.restore([Collected((), 0, 0)] * len(self._maps))
         self.memory = None
+
+    def forget_scans(self) -> None:
+        """Forget the readings so far, but not how many there were: batches end when they would
+        have ended."""
+        kept = self.batches.collected
+        nothing = [
+            replace(one, scans=(), unused=0, bridge=None, correction=np.zeros(BATCH_STATES))
+            for one in kept
+        ]
+        self.batches.restore(nothing)
 
     def match(
         self, prior: Array, declined_for: str | None = None, aided: Aided | None = None

@@ -289,7 +289,8 @@ class Simulation:
         """Return how many scans may be dealt with at once: all from one to another, or one where
         measurements come late, which change the state of a scan after its reading has been taken.
         """
-        return scan - before if self.scenario.true.gnss.delay == 0.0 else 1
+        aligns = self.scenario.fusion.start == "align"  # that it was at rest is confirmed late
+        return 1 if aligns or self.scenario.true.gnss.delay > 0.0 else scan - before
 
     def advance(
         self, navigator: Navigator, run: int, before: int, scan: int, aids: Arrivals

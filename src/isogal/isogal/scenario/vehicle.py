@@ -28,6 +28,8 @@ class Route(Section):
     """heading rate in turns between waypoints, rad/s"""
     acceleration: Positive = Field(0.1, le=10.0)
     """speed change between waypoints, m/s²"""
+    at_rest: NonNegative = 0.0
+    """time that the vehicle is at rest at the first point before it moves off, s"""
 
     @model_validator(mode="after")
     def _enough_points(self) -> "Route":

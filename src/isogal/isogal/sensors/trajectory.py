@@ -122,7 +122,9 @@ def drive(route: Route, rate: float) -> tuple[Array, Array]:
                 f" {route.turn_rate:g} rad/s (the vehicle circles round it); raise turn_rate, or"
                 " move the points apart"
             )
-        turn, acceleration = guide.command(lat, lon, heading, speed)
+        turn, acceleration = 0.0, 0.0
+        if len(rates) >= guide.rest_steps:
+            turn, acceleration = guide.command(lat, lon, heading, speed)
         lat, lon = _runge_kutta(lat, lon, heading, speed, turn, acceleration, route.height, dt)
         heading += turn * dt
         speed += acceleration * dt
@@ -262,13 +264,17 @@ class _Guide:
         self.turn_limit, self.acceleration_limit = route.turn_rate, route.acceleration
         self.leg = 1
         self.start = self.points[0][:2]
-        self.speed = self.points[0][2]
+        self.speed = 0.0 if route.at_rest else self.points[0][2]
+        self.rest_steps = round(route.at_rest / dt)
+        """Steps at rest before it moves off."""
         self.heading = self._azimuth(*self.start)
-        self.manoeuvring = len(self.points) > 2 or self.points[0][2] != self.points[1][2]
+        self.manoeuvring = len(self.points) > 2 or self.speed != self.points[1][2]
         self.lengths = [self._between(*start[:2], end) for start, end in pairwise(self.points)]
         slowest = min(v for _, _, v in self.points)
         turns = len(self.points) * 2.0 * math.pi / self.turn_limit
-        self.most_steps = int((3.0 * sum(self.lengths) / slowest + turns) / dt) + 1000
+        slow = self.points[1][2] / self.acceleration_limit if route.at_rest else 0.0
+        seconds = 3.0 * sum(self.lengths) / slowest + turns + slow + route.at_rest
+        self.most_steps = int(seconds / dt) + 1000
         """Far more than any route needs that reaches its points."""
 
     def _azimuth(self, lat: float, lon: float, leg: int | None = None) -> float:

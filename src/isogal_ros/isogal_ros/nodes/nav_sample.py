@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import NavSatFix
+from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
@@ -37,6 +37,9 @@ class NavSample:
     """m²."""
     aided: AidedSince | None = None
     """What satellites have told the navigator since a fix; None = nothing."""
+    aligned: bool = True
+    """Whether the navigator is aligned: one that is not says where it may be, and promises
+    nothing."""
 
 
 def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:
@@ -54,6 +57,7 @@ def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:
         attitude,
         covariance,
         float(of_position[2, 2]),
+        aligned=fix.status.status != NavSatStatus.STATUS_NO_FIX,
     )
 
 

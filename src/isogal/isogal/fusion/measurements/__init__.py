@@ -15,20 +15,26 @@ satellites       what a satellite receiver gives, with the slow error of its pos
 information      what a batch of readings says, in information form
 height           a height sensor, with its errors as auxiliary states
 velocity         a velocity aid, with its errors and the current or wind; standstill
+heading          a heading of a compass or of two antennas, a course
+rest             means of the inertial data of a vehicle at rest
 fix              the measurements that a fix consists of
 """
 
 from isogal.fusion.measurements.fix import LearntMapError, Widening, measurements_of
 from isogal.fusion.measurements.ground_velocity import GroundVelocity
+from isogal.fusion.measurements.heading import HeadingReading
 from isogal.fusion.measurements.height import HeightReading
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement, Outcome
 from isogal.fusion.measurements.position import PositionFix
+from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.satellites import satellite_fix, satellite_velocity
 from isogal.fusion.measurements.velocity import VelocityReading
 
 __all__ = [
+    "AtRest",
     "GroundVelocity",
+    "HeadingReading",
     "HeightReading",
     "InformationUpdate",
     "Innovation",

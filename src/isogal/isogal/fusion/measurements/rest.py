@@ -1,0 +1,76 @@
+"""What the inertial sensors of a vehicle at rest read: gravity and the Earth's rotation
+(docs/mathematics.md, section 3.20):
+
+    z = (C' (-g) + b_a, C' w_ie + b_g) + noise
+
+with gravity g and the Earth's rate w_ie (NED), the attitude C (body to NED) and the sensors'
+errors, which are their biases and auxiliary states. It levels and finds north, and it is the
+measurement of zero rotation. The samples that it is made of must not also have carried the state
+to its time: their noise would count twice."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.earth.gravity import normal_gravity_at
+from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.model import FilterModel
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.gravity import horizontal_gravity
+from isogal.inertial.rotations import cross_matrix, matrix
+
+
+def felt_at_rest(position: Array, model: FilterModel) -> tuple[Array, Array]:
+    """Return the specific force (m/s²) and the angular rate (rad/s), NED, of a vehicle at rest at
+    a position (3,)."""
+    latitude, _, height = position.tolist()
+    s, c = math.sin(latitude), math.cos(latitude)
+    north, east = horizontal_gravity(model.gravity.compensation, position)[:2]
+    force = -np.array([north, east, normal_gravity_at(s, height)])
+    return force, EARTH_RATE * np.array([c, 0.0, -s])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AtRest:
+    """Means of the inertial data of a vehicle at rest."""
+
+    force: Array
+    """(3,) specific force, body, m/s²."""
+    rate: Array
+    """(3,) angular rate, body, rad/s."""
+    seconds: float
+    """Over which they are means."""
+
+    def update(self, state: FilterState, model: FilterModel) -> Innovation:
+        """See `isogal.fusion.measurements.Measurement`."""
+        force, rate = felt_at_rest(state.position, model)
+        to_body = matrix(state.attitude).T
+        H = np.zeros((6, model.states))
+        H[:3, 6:9] = to_body @ cross_matrix(force)
+        H[3:, 6:9] = to_body @ cross_matrix(rate)
+        H[:, 9:15] = np.eye(6)
+        for j, one in enumerate(model.auxiliary):
+            self._add(H[:, FILTER_STATES + j], one.enters, one.axis, one.source, to_body)
+        expected = np.concatenate([to_body @ force, to_body @ rate])
+        expected += H[:, 9:] @ np.concatenate(state.nominal[3:])
+        R = np.diag(np.square(model.noise)) / self.seconds
+        return update_linear(
+            state, model, Rows(np.concatenate([self.force, self.rate]), expected, H, R)
+        )
+
+    def _add(
+        self, column: Array, enters: str, axis: int, source: int | None, to_body: Array
+    ) -> None:
+        """Write what the readings contain of an auxiliary state (6,)."""
+        sensor = 0 if enters.startswith("accelerometer") else 3
+        if enters == "gravity":
+            column[:3] = -to_body[:, axis]
+        elif enters.endswith("scale"):
+            seen = self.rate if sensor else self.force
+            column[sensor + axis] = seen[axis if source is None else source]
+        elif enters != "none":
+            column[sensor + axis] = 1.0
