@@ -20,7 +20,7 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.aids import AIDS, aids_of
+from isogal_ros.messages.aids import AIDS, aids_of, alternatives_of, delays_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
@@ -73,9 +73,8 @@ class Recorded:
 
     def in_order(self) -> list[tuple[int, Topic, bytes]]:
         """Return when messages come (ns), topics and messages in order of time; of one time in
-        that of `sensors`. They come at their stamps, those of satellites later by their delay."""
-        delay = from_seconds(self.scenario.gnss.delay)
-        late = {topics.GNSS_FIX: delay, topics.GNSS_VELOCITY: delay}
+        that of `sensors`. They come at their stamps, those of aids later by their delay."""
+        late = {topic: from_seconds(one) for topic, one in delays_of(self.scenario).items()}
         found = [
             (ns + late.get(topic, 0), topic, data)
             for topic, messages in self.sensors.items()
@@ -102,7 +101,9 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     raw = tuple(one.raw for one in each)
     if topics.MAGNETIC_FIELD in raw:
         raw += (topics.SCALAR_FIELD,)
-    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*AIDS, topics.IMU, *raw)}
+    instead = alternatives_of(scenario)
+    aids = tuple(dict.fromkeys((*AIDS, *aids_of(scenario), *instead.values())))
+    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*aids, topics.IMU, *raw)}
     odometry: dict[int, bytes] = {}
     wanted = (*sensors, topics.NAV_ODOM, *collector.topics())
     for topic, data in wanted_messages(reader, wanted):
@@ -124,7 +125,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         reduced = (collector.readings, *collector.others)
         sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
     needed = (topics.IMU, *(one.raw if reduces else one.reduced for one in each))
-    needed += aids_of(scenario)
+    needed += tuple(one for one in aids_of(scenario) if not sensors.get(instead.get(one, one)))
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
     sensed = any(one.raw is topics.GRAVIMETRY for one in each)
     return Recorded(
@@ -132,7 +133,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         int(reader.texts.get("run", 0)),
         collector,
         sensors,
-        tuple(topic for topic in sensors if topic not in (*AIDS, topics.IMU)),
+        tuple(topic for topic in sensors if topic not in (*aids, topics.IMU)),
         reduces,
         _start(scenario, collector.first_nav, odometry, first),
         reduced_by_another=differs and sensed and not reduces,
