@@ -100,7 +100,11 @@ class Settings(Section):
             "gnss": self.gnss.used,
         }
         intervals = {name: getattr(self, name).interval for name in used if used[name]}
-        for key, entries in (("positions", self.positions), ("headings", self.headings)):
+        lists: dict[str, tuple[PositionAid | HeadingAid, ...] | None] = {
+            "positions": self.positions,
+            "headings": self.headings,
+        }
+        for key, entries in lists.items():
             names = [one.name for one in entries or ()]
             if len({*names}) < len(names):
                 raise ValueError(f"{key}: of two entries of one name, or without one: {names}")
@@ -122,8 +126,8 @@ class Settings(Section):
     @property
     def longest_delay(self) -> float:
         """By how much the aids' measurements may come late, s."""
-        every = (*self.position_aids, *(self.headings or ()))
-        return max((one.delay for one in every), default=0.0)
+        late = [one.delay for one in self.position_aids]
+        return max((*late, *(one.delay for one in self.headings or ())), default=0.0)
 
     @property
     def field_names(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 from pydantic import BaseModel, JsonValue
+from pydantic_core import to_jsonable_python
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -70,7 +71,8 @@ class ParameterSpec:
 
 def yaml_line(value: JsonValue) -> str:
     """Return a value as YAML in one line; an empty text for None and for what has no entries."""
-    return yaml.safe_dump(value, default_flow_style=True).strip() if value else ""
+    plain = to_jsonable_python(value)  # of sections in a list their keys
+    return yaml.safe_dump(plain, default_flow_style=True, width=math.inf).strip() if value else ""
 
 
 def parameter_specs(
