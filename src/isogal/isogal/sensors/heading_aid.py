@@ -1,5 +1,5 @@
 """A simulated sensor of the heading, and magnetic declination (docs/mathematics.md, section
-3.15)."""
+3.16)."""
 
 import math
 from collections.abc import Sequence

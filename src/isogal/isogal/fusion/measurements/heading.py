@@ -1,4 +1,4 @@
-"""A heading, and its errors as states of the filter (docs/mathematics.md, section 3.15):
+"""A heading, and its errors as states of the filter (docs/mathematics.md, section 3.16):
 
     z = atan2(f_east, f_north) - D + b + c + v
 

@@ -10,6 +10,9 @@ from isogal.fusion.measurements.position_aid import position_fix
 from isogal.scenario import Gnss
 from isogal.scenario.aids import VERTICAL
 
+GNSS = "gnss"
+"""What the names of its states begin with."""
+
 
 def satellite_fix(
     gnss: Gnss, place: Array, height_used: bool, covariance: Array | None = None
