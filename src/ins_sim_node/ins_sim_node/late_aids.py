@@ -5,6 +5,9 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from isogal.fields.simulated_vehicle import SimulatedVehicle
+from isogal.scenario import HeadingAid, PositionAid
+from isogal.sensors.heading_aid import Headings
+from isogal.sensors.position_aid import Positions
 from isogal_ros import topics
 from isogal_ros.messages.aids import aids_of, fill_ground_velocity, fill_position
 from isogal_ros.messages.frames import ANTENNA, BASE
@@ -85,38 +88,32 @@ class LateAids:
             yield self._aid(delay, ends, sender)
 
     def _positions(self) -> Iterator[_Aid]:
-        scenario = self._node.scenario
-        every = zip(
-            scenario.positions or (),
-            scenario.true.positions or (),
-            self._vehicle.positions,
-            strict=True,
-        )
-        for aid, true, places in every:
+        scenario, every = self._node.scenario, self._vehicle.positions
+        true = scenario.true.positions or ()
+        for aid, really, places in zip(scenario.positions or (), true, every, strict=True):
+            yield self._position(aid, places, really.delay)
 
-            def fill(message: topics.Message, ns: int, row: int, aid=aid, places=places) -> bool:  # type: ignore[no-untyped-def]
-                fill_position(message, ns, places.position[0, row], aid)
-                return True
+    def _position(self, aid: PositionAid, places: Positions, delay: float) -> _Aid:
+        def fill(message: topics.Message, ns: int, row: int) -> bool:
+            fill_position(message, ns, places.position[0, row], aid)
+            return True
 
-            sender = self._sender(topics.position_topics(aid.name)[0], BASE, fill)
-            yield self._aid(true.delay, places.ends.tolist(), sender)
+        sender = self._sender(topics.position_topics(aid.name)[0], BASE, fill)
+        return self._aid(delay, places.ends.tolist(), sender)
 
     def _headings(self) -> Iterator[_Aid]:
-        scenario = self._node.scenario
-        every = zip(
-            scenario.headings or (),
-            scenario.true.headings or (),
-            self._vehicle.headings,
-            strict=True,
-        )
-        for aid, true, seen in every:
+        scenario, every = self._node.scenario, self._vehicle.headings
+        true = scenario.true.headings or ()
+        for aid, really, seen in zip(scenario.headings or (), true, every, strict=True):
+            yield self._heading(aid, seen, really.delay)
 
-            def fill(message: topics.Message, ns: int, row: int, aid=aid, seen=seen) -> bool:  # type: ignore[no-untyped-def]
-                heading = float(seen.heading[0, row])
-                if math.isnan(heading):
-                    return False
-                fill_heading(message, ns, heading, aid)
-                return True
+    def _heading(self, aid: HeadingAid, seen: Headings, delay: float) -> _Aid:
+        def fill(message: topics.Message, ns: int, row: int) -> bool:
+            heading = float(seen.heading[0, row])
+            if math.isnan(heading):
+                return False
+            fill_heading(message, ns, heading, aid)
+            return True
 
-            sender = self._sender(topics.heading_topic(aid.name), BASE, fill)
-            yield self._aid(true.delay, seen.ends.tolist(), sender)
+        sender = self._sender(topics.heading_topic(aid.name), BASE, fill)
+        return self._aid(delay, seen.ends.tolist(), sender)

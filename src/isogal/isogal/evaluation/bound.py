@@ -506,8 +506,8 @@ def _aid_stretches(interval: float, segments: Segments) -> tuple[int, Array, flo
     start, and how many its own are that it stands for: the mean of those of a stretch."""
     every = max(1, round(interval / segments.dt))
     count = len(segments.geometry) // every
-    since = segments.dt * every * np.arange(1, count + 1)
-    return every, since, max(1.0, segments.dt / interval)
+    since = segments.dt * every * np.arange(1.0, count + 1.0)
+    return every, np.asarray(since, dtype=np.float64), max(1.0, segments.dt / interval)
 
 
 def _position_aid(
