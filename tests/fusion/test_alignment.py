@@ -135,7 +135,7 @@ def test_sensors_that_cannot_find_north_say_so_and_take_a_heading() -> None:
     assert it.aim == POOR_AIM
     assert it.heading_sigma == pytest.approx(UNKNOWN, rel=0.05)
     assert "waits for a course, a heading or a pose" in it.progress.text
-    it.measure(80.0, HeadingReading(0.05, 0.03))
+    it.measure(80.0, HeadingReading(0.05, 0.03**2))
     assert it.aligned
     assert abs(error_of(it, trajectory.attitude[-1])[2]) < 4.0 * it.heading_sigma < 0.2
 

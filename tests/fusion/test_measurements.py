@@ -22,6 +22,7 @@ from isogal.fix import Fix, Information
 from isogal.fusion.gate import quantile
 from isogal.fusion.measurements import (
     GroundVelocity,
+    HeadingReading,
     HeightReading,
     InformationUpdate,
     Innovation,
@@ -41,7 +42,7 @@ from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, HORIZONTAL_STATES, batch_covariance
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Fusion, Gnss, Height, Velocity, load_scenario
+from isogal.scenario import Fusion, Gnss, HeadingAid, Height, Velocity, load_scenario
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 FAR = 78e3
@@ -409,3 +410,46 @@ def test_velocity_without_an_axis() -> None:
     state = FLIGHT.start.copy()
     only = GroundVelocity(np.array([4.0, np.nan, np.nan]), np.eye(3), np.zeros(3))
     assert only.update(state, open_model()).innovation.shape == (1,)
+
+
+HEADINGS = (
+    HeadingAid(sigma=0.01),
+    HeadingAid(name="mag", kind="compass"),
+    HeadingAid(name="cog", kind="course", slowest=3.0),
+)
+
+
+@pytest.mark.parametrize("aid", HEADINGS, ids=lambda one: one.kind)
+def test_heading_rows_are_those_of_differences(aid) -> None:
+    """H of a heading of a tilted vehicle, mounting and slow error included."""
+    model = fly(fusion=Fusion(false_rejection=0.0), headings=HEADINGS).model
+    state = FilterState.start(FLIGHT.start.estimate, model)
+    state.auxiliary[:] = np.linspace(0.01, 0.05, len(state.auxiliary))
+    move(state.nominal, np.array([*np.zeros(6), 0.2, -0.4, 0.9, *np.zeros(model.states - 9)]))
+    reading, rows = HeadingReading.of(aid, 3.0, 2025.0), []
+
+    def catch(_state, _model, found):
+        rows.append(found)
+        return Innovation.of(np.zeros(1), 0.0, np.inf)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("isogal.fusion.measurements.heading.update_linear", catch)
+        reading.update(state, model)
+        for j in range(model.states):
+            step = np.zeros(model.states)
+            step[j] = 1e-4
+            other = state.copy()
+            move(other.nominal, step)
+            reading.update(other, model)
+            change = math.remainder((rows[-1].expected - rows[0].expected)[0], 2.0 * math.pi)
+            assert change / 1e-4 == pytest.approx(rows[0].H[0, j], abs=1e-3), j
+    assert abs(rows[0].measured[0] - rows[0].expected[0]) <= math.pi
+
+
+def test_a_course_of_a_slow_vehicle_says_nothing() -> None:
+    model = fly(headings=HEADINGS).model
+    state = FilterState.start(FLIGHT.start.estimate, model)
+    state.velocity[:2] = 1.0, 2.0
+    result = HeadingReading.of(HEADINGS[2], 0.0, 2025.0).update(state, model)
+    assert not result.used
+    assert "slower than 3 m/s" in result.reason

@@ -111,6 +111,25 @@ GNSS_FIX = Topic("gnss/fix", NavSatFix, (UKF_FUSION,))
 satellites."""
 GNSS_VELOCITY = Topic("gnss/velocity", TwistWithCovarianceStamped, (UKF_FUSION,))
 """Of the antenna over ground: east, north, up."""
+
+
+def position_topics(name: str | None) -> tuple[Topic, Topic]:
+    """Return the topics of an aid that says where the vehicle is, of the list `positions`: as a
+    position on the Earth, or in the frame ``map``; it publishes either."""
+    space = "position" if name is None else f"position/{name}"
+    return (
+        Topic(f"{space}/fix", NavSatFix, (UKF_FUSION,)),
+        Topic(f"{space}/pose", PoseWithCovarianceStamped, (UKF_FUSION,)),
+    )
+
+
+def heading_topic(name: str | None) -> Topic:
+    """Return the topic of an aid that says where the bow points, of the list `headings`: of its
+    orientation the yaw alone is used."""
+    space = "heading" if name is None else f"heading/{name}"
+    return Topic(f"{space}/data_raw", Imu, (UKF_FUSION,))
+
+
 TRUTH_FIX = Topic("ground_truth/fix", NavSatFix, (GRAVIMETER,))
 TRUTH_ODOM = Topic("ground_truth/odom", Odometry)
 INS_FIX = Topic("ins/fix", NavSatFix)

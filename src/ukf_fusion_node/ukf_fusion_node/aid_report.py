@@ -1,6 +1,8 @@
 """Which aids the navigator uses, since when not, and why: nav/aids."""
 
-from dataclasses import dataclass
+import math
+from collections import deque
+from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -23,12 +25,28 @@ class _Aid:
     """Stamp of the last measurement that was used; -1 = there was none."""
     why: str = "nothing has come yet"
     """Why the last was not used."""
-    nis: float = 0.0
-    """Normalised innovation squared per dimension, smoothed over some twenty measurements."""
+    seen: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    """Normalised innovation squared and dimensions of the newest measurements that were used."""
+
+    @property
+    def nis(self) -> float:
+        """Their mean per dimension."""
+        return sum(one for one, _ in self.seen) / max(1, sum(size for _, size in self.seen))
+
+    @property
+    def unlike(self) -> str | None:
+        """Say that the noise is not what it is said to be; None = it may be."""
+        if len(self.seen) < JUDGED or LIKELY[0] <= self.nis <= LIKELY[1]:
+            return None
+        return f"innovations are {math.sqrt(self.nis):.2g} times as large as its covariance says"
 
 
-SMOOTHED = 0.05
-"""Share of the newest in the mean of the normalised innovations squared."""
+JUDGED = 100
+"""Measurements over which the mean of the normalised innovations squared is judged."""
+LIKELY = 0.5, 2.0
+"""What it may be: of 100 numbers of one dimension its 1-sigma is sqrt(2 / 100) = 0.14, so that
+honest ones are outside once in 2,000 below and never above; slow errors that are no states, and
+covariances that are rounded up, are what is found."""
 LOST_AFTER = 3.0
 """Intervals without a measurement that is used, after which an aid is not in use."""
 
@@ -42,6 +60,7 @@ class AidReport:
     """
 
     def __init__(self, node: GraphNode) -> None:
+        self._health = node.health
         self._publisher = node.advertise(topics.NAV_AIDS)
         self._message = topics.NAV_AIDS.type()
         self._period = from_seconds(node.settings.diagnostics_period)
@@ -60,9 +79,13 @@ class AidReport:
         if result.used:
             aid.newest, aid.used = max(stamp, aid.newest), aid.used + 1
             dimensions = max(1, len(result.innovation))
-            aid.nis += SMOOTHED * (result.nis / dimensions - aid.nis)
+            aid.seen.append((result.nis, dimensions))
+            self._health.concern(f"noise {topic}", self._said_of(topic, aid))
         else:
             self.absent(topic, result.reason or "not used")
+
+    def _said_of(self, topic: str, aid: _Aid) -> str | None:
+        return None if aid.unlike is None else f"{topic}: {aid.unlike}"
 
     def absent(self, topic: str, why: str) -> None:
         """Note that a message of a topic could not be used, and why."""

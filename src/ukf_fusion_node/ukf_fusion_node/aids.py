@@ -1,33 +1,39 @@
 """Readings of sensors beside the IMU: when they are due, and what the filter does with them."""
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
-from geometry_msgs.msg import TwistWithCovarianceStamped
-from sensor_msgs.msg import FluidPressure, NavSatFix
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
+from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
+from std_srvs.srv import SetBool
 
 from isogal.fusion.alignment import Navigating
 from isogal.fusion.measurements import (
+    HeadingReading,
     HeightReading,
     Innovation,
     Measurement,
     VelocityReading,
-    satellite_fix,
+    position_fix,
     satellite_velocity,
 )
-from isogal.scenario import Height
+from isogal.scenario import HeadingAid, Height, PositionAid
 from isogal.sensors.barometer import height_of
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
     aids_of,
+    alternatives_of,
     read_ground_velocity,
+    read_position_fix,
     read_pressure,
-    read_satellite_fix,
     read_velocity,
 )
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.pose_aids import read_heading, read_pose_position
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Topic
@@ -36,12 +42,15 @@ from ukf_fusion_node.measuring import Measuring
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
-Message: TypeAlias = FluidPressure | NavSatFix | TwistWithCovarianceStamped
+Message: TypeAlias = (
+    FluidPressure | NavSatFix | TwistWithCovarianceStamped | PoseWithCovarianceStamped | Imu
+)
 _Reading = Callable[[Navigating, float], Measurement | None]
 """Returns the measurement of a navigator at its time (s); None = there is no number."""
 _Read = tuple[_Reading, Callable[[Innovation], str]]
 """A reading, and what to say of one that cannot be right."""
 NO_FIX = "the receiver has no fix"
+SWITCHED_OFF = "switched off by the service toggle"
 
 
 @dataclass
@@ -83,6 +92,9 @@ class Aids:
         self._scenario, self._advance = node.scenario, advance
         self._frame = node.settings.velocity_frame
         self._measuring, self._report = Measuring(node.health), AidReport(node)
+        self._map = map_frame(node.scenario)
+        self._off: set[str] = set()
+        """Topics of aids that somebody has switched off."""
         self._sources: list[_Source] = []
         self._first = sys.maxsize
         """Stamp of the first IMU sample."""
@@ -92,10 +104,17 @@ class Aids:
         every: dict[Topic, tuple[float, float, Callable[[Message], _Read]]] = {
             topics.BAROMETER: (height.interval, 0.0, self._pressure),
             topics.VELOCITY: (velocity.interval, 0.0, self._velocity),
-            topics.GNSS_FIX: (gnss.interval, gnss.delay, self._satellite_fix),
+            topics.GNSS_FIX: (gnss.interval, gnss.delay, self._positions(gnss.positions)),
             topics.GNSS_VELOCITY: (gnss.interval, gnss.delay, self._satellite_velocity),
         }
-        for topic in aids_of(node.scenario):
+        for aid in node.scenario.positions or ():
+            fix, pose = topics.position_topics(aid.name)
+            every[fix] = aid.interval, aid.delay, self._positions(aid)
+            every[pose] = aid.interval, aid.delay, self._poses(aid)
+        for bow in node.scenario.headings or ():
+            topic = topics.heading_topic(bow.name)
+            every[topic] = bow.interval, bow.delay, self._headings(bow)
+        for topic in (*aids_of(node.scenario), *alternatives_of(node.scenario).values()):
             self._add(node, topic, *every[topic])
 
     def _add(
@@ -117,7 +136,19 @@ class Aids:
         times = from_seconds(interval), from_seconds(delay)
         source = _Source(topic, *times, subscription.get_publisher_count)
         self._sources.append(source)
+        self._offer_toggle(node, topic.name)
         self._report.add(topic.name, interval)
+
+    def _offer_toggle(self, node: GraphNode, name: str) -> None:
+        """Offer the service toggle/<topic>, which says whether an aid is used."""
+
+        def toggle(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+            (self._off.discard if request.data else self._off.add)(name)
+            response.success = True
+            response.message = f"{name} is {'used' if request.data else 'not used'}"
+            return response
+
+        node.create_service(SetBool, f"toggle/{name}", toggle)
 
     def are_due(self, ns: int) -> bool:
         """Whether readings of stamps up to that of an IMU sample (ns) are still to come."""
@@ -133,6 +164,9 @@ class Aids:
             for stamp in sorted(stamp for stamp in source.waiting if stamp <= ns):
                 reading, describe = source.waiting.pop(stamp)
                 if navigator is None:
+                    continue
+                if source.topic.name in self._off:
+                    self._report.absent(source.topic.name, SWITCHED_OFF)
                     continue
                 time = to_seconds(stamp)
                 if (measurement := reading(navigator, time)) is None:
@@ -155,13 +189,38 @@ class Aids:
         reading = VelocityReading.of(settings, velocity, covariance)
         return lambda *_: reading, _unlikely_velocity
 
-    def _satellite_fix(self, message: NavSatFix) -> _Read:
-        scenario, found = self._scenario, read_satellite_fix(message)
-        if found is None:
-            return lambda *_: None, _far
-        place, covariance = found
-        fix = satellite_fix(scenario.gnss, place, scenario.height.measured, covariance)
-        return lambda *_: fix, _far
+    def _positions(self, aid: PositionAid) -> Callable[[Message], _Read]:
+        """Return what reads the fixes of an aid."""
+
+        def read(message: NavSatFix) -> _Read:
+            found = read_position_fix(message)
+            if found is None:
+                return lambda *_: None, _far
+            fix = position_fix(aid, found[0], self._scenario.height.measured, found[1])
+            return lambda *_: fix, _far
+
+        return read
+
+    def _poses(self, aid: PositionAid) -> Callable[[Message], _Read]:
+        """Return what reads the poses of an aid."""
+
+        def read(message: PoseWithCovarianceStamped) -> _Read:
+            place, covariance = read_pose_position(message, self._map)
+            fix = position_fix(aid, place, self._scenario.height.measured, covariance)
+            return lambda *_: fix, _far
+
+        return read
+
+    def _headings(self, aid: HeadingAid) -> Callable[[Message], _Read]:
+        """Return what reads the headings of an aid."""
+
+        def read(message: Imu) -> _Read:
+            heading, variance = read_heading(message)
+            epoch = self._scenario.magnetometer.epoch
+            reading = HeadingReading.of(aid, heading, epoch, variance)
+            return lambda *_: reading, _turned
+
+        return read
 
     def _satellite_velocity(self, message: TwistWithCovarianceStamped) -> _Read:
         velocity, covariance = read_ground_velocity(message)
@@ -177,6 +236,11 @@ class Aids:
 def _far(seen: Innovation) -> str:
     """Say how far a position is that cannot be right."""
     return f"position {float(np.linalg.norm(seen.innovation[:2])):.0f} m from the estimate"
+
+
+def _turned(seen: Innovation) -> str:
+    """Say how far off a heading is that cannot be right."""
+    return f"heading {math.degrees(seen.innovation[0]):.1f} deg from the estimate"
 
 
 def _unlikely_pressure(pressure: float, seen: Innovation, settings: Height) -> str:

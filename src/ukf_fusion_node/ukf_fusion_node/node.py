@@ -38,7 +38,8 @@ class UkfFusionNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter", "map",
-        "gravity", "height", "velocity", "gnss", "matcher", "fusion", "integrity", "truth",
+        "gravity", "height", "velocity", "gnss", "positions", "headings", "magnetometer",
+        "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings

@@ -25,6 +25,7 @@ from isogal_ros.bags.collect import wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.running import run_in_process
+from isogal_ros.messages.aids import aids_of
 from isogal_ros.nodes.signals import Interrupt
 
 ONE_IN_10000 = 18.4
@@ -243,3 +244,35 @@ def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
     # the last state has all fixes in it, late or not
     np.testing.assert_allclose(graph.fix_error, library.fix_error, atol=5.0)
     np.testing.assert_allclose(graph.error[0, -2], library.error[0, -2], atol=1.0)
+
+
+def test_positions_and_headings_by_name(scenario, tmp_path) -> None:
+    """Two aids of position and two of heading, each as late as it is, beside satellites that are
+    lost."""
+    short = scenario(
+        "route.duration=130.0",
+        "gnss.available=[[0, 40]]",
+        "positions=[{interval: 10, sigma: 5, correlated_sigma: 3},"
+        " {name: usbl, interval: 5, delay: 3, lever_arm: [2, 0, 4], available: [[30, 90]]}]",
+        "headings=[{}, {name: mag, kind: compass, interval: 2, delay: 1}]",
+    )
+    run_here(short, tmp_path / "bag")
+    assert_closed_loop(tmp_path / "bag", short)
+    found = Counter()
+    wanted = topics.NAV_AIDS, *aids_of(short)
+    for topic, data in wanted_messages(BagReader(tmp_path / "bag"), wanted):
+        found[topic.name] += 1
+        if topic is topics.NAV_AIDS:
+            said = {
+                item.name: item.message for item in deserialize_message(data, topic.type).status
+            }
+    # those of the last 3 s and 1 s have not come
+    assert found["position/fix"] == 13
+    assert found["position/usbl/fix"] == 25
+    assert found["heading/data_raw"] == 130
+    assert found["heading/mag/data_raw"] == 64
+    assert (
+        said["position/fix"] == said["heading/data_raw"] == said["heading/mag/data_raw"] == "used"
+    )
+    assert said["position/usbl/fix"] == "not since 90 s: the receiver has no fix"
+    assert_replayed(tmp_path / "bag")

@@ -51,9 +51,9 @@ from isogal.fields.measured import measured_field
 from isogal.fields.simulator import scan_index
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.fusion.measurements.heading import by_attitude
 from isogal.fusion.measurements.height import by_auxiliary
 from isogal.fusion.measurements.position import AXES
-from isogal.fusion.measurements.satellites import GNSS
 from isogal.fusion.measurements.velocity import velocity_reading
 from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES
@@ -64,10 +64,10 @@ from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.scenario import Scenario
-from isogal.scenario.aids import VERTICAL
+from isogal.scenario import HeadingAid, PositionAid, Scenario
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
+from isogal.sensors.position_aid import within
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
 
@@ -511,7 +511,13 @@ def linear_model(
     first, size = STATES + len(model.auxiliary), STATES + len(states)
     measurements = [
         *_velocity_aid(world, model, segments, size),
-        *_satellites(world, model, segments, size),
+        *(
+            measured
+            for aid in world.position_aids
+            for measured in _position_aid(world, aid, model, segments, size)
+        ),
+        *_satellite_velocity(world, segments, size),
+        *(_heading_aid(aid, model, segments, size) for aid in world.headings or ()),
     ]
     lags: list[tuple[int, int]] = []
     jumps: list[tuple[int, int, MapSteps]] = []
@@ -559,43 +565,75 @@ def _velocity_aid(
     yield Measurements(rows, np.full(len(settings.axes), variance), every, at_once=True)
 
 
-def _satellites(
-    world: Scenario, model: FilterModel, segments: Segments, size: int
+def _aid_stretches(interval: float, segments: Segments) -> tuple[int, Array, float]:
+    """Return stretches from one measurement of an aid to the next, the time (s) of each since the
+    start, and how many its own are that it stands for: the mean of those of a stretch."""
+    every = max(1, round(interval / segments.dt))
+    count = len(segments.geometry) // every
+    since = segments.dt * every * np.arange(1.0, count + 1.0)
+    return every, np.asarray(since, dtype=np.float64), max(1.0, segments.dt / interval)
+
+
+def _position_aid(
+    world: Scenario, aid: PositionAid, model: FilterModel, segments: Segments, size: int
 ) -> Iterator[Measurements]:
-    """Yield what a satellite receiver measures, if there is one, as rows of `size` states, at once
-    as in `_velocity_aid`: position and velocity to the north and east, and the height where a
-    sensor measures it, whose errors are then states."""
-    gnss = world.gnss
-    if not gnss.used:
-        return
-    every = max(1, round(gnss.interval / segments.dt))
+    """Yield what an aid measures of the position, as rows of `size` states, at once as in
+    `_velocity_aid`: to the north and east, and the height where a sensor measures it, whose errors
+    are then states."""
+    every, since, mean_of = _aid_stretches(aid.interval, segments)
     rotation = segments.rotation[every - 1 :: every]
-    rate = segments.rate[every - 1 :: every]
-    axes = 3 if world.height.measured else 2
-    rows = np.zeros((len(rotation), axes + 2, size))
-    arm = np.asarray(gnss.lever_arm)
-    offset = np.einsum("kij,j->ki", rotation, arm)
-    around = np.einsum("kij,kj->ki", rotation, np.cross(rate, arm))
-    rows[:, :2, 4:7] = -cross_matrix(offset)[:, :2]
-    rows[:, axes:, 4:7] = -cross_matrix(around)[:, :2]
+    axes = 3 if world.height.measured and aid.height else 2
+    rows = np.zeros((len(since), axes, size))
+    offset = np.einsum("kij,j->ki", rotation, np.asarray(aid.lever_arm))
+    rows[:, :, 4:7] = -cross_matrix(offset)[:, :axes]
     rows[:, [0, 1], [0, 1]] = 1.0
-    rows[:, [axes, axes + 1], [2, 3]] = 1.0
     shift = STATES - FILTER_STATES
     for k, axis in enumerate(AXES[:axes]):
-        if (at := model.places.get(f"{GNSS}_{axis}")) is not None:
+        if (at := model.places.get(f"{aid.prefix}_{axis}")) is not None:
             rows[:, k, at + shift] = 1.0
     if axes == 3:  # the navigator's height is what the sensor read, with its errors
         contents = by_auxiliary(model, world.route.height)
         rows[:, 2, STATES : STATES + len(contents)] += contents
-    stretch_end = segments.dt * every * np.arange(1, len(rows) + 1)
-    seen = np.zeros(len(rows), dtype=np.bool_)
-    for begin, end in gnss.available or ():
-        seen |= (stretch_end >= begin) & (stretch_end <= end)
+    rows[~within(aid.available, since)] = np.nan
+    noise = np.square(aid.unequal[:axes]) * aid.sigma**2
+    yield Measurements(rows, noise / mean_of, every, at_once=True)
+
+
+def _satellite_velocity(world: Scenario, segments: Segments, size: int) -> Iterator[Measurements]:
+    """Yield the velocity to the north and east that a satellite receiver measures, if it does."""
+    gnss = world.gnss
+    if not gnss.used or gnss.velocity_sigma is None:
+        return
+    every, since, mean_of = _aid_stretches(gnss.interval, segments)
+    rotation, rate = (one[every - 1 :: every] for one in (segments.rotation, segments.rate))
+    around = np.einsum("kij,kj->ki", rotation, np.cross(rate, gnss.lever_arm))
+    rows = np.zeros((len(since), 2, size))
+    rows[:, :, 4:7] = -cross_matrix(around)[:, :2]
+    rows[:, [0, 1], [2, 3]] = 1.0
+    rows[~within(gnss.available, since)] = np.nan
+    noise = np.full(2, gnss.velocity_sigma**2 / mean_of)
+    yield Measurements(rows, noise, every, at_once=True)
+
+
+def _heading_aid(
+    aid: HeadingAid, model: FilterModel, segments: Segments, size: int
+) -> Measurements:
+    """Return what an aid measures of the heading."""
+    every, since, mean_of = _aid_stretches(aid.interval, segments)
+    rows = np.zeros((len(since), 1, size))
+    rotations, geometry = (
+        one[every - 1 :: every] for one in (segments.rotation, segments.geometry)
+    )
+    for row, rotation in zip(rows, rotations, strict=True):
+        row[0, 4:7] = by_attitude(rotation)
+    for name in (f"{aid.prefix}_mounting", f"{aid.prefix}_slow"):
+        if (at := model.places.get(name)) is not None:
+            rows[:, 0, at + STATES - FILTER_STATES] = 1.0
+    seen = within(aid.available, since)
+    if aid.kind == "course":
+        seen &= np.hypot(geometry[:, 1], geometry[:, 2]) >= aid.slowest
     rows[~seen] = np.nan
-    mean_of = max(1.0, segments.dt / gnss.interval)
-    white, speed = gnss.position_sigma**2, (gnss.velocity_sigma or np.inf) ** 2
-    noise = [white, white, *[VERTICAL**2 * white][: axes - 2], speed, speed]
-    yield Measurements(rows, np.array(noise) / mean_of, every, at_once=True)
+    return Measurements(rows, np.array([aid.number("sigma") ** 2 / mean_of]), every, at_once=True)
 
 
 def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:

@@ -12,9 +12,11 @@ from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario
 from isogal.sensors.barometer import simulate_heights
+from isogal.sensors.heading_aid import Headings, simulate_headings
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import simulate_solution
+from isogal.sensors.position_aid import Positions, simulate_positions
 from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
@@ -45,6 +47,10 @@ class SimulatedVehicle:
     solution: Array | None
     """(K + 1, 10) what the INS says (`isogal.inertial.inverse.COLUMNS`), where it gives its
     solution in place of samples; None = it gives samples."""
+    positions: tuple[Positions, ...]
+    """Of one run: what each aid of the scenario's list gives."""
+    headings: tuple[Headings, ...]
+    """Likewise."""
     turn_rate: Array
     """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
     before."""
@@ -109,6 +115,8 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         velocity,
         satellites,
         solution,
+        tuple(simulate_positions(truth, aid, trajectory, [run]) for aid in truth.positions or ()),
+        tuple(simulate_headings(truth, aid, trajectory, [run]) for aid in truth.headings or ()),
         _turn_rate(trajectory),
     )
 

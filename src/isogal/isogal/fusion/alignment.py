@@ -495,7 +495,7 @@ class Alignment:
             return
         self._course = False
         if self.navigator is not None and self.heading_sigma > COURSE_SIGMA:
-            reading = HeadingReading(math.atan2(east, north), COURSE_SIGMA)
+            reading = HeadingReading(math.atan2(east, north), COURSE_SIGMA**2)
             self.navigator.measure(time, reading)
             self._measured.append((time, reading))
 

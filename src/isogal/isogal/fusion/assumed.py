@@ -4,12 +4,13 @@ import math
 
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion import gravity_states, imu_states
+from isogal.fusion.measurements.heading import heading_error_states
 from isogal.fusion.measurements.height import (
     UNKNOWN_HEIGHT,
     height_contents,
     height_error_states,
 )
-from isogal.fusion.measurements.satellites import satellite_error_states
+from isogal.fusion.measurements.position_aid import position_error_states
 from isogal.fusion.measurements.velocity import velocity_error_states
 from isogal.fusion.model import FilterModel
 from isogal.scenario import Assumed
@@ -53,7 +54,12 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         *imu_states.states(scenario),
         *height_error_states(height),
         *velocity_error_states(scenario.velocity),
-        *satellite_error_states(scenario.gnss, height.measured),
+        *(
+            state
+            for aid in scenario.position_aids
+            for state in position_error_states(aid, height.measured)
+        ),
+        *(state for aid in scenario.headings or () for state in heading_error_states(aid)),
     )
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),

@@ -5,7 +5,7 @@ computed with it."""
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -19,8 +19,10 @@ from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
 from isogal.fusion.measurements import (
+    HeadingReading,
     Measurement,
     VelocityReading,
+    position_fix,
     satellite_fix,
     satellite_velocity,
 )
@@ -38,9 +40,11 @@ from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario, Truth
 from isogal.sensors.barometer import simulate_heights
+from isogal.sensors.heading_aid import simulate_headings
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import felt, simulate_solution
+from isogal.sensors.position_aid import simulate_positions
 from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
@@ -207,6 +211,12 @@ class Simulation:
         self._satellites: SatelliteFixes | None = None
         if truth.gnss.used:
             self._satellites = simulate_satellites(truth, trajectory, runs)
+        self._positions = [
+            simulate_positions(truth, aid, trajectory, runs) for aid in truth.positions or ()
+        ]
+        self._headings = [
+            simulate_headings(truth, aid, trajectory, runs) for aid in truth.headings or ()
+        ]
 
     def _batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
@@ -253,7 +263,7 @@ class Simulation:
     def _longest(self) -> float:
         """s from one batch end to the next, at most, and how late satellites are."""
         batches = np.diff(self._time([0, *self.ends, self.scans]))
-        return float(batches.max()) + self.scenario.true.gnss.delay
+        return float(batches.max()) + self.scenario.true.longest_delay
 
     def measurements(self, run: int) -> Arrivals:
         """Return the readings of aids, with their times (s), by the number of IMU intervals before
@@ -266,31 +276,65 @@ class Simulation:
                 reading = VelocityReading.of(settings, velocity)
                 if reading is not None:
                     found[k].append((float(time[k]), reading))
-        if self._satellites is not None:
-            self._add_satellites(self._satellites, run, found)
+        for delay, ends, measured in self._aids(run):
+            late = math.ceil(delay / self.trajectory.dt - 1e-9)
+            for k, each in zip(ends.tolist(), measured, strict=True):
+                if k + late <= len(self.trajectory):
+                    found[k + late] += [(float(time[k]), one) for one in each if one is not None]
         return dict(found)
 
-    def _add_satellites(self, fixes: SatelliteFixes, run: int, found: Arrivals) -> None:
-        """Add what the satellite receiver of a run gives."""
-        gnss, time = self.scenario.gnss, self.trajectory.time
-        height_used = self.scenario.height.measured
-        late = math.ceil(self.scenario.true.gnss.delay / self.trajectory.dt - 1e-9)
+    def _aids(
+        self, run: int
+    ) -> Iterator[tuple[float, Integers, Iterator[tuple[Measurement | None, ...]]]]:
+        """Yield what each aid gives in a run: how late it comes (s), the ends of the steps that it
+        is of, and the measurements of each."""
+        scenario, truth = self.scenario, self.scenario.true
+        if self._satellites is not None:
+            fixes = self._satellites
+            yield truth.gnss.delay, fixes.ends, self._of_satellites(fixes, run)
+        height = scenario.height.measured
+        for aid, true, places in zip(
+            scenario.positions or (), truth.positions or (), self._positions, strict=True
+        ):
+            of_run = places.position[run]
+            yield (
+                true.delay,
+                places.ends,
+                (
+                    (None if np.isnan(one[0]) else position_fix(aid, one, height),)
+                    for one in of_run
+                ),
+            )
+        epoch = scenario.magnetometer.epoch
+        for bow, true_bow, seen in zip(
+            scenario.headings or (), truth.headings or (), self._headings, strict=True
+        ):
+            read = (
+                (None if math.isnan(one) else HeadingReading.of(bow, one, epoch),)
+                for one in seen.heading[run].tolist()
+            )
+            yield true_bow.delay, seen.ends, read
+
+    def _of_satellites(
+        self, fixes: SatelliteFixes, run: int
+    ) -> Iterator[tuple[Measurement | None, ...]]:
+        """Yield position and velocity of each fix of a run."""
+        gnss, height_used = self.scenario.gnss, self.scenario.height.measured
         for k, place, speed in zip(
             fixes.ends.tolist(), fixes.position[run], fixes.velocity[run], strict=True
         ):
-            if np.isnan(place).any() or k + late > len(self.trajectory):
+            if np.isnan(place).any():
+                yield ()
                 continue
             rate = self._imu.angular_rate[run, k - 1]
-            velocity = satellite_velocity(gnss, speed, rate)
-            measured = [satellite_fix(gnss, place, height_used), velocity]
-            found[k + late] += [(float(time[k]), one) for one in measured if one is not None]
+            yield satellite_fix(gnss, place, height_used), satellite_velocity(gnss, speed, rate)
 
     def at_once(self, before: int, scan: int) -> int:
         """Return how many scans may be dealt with at once: all from one to another, or one where
         measurements come late, which change the state of a scan after its reading has been taken.
         """
         aligns = self.scenario.fusion.start == "align"  # that it was at rest is confirmed late
-        return 1 if aligns or self.scenario.true.gnss.delay > 0.0 else scan - before
+        return 1 if aligns or self.scenario.true.longest_delay > 0.0 else scan - before
 
     def advance(
         self, navigator: Navigator, run: int, before: int, scan: int, aids: Arrivals

@@ -20,7 +20,7 @@ integrity    which keys describe the protection level?
 model        which sections has a scenario, and what is assumed or true by it?
 loading      how is a file read, and how are single keys overridden?"""
 
-from isogal.scenario.aids import Deception, Gnss, Height, Velocity
+from isogal.scenario.aids import Deception, Gnss, HeadingAid, Height, PositionAid, Velocity
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
 from isogal.scenario.ins import Ins
@@ -52,6 +52,7 @@ __all__ = [
     "Gradiometer",
     "Gravimeter",
     "Gravity",
+    "HeadingAid",
     "Height",
     "Imu",
     "ImuErrors",
@@ -62,6 +63,7 @@ __all__ = [
     "Map",
     "MapError",
     "Matcher",
+    "PositionAid",
     "Route",
     "Scenario",
     "SensorErrors",

@@ -1,10 +1,22 @@
-"""Sections about height, velocity and position from sensors."""
+"""Sections about height, velocity, position and heading from sensors."""
 
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
 
 from isogal.scenario.section import Document, NonNegative, Positive, Section
+
+
+def _in_order(times: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    for begin, end in times:
+        if not 0.0 <= begin < end:
+            raise ValueError(f"[{begin:g}, {end:g}] is no time from 0 s on")
+    return times
+
+
+Times = Annotated[tuple[tuple[float, float], ...], AfterValidator(_in_order)]
+"""From when to when, s since the start."""
+AidName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 
 class Height(Section):
@@ -122,6 +134,117 @@ class Deception(Section):
     """m of a jump, s of a delay"""
 
 
+class PositionAid(Section):
+    """One of the aids of the list `positions`, which say where the vehicle is: acoustic or radar
+    positions, a camera's, a person's. Errors as those of `Gnss`."""
+
+    errors: ClassVar[tuple[str, ...]] = ("sigma", "correlated_sigma")
+
+    name: AidName | None = None
+    """what it is called, position/NAME/fix; null = position/fix"""
+    available: Times | None = None
+    """when it measures, s since the start: [[from, to], ...]; null = always"""
+    interval: Positive = 10.0
+    """s between fixes; a whole number of the navigator's steps"""
+    sigma: Positive = 10.0
+    """white noise of a position's north and east, m"""
+    correlated_sigma: NonNegative = 0.0
+    """1-sigma of the slowly changing error of north and east, m"""
+    correlation_time: Positive = 600.0
+    """s, its correlation time"""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """of what is measured from the inertial sensors: forward, right, down, m"""
+    delay: NonNegative = 0.0
+    """s by which a fix comes after its own time, which it is stamped with"""
+    height: bool = False
+    """whether it measures the height, too; used where the height is measured at all"""
+    vertical: Positive = 1.0
+    """errors of the height, as a multiple of those to the north or east"""
+    truth: Document = Field(default_factory=dict)
+    """its keys as they really are, where they differ; 3x = three times what is assumed"""
+
+    @property
+    def prefix(self) -> str:
+        """What the names of its states and random streams begin with."""
+        return "position" if self.name is None else f"position_{self.name}"
+
+    @property
+    def unequal(self) -> tuple[float, float, float]:
+        """Errors to the north, east and down as multiples of those to the north."""
+        return (1.0, 1.0, self.vertical)
+
+
+class _SatellitePosition(PositionAid):
+    """The positions of a satellite receiver."""
+
+    @property
+    def prefix(self) -> str:
+        """See `PositionAid`."""
+        return "gnss"
+
+
+class _HeadingKind(NamedTuple):
+    """How well a heading aid of one kind measures unless the scenario says it."""
+
+    sigma: float
+    bias: float
+    correlated_sigma: float
+
+
+HEADINGS = {
+    "antennas": _HeadingKind(3e-3, 5e-3, 0.0),
+    "compass": _HeadingKind(1e-2, 2e-2, 2e-2),
+    "course": _HeadingKind(1e-2, 0.0, 5e-2),
+}
+"""Two antennas a metre or two apart; a magnetic compass, whose declination is that of the main
+field and whose slow error is that of the declination and the deviation; course over ground, which
+differs from the heading by the angle of crab. The numbers are of the order of data sheets."""
+
+
+class HeadingAid(Section):
+    """One of the aids of the list `headings`, which say where the bow points."""
+
+    errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "correlated_sigma")
+
+    name: AidName | None = None
+    """what it is called, heading/NAME/data_raw; null = heading/data_raw"""
+    kind: Literal["antennas", "compass", "course"] = "antennas"
+    """antennas: of a satellite receiver, from true north; compass: from magnetic north; course:
+    over ground, used as heading"""
+    available: Times | None = None
+    """when it measures, s since the start: [[from, to], ...]; null = always"""
+    interval: Positive = 1.0
+    """s between readings; a whole number of the navigator's steps"""
+    sigma: Positive | None = None
+    """white noise, rad; null = of its kind"""
+    bias: NonNegative | None = None
+    """1-sigma of its mounting, a constant, rad; null = of its kind"""
+    correlated_sigma: NonNegative | None = None
+    """1-sigma of what changes slowly, rad: declination and deviation, crab; null = of its kind"""
+    correlation_time: Positive = 600.0
+    """s, its correlation time"""
+    slowest: NonNegative = 1.0
+    """m/s below which a course says nothing of the heading; for kind: course"""
+    delay: NonNegative = 0.0
+    """s by which a reading comes after its own time, which it is stamped with"""
+    truth: Document = Field(default_factory=dict)
+    """its keys as they really are, where they differ; 3x = three times what is assumed"""
+
+    @property
+    def prefix(self) -> str:
+        """What the names of its states and random streams begin with."""
+        return "heading" if self.name is None else f"heading_{self.name}"
+
+    def resolved(self) -> Document:
+        """See `Section`."""
+        values, kind = self.model_dump(), HEADINGS[self.kind]._asdict()
+        return values | {key: kind[key] for key in self.errors if values[key] is None}
+
+    def number(self, key: str) -> float:
+        """Return one of `errors`, that of the kind where it is null."""
+        return float(self.resolved()[key])
+
+
 class Gnss(Section):
     """A satellite receiver: position and velocity where there are satellites. Positions have white
     noise, and an error that changes slowly, which the filter carries as states; vertical errors
@@ -129,7 +252,7 @@ class Gnss(Section):
 
     errors: ClassVar[tuple[str, ...]] = ("position_sigma", "velocity_sigma", "correlated_sigma")
 
-    available: tuple[tuple[float, float], ...] | None = None
+    available: Times | None = None
     """when there are satellites, s since the start: [[from, to], ...]; null = there is no receiver
     """
     interval: Positive = 1.0
@@ -148,17 +271,25 @@ class Gnss(Section):
     """s by which a fix comes after its own time, which it is stamped with"""
     deception: Deception = Deception()
 
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        for begin, end in self.available or ():
-            if not 0.0 <= begin < end:
-                raise ValueError(f"available: [{begin:g}, {end:g}] is no time from 0 s on")
-        return self
-
     @property
     def used(self) -> bool:
         """Whether there is a receiver."""
         return self.available is not None
+
+    @property
+    def positions(self) -> PositionAid:
+        """Its positions, as any other aid's; what they consist of has been checked."""
+        return _SatellitePosition.model_construct(
+            available=self.available,
+            interval=self.interval,
+            sigma=self.position_sigma,
+            correlated_sigma=self.correlated_sigma,
+            correlation_time=self.correlation_time,
+            lever_arm=self.lever_arm,
+            delay=self.delay,
+            height=True,
+            vertical=VERTICAL,
+        )
 
 
 VERTICAL = 1.5

@@ -10,7 +10,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from isogal import plugins
-from isogal.scenario.aids import Gnss, Height, Velocity
+from isogal.scenario.aids import Gnss, HeadingAid, Height, PositionAid, Velocity
 from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, scenarios_of
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
@@ -47,6 +47,14 @@ class Settings(Section):
     height: Height = Height()
     velocity: Velocity = Velocity()
     gnss: Gnss = Gnss()
+    positions: tuple[PositionAid, ...] | None = None
+    """aids that say where the vehicle is: a list of entries with keys name, available, interval,
+    sigma, correlated_sigma, correlation_time, lever_arm, delay, height, vertical, truth; null =
+    none"""
+    headings: tuple[HeadingAid, ...] | None = None
+    """aids that say where the bow points: a list of entries with keys name, kind (antennas,
+    compass, course), available, interval, sigma, bias, correlated_sigma, correlation_time,
+    slowest, delay, truth; null = none"""
     map: Map = Map()
     map_error: MapError = MapError()
     gravity: Gravity = Gravity()
@@ -93,14 +101,35 @@ class Settings(Section):
             "velocity": self.velocity.kind != "none",
             "gnss": self.gnss.used,
         }
-        for name in (name for name, measured in used.items() if measured):
-            steps = getattr(self, name).interval * self.navigation_rate
+        intervals = {name: getattr(self, name).interval for name in used if used[name]}
+        lists: dict[str, tuple[PositionAid | HeadingAid, ...] | None] = {
+            "positions": self.positions,
+            "headings": self.headings,
+        }
+        for key, entries in lists.items():
+            names = [one.name for one in entries or ()]
+            if len({*names}) < len(names):
+                raise ValueError(f"{key}: of two entries of one name, or without one: {names}")
+            intervals |= {f"{key}.{n}": one.interval for n, one in enumerate(entries or ())}
+        for name, interval in intervals.items():
+            steps = interval * self.navigation_rate
             if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
                 raise ValueError(
-                    f"{name}.interval ({getattr(self, name).interval} s) must be a whole number of"
-                    f" steps of the navigator (1/{self.navigation_rate:g} s)"
+                    f"{name}.interval ({interval} s) must be a whole number of steps of the"
+                    f" navigator (1/{self.navigation_rate:g} s)"
                 )
         return self
+
+    @property
+    def position_aids(self) -> tuple[PositionAid, ...]:
+        """All that say where the vehicle is, satellites first."""
+        return (*((self.gnss.positions,) if self.gnss.used else ()), *(self.positions or ()))
+
+    @property
+    def longest_delay(self) -> float:
+        """By how much the aids' measurements may come late, s."""
+        late = [one.delay for one in self.position_aids]
+        return max((*late, *(one.delay for one in self.headings or ())), default=0.0)
 
     @property
     def field_names(self) -> tuple[str, ...]:
@@ -200,8 +229,9 @@ class Scenario(Assumed):
     @property
     def true(self) -> Truth:
         """What really is: the section `truth` merged into the others."""
+        own = self._true_aids
         if not self.truth:
-            return Truth.model_construct(**self._settings)
+            return Truth.model_construct(**self._settings | own)
         check_names(self.truth)
         # of several fields, what is true of readings and maps is so of the entries
         changed = {
@@ -209,7 +239,16 @@ class Scenario(Assumed):
             for name, changes in self.truth.items()
             if self.fields is None or name not in OF_FIELDS
         }
-        return validated(Truth, self._settings | changed, where="truth: ")
+        return validated(Truth, self._settings | changed | own, where="truth: ")
+
+    @property
+    def _true_aids(self) -> Document:
+        """The lists of aids as they really are: each entry has a truth of its own."""
+        return {
+            key: tuple(true_section(key, one, one.truth) for one in entries)
+            for key, entries in (("positions", self.positions), ("headings", self.headings))
+            if entries
+        }
 
     @property
     def informed(self) -> "Scenario":

@@ -38,6 +38,13 @@ SHARED = (
     "velocity.kind",
     "gnss.available",
     "gnss.interval",
+    "positions.name",
+    "positions.available",
+    "positions.interval",
+    "headings.name",
+    "headings.kind",
+    "headings.available",
+    "headings.interval",
 )
 """Keys of them that say what is done rather than how well: the truth cannot differ in them."""
 _MULTIPLE = re.compile(r"\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\s*x\s*")

@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Deception, Truth
-from isogal.scenario.aids import VERTICAL
 from isogal.seeds import generator
-from isogal.sensors.noise import Noise
+from isogal.sensors.position_aid import aid_index, available, curvilinear, with_errors
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -32,33 +30,24 @@ def simulate_satellites(
     truth: Truth, trajectory: Trajectory, runs: Sequence[int]
 ) -> SatelliteFixes:
     """Return what the receivers of some runs give, by the times that it is of."""
-    gnss, step = truth.gnss, truth.steps_per_satellite_fix
-    index = np.arange(step, len(trajectory) + 1, step)
-    time = trajectory.time[index] - trajectory.time[0]
-    seen = np.zeros(len(index), dtype=np.bool_)
-    for begin, end in gnss.available or ():
-        seen |= (time >= begin) & (time <= end)
+    gnss = truth.gnss
+    aid = gnss.positions
+    index = aid_index(truth, aid.interval, trajectory)
     offset, velocity = _antenna(trajectory, gnss.lever_arm)
-    offset = _curvilinear(trajectory, offset)
     true = np.stack([trajectory.latitude, trajectory.longitude, trajectory.height], axis=1)
-    unequal = np.array([1.0, 1.0, VERTICAL])
-    errors = Noise(
-        "gnss",
-        gnss.position_sigma,
-        correlated=gnss.correlated_sigma,
-        correlation_time=gnss.correlation_time,
-    )
-    positions = np.full((len(runs), len(index), 3), np.nan)
-    velocities = np.full_like(positions, np.nan)
+    true += curvilinear(trajectory, offset)
+    places = np.empty((len(runs), len(index), 3))
+    velocities = np.empty_like(places)
     for k, run in enumerate(runs):
-        places, speeds = _believed(
-            gnss.deception, trajectory, true + offset, velocity, _direction(truth.seed, run)
+        place, speed = _believed(
+            gnss.deception, trajectory, true, velocity, _direction(truth.seed, run)
         )
-        error = errors.draw(truth.seed, run, time, (3,)) * unequal
-        positions[k] = places[index] + _curvilinear(trajectory, error, index)
-        noise = generator(truth.seed, run, "gnss_velocity").standard_normal(error.shape)
-        velocities[k] = speeds[index] + (gnss.velocity_sigma or np.nan) * noise * unequal
-    positions[:, ~seen], velocities[:, ~seen] = np.nan, np.nan
+        noise = generator(truth.seed, run, "gnss_velocity").standard_normal(places[k].shape)
+        places[k] = place[index]
+        velocities[k] = speed[index] + (gnss.velocity_sigma or np.nan) * noise * aid.unequal
+    positions = with_errors(truth, aid, trajectory, index, places, runs)
+    hidden = ~available(gnss.available or (), trajectory, index)
+    positions[:, hidden], velocities[:, hidden] = np.nan, np.nan
     return SatelliteFixes(index, positions, velocities)
 
 
@@ -72,14 +61,6 @@ def _antenna(trajectory: Trajectory, arm: tuple[float, float, float]) -> tuple[A
     return to_ned @ np.array(arm), trajectory.velocity + np.einsum(
         "kij,kj->ki", to_ned, np.cross(at, arm)
     )
-
-
-def _curvilinear(trajectory: Trajectory, offset: Array, index: Integers | None = None) -> Array:
-    """Return offsets (N, 3), NED, m, of points of a trajectory as latitude, longitude (rad) and
-    height (m)."""
-    which = slice(None) if index is None else index
-    north, east = metres_per_radian(trajectory.latitude[which], trajectory.height[which])
-    return offset / np.stack([north, east, np.full_like(north, -1.0)], axis=1)
 
 
 def _direction(seed: int, run: int) -> Array:
@@ -110,6 +91,6 @@ def _believed(
     if deception.kind == "walk":
         away = deception.rate * since
         velocity[during] += deception.rate * direction
-    moved = _curvilinear(trajectory, away[:, None] * direction)
+    moved = curvilinear(trajectory, away[:, None] * direction)
     place[during] += moved[during]
     return place, velocity

@@ -21,7 +21,7 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.aids import AIDS, aids_of
+from isogal_ros.messages.aids import AIDS, aids_of, alternatives_of, delays_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.ins_solution import inertial_topics
@@ -82,9 +82,8 @@ class Recorded:
 
     def in_order(self) -> list[tuple[int, Topic, bytes]]:
         """Return when messages come (ns), topics and messages in order of time; of one time in
-        that of `sensors`. They come at their stamps, those of satellites later by their delay."""
-        delay = from_seconds(self.scenario.gnss.delay)
-        late = {topics.GNSS_FIX: delay, topics.GNSS_VELOCITY: delay}
+        that of `sensors`. They come at their stamps, those of aids later by their delay."""
+        late = {topic: from_seconds(one) for topic, one in delays_of(self.scenario).items()}
         found = [
             (ns + late.get(topic, 0), topic, data)
             for topic, messages in self.sensors.items()
@@ -111,7 +110,9 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     raw, inertial = tuple(one.raw for one in each), inertial_topics(scenario.ins)
     if topics.MAGNETIC_FIELD in raw:
         raw += (topics.SCALAR_FIELD,)
-    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*AIDS, *inertial, *raw)}
+    instead = alternatives_of(scenario)
+    aids = tuple(dict.fromkeys((*AIDS, *aids_of(scenario), *instead.values())))
+    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*aids, *inertial, *raw)}
     odometry: dict[int, bytes] = {}
     wanted = (*sensors, topics.NAV_ODOM, *collector.topics())
     for topic, data in wanted_messages(reader, wanted):
@@ -134,7 +135,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
             del sensors[topic]
         sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
     needed = (*inertial, *(one.raw if reduces else one.reduced for one in each))
-    needed += aids_of(scenario)
+    needed += tuple(one for one in aids_of(scenario) if not sensors.get(instead.get(one, one)))
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
     sensed = any(one.raw is topics.GRAVIMETRY for one in each)
     return Recorded(
@@ -142,7 +143,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         int(reader.texts.get("run", 0)),
         collector,
         sensors,
-        tuple(topic for topic in sensors if topic not in (*AIDS, *inertial)),
+        tuple(topic for topic in sensors if topic not in (*aids, *inertial)),
         reduces,
         _start(scenario, collector.first_nav, odometry, first),
         _sigmas_in_vain(recorded, scenario, sensors, reduces),

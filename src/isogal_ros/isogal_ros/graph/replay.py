@@ -20,7 +20,7 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.player import Player
 from isogal_ros.graph.recorded import LATE, Recorded, load
 from isogal_ros.graph.running import Progress, Report, no_report
-from isogal_ros.messages.aids import aids_of
+from isogal_ros.messages.aids import aids_of, alternatives_of
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic
@@ -208,7 +208,8 @@ def _shortcomings(player: Player, answered: int) -> list[str]:
     if fusion.outputs.reached < 0 or all_dropped:
         found.append(f"{unused(inertial, fusion.health.message)}{_PARAMETERS}")
     for topic in aids_of(recorded.scenario):
-        if not fusion.health.figures.get(f"{topic.name} used", 0):
+        instead = alternatives_of(recorded.scenario).get(topic, topic)
+        if not any(fusion.health.figures.get(f"{one.name} used", 0) for one in (topic, instead)):
             no_state = "the filter had no state to which it could apply them"
             found.append(f"{unused(topic, no_state)}{_PARAMETERS}")
     for topic in recorded.readings:

@@ -16,7 +16,7 @@ from isogal.arrays import Array
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.aids import AIDS, aids_of
+from isogal_ros.messages.aids import AIDS, aids_of, alternatives_of
 from isogal_ros.messages.ins_solution import OF_INERTIAL_DATA, inertial_topics
 from isogal_ros.topics import Message, Topic
 
@@ -67,10 +67,12 @@ def adapters_of(scenario: Scenario) -> Iterator[Adapter]:
 
 
 def all_topics(scenario: Scenario) -> tuple[Topic, ...]:
-    """Return the topics of a graph: Isogal's own, and those of the scenario's instrument if
-    another package has added it."""
+    """Return the topics of a graph: Isogal's own, those of the scenario's instrument if another
+    package has added it, and those of the scenario's aids by name."""
     pairs = ((adapter.raw, adapter.reduced) for adapter in adapters_of(scenario))
-    return tuple(dict.fromkeys((*topics.ALL, *(topic for pair in pairs for topic in pair))))
+    aids = *aids_of(scenario), *alternatives_of(scenario).values()
+    instruments = (topic for pair in pairs for topic in pair)
+    return tuple(dict.fromkeys((*topics.ALL, *instruments, *aids)))
 
 
 def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:

@@ -1,6 +1,7 @@
 """Sensors beside the IMU as messages: FluidPressure, NavSatFix and TwistWithCovarianceStamped."""
 
 import math
+import re
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -8,7 +9,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import FluidPressure, NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
-from isogal.scenario import Gnss, Height, Settings
+from isogal.scenario import Gnss, Height, PositionAid, Settings
 from isogal.scenario.aids import VERTICAL
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
 from isogal_ros import topics
@@ -25,6 +26,13 @@ from isogal_ros.topics import Topic
 
 _NOT_MEASURED = -1.0
 """Variance of an axis that a sensor does not measure."""
+OTHER_DATUMS = (
+    "nad27", "nad83", "ed50", "osgb", "pz90", "gcj02", "bd09", "sk42", "pulkovo", "tokyo", "agd",
+    "epsg",
+)  # fmt: skip
+"""What names of datums begin with that are metres to hundreds of metres off WGS 84, in lower case
+and without signs. ITRF, ETRS89 and GDA are within two metres of it (plate motion): taken as it is.
+"""
 AIDS: Mapping[Topic, Callable[[Settings], bool]] = {
     topics.BAROMETER: lambda scenario: scenario.height.measured,
     topics.VELOCITY: lambda scenario: scenario.velocity.kind != "none",
@@ -37,8 +45,27 @@ AIDS: Mapping[Topic, Callable[[Settings], bool]] = {
 
 
 def aids_of(scenario: Settings) -> tuple[Topic, ...]:
-    """Return which of `AIDS` the filter of a scenario takes."""
-    return tuple(topic for topic, used in AIDS.items() if used(scenario))
+    """Return the topics of the sensors beside the IMU that the filter of a scenario takes; of an
+    aid with two of them (`alternatives_of`) the first."""
+    return (
+        *(topic for topic, used in AIDS.items() if used(scenario)),
+        *alternatives_of(scenario),
+        *(topics.heading_topic(aid.name) for aid in scenario.headings or ()),
+    )
+
+
+def alternatives_of(scenario: Settings) -> dict[Topic, Topic]:
+    """Return of topics of `aids_of` that on which the same aid may publish instead."""
+    return dict(topics.position_topics(aid.name) for aid in scenario.positions or ())
+
+
+def delays_of(scenario: Settings) -> dict[Topic, float]:
+    """Return by how much (s) messages come later than their stamps, where they do."""
+    found = dict.fromkeys((topics.GNSS_FIX, topics.GNSS_VELOCITY), scenario.gnss.delay)
+    for aid in scenario.positions or ():
+        found |= dict.fromkeys(topics.position_topics(aid.name), aid.delay)
+    found |= {topics.heading_topic(bow.name): bow.delay for bow in scenario.headings or ()}
+    return found
 
 
 def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Height) -> None:
@@ -111,37 +138,43 @@ def _linear(message: TwistWithCovarianceStamped, turn: Array) -> tuple[Array, Ar
     return velocity, covariance
 
 
-def fill_satellite_fix(message: NavSatFix, ns: int, place: Array, gnss: Gnss) -> None:
-    """Write what a satellite receiver gives.
+def fill_position(message: NavSatFix, ns: int, place: Array, aid: PositionAid) -> None:
+    """Write what an aid gives of the position.
 
     Parameters
     ----------
     ns : int
         Stamp.
     place : (3,) array
-        Latitude, longitude (rad), height (m); NaN = no satellites.
-    gnss : scenario.Gnss
-        What the receiver believes of its errors.
+        Latitude, longitude (rad), height (m); NaN = nothing, no satellites.
+    aid : scenario.PositionAid
+        What it believes of its errors.
     """
     if np.isnan(place).any():
         fill_fix(message, ns, 0.0, 0.0, 0.0, status=NavSatStatus.STATUS_NO_FIX)
         return
-    variance = gnss.position_sigma**2 + gnss.correlated_sigma**2
-    covariance = np.diag([variance, variance, VERTICAL**2 * variance])
+    covariance = np.diag(np.square(aid.unequal)) * (aid.sigma**2 + aid.correlated_sigma**2)
     latitude, longitude, height = place.tolist()
     fill_fix(message, ns, latitude, longitude, height, covariance)
 
 
-def read_satellite_fix(message: NavSatFix) -> tuple[Array, Array | None] | None:
+def read_position_fix(message: NavSatFix) -> tuple[Array, Array | None] | None:
     """Return latitude, longitude (rad), height (m) as (3,), and the covariance (3, 3) NED, m²,
-    None where it is not known; None where the receiver has no fix. The antenna's frame may have
-    any name.
+    None where it is not known; None where the aid has no fix. The frame of what is
+    measured may have any name that is not a datum's.
 
     Raises
     ------
     BadMessageError
-        Not finite, of no place on Earth, or of a covariance that is none.
+        Not finite, of no place on Earth, of another datum than WGS 84, or of a covariance that is
+        none.
     """
+    datum = re.sub(r"[^a-z0-9]", "", message.header.frame_id.lower())
+    if datum.startswith(OTHER_DATUMS):
+        raise BadMessageError(
+            f"frame_id '{message.header.frame_id}' names a datum: a NavSatFix is of WGS 84,"
+            " transform it before"
+        )
     if message.status.status == NavSatStatus.STATUS_NO_FIX:
         return None
     place = np.array(read_position(message, frame=""))

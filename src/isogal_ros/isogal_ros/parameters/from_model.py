@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, JsonValue
+from pydantic import BaseModel, JsonValue, TypeAdapter
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -22,6 +22,8 @@ from isogal.yaml_text import parse_yaml
 
 Schema = Mapping[str, Any]
 """JSON schema, of a model or of a field."""
+
+_ANYTHING = TypeAdapter(Any)
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ class ParameterSpec:
 
 def yaml_line(value: JsonValue) -> str:
     """Return a value as YAML in one line; an empty text for None and for what has no entries."""
-    return yaml.safe_dump(value, default_flow_style=True).strip() if value else ""
+    plain = _ANYTHING.dump_python(value)  # of sections in a list their keys
+    return yaml.safe_dump(plain, default_flow_style=True, width=math.inf).strip() if value else ""
 
 
 def parameter_specs(

@@ -11,7 +11,9 @@ and is used where its normalised innovation squared is within the gate of its di
 model            Measurement (the protocol), Innovation, and the update with rows z, h, H, R
 position         a position, of an antenna or of the inertial sensors
 ground_velocity  a velocity over ground in the navigation frame
-satellites       what a satellite receiver gives, with the slow error of its positions
+position_aid     positions of a scenario's aid, with their slow error as auxiliary states
+satellites       what a satellite receiver gives: such positions, and velocities
+heading          a heading, with its mounting and slow errors as auxiliary states
 information      what a batch of readings says, in information form
 height           a height sensor, with its errors as auxiliary states
 velocity         a velocity aid, with its errors and the current or wind; standstill
@@ -27,6 +29,7 @@ from isogal.fusion.measurements.height import HeightReading
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement, Outcome
 from isogal.fusion.measurements.position import PositionFix
+from isogal.fusion.measurements.position_aid import position_fix
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.satellites import satellite_fix, satellite_velocity
 from isogal.fusion.measurements.velocity import VelocityReading
@@ -45,6 +48,7 @@ __all__ = [
     "VelocityReading",
     "Widening",
     "measurements_of",
+    "position_fix",
     "satellite_fix",
     "satellite_velocity",
 ]

@@ -1,0 +1,87 @@
+"""A simulated sensor of the vehicle's position: satellites, acoustics, radar, a person's fix
+(docs/mathematics.md, section 3.14)."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array, Booleans, Integers
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.rotations import matrix
+from isogal.scenario import PositionAid, Truth
+from isogal.sensors.noise import Noise
+from isogal.sensors.trajectory import Trajectory
+
+
+class Positions(NamedTuple):
+    """What the sensors of R runs give at M times."""
+
+    ends: Integers
+    """(M,) the ends of the steps that they are of, counted from 1."""
+    position: Array
+    """(R, M, 3) latitude, longitude (rad), height (m) of what is measured; NaN = nothing."""
+
+
+def simulate_positions(
+    truth: Truth, aid: PositionAid, trajectory: Trajectory, runs: Sequence[int]
+) -> Positions:
+    """Return what one of the aids as they really are gives in some runs."""
+    index = aid_index(truth, aid.interval, trajectory)
+    offset = matrix(trajectory.attitude[index]) @ np.array(aid.lever_arm)
+    measured = np.stack(
+        [trajectory.latitude[index], trajectory.longitude[index], trajectory.height[index]], axis=1
+    ) + curvilinear(trajectory, offset, index)
+    positions = with_errors(truth, aid, trajectory, index, measured, runs)
+    positions[:, ~available(aid.available, trajectory, index)] = np.nan
+    return Positions(index, positions)
+
+
+def with_errors(
+    truth: Truth,
+    aid: PositionAid,
+    trajectory: Trajectory,
+    index: Integers,
+    places: Array,
+    runs: Sequence[int],
+) -> Array:
+    """Return (R, M, 3) places, (M, 3) or (R, M, 3), with the errors of an aid's positions."""
+    errors = Noise(
+        aid.prefix,
+        aid.sigma,
+        correlated=aid.correlated_sigma,
+        correlation_time=aid.correlation_time,
+    )
+    time = trajectory.time[index] - trajectory.time[0]
+    drawn = [errors.draw(truth.seed, run, time, (3,)) * aid.unequal for run in runs]
+    return places + np.array([curvilinear(trajectory, one, index) for one in drawn])
+
+
+def aid_index(truth: Truth, interval: float, trajectory: Trajectory) -> Integers:
+    """Return (M,) the ends of the steps at which an aid of an interval (s) measures."""
+    step = round(interval * truth.navigation_rate)
+    return np.arange(step, len(trajectory) + 1, step)
+
+
+def available(
+    times: Sequence[tuple[float, float]] | None, trajectory: Trajectory, index: Integers
+) -> Booleans:
+    """Return (M,) whether an aid measures then: always, or between times since the start (s)."""
+    since = trajectory.time[index] - trajectory.time[0]
+    return within(times, since)
+
+
+def within(times: Sequence[tuple[float, float]] | None, since: Array) -> Booleans:
+    """Return (M,) whether times since the start (s) are within those of a list; None = all."""
+    seen = np.full(len(since), times is None)
+    for begin, end in times or ():
+        seen |= (since >= begin) & (since <= end)
+    return seen
+
+
+def curvilinear(trajectory: Trajectory, offset: Array, index: Integers | None = None) -> Array:
+    """Return offsets (N, 3), NED, m, of points of a trajectory as latitude, longitude (rad) and
+    height (m)."""
+    which = slice(None) if index is None else index
+    north, east = metres_per_radian(trajectory.latitude[which], trajectory.height[which])
+    return offset / np.stack([north, east, np.full_like(north, -1.0)], axis=1)

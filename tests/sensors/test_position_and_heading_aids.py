@@ -1,0 +1,79 @@
+"""Simulated sensors of position and heading."""
+
+import math
+
+import numpy as np
+import pytest
+
+from isogal.earth.frames import LocalFrame
+from isogal.errors import InputError
+from isogal.inertial.rotations import matrix
+from isogal.scenario import load_scenario
+from isogal.sensors.heading_aid import declination, simulate_headings
+from isogal.sensors.magnetometer import field_vector
+from isogal.sensors.position_aid import simulate_positions
+from isogal.sensors.trajectory import build_trajectory
+
+TURNS = "route.waypoints=[[-37.9, 144.8, 22], [-37.85, 144.9, 18], [-37.95, 144.95, 25]]"
+
+
+def scene(*more):
+    it = load_scenario(None, ["route.duration=600", TURNS, *more])
+    return it, build_trajectory(it)
+
+
+def test_a_position_is_that_of_its_arm_with_errors_as_large_as_told() -> None:
+    """400 runs, sizes within 5 %: more than four standard deviations of such an estimate."""
+    it, trajectory = scene("positions=[{sigma: 8, correlated_sigma: 6, lever_arm: [3, -1, 40]}]")
+    fixes = simulate_positions(it.true, it.true.positions[0], trajectory, range(400))
+    error = np.empty_like(fixes.position)
+    for k, step in enumerate(fixes.ends):
+        origin = trajectory.latitude[step], trajectory.longitude[step], trajectory.height[step]
+        enu = LocalFrame(*origin).from_geodetic(*np.moveaxis(fixes.position[:, k], -1, 0))
+        arm = matrix(trajectory.attitude[step]) @ [3.0, -1.0, 40.0]
+        error[:, k] = enu[:, [1, 0, 2]] * [1.0, 1.0, -1.0] - arm
+    np.testing.assert_allclose(error.std(axis=0).mean(axis=0), 10.0, rtol=0.05)
+    np.testing.assert_allclose(error.mean(axis=(0, 1)), 0.0, atol=1.0)
+
+
+@pytest.mark.parametrize("kind", ["antennas", "compass", "course"])
+def test_a_heading_is_that_of_the_bow(kind) -> None:
+    exact = "sigma: 1e-9, bias: 0, correlated_sigma: 0"
+    it, trajectory = scene(f"headings=[{{kind: {kind}, {exact}}}]")
+    seen = simulate_headings(it.true, it.true.headings[0], trajectory, [0])
+    true = np.arctan2(*matrix(trajectory.attitude[seen.ends])[:, [1, 0], 0].T)
+    # the declination near Melbourne is 11.9 degrees east (IGRF, 2025)
+    east = math.radians(11.9) if kind == "compass" else 0.0
+    off = np.remainder(seen.heading[0] + east - true + math.pi, 2.0 * math.pi) - math.pi
+    np.testing.assert_allclose(off, 0.0, atol=5e-3 if east else 1e-6)
+
+
+def test_declination_between_points_of_the_grid() -> None:
+    """Within a milliradian of the field at the place itself, at mid latitudes."""
+    for latitude, longitude in ((-37.8, 144.7), (51.3, -0.2), (33.33, 179.9), (10.1, -179.8)):
+        north, east, _ = field_vector([latitude], [longitude], 0.0, 2025.0)[0]
+        there = declination(math.radians(latitude), math.radians(longitude), 2025.0)
+        assert there == pytest.approx(math.atan2(east, north), abs=1e-3)
+
+
+def test_the_truth_of_an_entry_is_its_own() -> None:
+    it, _ = scene("positions=[{sigma: 8, truth: {sigma: 3x}}, {name: usbl}]")
+    assert [one.sigma for one in it.true.positions] == [24.0, 10.0]
+    assert [one.sigma for one in it.positions] == [8.0, 10.0]
+
+
+@pytest.mark.parametrize(
+    ("bad", "says"),
+    [
+        ("positions=[{}, {}]", "two entries of one name"),
+        ("positions=[{name: A b}]", "name"),
+        ("positions=[{interval: 0.3}]", "positions.0.interval"),
+        ("positions=[{available: [[5, 1]]}]", "no time from 0 s on"),
+        ("positions=[{truth: {interval: 5}}]", "cannot differ"),
+        ("headings=[{kind: sextant}]", "kind"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(bad, says) -> None:
+    with pytest.raises(InputError, match=says) as caught:
+        load_scenario(None, [bad])
+    assert "\n" not in str(caught.value)
