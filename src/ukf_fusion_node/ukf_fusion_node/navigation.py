@@ -28,6 +28,8 @@ from ukf_fusion_node.start import initial_state, start_ns
 from ukf_fusion_node.unresolved_gap import UnresolvedGap
 from ukf_fusion_node.upright import Upright
 
+ROUNDED = 0.05
+"""By which the samples may come faster than a multiple of the rate of odometry."""
 SAID_NS = 1_000_000_000
 """How long missing samples of a fast IMU are the node's state, in the time of the stamps."""
 
@@ -229,8 +231,28 @@ class Navigation:
         missing = self._stream.missing
         for step in self._stream.take(ns, force, rate):
             self._advance(step.ns, step.force, step.rate, step.missing)
+            self.rate = rate
             yield
         self._note_samples(self._stream, self._stream.missing - missing)
+
+    def between(self) -> tuple[int, FilterState, Array] | None:
+        """Return stamp, state and angular rate of the newest sample of a fast IMU where that is
+        within a step and odometry is due (`odometry_rate`); None = it is not.
+
+        The state of the last step is carried by the samples since then; the filter takes them only
+        with the step that they make."""
+        stream, most = self._stream, self._settings.odometry_rate
+        if stream is None or self.navigator is None or not stream.pending or most == 0.0:
+            return None
+        every = max(1, math.ceil(stream.measured_rate / most - ROUNDED))
+        if stream.pending % every:
+            return None
+        one = stream.unfinished()
+        sample = one.force, one.rate, self._height, one.missing
+        try:
+            return one.ns, self.navigator.carried(to_seconds(one.ns), *sample), stream.newest_rate
+        except FilterDivergenceError:  # the step says so
+            return None
 
     def _advance(self, ns: int, force: Array, rate: Array, missing: float) -> None:
         assert self.navigator is not None
