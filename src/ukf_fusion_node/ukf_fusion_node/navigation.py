@@ -99,8 +99,13 @@ class Navigation:
         Samples that were found untrue are forgotten (`back`), what was published of them is not:
         until there are later ones, it is what becomes of the state until the newest stamp
         published, if the vehicle goes on as it did."""
-        self._published = max(self.ns, self._published)
+        self._published = self.reached
         return self._published, self._state_at(self._published), self.rate
+
+    @property
+    def reached(self) -> int:
+        """The stamp (ns) of `latest`."""
+        return max(self.ns, self._published)
 
     def matched(self, ns: int) -> None:
         """Note the stamp of a fix that has been dealt with, or of a batch without one."""

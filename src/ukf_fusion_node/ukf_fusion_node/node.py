@@ -122,7 +122,7 @@ class UkfFusionNode(GraphNode):
     def _within(self) -> bool:
         """Whether odometry has been published of a time after the newest step."""
         begun = self._navigation.navigator is not None
-        return begun and self.outputs.newest > self._navigation.ns
+        return begun and self.outputs.newest > self._navigation.reached
 
     def _reset(self) -> str:
         self.outputs.newest, self._pose = -1, None

@@ -212,7 +212,8 @@ def _start(
     Parameters
     ----------
     fixes, odometry : dict
-        Serialised messages on nav/fix and nav/odom by stamp (ns); of the latter those up to the first that both have.
+        Serialised messages on nav/fix and nav/odom by stamp (ns); of the latter those up to
+        the first that both have.
     first : int
         Stamp (ns) of the first IMU sample, before which the filter starts by one interval.
     """
