@@ -444,7 +444,7 @@ class GraphNode(LifecycleNode):
             self._stood_still += 1
             self.health.figures["stood still"] = self._stood_still
             text = (
-                f"stood still for {stood:.0f} s; what came after the first {LEASE:.0f} s is lost"
+                f"stood still for {stood:.0f} s; others took it for gone, what they said is lost"
             )
             self.health.concern("standing still", text, ERROR)
             self._told_still = time.monotonic()

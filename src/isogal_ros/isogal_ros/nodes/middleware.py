@@ -14,8 +14,8 @@ PROFILES = {
 only: with a file that does not say how messages are kept it would mean something else than
 usual."""
 LEASE = 20.0
-"""s of wall time after which Fast DDS takes a process that says nothing for gone, and keeps
-nothing for it any more."""
+"""s of wall time after which Fast DDS takes a process that says nothing for gone, and drops
+all that it keeps for it."""
 
 
 def set_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
