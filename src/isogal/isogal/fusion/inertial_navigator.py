@@ -10,16 +10,16 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.measurements import GroundVelocity, Innovation, Measurement, PositionFix
+from isogal.fusion.measurements import Innovation, Measurement
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
+from isogal.fusion.satellite_monitor import SatelliteMonitor, Without, by_itself, of_aid
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
 
@@ -56,6 +56,10 @@ class _Segment:
         """s."""
         return float(self.time[-1])
 
+    def goes_on(self, later: "_Segment") -> bool:
+        """Whether a later segment's samples follow on this one's as if of the same segment."""
+        return later.change is None and abs(later.dt - self.dt) < AT_ONCE
+
     def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "_Segment":
         """Return the samples from one to before another, less two times (s) at the beginning and
         at the end, which may be of a single sample."""
@@ -91,26 +95,25 @@ class _Segment:
         return parts
 
 
-class _Unaided(NamedTuple):
-    """What would be known without satellites after a time."""
-
-    since: float
-    """That time, s."""
-    time: float
-    """What is known when, s."""
-    after: Mixture
-    aided: bool
-    """Whether there have been any."""
+def _joined(segments: Sequence[_Segment]) -> _Segment:
+    """Return segments of which each goes on from the one before as one, without measurements."""
+    if len(segments) == 1:
+        return segments[0]
+    return replace(
+        segments[0],
+        time=np.concatenate([one.time for one in segments]),
+        force=np.concatenate([one.force for one in segments]),
+        rate=np.concatenate([one.rate for one in segments]),
+        height=np.concatenate([one.height for one in segments]),
+        track=np.concatenate([one.track for one in segments]),
+        measurements=[],
+    )
 
 
 def track_row(state: FilterState) -> Array:
     """Return (13,) the track's row of a state."""
     of_position = state.covariance[:2, :2].ravel()[[0, 1, 3]]
     return np.concatenate([*state.estimate, of_position])
-
-
-AIDS = PositionFix, GroundVelocity
-"""Measurements that say where the vehicle is, beside the map."""
 
 
 class InertialNavigator:
@@ -144,9 +147,10 @@ class InertialNavigator:
         self.model = model
         self.horizon = horizon
         self.motion = motion or UnknownMotion()
-        self._unaided: _Unaided | None = None
+        self._unaided: Without | None = None
         self._newest_aid = -math.inf
-        """Time of the newest of `AIDS`, s."""
+        """Time of the newest measurement of an aid that says where the vehicle is, s."""
+        self.satellites = SatelliteMonitor()
         force, rate = steady_sample(state) if sample is None else sample
         self._segments = [
             _Segment(
@@ -182,6 +186,11 @@ class InertialNavigator:
         """The newest state; do not change it. While it is open whether there was a manoeuvre in a
         gap, mean and covariance over both."""
         return self._segments[-1].after.merged
+
+    @property
+    def known(self) -> Mixture:
+        """All that is known at the newest sample; do not change it."""
+        return self._segments[-1].after
 
     @property
     def undecided(self) -> bool:
@@ -257,6 +266,8 @@ class InertialNavigator:
             reason = self._impossible(time)
             if reason is not None:
                 return [Innovation.refused(reason)] * len(measurements)
+        if (untrusted := self.satellites.untrusted(self, measurements)) is not None:
+            return untrusted
         for time, _ in measurements:
             self._segment_at(time)
         indices = [self._index(time) for time, _ in measurements]
@@ -264,7 +275,7 @@ class InertialNavigator:
             (self._segments[k], one) for k, (_, one) in zip(indices, measurements, strict=True)
         ]
         first = min(indices)
-        aids = [time for time, one in measurements if isinstance(one, AIDS)]
+        aids = [time for time, one in measurements if of_aid(one)]
         self._newest_aid = max([self._newest_aid, *aids])
         oldest = min(time for time, _ in measurements)
         if self._unaided is not None and oldest <= self._unaided.time + AT_ONCE:
@@ -280,6 +291,8 @@ class InertialNavigator:
             self._segments[first].after = before
             self._replay(first + 1)
             return [Innovation.refused(str(error))] * len(measurements)
+        for (time, one), result in zip(measurements, results, strict=True):
+            self.satellites.note(self, time, one, result)
         return results
 
     def _apply(
@@ -350,17 +363,41 @@ class InertialNavigator:
         before = self._unaided
         if before is None or before.since != since:
             after = self._segments[self._index(since)].after
-            before = _Unaided(since, since, after, False)
-        aided, one = before.aided, before.after
+            before = Without(since, since, after)
+        self._unaided = self.later(before)
+        return self._unaided.after.merged
+
+    def later(self, before: Without, source: str = "") -> Without:
+        """Return what is known at the newest sample without an aid, by its name, or without all
+        that say where the vehicle is, and without what fixes say."""
+        one, waiting = before.after, list[_Segment]()
         for segment in self._segments[self._index(before.time) + 1 :]:
-            one, _ = self._carried(one, segment)
-            for measurement in segment.measurements:
-                if isinstance(measurement, AIDS):
-                    aided = True
-                else:
+            if waiting and not waiting[-1].goes_on(segment):
+                one, _ = self._carried(one, _joined(waiting))
+                waiting = []
+            waiting.append(segment)
+            used = [m for m in segment.measurements if not of_aid(m, source) and by_itself(m)]
+            if used:
+                one, _ = self._carried(one, _joined(waiting))
+                waiting = []
+                for measurement in used:
                     one.update(measurement, self.model)
-        self._unaided = _Unaided(since, self.time, one, aided)
-        return one.merged if aided else None
+        if waiting:
+            one, _ = self._carried(one, _joined(waiting))
+        return Without(before.since, self.time, one)
+
+    def forget(self, source: str, without: Without) -> None:
+        """Go on from what is known without an aid since a time: measurements of it after that
+        never were."""
+        self._unaided = None
+        first = self._index(without.since) + 1
+        for segment in self._segments[first:]:
+            segment.measurements[:] = [m for m in segment.measurements if not of_aid(m, source)]
+        if self._segments[0].end <= without.since + AT_ONCE:
+            self._replay(first)
+        else:
+            del self._segments[:-1]
+            self._segments[0].after = without.after
 
     def forecast(self, time: float, height: float = np.nan) -> FilterState:
         """Return the state at a later time, if the vehicle goes on as it does (a known height, m,

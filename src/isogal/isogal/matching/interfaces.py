@@ -131,6 +131,8 @@ class Batch:
     them are those of when they were sensed; None = those of the last row."""
     correction: Array | None = None
     """(7,) change of the navigator's estimate since the last batch; None = not known."""
+    satellites: bool = False
+    """Whether the navigator may have satellites."""
     aided: Aided | None = None
     """What satellites have told the navigator since the last batch; None = nothing."""
     secondary: "tuple[SecondaryBatch, ...]" = ()

@@ -60,6 +60,7 @@ class MapMatching:
         self.lead = UpdateSchedule.of(scenario.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
+        self._satellites = scenario.gnss.used
         self._sigmas = [one.gravimeter.sigma for one in scenario.each_field]
 
     @property
@@ -131,8 +132,8 @@ class MapMatching:
         if declined_for is not None and collected is not None:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
-        if aided is not None:
-            batch = replace(batch, aided=aided)
+        if self._satellites:
+            batch = replace(batch, satellites=True, aided=aided)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)
         seconds = clock.perf_counter() - begun

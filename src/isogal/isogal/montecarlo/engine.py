@@ -270,7 +270,12 @@ class Simulation:
         return np.asarray(self._readings[field][run, scans - 1])
 
     def read(
-        self, navigator: Navigator, run: int, before: int, scan: int, recorder: Recorder
+        self,
+        navigator: Navigator,
+        run: int,
+        before: int,
+        scan: int,
+        recorder: Recorder | None = None,
     ) -> None:
         """Give the navigator of a run the readings after one scan and up to another."""
         for field, every in enumerate(self._every):
@@ -279,7 +284,7 @@ class Simulation:
                 continue
             sensed = self.sensed(field, run, scans // every)
             reduced = navigator.read(field, self._time(scans), sensed)
-            if field == 0 and run == 0:
+            if recorder is not None and field == 0 and run == 0:
                 seen = navigator.inertial.track(self._time(scans))
                 recorder.write_readings(scans - 1, reduced, seen)
 

@@ -3,7 +3,7 @@
 import socket
 from collections.abc import Sequence
 from types import ModuleType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
@@ -103,10 +103,10 @@ class MavlinkNode(GraphNode):
         self.health.figures["sent"] = self._sent
         self.health.state(OK, "sending")
 
-    def _send(self, message: object) -> None:
+    def _send(self, message: Any) -> None:
         try:
             # the sequence number is that of this sender
-            self._socket.sendto(message.pack(self._mavlink), self._to)  # type: ignore[attr-defined]
+            self._socket.sendto(message.pack(self._mavlink), self._to)
             self._mavlink.seq = (self._mavlink.seq + 1) % 256
             self.health.concern("sending", None)
         except OSError as error:

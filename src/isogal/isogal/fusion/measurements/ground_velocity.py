@@ -27,6 +27,8 @@ class GroundVelocity:
     """(3, 3) of its white noise, (m/s)²."""
     relative: Array
     """(3,) m/s, body axes: w x l, of the antenna relative to the inertial sensors."""
+    source: str = ""
+    """Which aid it is of."""
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""

@@ -39,8 +39,9 @@ class PositionFix:
     """m; None = not measured, or known better."""
     lever_arm: tuple[float, float, float] = NO_LEVER
     """m, forward, right, down."""
-    error: str = ""
-    """What the names of the auxiliary states of its slowly changing error begin with."""
+    source: str = ""
+    """Which aid it is of, with which the names of the auxiliary states of its slowly changing
+    error begin; empty = the map."""
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
@@ -56,7 +57,7 @@ class PositionFix:
             arm = matrix(state.attitude) @ self.lever_arm
             H[:, 6:9], expected = -cross_matrix(arm)[:size], expected + arm[:size]
         for k, axis in enumerate(AXES[:size]):
-            at = model.places.get(f"{self.error}_{axis}")
+            at = model.places.get(f"{self.source}_{axis}")
             if at is not None:
                 H[k, at] = 1.0
                 expected[k] += state.auxiliary[at - FILTER_STATES]

@@ -81,4 +81,4 @@ def satellite_velocity(
     if covariance is not None:
         known = np.flatnonzero(np.diag(covariance) > 0.0)
         R[np.ix_(known, known)] = np.asarray(covariance)[np.ix_(known, known)]
-    return GroundVelocity(velocity, R, np.cross(turn_rate, gnss.lever_arm))
+    return GroundVelocity(velocity, R, np.cross(turn_rate, gnss.lever_arm), GNSS)

@@ -24,7 +24,7 @@ from isogal.arrays import Array
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, SecondaryBatch, declined
 from isogal.matching.pmht.cells import SURE
-from isogal.matching.pmht.diverged import decided, pursued
+from isogal.matching.pmht.diverged import decided, pursued, undeceived
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
@@ -108,6 +108,8 @@ class Pmht:
         diverged = memory.diverged.with_last(last)
         diverged = pursued(diverged, lead, field_map)
         memory, found = decided(replace(memory, diverged=diverged), self.lead, field_map)
+        if not found:
+            memory, found = undeceived(memory, self.lead)
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory
