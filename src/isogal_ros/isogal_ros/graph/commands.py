@@ -144,14 +144,12 @@ def replay_command(
         Folder of summary, report and figures.
     scenario : Scenario, optional
         None = the bag's own.
-    overrides, parameters : sequence of str
-        Changed keys of the scenario, and own parameters of the filter's node.
-    remap : sequence of str
-        Rules FROM:=TO for the recorded topics.
+    overrides, parameters, remap : sequence of str
+        Changed keys of the scenario, own parameters of the filter's node, and rules FROM:=TO for
+        the recorded topics.
     tolerance : float or None
-        m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any
-        difference where the scenario or a parameter is another, and none where the recording has
-        no fixes.
+        m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any where
+        the user has changed something, and none where the recording has no fixes.
     json : bool
         Whether the result is printed as JSON.
 

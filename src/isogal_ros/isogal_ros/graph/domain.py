@@ -41,7 +41,7 @@ _LOOKER = f"isogal_domain_check_{os.getpid()}"
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
     """Return what an environment lacks for the graph and says nothing else about."""
-    wanted = DISCOVERY | environment
+    wanted = {**DISCOVERY, **environment}
     set_profiles(wanted)
     return {name: value for name, value in wanted.items() if name not in environment}
 

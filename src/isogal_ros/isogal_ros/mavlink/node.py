@@ -67,7 +67,7 @@ class MavlinkNode(GraphNode):
         self._silence, self._frame = Silence(), map_frame(self.scenario)
         self._interval = from_seconds(1.0 / self.settings.rate)
         self._last: int | None = None
-        self._sent = 0
+        self._count = 0
         self.listen(topics.INFORMATION, self._take_information)
         self.listen(topics.DIAGNOSTICS, self._take_diagnostics)
         self.listen(topics.NAV_FIX, self._take_fix)
@@ -99,8 +99,8 @@ class MavlinkNode(GraphNode):
         else:
             made = vision_position_estimate(self._dialect, message, self._silence.resets)
         self._send(made)
-        self._sent += 1
-        self.health.figures["sent"] = self._sent
+        self._count += 1
+        self.health.figures["sent"] = self._count
         self.health.state(OK, "sending")
 
     def _send(self, message: Any) -> None:
