@@ -208,3 +208,14 @@ def test_every_compiled_function_is_a_kernel() -> None:
         assert digest(compiled), compiled
     sources: list[Any] = [path for path in LIBRARY.rglob("*.py") if path.name != "compiled.py"]
     assert [path for path in sources if "njit" in path.read_text()] == []
+
+
+def test_compiling_is_said_once_and_not_where_all_is_on_disk(folder: Path) -> None:
+    code = (
+        "from isogal.compiled import tell_of_compiling\n"
+        "tell_of_compiling(lambda: print('compiles'))\n"
+        "from caller import twice\n"
+        "print(twice(1.0), twice(1))"
+    )
+    assert run(folder, code).split() == ["compiles", "22.0", "22.0"]
+    assert run(folder, code).split() == ["22.0", "22.0"]

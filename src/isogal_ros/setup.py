@@ -6,7 +6,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(),
-    package_data={f"{PACKAGE}.graph": ["*.xml"]},
+    package_data={f"{PACKAGE}.nodes": ["*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -20,7 +20,10 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     entry_points={
-        "console_scripts": ["isogal_recorder = isogal_ros.bags.recorder:main"],
+        "console_scripts": [
+            "isogal_recorder = isogal_ros.bags.recorder:main",
+            "isogal_mavlink = isogal_ros.mavlink.node:main",
+        ],
         "isogal.message_adapters": [
             "gravity = isogal_ros.messages.gravimeter:gravity",
             "disturbance = isogal_ros.messages.gravimeter:disturbance",

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.dispatcher import Dispatcher
 
@@ -55,6 +56,27 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
         with contextlib.suppress(RuntimeError):  # numba finds no folder to write to
             compiled._cache = _KernelCache(function)
     return compiled
+
+
+class _Compiling(event.Listener):
+    """Calls something once, when a function is compiled that is not on disk."""
+
+    def __init__(self, say: Callable[[], None]) -> None:
+        self._say: Callable[[], None] | None = say
+
+    def on_start(self, event: event.Event) -> None:
+        say, self._say = self._say, None
+        if say is not None:
+            say()
+
+    def on_end(self, event: event.Event) -> None:
+        """Nothing is to be said."""
+
+
+def tell_of_compiling(say: Callable[[], None]) -> None:
+    """Call `say` once, when the first function is compiled from now on: not where all are on
+    disk."""
+    event.register("numba:compile", _Compiling(say))
 
 
 def digest(compiled: Any) -> str:

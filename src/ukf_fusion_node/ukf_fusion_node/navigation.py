@@ -32,6 +32,8 @@ from ukf_fusion_node.upright import Upright
 
 REACH = 1.2
 """Lags that the history goes back where states are smoothed, which is done by a tenth of it."""
+ROUNDED = 0.05
+"""By which the samples may come faster than a multiple of the rate of odometry."""
 SAID_NS = 1_000_000_000
 """How long missing samples of a fast IMU are the node's state, in the time of the stamps."""
 
@@ -111,8 +113,13 @@ class Navigation:
         Samples that were found untrue are forgotten (`back`), what was published of them is not:
         until there are later ones, it is what becomes of the state until the newest stamp
         published, if the vehicle goes on as it did."""
-        self._published = max(self.ns, self._published)
+        self._published = self.reached
         return self._published, self._state_at(self._published), self.rate
+
+    @property
+    def reached(self) -> int:
+        """The stamp (ns) of `latest`."""
+        return max(self.ns, self._published)
 
     def matched(self, ns: int) -> None:
         """Note the stamp of a fix that has been dealt with, or of a batch without one."""
@@ -274,8 +281,30 @@ class Navigation:
         missing = self._stream.missing
         for step in self._stream.take(ns, force, rate):
             self._advance(step.ns, step.force, step.rate, step.missing)
+            self.rate = rate
             yield
         self._note_samples(self._stream, self._stream.missing - missing)
+
+    def between(self) -> tuple[int, FilterState, Array] | None:
+        """Return stamp, state and angular rate of the newest sample of a fast IMU where that is
+        within a step and odometry is due (`odometry_rate`); None = it is not.
+
+        The state of the last step is carried by the samples since then; the filter takes them only
+        with the step that they make."""
+        stream, most, navigator = self._stream, self._settings.odometry_rate, self.navigator
+        if stream is None or not stream.pending or most == 0.0:
+            return None
+        if not isinstance(navigator, InertialNavigator):  # there is none, or it is being aligned
+            return None
+        every = max(1, math.ceil(stream.measured_rate / most - ROUNDED))
+        if stream.pending % every:
+            return None
+        one = stream.unfinished()
+        sample = one.force, one.rate, self._height, one.missing
+        try:
+            return one.ns, navigator.carried(to_seconds(one.ns), *sample), stream.newest_rate
+        except FilterDivergenceError:  # the step says so
+            return None
 
     def _advance(self, ns: int, force: Array, rate: Array, missing: float) -> None:
         assert self.navigator is not None

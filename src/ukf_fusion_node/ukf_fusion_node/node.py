@@ -34,7 +34,8 @@ from ukf_fusion_node.watch import Leaps, LoneSamples, StuckError, Watch
 
 class UkfFusionNode(GraphNode):
     """Advances with each IMU sample, or with each step that the samples of a fast IMU make, and
-    publishes nav/* of its newest stamp after each and after each fix."""
+    publishes nav/* of its newest stamp after each and after each fix; within such a step nav/odom
+    alone. What would change the state of a step already left behind so waits for the next."""
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter", "map",
@@ -74,6 +75,8 @@ class UkfFusionNode(GraphNode):
         whole = self.listen(topics.INFORMATION, self._take_whole)
         ahead = from_seconds(self.settings.max_gap)
         self._fixes = FixQueue(whole.get_publisher_count, ahead, self.monotonic)
+        self._pose: PoseWithCovarianceStamped | None = None
+        """That waits for the end of a step."""
         self.offer_reset(self._reset)
         self.watch("silent", lambda: self._watch.silent, ERROR)
 
@@ -85,6 +88,7 @@ class UkfFusionNode(GraphNode):
 
     def _reset(self) -> str:
         self._smoothed.begin_anew()
+        self.outputs.newest, self._pose = -1, None
         return self._navigation.reset()
 
     def _hold(self, message: Imu | Solution) -> None:
@@ -139,17 +143,35 @@ class UkfFusionNode(GraphNode):
         elif interval is None:
             self._leaps.check(ns, self._navigation.ns)
         for _ in self._navigation.sample(ns, force, rate, interval):
-            self._aids.apply(self._navigation.navigator, self._navigation.ns)
-            self._publish()
-            if self._fixes:
-                self._settle()
-            self._smoothed.publish(self.navigator)
-            self._navigation.keep()
+            self._step()
+        if (between := self._navigation.between()) is not None:
+            self.outputs.publish_odometry(*between)
         self.health.concern("stuck", self._watch.stuck)
         self.health.concern("gap", self._navigation.unresolved)
         self.health.tick(ns)
 
+    def _step(self) -> None:
+        """Publish what a step has led to, then use what has waited for its end."""
+        self._aids.apply(self._navigation.navigator, self._navigation.ns)
+        self._publish()
+        if self._fixes:
+            self._settle()
+        if self._pose is not None:
+            pose, self._pose = self._pose, None
+            self.guard(topics.INITIAL_POSE, self._take_pose, pose)
+        self._smoothed.publish(self.navigator)
+        self._navigation.keep()
+
+    @property
+    def _within(self) -> bool:
+        """Whether odometry has been published of a time after the newest step."""
+        begun = self._navigation.navigator is not None
+        return begun and self.outputs.newest > self._navigation.reached
+
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
+        if self._within:
+            self._pose = message
+            return
         start = self._navigation.start_state()
         speed = float(np.hypot(*start.velocity[:2]))
         self._navigation.place(placed(start, message, self._frame, speed))
@@ -170,6 +192,8 @@ class UkfFusionNode(GraphNode):
 
     def _settle(self) -> None:
         """Apply the fixes that need not wait, and answer each, even one that is dropped."""
+        if self._within:
+            return
         for ns, content in self._fixes.due(self._navigation.ns):
             self.guard(topics.FIX, self._corrections.apply, self._navigation.navigator, content)
             self._navigation.matched(ns)
@@ -178,7 +202,7 @@ class UkfFusionNode(GraphNode):
     def _answer(self) -> None:
         """Publish nav/* after a fix: a lock-step simulation waits for that."""
         self.answered += 1
-        if self._navigation.navigator is not None:
+        if self._navigation.navigator is not None and not self._within:
             self._publish()
             self._navigation.keep()  # the fix does not come again
 

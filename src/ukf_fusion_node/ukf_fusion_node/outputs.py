@@ -31,6 +31,8 @@ class Outputs:
     def __init__(self, node: GraphNode) -> None:
         self.reached = -1
         """Stamp of the newest state published, ns; -1 = none."""
+        self.newest = -1
+        """Stamp of the newest odometry, which may be within a step, ns; -1 = none."""
         self._frame = map_frame(node.scenario)
         self._interval = from_seconds(node.settings.path_interval)
         self._fix, self._odom = node.advertise(topics.NAV_FIX), node.advertise(topics.NAV_ODOM)
@@ -59,11 +61,8 @@ class Outputs:
         self.reached = ns
         covariance = state.covariance
         latitude, longitude, height = state.position.tolist()
-        nav = np.concatenate(state.estimate)
-        turn_rate = state.turn_rate(angular_rate)
         # odometry first: a lock-step simulation goes on with it while the rest is made
-        fill_odom(self._m_odom, ns, self._frame, nav, turn_rate, covariance)
-        self._odom.publish(self._m_odom)
+        self._publish_odometry(ns, state, angular_rate)
         if aligned:
             promise = self._integrity
             self._m_level.data = float(
@@ -79,6 +78,17 @@ class Outputs:
             return
         self._transforms.publish(ns, self._m_odom.pose.pose)
         self._extend_path(ns)
+
+    def publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
+        """Publish a state within a step on nav/odom and /tf only."""
+        self._publish_odometry(ns, state, angular_rate)
+        self._transforms.publish(ns, self._m_odom.pose.pose)
+
+    def _publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
+        self.newest = ns
+        nav, turn_rate = np.concatenate(state.estimate), state.turn_rate(angular_rate)
+        fill_odom(self._m_odom, ns, self._frame, nav, turn_rate, state.covariance)
+        self._odom.publish(self._m_odom)
 
     def _extend_path(self, ns: int) -> None:
         poses = self._m_path.poses

@@ -43,6 +43,15 @@ class UkfFusionSettings(NodeSettings):
             " description does it"
         ),
     )
+    odometry_rate: float = Field(
+        50.0,
+        ge=0.0,
+        le=1000.0,
+        description=(
+            "most messages a second on nav/odom and /tf where the IMU is faster than the filter's"
+            " steps, Hz; 0 = one a step"
+        ),
+    )
     path_interval: float = Field(
         60.0,
         gt=0.0,

@@ -115,8 +115,9 @@ def test_bad_bags(tmp_path) -> None:
         with pytest.raises(InputError, match=words):
             BagReader(path)
     (tmp_path / "x.db3").write_bytes(b"")
-    with pytest.raises(InputError, match="ros2 bag convert"):
-        BagReader(tmp_path)
+    for path in (tmp_path, tmp_path / "x.db3"):
+        with pytest.raises(InputError, match=r"ros2 bag convert.*rosbags-convert"):
+            BagReader(path)
     for content in (b"", b"123", b"hello, this is no MCAP file at all"):
         (tmp_path / "y.mcap").write_bytes(content)
         with pytest.raises(InputError, match="not an MCAP file"):

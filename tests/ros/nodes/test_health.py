@@ -67,3 +67,15 @@ def test_more_statuses(health, out) -> None:
     health.publish()
     assert [count for *_, count in out.arrays] == [2, 1]
     assert out.arrays[0][2] == {"error": "1.25"}
+
+
+def test_a_period_is_of_wall_time_where_there_is_a_clock(out) -> None:
+    """A simulation at 500 times real time does not say it 500 times a second."""
+    now = 100.0
+    health = Health("node", out, S, clock=lambda: now)
+    for ns in range(0, 5 * S, S // 4):
+        health.tick(ns)
+    assert len(out.arrays) == 1
+    now += 1.0
+    health.tick(5 * S)
+    assert len(out.arrays) == 2

@@ -139,3 +139,15 @@ def test_a_gap_has_the_states_at_either_side() -> None:
     assert (gap.before.ns, gap.after.ns) == (16 * S, 80 * S)
     assert gap.after.covariance.shape == (7, 7)
     assert buffer.buffer.take_gaps(90 * S) == []
+
+
+def test_odometry_within_steps_does_not_crowd_out_the_steps() -> None:
+    buffer = Buffer()
+    for k in range(60):
+        buffer.feed(k * S, *PLACE)
+        for j in range(1, 50):
+            _, odom, _ = nav_messages(k * S + j * S // 50, *PLACE)
+            buffer.handlers[topics.NAV_ODOM.name](odom)
+    assert buffer.buffer.at(2 * S).ns == 2 * S
+    assert not buffer.buffer.jumps
+    assert not buffer.buffer.take_gaps(60 * S)

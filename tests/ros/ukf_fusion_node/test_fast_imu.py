@@ -9,6 +9,7 @@ from isogal.sensors.imu import simulate_samples
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.stamps import to_ns
 from isogal_ros.nodes.health import ERROR, OK, WARN
 
 SECONDS = 12
@@ -92,3 +93,58 @@ def test_another_rate_than_told_is_said_once_and_does_no_harm(fast, samples, rat
         told = read_position(made.heard["nav/fix"][-1])
     # milliseconds of the start, at 22 m/s
     assert np.hypot(*horizontal_difference(*end[:2], *told[:2])) < 0.2
+
+
+def test_odometry_comes_at_50_hz_and_is_smooth(fast, samples) -> None:
+    with bench(topics.UKF_FUSION, fast) as made:
+        send(made, samples, regular(0, 800))
+        times = np.array([to_ns(one.header.stamp) / 1e9 for one in made.heard["nav/odom"]])
+        assert stamps(made, topics.NAV_FIX) == [0, 1, 2, 3, 4]
+        points = np.array(
+            [[p.x, p.y, p.z] for p in (one.pose.pose.position for one in made.heard["nav/odom"])]
+        )
+    assert np.diff(times) == pytest.approx(0.02)
+    assert times[-1] == 4.0
+    # 22 m/s, and no jump where a step ends
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert moved == pytest.approx(0.02 * 22.0, abs=2e-3)
+    assert np.abs(np.diff(moved)).max() < 1e-3
+
+
+@pytest.mark.parametrize("rate", [0.0, 10.0])
+def test_odometry_between_steps_changes_nothing_else(fast, samples, rate) -> None:
+    said = []
+    for most in (rate, 50.0):
+        with bench(topics.UKF_FUSION, fast, odometry_rate=most) as made:
+            send(made, samples, regular(0, 600))
+            assert len(made.heard["nav/odom"]) == 1 + 3 * max(1.0, most)
+            said.append([str(one) for one in made.heard["nav/fix"]])
+    assert said[0] == said[1]
+
+
+def test_a_fix_that_comes_within_a_step_is_used_at_its_end(fast, samples) -> None:
+    with bench(topics.UKF_FUSION, fast) as made:
+        send(made, samples, regular(0, 500))
+        before = len(made.heard["nav/fix"])
+        latitude, longitude, _ = read_position(made.heard["nav/fix"][-1])
+        made.fix(2.0, latitude + 1e-5, longitude)
+        assert len(made.heard["nav/fix"]) == before
+        send(made, samples, regular(500, 700))
+        assert stamps(made, topics.NAV_FIX)[before:] == [3, 3]
+        assert [to_ns(o.header.stamp) for o in made.heard["nav/odom"]].count(3 * 10**9) == 2
+        assert "dropped" not in " ".join(text for _, text, _ in made.says())
+
+
+def test_a_pose_within_a_step_is_used_at_its_end(fast, samples) -> None:
+    with bench(topics.UKF_FUSION, fast) as made:
+        send(made, samples, regular(0, 500))
+        pose = topics.INITIAL_POSE.type()
+        pose.header.frame_id = "map"
+        pose.pose.pose.position.x, pose.pose.pose.orientation.w = 1000.0, 1.0
+        pose.pose.covariance[0] = pose.pose.covariance[7] = 1.0
+        made.publish(topics.INITIAL_POSE, pose)
+        send(made, samples, regular(500, 700))
+        east = [one.pose.pose.position.x for one in made.heard["nav/odom"]]
+        assert east[-25] == pytest.approx(1000.0, abs=1.0)
+        times = [to_ns(one.header.stamp) for one in made.heard["nav/odom"]]
+        assert times == sorted(times)

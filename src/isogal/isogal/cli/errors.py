@@ -29,6 +29,7 @@ EXTRAS = {
     "mcap": "bags",
     "mcap_ros2": "bags",
     "zstandard": "bags",
+    "pymavlink": "mavlink",
 }
 """Packages that a plain installation does without, and the extra that brings each along."""
 

@@ -108,7 +108,7 @@ def replay(
             min=0.0,
             callback=finite,
             help="Exit with status 1 where fixes differ by more than this, m; default: 1, or"
-            " anything with --scenario, --set or --parameter.",
+            " anything with --scenario, --set, --parameter or --remap.",
         ),
     ] = None,
     parameter: Annotated[
@@ -116,6 +116,14 @@ def replay(
         typer.Option(
             metavar="NAME=VALUE",
             help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
+        ),
+    ] = None,
+    remap: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FROM:=TO",
+            help="A recorded topic that stands for one of the graph's, e.g."
+            " /sbg/imu:=imu/data_raw; repeatable.",
         ),
     ] = None,
     domain: Annotated[
@@ -142,6 +150,7 @@ def replay(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
+        remap=remap or [],
         tolerance=tolerance,
         json=json,
     )

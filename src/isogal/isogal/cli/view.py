@@ -29,6 +29,21 @@ def view(
     run: Annotated[
         int, typer.Option("--run", metavar="N", min=0, help="Which run of a study.")
     ] = 0,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Scenario of a recording that does not hold its own: which map, sensors, route.",
+        ),
+    ] = None,
+    remap: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FROM:=TO",
+            help="A recorded topic that stands for one of the graph's, e.g."
+            " /sbg/imu:=imu/data_raw; repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Write one page to look through a run: tracks on the map, fixes, candidates, errors and what
     was claimed of them, readings and messages, under a slider of time.
@@ -37,12 +52,14 @@ def view(
     from isogal.evaluation.view.page import require_bokeh, write_view
 
     require_bokeh()
-    viewed, field_map = _opened(source, run)
+    viewed, field_map = _opened(source, run, scenario, remap or [])
     path = write_view(out, viewed, field_map)
     typer.echo(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
-def _opened(source: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
+def _opened(
+    source: Path, run: int, scenario: Path | None, remap: list[str]
+) -> "tuple[ViewedRun, RouteMap]":
     """Return what to show, from whatever was given."""
     if not source.exists():
         raise InputError(f"{source}: no such recording or folder")
@@ -53,9 +70,13 @@ def _opened(source: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
         from isogal.cli.run import require_ros
 
         require_ros("view of a recording")
+        from isogal.scenario import load_scenario
         from isogal_ros.bags.viewing import open_bag
 
-        return open_bag(bag)
+        told = None if scenario is None else load_scenario(scenario)
+        return open_bag(bag, told, remap)
+    if scenario is not None or remap:
+        raise InputError("--scenario, --remap: are for recordings; a study holds its own")
     if not (source / "results.json").is_file():
         raise InputError(
             f"{source}: neither a recording (MCAP) nor the folder of a run (bag) or of a study"

@@ -374,9 +374,21 @@ class InertialNavigator:
     def forecast(self, time: float, height: float = np.nan) -> FilterState:
         """Return the state at a later time, if the vehicle goes on as it does (a known height, m,
         or NaN)."""
-        ahead = InertialNavigator(self.model, self.state, self.time, 0.0, self.motion, self.sample)
         missing = max(0.0, time - self.time - self.model.dt)
-        ahead.imu(time, *self.sample, height, missing)
+        return self.carried(time, *self.sample, height, missing)
+
+    def carried(
+        self,
+        time: float,
+        specific_force: Array,
+        angular_rate: Array,
+        height: float = np.nan,
+        missing: float = 0.0,
+    ) -> FilterState:
+        """Return the state after one more IMU sample (`imu`), which is not taken: what is known in
+        the midst of a step."""
+        ahead = InertialNavigator(self.model, self.state, self.time, 0.0, self.motion, self.sample)
+        ahead.imu(time, specific_force, angular_rate, height, missing)
         return ahead.state
 
     def _impossible(self, time: float) -> str | None:

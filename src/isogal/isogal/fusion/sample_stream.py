@@ -102,6 +102,21 @@ class SampleStream:
         """Whether samples come as fast as specified, within a twentieth."""
         return abs(self._usual - self._told) <= 0.05 * self._told
 
+    @property
+    def pending(self) -> int:
+        """Samples, and gaps filled in, in the step that has begun."""
+        return len(self._pieces)
+
+    @property
+    def newest_rate(self) -> Array:
+        """(3,) rad/s of the newest sample; some must be pending."""
+        return self._pieces[-1].rate
+
+    def unfinished(self) -> Step:
+        """Return the step that has begun, as if it ended with the newest sample; some must be
+        pending."""
+        return self._so_far(self.ns)
+
     def take(self, ns: int, force: Array, rate: Array) -> list[Step]:
         """Take a sample and return the steps that end with it.
 
@@ -165,6 +180,12 @@ class SampleStream:
         self._end = round(((ns + TOGETHER) // self._step + 1) * self._step)
 
     def _finish(self, ns: int) -> Step:
+        """End the step that has begun."""
+        step = self._so_far(ns)
+        self._before, self._pieces, self._unknown = self._pieces[-1], [], 0.0
+        return step
+
+    def _so_far(self, ns: int) -> Step:
         """Make a step of what is pending."""
         before = [] if self._before is None else [self._before]
         pieces = before + self._pieces
@@ -174,9 +195,7 @@ class SampleStream:
             np.array([piece.duration / SECOND for piece in pieces]),
             np.array([len(before), len(pieces)]),
         )
-        step = Step(ns, force[0, 0], rate[0, 0], self._unknown**0.5)
-        self._before, self._pieces, self._unknown = self._pieces[-1], [], 0.0
-        return step
+        return Step(ns, force[0, 0], rate[0, 0], self._unknown**0.5)
 
     def _count(self, interval: int) -> None:
         """Learn how fast samples come; what seemed missing when they were first known not to come

@@ -13,6 +13,7 @@ from isogal.errors import InputError
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.scenario import Scenario, validate_scenario
 from isogal.yaml_text import parse_yaml
+from isogal_ros.bags.remapping import Remapping
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
@@ -23,6 +24,12 @@ number."""
 SUFFIXES = (".mcap", ".mcap.zstd")
 """The latter are compressed as a whole, as ``ros2 bag record --compression-mode file`` leaves
 them."""
+SQLITE = (".db3", ".db3.zstd")
+_CONVERT = (
+    "a SQLite recording of rosbag2: convert it by `ros2 bag convert` with storage_id mcap, or"
+    " without ROS by `rosbags-convert --src FOLDER --dst NEW --dst-storage mcap`"
+    " (Python package rosbags)"
+)
 _NUMBER = re.compile(r"_(\d+)\.mcap(\.zstd)?$")
 
 
@@ -54,6 +61,8 @@ class BagReader:
     """Why the reading ended early; None = the file is whole. Known after reading."""
     types: dict[str, str] = field(default_factory=dict)
     """Message type by topic; filled while reading."""
+    remapping: Remapping = field(default_factory=Remapping)
+    """Names that topics have instead of those recorded."""
 
     def __post_init__(self) -> None:
         from mcap.records import Header, Metadata
@@ -76,22 +85,26 @@ class BagReader:
 
     def messages(self) -> Iterator[Recorded]:
         """Yield the messages in the order they were written, up to the end or the cut; of a bag
-        in several files each up to its own."""
+        in several files each up to its own. Raises InputError where a topic that is renamed is not
+        there."""
         from mcap.records import Channel, Message, Schema
 
         for file in self.files:
             self.cut = None
-            channels: dict[int, str] = {}
+            channels: dict[int, str | None] = {}
             schemas: dict[int, str] = {}
             for item in self._records(file):
                 if isinstance(item, Schema):
                     schemas[item.id] = item.name
                 elif isinstance(item, Channel):
-                    channels[item.id] = item.topic
-                    self.types[item.topic] = schemas.get(item.schema_id, "")
+                    topic = channels[item.id] = self.remapping(item.topic)
+                    if topic is not None:
+                        self.types[topic] = schemas.get(item.schema_id, "")
                 elif isinstance(item, Message):
                     topic = channels[item.channel_id]
-                    yield Recorded(topic, item.data, item.log_time, item.publish_time)
+                    if topic is not None:
+                        yield Recorded(topic, item.data, item.log_time, item.publish_time)
+        self.remapping.check(self.path)
 
     def _records(self, file: Path) -> "Iterator[McapRecord]":
         """Yield the records of a file and of its chunks. Where it is cut off or damaged, end, and
@@ -177,19 +190,16 @@ def _find_files(path: Path) -> list[Path]:
         raise InputError(f"{path}: no such bag")
     if path.is_file():
         if not path.name.endswith(SUFFIXES):
+            how = f"; {_CONVERT}" if path.name.endswith(SQLITE) else ""
             raise InputError(
                 f"{path}: not an MCAP file by its name; a bag is a folder, or a file that ends in"
-                " .mcap or .mcap.zstd"
+                f" .mcap or .mcap.zstd{how}"
             )
         return [path]
     files = parts(path)
     if not files:
-        others = sorted(entry.name for entry in path.glob("*.db3"))
-        hint = (
-            f" but {others[0]}; convert it: ros2 bag convert with storage_id mcap"
-            if others
-            else ""
-        )
+        others = sorted(entry.name for entry in path.iterdir() if entry.name.endswith(SQLITE))
+        hint = f" but {others[0]}; {_CONVERT}" if others else ""
         raise InputError(f"{path}: no MCAP file in this folder{hint}")
     if len(files) > 1 and not numbered(files):
         raise InputError(

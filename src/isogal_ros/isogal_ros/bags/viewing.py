@@ -11,18 +11,29 @@ from isogal.evaluation.run_report import subtitle_of
 from isogal.evaluation.view.record import AidUse, Event, ViewedRun
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import first_map
+from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
+from isogal_ros.bags.remapping import Remapping
 from isogal_ros.messages.stamps import to_seconds
 
 if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
 
 
-def open_bag(bag: Path) -> "tuple[ViewedRun, RouteMap]":
+def open_bag(
+    bag: Path, scenario: Scenario | None = None, remap: Sequence[str] = ()
+) -> "tuple[ViewedRun, RouteMap]":
     """Return what a recording holds and the map that it was matched against.
+
+    Parameters
+    ----------
+    scenario : Scenario, optional
+        None = the bag's own.
+    remap : sequence of str
+        Rules FROM:=TO for its topics.
 
     Raises
     ------
@@ -30,10 +41,13 @@ def open_bag(bag: Path) -> "tuple[ViewedRun, RouteMap]":
         The bag cannot be read, does not say which scenario it is of, or has no readings where the
         navigator was.
     """
-    reader = BagReader(bag)
-    scenario = reader.scenario()
+    reader = BagReader(bag, remapping=Remapping.parse(remap))
+    scenario = scenario or reader.scenario()
     if scenario is None:
-        raise InputError(f"{bag}: does not say which scenario it is of, so its map is not known")
+        raise InputError(
+            f"{bag}: does not say which scenario it is of, so its map is not known; say it with"
+            " --scenario"
+        )
     collector = Collector(scenario)
     collector.take_bag(reader)
     field_map = first_map(maps_for_scenario(scenario, build_trajectory(scenario)))

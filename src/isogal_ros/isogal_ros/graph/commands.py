@@ -29,6 +29,7 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
+from isogal_ros.bags.remapping import Remapping
 from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.domain import DISCOVERY, DOMAIN
 from isogal_ros.graph.parameter_files import filter_parameters
@@ -131,6 +132,7 @@ def replay_command(
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
     parameters: Sequence[str] = (),
+    remap: Sequence[str] = (),
     tolerance: float | None = None,
     json: bool,
 ) -> int:
@@ -146,12 +148,12 @@ def replay_command(
         Folder of summary, report and figures.
     scenario : Scenario, optional
         None = the bag's own.
-    overrides, parameters : sequence of str
-        Changed keys of the scenario, and own parameters of the filter's node.
+    overrides, parameters, remap : sequence of str
+        Changed keys of the scenario, own parameters of the filter's node, and rules FROM:=TO for
+        the recorded topics.
     tolerance : float or None
-        m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any
-        difference where the scenario or a parameter is another, and none where the recording has
-        no fixes.
+        m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any where
+        the user has changed something, and none where the recording has no fixes.
     json : bool
         Whether the result is printed as JSON.
 
@@ -161,7 +163,8 @@ def replay_command(
         The bag or what it needs cannot be used.
     """
     of_filter = filter_parameters(parameters)
-    reader, changed = BagReader(bag), scenario is not None or bool(overrides or parameters)
+    reader = BagReader(bag, remapping=Remapping.parse(remap))
+    changed = scenario is not None or bool(overrides or parameters or remap)
     scenario = scenario or reader.scenario()
     if scenario is not None and overrides:
         scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")

@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
 import rclpy
 from rclpy.context import Context
@@ -17,17 +16,11 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.adapter import topics_in_use
+from isogal_ros.nodes.middleware import set_profiles
 
 DOMAIN = "ROS_DOMAIN_ID"
 DISCOVERY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 """Environment of the graph where the user has not said otherwise: found on this machine only."""
-_PROFILES = {
-    "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("fastdds.xml")),
-    "RMW_FASTRTPS_USE_QOS_FROM_XML": "1",
-}
-"""Quick acknowledgements, and memory that is freed. The second is for the first only: with a file
-that does not say how messages are kept it would mean something else than usual."""
-_OWN_FILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _HIGHEST = 101
 """Higher domains use ports that Linux gives to others (the DDSI-RTPS specification's port formula,
 section 9.6.2.3)."""
@@ -48,10 +41,8 @@ _LOOKER = f"isogal_domain_check_{os.getpid()}"
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
     """Return what an environment lacks for the graph and says nothing else about."""
-    wanted = dict(DISCOVERY)
-    file = _PROFILES[_OWN_FILES[0]]
-    if all(environment.get(name, file) == file for name in _OWN_FILES):
-        wanted |= _PROFILES
+    wanted = {**DISCOVERY, **environment}
+    set_profiles(wanted)
     return {name: value for name, value in wanted.items() if name not in environment}
 
 

@@ -11,6 +11,7 @@ import yaml
 from isogal.scenario import Scenario
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import node_class
+from isogal_ros.mavlink.node import MAVLINK
 from isogal_ros.parameters.bringup_file import comment
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.topics import NODES
@@ -32,7 +33,7 @@ TYPES = {
 def lines() -> Iterator[str]:
     """Yield the lines of the page."""
     yield HEAD
-    names = (*NODES, RECORDER)
+    names = (*NODES, RECORDER, MAVLINK)
     models = {name: node_class(name).settings_model for name in names}
     shared = set.intersection(*(set(model.model_fields) for model in models.values()))
     yield "## Of every node\n"

@@ -18,6 +18,7 @@ from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.mavlink.node import MAVLINK
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.parameters.values import node_values
 
@@ -27,6 +28,7 @@ CLASSES = {
     topics.PMHT_MM: ("pmht_mm_node.node", "PmhtMmNode"),
     topics.UKF_FUSION: ("ukf_fusion_node.node", "UkfFusionNode"),
     RECORDER: ("isogal_ros.bags.recorder", "RecorderNode"),
+    MAVLINK: ("isogal_ros.mavlink.node", "MavlinkNode"),
 }
 """Module and class of each node."""
 

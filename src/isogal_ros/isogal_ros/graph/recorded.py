@@ -119,7 +119,8 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         if topic in sensors:
             sensors[topic][peek_ns(data)] = data
         elif topic is topics.NAV_ODOM:
-            odometry = odometry or {peek_ns(data): data}
+            if not odometry.keys() & collector.first_nav.keys():
+                odometry[peek_ns(data)] = data
         else:
             collector.take(topic, data)
     whole = all(sensors[one.raw] for one in each)
@@ -246,7 +247,8 @@ def _start(
     Parameters
     ----------
     fixes, odometry : dict
-        Serialised messages on nav/fix and nav/odom by stamp (ns); of the latter the first will do.
+        Serialised messages on nav/fix and nav/odom by stamp (ns); of the latter those up to
+        the first that both have.
     first : int
         Stamp (ns) of the first IMU sample, before which the filter starts by one interval, or of
         the first solution of an INS, at which it starts.

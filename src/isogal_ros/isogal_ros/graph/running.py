@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
+from isogal.compiled import tell_of_compiling
 from isogal.files import make_folder
 from isogal.threads import one_thread
 from isogal_ros import topics
@@ -32,7 +33,7 @@ from isogal_ros.graph.plan import CLASSES, GraphError, Plan, node_class
 from isogal_ros.nodes.base import PARENT, GraphNode
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.nodes.signals import Interrupt
-from isogal_ros.nodes.spin import drain, make_executor
+from isogal_ros.nodes.spin import COMPILING, drain, make_executor
 from isogal_ros.parameters.values import parameter_file
 
 PATIENCE = 15.0
@@ -92,6 +93,7 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report)
         A node failed.
     """
     names = names_of(plan.scenario)
+    tell_of_compiling(lambda: print(f"isogal: {COMPILING}", file=sys.stderr, flush=True))
     with graph_domain(names, plan.domain) as domain, local_context(domain) as context:
         executor = make_executor(context)
         nodes: dict[str, GraphNode] = {}
@@ -182,6 +184,11 @@ class Processes:
         """Return the exit code of each process that has ended."""
         codes = {name: process.poll() for name, process in self.running.items()}
         return {name: code for name, code in codes.items() if code is not None}
+
+    def compile(self) -> bool:
+        """Whether a process has said that it compiles functions."""
+        said = (self._log(name).read_text(errors="replace") for name in self.running)
+        return any(COMPILING in text for text in said)
 
     def arrived(self) -> bool:
         """Whether the simulator has ended; raises GraphError where a node ended before it, or with
@@ -300,7 +307,7 @@ def _watch(
         executor = make_executor(watcher.context)
         executor.add_node(watcher)
         figures: dict[str, str] = {}
-        first, now = None, time.monotonic()
+        first, now, told = None, time.monotonic(), False
         try:
             while not interrupt:
                 executor.spin_once(timeout_sec=0.1)
@@ -308,6 +315,9 @@ def _watch(
                     continue
                 while newest:
                     figures |= _simulators(newest.pop())
+                if first is None and not told and processes.compile():
+                    told = True
+                    print(f"isogal: {COMPILING}", file=sys.stderr, flush=True)
                 now, progress = time.monotonic(), progress_of(figures)
                 if progress is not None:
                     # by the simulator's own count of time, which leaves out the processes' start

@@ -7,6 +7,7 @@ and subscriptions; messages that come while it is not active are let go; cleaned
 configured anew."""
 
 import ctypes
+import math
 import os
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -33,6 +34,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.listening import Listening, Take
+from isogal_ros.nodes.middleware import LEASE
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import Values, scenario_from, settings_from
@@ -43,6 +45,8 @@ PARENT = "ISOGAL_PARENT_PID"
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
+TOLD = 60.0
+"""s of wall time for which the node says that it stood still."""
 FREE_EVERY = 5.0
 """s of wall time between givings back of memory."""
 
@@ -77,7 +81,7 @@ class NodeSettings(BaseModel):
     checkpoint_age: float = Field(
         3600.0, gt=0.0, description="how much older than the data a checkpoint may be, s"
     )
-    diagnostics_period: float = Field(1.0, gt=0.0, description="time between diagnostics, s")
+    diagnostics_period: float = Field(1.0, gt=0.0, description="wall time between diagnostics, s")
 
 
 class GraphNode(LifecycleNode):
@@ -140,6 +144,7 @@ class GraphNode(LifecycleNode):
         self._listening: dict[str, Listening] = {}
         self._sent: dict[str, int] = {}
         """Stamp of the newest message published on each topic."""
+        self._stood_still, self._told_still = 0, math.inf
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
@@ -150,12 +155,14 @@ class GraphNode(LifecycleNode):
                 self._said,
                 from_seconds(self.settings.diagnostics_period),
                 self.log,
+                # where there is no wall time, that of the data
+                None if hasattr(context, "monotonic") else time.monotonic,
             )
             on_change(self, specs, self._change)
             self._heard = 0
             self._parent = os.environ.get(PARENT)
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._freed = time.monotonic()
+            self._freed, self._beaten = time.monotonic(), math.inf
             # made before `setup` makes anything, so that they outlive a cleanup
             self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
             self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
@@ -390,6 +397,8 @@ class GraphNode(LifecycleNode):
         """Let listeners have what was published, for `timeout` s of wall time at most, then
         destroy the node."""
         deadline = time.monotonic() + timeout
+        if self.context.ok():
+            self.health.publish()  # the last figures
         for publisher in self._expected if self.context.ok() else ():
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
         self.destroy_node()
@@ -413,6 +422,7 @@ class GraphNode(LifecycleNode):
     def _beat(self) -> None:
         """Publish diagnostics while no data comes; give memory back; hear who offers less than is
         asked for; end with the parent, if there is one."""
+        self._note_standstill()
         if time.monotonic() - self._freed >= FREE_EVERY:
             self._freed = time.monotonic()
             give_memory_back()
@@ -427,12 +437,26 @@ class GraphNode(LifecycleNode):
             self.get_logger().error("the process that started this node is gone")
             self.finished = True
 
+    def _note_standstill(self) -> None:
+        """Say that the process stood still so long that others took it for gone."""
+        stood, self._beaten = time.monotonic() - self._beaten, time.monotonic()
+        if stood > LEASE:
+            self._stood_still += 1
+            self.health.figures["stood still"] = self._stood_still
+            text = (
+                f"stood still for {stood:.0f} s; others took it for gone, what they said is lost"
+            )
+            self.health.concern("standing still", text, ERROR)
+            self._told_still = time.monotonic()
+        elif time.monotonic() - self._told_still > TOLD:
+            self.health.concern("standing still", None)
+
 
 def give_memory_back() -> None:
     """Give memory that is free back to the system, where the C library is glibc.
 
     A listener that stops for a while leaves megabytes of messages with the node that writes to it.
-    The middleware frees them when they have been taken (`graph/fastdds.xml`), but the C library
+    The middleware frees them when they have been taken (`nodes/fastdds.xml`), but the C library
     keeps what lies below the last block in use."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

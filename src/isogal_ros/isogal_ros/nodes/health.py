@@ -34,9 +34,11 @@ class Health:
     publisher : Publisher
         Of /diagnostics.
     period_ns : int
-        Time of the data between publications.
+        Time between publications.
     log : callable
         Called with level and text of what is new.
+    clock : callable, optional
+        Returns the wall time (s) that the period is of; None = it is of the time of the data.
     """
 
     def __init__(
@@ -45,9 +47,10 @@ class Health:
         publisher: Publisher,
         period_ns: int,
         log: Callable[[bytes, str], None] = _mute,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         self.name = name
-        self._log = log
+        self._log, self._clock = log, clock
         self.figures: dict[str, Figure] = {}
         """Shown as key-value pairs."""
         self.dropped: dict[str, int] = {}
@@ -110,11 +113,12 @@ class Health:
             self._log(WARN, f"{topic}: message dropped: {reason}{times}")
 
     def tick(self, stamp_ns: int) -> None:
-        """Note the time of the data; publishes when a period has passed since the last time it
+        """Note the time of the data, ns; publishes when a period has passed since the last time it
         did."""
         self._stamp = stamp_ns
-        if self._last is None or not 0 <= stamp_ns - self._last < self._period:
-            self._last = stamp_ns
+        now = stamp_ns if self._clock is None else round(1e9 * self._clock())
+        if self._last is None or not 0 <= now - self._last < self._period:
+            self._last = now
             self.publish()
             self._reasons.clear()
 

@@ -24,6 +24,8 @@ LONGEST = 1024
 """Items that wait at most."""
 KEPT = 1024
 """Stamps kept: at 1 Hz a reading may come 17 minutes late."""
+LATE = 5
+"""Steps of the navigator after which nothing of a stamp is expected any more."""
 REPEATED = 1024
 """Messages of one topic kept of one stamp: in retrodiction one for each fix of a batch. Also the
 number of jumps kept where nobody takes them out."""
@@ -103,6 +105,9 @@ class NavQueue(Generic[Item]):
         self._frame = map_frame(scenario)
         self._interval = from_seconds(1.0 / scenario.navigation_rate)
         self._stamps: dict[int, _Stamp] = {}
+        self._alone: deque[int] = deque(maxlen=KEPT)
+        """Stamps of odometry that no fix has come for: within a step of the navigator's there is
+        none."""
         node.listen(topics.NAV_FIX, lambda data: self._take(data, True), raw=True)
         node.listen(topics.NAV_ODOM, lambda data: self._take(data, False), raw=True)
         self._extra = node.listen(topics.NAV_COVARIANCE, self._take_covariance, raw=True)
@@ -143,7 +148,7 @@ class NavQueue(Generic[Item]):
         """
         stamp = self._stamps.get(ns)
         if stamp is not None and stamp.pairs:
-            late = ns < self._newest_covariance or ns + 5 * self._interval < self.newest
+            late = ns < self._newest_covariance or ns + LATE * self._interval < self.newest
             if stamp.covariance is None and not late and self._extra.get_publisher_count():
                 return None
             return self._decode(stamp)
@@ -182,6 +187,10 @@ class NavQueue(Generic[Item]):
 
     def _take(self, data: bytes, is_fix: bool) -> None:
         ns = peek_ns(data)
+        if is_fix:
+            self._forget_alone(ns)
+        elif ns not in self._stamps:
+            self._alone.append(ns)
         stamp = self._stamp(ns)
         kept = stamp.fix if is_fix else stamp.odom
         if len(kept) >= REPEATED:
@@ -196,6 +205,13 @@ class NavQueue(Generic[Item]):
                 self._gaps.append((self.newest, ns))
             self.newest = ns
         self._process()
+
+    def _forget_alone(self, ns: int) -> None:
+        """Forget odometry from long before a fix (its stamp) that none has come for."""
+        while self._alone and self._alone[0] < ns - LATE * self._interval:
+            stamp = self._alone.popleft()
+            if stamp in self._stamps and not self._stamps[stamp].fix:
+                del self._stamps[stamp]
 
     def _take_covariance(self, data: bytes) -> None:
         try:

@@ -13,12 +13,19 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from isogal.compiled import tell_of_compiling
 from isogal.errors import InputError
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.middleware import set_profiles
 from isogal_ros.nodes.signals import INTERRUPTED, Interrupt, interrupts
 
 USAGE = "parameters are --ros-args -p KEY:=VALUE or --params-file FILE"
 """What a node takes on its command line."""
+COMPILING = (
+    "functions are being compiled for this machine, which takes up to a minute; later starts use"
+    " what is kept"
+)
+"""What the first start says."""
 DRAIN = 10.0
 """s that a node which has nothing left to do may take what is under way."""
 
@@ -75,13 +82,14 @@ def run_node(name: str, make: Callable[[], GraphNode], args: Sequence[str] | Non
     try:
         if unknown := remove_ros_args([name, *words])[1:]:
             return _refuse(name, f"unknown argument '{unknown[0]}'; {USAGE}")
+        set_profiles()
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:
         why = str(error).partition(", at /")[0]  # where in the sources of rcl
         return _refuse(name, why.removeprefix("failed to initialize rcl: "))
     with interrupts() as interrupt:
         try:
-            return _run(make, interrupt)
+            return _run(name, make, interrupt)
         except InputError as error:
             return _refuse(name, str(error))
         except KeyboardInterrupt:
@@ -106,9 +114,12 @@ def main_of(kind: Callable[[str], GraphNode], name: str) -> Callable[..., None]:
     return main
 
 
-def _run(make: Callable[[], GraphNode], interrupt: Interrupt) -> int:
+def _run(name: str, make: Callable[[], GraphNode], interrupt: Interrupt) -> int:
     # while the node is being made there is nothing to end in good order
     interrupt.ends_at_once = True
+    tell_of_compiling(
+        lambda: print(f"{name}: {COMPILING}", file=sys.stderr, flush=True)  # no node logs yet
+    )
     node = make()
     interrupt.ends_at_once = False
     if interrupt:

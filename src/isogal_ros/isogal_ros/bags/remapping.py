@@ -1,0 +1,61 @@
+"""Topics of a recording that have other names than the graph's."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+from isogal.errors import InputError
+from isogal_ros import topics
+
+_PLAIN = "FROM:=TO, a recorded topic and the graph's, as in --remap /sbg/imu:=imu/data_raw"
+
+
+@dataclass
+class Remapping:
+    """Which recorded topics stand for which of the graph's; one of the graph's own name is left
+    out where another stands for it, so that one of several sources is chosen."""
+
+    names: dict[str, str] = field(default_factory=dict)
+    """Of the graph, absolute, by recorded one."""
+    _seen: set[str] = field(default_factory=set)
+
+    @classmethod
+    def parse(cls, rules: Sequence[str]) -> "Remapping":
+        """Return what rules FROM:=TO say.
+
+        Raises
+        ------
+        InputError
+            One is none, TO is no topic of the graph, or one of them comes twice.
+        """
+        known = {topic.name.lstrip("/") for topic in topics.ALL}
+        names: dict[str, str] = {}
+        for rule in rules:
+            recorded, sign, name = (part.strip() for part in rule.partition(":="))
+            name = name.lstrip("/")
+            if not (sign and recorded.strip("/") and name):
+                raise InputError(f"--remap {rule}: must be {_PLAIN}")
+            if name not in known:
+                near = get_close_matches(name, known, 1, 0.4)
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise InputError(f"--remap {rule}: the graph has no topic {name!r}{hint}")
+            recorded = "/" + recorded.lstrip("/")
+            if recorded in names or f"/{name}" in names.values():
+                raise InputError(f"--remap {rule}: one of the two topics comes twice")
+            names[recorded] = f"/{name}"
+        return cls(names)
+
+    def __call__(self, recorded: str) -> str | None:
+        """Return the name that stands for a recorded topic; None = it is left out."""
+        self._seen.add(recorded)
+        if recorded in self.names:
+            return self.names[recorded]
+        taken = any(recorded.endswith(name) for name in self.names.values())
+        return None if taken else recorded
+
+    def check(self, where: object) -> None:
+        """Raise InputError where a topic that is renamed has not been seen in a recording."""
+        for name in self.names.keys() - self._seen:
+            near = get_close_matches(name, self._seen, 1, 0.4)
+            hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(self._seen)}"
+            raise InputError(f"{where}: --remap: no topic {name!r} in the recording; {hint}")

@@ -1,0 +1,143 @@
+"""The node isogal_mavlink: nav/odom to a flight controller, by datagrams."""
+
+import socket
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from pydantic import Field
+from sensor_msgs.msg import NavSatFix, PointCloud2
+
+from isogal.errors import InputError
+from isogal_ros import topics
+from isogal_ros.mavlink.encoding import GPS_INPUT, VISION, gps_input, vision_position_estimate
+from isogal_ros.mavlink.silence import Silence
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.stamps import from_seconds, to_ns
+from isogal_ros.messages.whole_fix import read_whole_fix
+from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.health import OK, WARN, figures_of
+from isogal_ros.nodes.spin import main_of
+
+MAVLINK = "isogal_mavlink"
+
+
+class MavlinkSettings(NodeSettings):
+    """Own parameters of isogal_mavlink."""
+
+    address: str = Field(
+        "127.0.0.1:14550",
+        description="host:port that takes MAVLink 2 by UDP, a router or autopilot",
+    )
+    message: str = Field(GPS_INPUT, description=f"what is sent: {GPS_INPUT} or {VISION}")
+    rate: float = Field(5.0, gt=0.0, le=50.0, description="most messages a second, Hz")
+    system_id: int = Field(1, ge=1, le=255, description="of the vehicle")
+    component_id: int = Field(
+        197, ge=1, le=255, description="of this node; 197 = visual inertial odometry"
+    )
+    satellites: int = Field(
+        10, ge=0, le=255, description="satellites_visible of GPS_INPUT, as the autopilot wants it"
+    )
+
+
+class MavlinkNode(GraphNode):
+    """Sends each nav/odom, up to a rate; nothing while the navigator is lost."""
+
+    sections: ClassVar[Sequence[str]] = ("seed", "route")
+    settings_model: ClassVar[type[NodeSettings]] = MavlinkSettings
+    settings: MavlinkSettings
+
+    def setup(self) -> None:
+        """Open the socket and make subscriptions."""
+        self._dialect = _dialect()
+        if self.settings.message not in (GPS_INPUT, VISION):
+            raise InputError(
+                f"message: must be {GPS_INPUT} or {VISION}, not {self.settings.message!r}"
+            )
+        host, _, port = self.settings.address.rpartition(":")
+        if not (host and port.isdigit() and 0 < int(port) < 65536):
+            raise InputError(f"address: must be host:port, not {self.settings.address!r}")
+        self._to = host, int(port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._mavlink = self._dialect.MAVLink(
+            None, self.settings.system_id, self.settings.component_id
+        )
+        self._silence, self._frame = Silence(), map_frame(self.scenario)
+        self._interval = from_seconds(1.0 / self.settings.rate)
+        self._last: int | None = None
+        self._count = 0
+        self.listen(topics.INFORMATION, self._take_information)
+        self.listen(topics.DIAGNOSTICS, self._take_diagnostics)
+        self.listen(topics.NAV_FIX, self._take_fix)
+        self.listen(topics.NAV_ODOM, self._take_odometry)
+
+    def _take_information(self, message: PointCloud2) -> None:
+        fix = read_whole_fix(message).fix
+        self._silence.batch(fix.reset, fix.published)
+
+    def _take_diagnostics(self, array: DiagnosticArray) -> None:
+        for item in array.status:
+            if item.name.endswith(f"{topics.PMHT_MM}: batch"):
+                self._silence.probability(float(figures_of(item).get("diverged", "0")))
+
+    def _take_fix(self, message: NavSatFix) -> None:
+        self._silence.fix(to_ns(message.header.stamp))
+
+    def _take_odometry(self, message: Odometry) -> None:
+        ns = to_ns(message.header.stamp)
+        self.health.tick(ns)
+        if self._silence.holds:
+            self.health.state(WARN, "silent: the navigator has diverged")
+            return
+        if self._last is not None and 0 <= ns - self._last < self._interval:
+            return
+        self._last = ns
+        if self.settings.message == GPS_INPUT:
+            made = gps_input(self._dialect, message, self._frame, self.settings.satellites)
+        else:
+            made = vision_position_estimate(self._dialect, message, self._silence.resets)
+        self._send(made)
+        self._count += 1
+        self.health.figures["sent"] = self._count
+        self.health.state(OK, "sending")
+
+    def _send(self, message: Any) -> None:
+        try:
+            # the sequence number is that of this sender
+            self._socket.sendto(message.pack(self._mavlink), self._to)
+            self._mavlink.seq = (self._mavlink.seq + 1) % 256
+            self.health.concern("sending", None)
+        except OSError as error:
+            self.health.concern("sending", f"{self.settings.address}: {error.strerror or error}")
+
+    def _beat(self) -> None:
+        if self.active:  # HEARTBEAT: onboard controller, no autopilot, active
+            self._send(self._dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+        super()._beat()
+
+    def destroy_node(self) -> None:
+        """Close the socket as well."""
+        if hasattr(self, "_socket"):
+            self._socket.close()
+        super().destroy_node()
+
+
+def _dialect() -> ModuleType:
+    """Return pymavlink's messages; raises InputError where it is not installed."""
+    try:
+        from pymavlink.dialects.v20 import common
+    except ImportError:
+        raise InputError(
+            f"{MAVLINK} needs the Python package pymavlink: pip install isogal[mavlink]"
+        ) from None
+    found: ModuleType = common
+    return found
+
+
+main = main_of(MavlinkNode, MAVLINK)
+"""Entry point of the console script."""
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,26 @@
+"""What the middleware of every process of the graph is told, however that was started."""
+
+import os
+from collections.abc import MutableMapping
+from pathlib import Path
+
+OWN_FILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Environment variables that name a file of profiles."""
+PROFILES = {
+    OWN_FILES[0]: str(Path(__file__).with_name("fastdds.xml")),
+    "RMW_FASTRTPS_USE_QOS_FROM_XML": "1",
+}
+"""Quick acknowledgements, memory that is freed, and no shared memory. The second is for the first
+only: with a file that does not say how messages are kept it would mean something else than
+usual."""
+LEASE = 20.0
+"""s of wall time after which Fast DDS takes a process that says nothing for gone, and drops
+all that it keeps for it."""
+
+
+def set_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Name Isogal's profiles in an environment, unless it names others; before rclpy.init."""
+    file = PROFILES[OWN_FILES[0]]
+    if all(environment.get(name, file) == file for name in OWN_FILES):
+        for name, value in PROFILES.items():
+            environment.setdefault(name, value)

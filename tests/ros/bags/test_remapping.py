@@ -1,0 +1,85 @@
+"""Recordings whose topics have other names."""
+
+import json
+
+import pytest
+
+from helpers.bag_writing import begin, sample
+from helpers.command_line import answer, refusal
+from isogal_ros import topics
+from isogal_ros.bags.metadata import qos_entries
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.remapping import Remapping
+from isogal_ros.bags.writer import BagWriter
+
+FOREIGN = {"/imu/data_raw": "/sbg/imu", "/gravimeter/data_raw": "/mgs6/acceleration"}
+RULES = [word for old, new in FOREIGN.items() for word in ("--remap", f"{new}:={old}")]
+
+
+@pytest.fixture(scope="module")
+def foreign(recording, tmp_path_factory):
+    """The recording as another tool would have made it: other topics, sensors only, no
+    scenario."""
+    reader, folder = BagReader(recording), tmp_path_factory.mktemp("foreign") / "bag"
+    writer = BagWriter(folder, {})
+    for message in reader.messages():
+        name = FOREIGN.get(message.topic, message.topic)
+        if name.startswith("/pmht_mm"):
+            continue
+        if not writer.knows(name):
+            writer.add_topic(name, reader.types[message.topic], qos_entries([topics.LOSSLESS]), "")
+        writer.write(name, message.data, message.log_ns, message.log_ns)
+    writer.close()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scenario_file(scenario, tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenario") / "ship.yaml"
+    path.write_text(json.dumps(scenario().model_dump(mode="json")))
+    return path
+
+
+def test_it_replays_as_the_recording_itself(foreign, scenario_file, recording) -> None:
+    words = "--scenario", scenario_file, "--json"
+    found = json.loads(answer("replay", foreign, *words, *RULES))
+    plain = json.loads(answer("replay", recording, "--json"))
+    assert found["fixes"]["replayed"] == plain["fixes"]["replayed"] > 0
+
+
+def test_a_view_of_it(foreign, scenario_file, tmp_path) -> None:
+    page = tmp_path / "view.html"
+    words = "view", foreign, "--out", page
+    assert "--scenario" in refusal(*words)
+    answer(*words, "--scenario", scenario_file)
+    assert page.stat().st_size > 1e5
+
+
+def test_one_of_two_sources(tmp_path) -> None:
+    writer = begin(tmp_path / "bag")
+    writer.add_topic("/second/imu", "sensor_msgs/msg/Imu", qos_entries([topics.LOSSLESS]), "")
+    for i in range(10):
+        writer.write("/imu/data_raw", sample(i), i, i)
+        writer.write("/second/imu", sample(100 + i), i, i)
+    writer.close()
+    reader = BagReader(tmp_path / "bag", remapping=Remapping.parse(["second/imu:=imu/data_raw"]))
+    assert [one.data for one in reader.messages()] == [sample(100 + i) for i in range(10)]
+    assert {one.topic for one in reader.messages()} == {"/imu/data_raw"}
+
+
+@pytest.mark.parametrize(
+    ("rules", "words"),
+    [
+        (["/imu"], "must be FROM:=TO"),
+        (["/imu:="], "must be FROM:=TO"),
+        (["/imu:=imu/data"], "the graph has no topic 'imu/data'; did you mean 'imu/data_raw'?"),
+        (["/a:=imu/data_raw", "/b:=imu/data_raw"], "comes twice"),
+        (
+            ["/sbg/imo:=imu/data_raw"],
+            "no topic '/sbg/imo' in the recording; did you mean",
+        ),
+    ],
+)
+def test_bad_rules(foreign, scenario_file, rules, words) -> None:
+    options = [word for rule in rules for word in ("--remap", rule)]
+    assert words in refusal("replay", foreign, "--scenario", scenario_file, *options)
