@@ -48,6 +48,8 @@ class FilterModel:
     height_contents: tuple[tuple[float, float], ...] = ()
     """What a measured height contains of each auxiliary state: a constant, and a share of the
     height, 1/m; () = nothing."""
+    unsure_heading: bool = False
+    """Whether the heading may be wrong by more than what sines are linear in."""
     gates: tuple[float, ...] = field(init=False, repr=False, compare=False)
     """The largest normalised innovation squared of 1, 2, ... 7 dimensions that is used."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)

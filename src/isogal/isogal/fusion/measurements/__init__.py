@@ -13,6 +13,8 @@ position     a horizontal position
 information  what a batch of readings says, in information form
 height       a height sensor, with its errors as auxiliary states
 velocity     a velocity aid, with its errors and the current or wind; standstill
+sample_noise what an inertial sample says of its own noise
+rotation     what the gyroscopes of a vehicle read that does not turn
 fix          the measurements that a fix consists of
 """
 
@@ -21,6 +23,8 @@ from isogal.fusion.measurements.height import HeightReading
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement, Outcome
 from isogal.fusion.measurements.position import PositionFix
+from isogal.fusion.measurements.rotation import ZeroRotation
+from isogal.fusion.measurements.sample_noise import SampleNoise
 from isogal.fusion.measurements.velocity import VelocityReading
 
 __all__ = [
@@ -31,7 +35,9 @@ __all__ = [
     "Measurement",
     "Outcome",
     "PositionFix",
+    "SampleNoise",
     "VelocityReading",
     "Widening",
+    "ZeroRotation",
     "measurements_of",
 ]
