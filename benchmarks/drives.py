@@ -9,141 +9,136 @@ the vertical, the satellites' speed as an odometer, and the barometer's height a
 import argparse
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import uniform_filter
-from dataclasses import replace
-from isogal.maps.field_map import FieldMap
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "examples" / "phone_drive"))
-from phone_log import Drive, read_drive  # noqa: E402
 
 from isogal.earth.frames import horizontal_difference
-from isogal.fusion.measurements import PositionFix, SampleNoise, VelocityReading, ZeroRotation
+from isogal.fusion.measurements import (
+    Measurement,
+    PositionFix,
+    SampleNoise,
+    VelocityReading,
+    ZeroRotation,
+)
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_angles
+from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.barometer import height_of
 
-ZERO = 1e-3
-LEAST, SHARE, MOST = eval(__import__('os').environ.get('SG','5.0,0.45,14.0'))
-import os
-FAKE = float(os.environ['FAKE']) if 'FAKE' in os.environ else None
-RNG = np.random.default_rng(0)
+EXAMPLE = Path(__file__).parent.parent / "examples" / "phone_drive"
+sys.path.insert(0, str(EXAMPLE))
+
+from phone_log import STANDS, Drive, read_drive
+
 KNOWN = 300.0
 """s with satellites."""
-
-
-def scenario_of() -> Scenario:
-    return load_scenario(Path(__file__).parent.parent / "examples" / "phone_drive" / "car.yaml")
+LEAST_FIX = 3.0
+"""m, 1-sigma of a position by satellites at least: its error changes slowly."""
+REST_SPEED, REST_NOISE = 0.1, 1e-3
+"""m/s below which a car stands still, and rad/s, 1-sigma of a sample of its gyroscope then."""
+LEAST, SHARE, MOST = 9.0, 0.6, 20.0
+"""m, share of the relief, m: what a road is off a map of 30 arcsec by where it is flat, where it
+is not, and at most."""
 
 
 def with_sigma(terrain: FieldMap) -> FieldMap:
     """Return a terrain map that says what a road may be off it by: a share of the relief between
-    its nodes, and what is left where it is flat."""
-    mean, square = (
-        uniform_filter(np.asarray(part, dtype=float), 3)
-        for part in (terrain.values, terrain.values**2.0)
-    )
+    a node and its neighbours, and what is left where there is none."""
+    heights = np.asarray(terrain.values, dtype=float)
+    mean, square = uniform_filter(heights, 3), uniform_filter(heights**2, 3)
     relief = np.sqrt(np.maximum(square - mean**2, 0.0))
-    return replace(terrain, sigma=np.hypot(LEAST, np.minimum(SHARE * relief, MOST)), error_stated=True)
+    sigma = np.hypot(LEAST, np.minimum(SHARE * relief, MOST))
+    return replace(terrain, sigma=sigma, error_stated=True)
 
 
-def first_start(drive: Drive) -> int:
-    """Return the first sample with a position and a course at a speed."""
+def start_of(drive: Drive) -> tuple[int, Estimate]:
+    """Return the first sample with a position and a course at a speed, and the estimate there."""
     moving = (drive.speed > 4.0) & np.isfinite(drive.course) & np.isfinite(drive.latitude)
-    return int(np.argmax(moving & (drive.speed_sigma < 2.0)))
-
-
-def navigate(drive: Drive, scenario: Scenario, field_map, matched: bool, log=None) -> np.ndarray:
-    """Return (K, 4) of each second after the satellites: time, error north and east (m), NEES per
-    axis."""
-    first = first_start(drive)
-    height = height_of(drive.pressure, scenario.height)
+    first = int(np.argmax(moving & (drive.speed_sigma < 2.0)))
     heading = drive.course[first]
-    start = Estimate(
+    return first, Estimate(
         np.array([drive.latitude[first], drive.longitude[first], drive.altitude[first]]),
         drive.speed[first] * np.array([math.cos(heading), math.sin(heading), 0.0]),
         np.asarray(from_angles(0.0, 0.0, heading)),
     )
-    navigator = Navigator(scenario, [field_map], start, drive.time[first], horizon=60.0)
-    speed = held(drive.speed)
-    rows = []
+
+
+def aids_at(drive: Drive, speed: np.ndarray, k: int, scenario: Scenario) -> list[Measurement]:
+    """Return what is measured at a sample beside inertial data and height."""
+    found: list[Measurement] = [SampleNoise(np.array([0.0, 0.0, drive.turn_variance[k]]), 1.0)]
+    if max(speed[k - 1], speed[k]) < REST_SPEED:
+        found.append(ZeroRotation(drive.rate[k], REST_NOISE))
+    odometer = VelocityReading.of(scenario.velocity, np.array([speed[k], 0.0, math.nan]))
+    if odometer is not None:
+        found.append(odometer)
+    if drive.time[k] < KNOWN and np.isfinite(drive.latitude[k]):
+        sigma = max(drive.horizontal_sigma[k], LEAST_FIX)
+        covariance = sigma**2 * np.eye(2)
+        found.append(PositionFix(drive.latitude[k], drive.longitude[k], covariance))
+    return found
+
+
+def navigate(
+    drive: Drive, scenario: Scenario, terrain: FieldMap, matched: bool
+) -> tuple[np.ndarray, int]:
+    """Return (K, 2) of each second after the satellites: error (m), NEES per axis; and how many
+    measurements were beyond the gate."""
+    first, start = start_of(drive)
+    navigator = Navigator(scenario, [terrain], start, drive.time[first], horizon=60.0)
+    height, speed = height_of(drive.pressure, scenario.height), held(drive.speed)
+    rows, refused = [], 0
     for k in range(first + 1, len(drive.time)):
         t = drive.time[k]
         navigator.imu(t, drive.force[k], drive.rate[k], height[k])
-        known = t < KNOWN
-        found = [SampleNoise(np.array([0.0, 0.0, drive.turn_variance[k]]), 1.0)]
-        if speed[k] < 0.1 and speed[k-1] < 0.1:
-            found.append(ZeroRotation(drive.rate[k], ZERO))
-        reading = VelocityReading.of(scenario.velocity, np.array([speed[k], 0.0, math.nan]))
-        if reading is not None:
-            found.append(reading)
-        if known and np.isfinite(drive.latitude[k]):
-            sigma = max(drive.horizontal_sigma[k], 3.0)
-            found.append(
-                PositionFix(drive.latitude[k], drive.longitude[k], np.eye(2) * sigma**2)
-            )
-        for one in found:
-            done = navigator.measure(t, one)
-            if log is not None and not done.used and not isinstance(one, ZeroRotation):
-                log(f"{t:.0f} {type(one).__name__} {done.reason} {done.innovation}")
+        for one in aids_at(drive, speed, k, scenario):
+            refused += not navigator.measure(t, one).used
         if matched and t % scenario.gravimeter.interval == 0:
-            reading = height[k] if speed[k] > 0.5 else math.nan
-            if FAKE is not None and np.isfinite(drive.latitude[k]):
-                reading = float(field_map.value(drive.latitude[k:k+1], drive.longitude[k:k+1])[0]) + FAKE * RNG.standard_normal() + 90.0
-            navigator.read(0, np.array([t]), np.array([reading]))
-            applied = navigator.fix()
-            if log is not None and applied is not None:
-                log(f"{t:.0f} fix {applied.fix.status} {applied.fix.reason} " + " ".join(f"{a}={b:.3g}" for a,b in applied.fix.diagnostics.items()) + str([i.reason for i in applied.innovations if i.reason]))
-        if not known and np.isfinite(drive.latitude[k]):
+            moving = speed[k] > STANDS  # one that stands still reads the same once more
+            navigator.read(0, np.array([t]), np.array([height[k] if moving else math.nan]))
+            navigator.fix()
+        if t >= KNOWN and np.isfinite(drive.latitude[k]):
             state = navigator.state
             error = np.array(
-                horizontal_difference(
-                    state.position[0], state.position[1], drive.latitude[k], drive.longitude[k]
-                )
+                horizontal_difference(*state.position[:2], drive.latitude[k], drive.longitude[k])
             )
-            P = state.covariance[:2, :2]
-            rows.append([t, *error, error @ np.linalg.solve(P, error) / 2.0, math.sqrt(np.trace(P))])
-            if log is not None and k % 100 == 0:
-                log(f"  {t:.0f} v={speed[k]:.1f} err {np.hypot(*error):.0f} sigma {math.sqrt(np.trace(P)):.0f} nees {rows[-1][3]:.2f} heading sigma {math.sqrt(state.covariance[8,8]):.3f}")
-    return np.array(rows)
+            nees = error @ np.linalg.solve(state.covariance[:2, :2], error) / 2.0
+            rows.append((math.hypot(*error), nees))
+    return np.array(rows), refused
 
 
 def held(values: np.ndarray) -> np.ndarray:
     """Return values in which a missing one is between those beside it."""
-    index = np.arange(len(values))
-    known = np.isfinite(values)
+    index, known = np.arange(len(values)), np.isfinite(values)
     return np.interp(index, index[known], values[known])
 
 
 def main() -> None:
+    """Print a line for each drive, by dead reckoning and with the map."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--log", action="store_true")
-    parser.add_argument("--dead", action="store_true")
-    parser.add_argument("--mapped", action="store_true")
-    parser.add_argument("--set", action="append", default=[])
+    parser.add_argument("--only", default="", help="part of the name of a drive")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args()
-    scenario = changed_scenario(scenario_of(), arguments.set, "--set")
+    scenario = changed_scenario(load_scenario(EXAMPLE / "car.yaml"), arguments.set, "--set")
     for path in sorted(arguments.folder.glob("drive_*.nc")):
         name = path.stem.removeprefix("drive_")
         if arguments.only not in name:
             continue
         drive = read_drive(path, KNOWN)
-        field_map = load_map(arguments.folder / f"dted0_{name}.nc", "height")
-        field_map = with_sigma(field_map)
-        for matched in (False,) if arguments.dead else (True,) if arguments.mapped else (False, True):
-            rows = navigate(drive, scenario, field_map, matched, print if arguments.log else None)
-            away = np.hypot(rows[:, 1], rows[:, 2]) / 1e3
+        terrain = with_sigma(load_map(arguments.folder / f"dted0_{name}.nc", "height"))
+        for matched, what in ((False, "dead reckoning"), (True, "map")):
+            rows, refused = navigate(drive, scenario, terrain, matched)
+            away, nees = rows.T
             print(
-                f"{name} {'map' if matched else 'dead reckoning':15s} median {np.median(away):.2f} km,"
-                f" 95 % {np.percentile(away, 95):.2f} km, NEES {rows[:, 3].mean():.2f}"
-                f" (median {np.median(rows[:, 3]):.2f}), sigma {np.median(rows[:,4])/1e3:.2f}",
+                f"{name} {what:14s} median {np.median(away) / 1e3:5.2f} km,"
+                f" 95 % {np.percentile(away, 95) / 1e3:5.2f} km, NEES {nees.mean():5.2f}"
+                f" (median {np.median(nees):.2f}), beyond the gate {refused}",
                 flush=True,
             )
 

@@ -33,7 +33,7 @@ class Drive:
     start: float
     """Of these, s since 1970."""
     force: Array
-    """(N, 3) specific force, forward, right, down of a level vehicle, mean of the second before."""
+    """(N, 3) specific force, forward, right, down of a level vehicle, mean of a second."""
     rate: Array
     """(N, 3) angular rate likewise."""
     turn_variance: Array
@@ -70,7 +70,7 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
     level, turn = _levelled(force, rate, up)
     turn = np.where((speed < STANDS) & (np.abs(turn) > HANDLED), 0.0, turn)
     forward = _forward(level, turn, speed, time < known)
-    turned = level[:, :1] * 0.0 + np.stack([level[:, 0], level[:, 1]], axis=1) @ forward
+    turned = level @ forward
     down = -np.einsum("ni,ni->n", force, _unit(up))
     specific = np.column_stack([turned, down])
     rates = np.column_stack([np.zeros((len(turn), 2)), turn])

@@ -28,10 +28,10 @@ KNOWN_HEIGHT = 0.1
 """m, 1-sigma of a height that the scenario gives."""
 
 UNSURE, SOON = 0.1, 3600.0
-"""rad, and s: the heading of a navigator that may be wrong by so much after so long is not known to
-where sines are linear in it. Sigma points as far out as that would make a turn of the velocity
-shorter than it is, and each change of speed a measurement of the heading (docs/mathematics.md,
-section 3.14); close to the centre they are the derivative."""
+"""rad, and s: a heading that may be wrong by so much after so long is not known to where sines are
+linear in it. Sigma points as far out as that would make a turn of the velocity shorter than it is,
+and each change of speed a measurement of the heading (docs/mathematics.md, section 3.14); close to
+the centre they are the derivative."""
 CLOSE = 0.1
 """Spread of the sigma points there, of that of the others."""
 

@@ -138,18 +138,16 @@ def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovat
     return result
 
 
-def moved(
-    state: FilterState, model: FilterModel, covariance: Array, correction: Array
-) -> None:
+def moved(state: FilterState, model: FilterModel, covariance: Array, correction: Array) -> None:
     """Move a state by a correction (N,), in place; the covariance (N, N) is that of the errors
     from where it was.
 
     A navigator whose attitude is wrong by psi has a velocity that is wrong by psi x v: it takes
-    what it measures in body axes for what it is in others. Of a velocity that has been corrected
-    from v to v' the same attitude error is one of psi x v', so that the error from there is dv - psi
-    x (v' - v). Without that, each correction of the velocity would seem to measure the heading, of
-    which an odometer knows nothing (docs/mathematics.md, section 3.14; Barrau & Bonnabel 2017, IEEE
-    TAC 62:1797, for errors by which this need not be said)."""
+    what it measures in body axes for what it is in others. Once the velocity has been corrected
+    from v to v', the same attitude error is one of psi x v', so that the error from there is dv -
+    psi x (v' - v). Without that, each correction of the velocity would seem to measure the
+    heading, of which an odometer knows nothing (docs/mathematics.md, section 3.14; Barrau &
+    Bonnabel 2017, IEEE TAC 62:1797, for errors by which this need not be said)."""
     before = state.velocity.copy()
     state.covariance[:] = covariance
     move(state.nominal, correction)
