@@ -9,6 +9,7 @@ from isogal.fusion.measurements.height import (
     height_contents,
     height_error_states,
 )
+from isogal.fusion.measurements.satellites import satellite_error_states
 from isogal.fusion.measurements.velocity import velocity_error_states
 from isogal.fusion.model import FilterModel
 from isogal.scenario import Assumed
@@ -30,7 +31,7 @@ KNOWN_HEIGHT = 0.1
 UNSURE, SOON = 0.1, 3600.0
 """rad, and s: a heading that may be wrong by so much after so long is not known to where sines are
 linear in it. Sigma points as far out as that would make a turn of the velocity shorter than it is,
-and each change of speed a measurement of the heading (docs/mathematics.md, section 3.14); close to
+and each change of speed a measurement of the heading (docs/mathematics.md, section 3.17); close to
 the centre they are the derivative."""
 CLOSE = 0.1
 """Spread of the sigma points there, of that of the others."""
@@ -59,6 +60,7 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         *imu_states.states(scenario),
         *height_error_states(height),
         *velocity_error_states(scenario.velocity),
+        *satellite_error_states(scenario.gnss, height.measured),
     )
     turn = noise[5] * math.sqrt(SOON) + sensors.gyroscope.bias[2] * SOON
     unsure = math.hypot(heading, turn) > UNSURE

@@ -50,6 +50,8 @@ class FilterModel:
     height, 1/m; () = nothing."""
     unsure_heading: bool = False
     """Whether the heading may be wrong by more than what sines are linear in."""
+    places: dict[str, int] = field(init=False, repr=False, compare=False)
+    """Where each auxiliary state stands among all, by its name."""
     gates: tuple[float, ...] = field(init=False, repr=False, compare=False)
     """The largest normalised innovation squared of 1, 2, ... 7 dimensions that is used."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
@@ -71,6 +73,10 @@ class FilterModel:
             auxiliary_of(self.auxiliary),
             self.gravity.compensation,
             ROTATIONS if self.preintegrated else MEANS,
+        )
+        names = [one.name for one in self.auxiliary]
+        object.__setattr__(
+            self, "places", {name: k for k, name in enumerate(names, FILTER_STATES)}
         )
         object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)

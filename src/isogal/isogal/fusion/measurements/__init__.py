@@ -8,26 +8,31 @@ auxiliary states), a measurement is
 and is used where its normalised innovation squared is within the gate of its dimension
 (docs/mathematics.md, section 3.13).
 
-model        Measurement (the protocol), Innovation, and the update with rows z, h, H, R
-position     a horizontal position
-information  what a batch of readings says, in information form
-height       a height sensor, with its errors as auxiliary states
-velocity     a velocity aid, with its errors and the current or wind; standstill
-sample_noise what an inertial sample says of its own noise
-rotation     what the gyroscopes of a vehicle read that does not turn
-fix          the measurements that a fix consists of
+model            Measurement (the protocol), Innovation, and the update with rows z, h, H, R
+position         a position, of an antenna or of the inertial sensors
+ground_velocity  a velocity over ground in the navigation frame
+satellites       what a satellite receiver gives, with the slow error of its positions
+information      what a batch of readings says, in information form
+height           a height sensor, with its errors as auxiliary states
+velocity         a velocity aid, with its errors and the current or wind; standstill
+sample_noise     what an inertial sample says of its own noise
+rotation         what the gyroscopes of a vehicle read that does not turn
+fix              the measurements that a fix consists of
 """
 
 from isogal.fusion.measurements.fix import LearntMapError, Widening, measurements_of
+from isogal.fusion.measurements.ground_velocity import GroundVelocity
 from isogal.fusion.measurements.height import HeightReading
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement, Outcome
 from isogal.fusion.measurements.position import PositionFix
 from isogal.fusion.measurements.rotation import ZeroRotation
 from isogal.fusion.measurements.sample_noise import SampleNoise
+from isogal.fusion.measurements.satellites import satellite_fix, satellite_velocity
 from isogal.fusion.measurements.velocity import VelocityReading
 
 __all__ = [
+    "GroundVelocity",
     "HeightReading",
     "InformationUpdate",
     "Innovation",
@@ -40,4 +45,6 @@ __all__ = [
     "Widening",
     "ZeroRotation",
     "measurements_of",
+    "satellite_fix",
+    "satellite_velocity",
 ]

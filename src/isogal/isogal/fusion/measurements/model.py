@@ -146,7 +146,7 @@ def moved(state: FilterState, model: FilterModel, covariance: Array, correction:
     what it measures in body axes for what it is in others. Once the velocity has been corrected
     from v to v', the same attitude error is one of psi x v', so that the error from there is dv -
     psi x (v' - v). Without that, each correction of the velocity would seem to measure the
-    heading, of which an odometer knows nothing (docs/mathematics.md, section 3.14; Barrau &
+    heading, of which an odometer knows nothing (docs/mathematics.md, section 3.17; Barrau &
     Bonnabel 2017, IEEE TAC 62:1797, for errors by which this need not be said)."""
     before = state.velocity.copy()
     state.covariance[:] = covariance

@@ -1,5 +1,5 @@
 """What an inertial sample says of its own noise beyond what the model has: the attitude is as much
-less certain (docs/mathematics.md, section 3.14)."""
+less certain (docs/mathematics.md, section 3.17)."""
 
 from dataclasses import dataclass
 
