@@ -30,6 +30,7 @@ setup(
             "magnetic = isogal_ros.messages.magnetometer:magnetic",
             "terrain = isogal_ros.messages.altimeter:terrain",
             "gradient = isogal_ros.messages.gradiometer:gradient",
+            "ground = isogal_ros.messages.ground:ground",
         ],
     },
 )

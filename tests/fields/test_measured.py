@@ -13,14 +13,14 @@ from isogal.maps.quantities import QUANTITIES
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.reduction import State
 
-VALUE = {"gravity": 9.8, "disturbance": 3e-4, "magnetic": 250.0, "terrain": 400.0}
+VALUE = {"gravity": 9.8, "disturbance": 3e-4, "magnetic": 250.0, "terrain": 400.0, "ground": 400.0}
 ROUTE = [
     "route.start=[55.6, -4.5]",
     "route.end=[56.2, -3.5]",
     "route.duration=600",
     "route.height=1500",
 ]
-SIGMA = {"gravity": 1e-5, "disturbance": 1e-5, "magnetic": 2.0, "terrain": 3.0}
+SIGMA = {"gravity": 1e-5, "disturbance": 1e-5, "magnetic": 2.0, "terrain": 3.0, "ground": 3.0}
 FIELDS = fields()
 STEPS = {"north": 100.0, "east": 100.0, "v_north": 0.1, "v_east": 0.1, "up": 10.0}
 

@@ -149,6 +149,9 @@ TERMS = Topic("magnetometer/terms", PointCloud2)
 that is made of (`isogal_ros.messages.magnetometer`)."""
 CLEARANCE = Topic("altimeter/range", Range)
 TERRAIN = Topic("altimeter/terrain", NavSatFix)
+GROUND_PRESSURE = Topic("ground/data_raw", FluidPressure)
+"""Of the barometer of a vehicle on the ground; may be the same messages as BAROMETER."""
+GROUND_HEIGHT = Topic("ground/terrain", NavSatFix)
 SOUNDINGS = Topic("altimeter/points", PointCloud2)
 """Of an altimeter with several beams, in place of the range: where they meet the ground."""
 FAN = Topic("altimeter/scan", LaserScan)
@@ -159,7 +162,7 @@ FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
 OF_INSTRUMENTS = (
     GRAVIMETRY, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE,
-    TERRAIN, SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT,
+    TERRAIN, SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT, GROUND_PRESSURE, GROUND_HEIGHT,
 )  # fmt: skip
 """Of which a graph has those of its own instrument only."""
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM), single=False)
@@ -193,9 +196,9 @@ ALL = (
     CLOCK, IMU, INS_SOLUTION, INS_SOLUTION_FIX, INS_SOLUTION_VELOCITY, INS_ERROR, BAROMETER,
     VELOCITY, GNSS_FIX, GNSS_VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, GRAVIMETRY, GRAVITY,
     DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, SOUNDINGS, FAN,
-    FOOTPRINTS, FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX,
-    NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, NAV_AIDS, SMOOTHED, *TRANSFORMS,
-    DIAGNOSTICS,
+    FOOTPRINTS, FULL_GRADIENT, GRADIENT, GROUND_PRESSURE, GROUND_HEIGHT, FIX, INFORMATION, POSE,
+    CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL,
+    NAV_AIDS, SMOOTHED, *TRANSFORMS, DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

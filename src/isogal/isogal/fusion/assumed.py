@@ -26,9 +26,16 @@ strapdown does not know: 36 mGal RMS over a correlation time of 1000 s, sqrt(2 s
 it the vertical accelerometer, with the height known, would measure the east velocity through the
 Eötvös term, to a precision that no vehicle has (docs/mathematics.md, section 3.7)."""
 
-
 KNOWN_HEIGHT = 0.1
 """m, 1-sigma of a height that the scenario gives."""
+
+UNSURE, SOON = 0.1, 3600.0
+"""rad, and s: a heading that may be wrong by so much after so long is not known to where sines are
+linear in it. Sigma points as far out as that would make a turn of the velocity shorter than it is,
+and each change of speed a measurement of the heading (docs/mathematics.md, section 3.17); close to
+the centre they are the derivative."""
+CLOSE = 0.1
+"""Spread of the sigma points there, of that of the others."""
 
 
 def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> FilterModel:
@@ -61,6 +68,8 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         ),
         *(state for aid in scenario.headings or () for state in heading_error_states(aid)),
     )
+    turn = noise[5] * math.sqrt(SOON) + sensors.gyroscope.bias[2] * SOON
+    unsure = math.hypot(heading, turn) > UNSURE
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),
         initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
@@ -69,6 +78,8 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         height_sigma=height.sigma if height.measured else KNOWN_HEIGHT,
         height_measured=height.measured,
         height_contents=height_contents(auxiliary) if height.measured else (),
+        alpha=CLOSE if unsure else 1.0,
+        unsure_heading=unsure,
         auxiliary=auxiliary,
         gravity=gravity,
         preintegrated=scenario.samples_per_step > 1,

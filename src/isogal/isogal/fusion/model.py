@@ -48,6 +48,8 @@ class FilterModel:
     height_contents: tuple[tuple[float, float], ...] = ()
     """What a measured height contains of each auxiliary state: a constant, and a share of the
     height, 1/m; () = nothing."""
+    unsure_heading: bool = False
+    """Whether the heading may be wrong by more than what sines are linear in."""
     places: dict[str, int] = field(init=False, repr=False, compare=False)
     """Where each auxiliary state stands among all, by its name."""
     gates: tuple[float, ...] = field(init=False, repr=False, compare=False)

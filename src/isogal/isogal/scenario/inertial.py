@@ -121,7 +121,7 @@ class Imu(Section):
         "precision",
         description=(
             "precision, quantum_accelerometer, quantum (the paper's Table 1), navigation,"
-            " tactical, quantum_hybrid, or one of the file grades"
+            " tactical, quantum_hybrid, phone, or one of the file grades"
         ),
     )
     grades: str | None = Field(

@@ -44,7 +44,8 @@ def terrain(scenario: Scenario) -> Adapter:
     settings = scenario.altimeter
     if not settings.sounds:
         raw = topics.CLEARANCE, partial(_write_range, settings), read_range
-        return Adapter(*raw, topics.TERRAIN, _write_terrain, _read_terrain)
+        write = partial(terrain_message, topics.TERRAIN)
+        return Adapter(*raw, topics.TERRAIN, write, read_terrain)
     footprints = (
         topics.FOOTPRINTS,
         partial(_write_footprints, settings.count),
@@ -88,17 +89,19 @@ def read_range(message: Range) -> tuple[float, float | None]:
     return (value if in_range else math.nan), variance or None
 
 
-def _write_terrain(ns: int, value: Reading, variance: Reading, place: Place) -> NavSatFix:
+def terrain_message(
+    topic: topics.Topic, ns: int, value: Reading, variance: Reading, place: Place
+) -> NavSatFix:
     """Return a message of a terrain height, m; NaN = no altitude, as the definition of the message
     has it."""
-    message, height = framed(topics.TERRAIN, GROUND), float(value)
+    message, height = framed(topic, GROUND), float(value)
     code = NavSatStatus.STATUS_NO_FIX if math.isnan(height) else NavSatStatus.STATUS_FIX
     covariance = np.diag([NOT_MEASURED, NOT_MEASURED, float(variance)])
     fill_fix(message, ns, *(place or (math.nan, math.nan)), height, covariance, code)
     return message
 
 
-def _read_terrain(message: NavSatFix) -> tuple[float, float]:
+def read_terrain(message: NavSatFix) -> tuple[float, float]:
     """Return the terrain height (m), NaN where there was nothing in range, and its variance
     (m²)."""
     value, variance = message.altitude, float(message.position_covariance[8])

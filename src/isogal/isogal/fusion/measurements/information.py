@@ -13,9 +13,8 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.fusion.measurements.model import Innovation
+from isogal.fusion.measurements.model import Innovation, moved
 from isogal.fusion.model import FilterModel
-from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, Estimate, batch_difference
 from isogal.matrices import eigen, inverse_of_lower, lower, product
@@ -53,11 +52,11 @@ class InformationUpdate:
         """
         if self.relative_to is None:
             self.relative_to = Estimate(*(part.copy() for part in state.estimate))
-        moved = batch_difference(state.estimate, self.relative_to)[: len(self.vector)]
-        # with x = x_old + moved, b' x_old - x_old' A x_old / 2 has the vector b + A moved
-        vector = self.vector + self.matrix @ moved
+        apart = batch_difference(state.estimate, self.relative_to)[: len(self.vector)]
+        # with x = x_old + apart, b' x_old - x_old' A x_old / 2 has the vector b + A apart
+        vector = self.vector + self.matrix @ apart
         result = update_information(state, model, vector, self.matrix)
-        result.log_likelihood -= float(self.vector @ moved + 0.5 * moved @ self.matrix @ moved)
+        result.log_likelihood -= float(self.vector @ apart + 0.5 * apart @ self.matrix @ apart)
         return result
 
     def of_one_sign(self, sigma: Array) -> "InformationUpdate":
@@ -96,8 +95,7 @@ def update_information(
     size = float(((pull / (1.0 + np.maximum(values, LEAST_APPLIED))) ** 2).sum())
     if size > gate:
         return Innovation.of(error[:2], size, gate).far_away()
-    state.covariance[:] = reduced
-    move(state.nominal, error)
+    moved(state, model, reduced, error)
     up = (values > 0.0) & (pull != 0.0)
     nis = float((pull[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
     result = Innovation.of(error[which][:2], nis, math.inf)

@@ -13,6 +13,7 @@ from isogal.fusion.gate import beyond
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
+from isogal.inertial.rotations import cross_matrix
 from isogal.matrices import inverse_of_lower, lower, product
 
 NOTHING = np.full(2, np.nan)
@@ -133,9 +134,28 @@ def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovat
     result = Innovation.of(innovation, nis, model.gate(len(innovation)), rows.expected)
     result.log_likelihood = -0.5 * (nis + log_size)
     if result.used:
-        state.covariance[:] = reduced
-        move(state.nominal, correction)
+        moved(state, model, reduced, correction)
     return result
+
+
+def moved(state: FilterState, model: FilterModel, covariance: Array, correction: Array) -> None:
+    """Move a state by a correction (N,), in place; the covariance (N, N) is that of the errors
+    from where it was.
+
+    A navigator whose attitude is wrong by psi has a velocity that is wrong by psi x v: it takes
+    what it measures in body axes for what it is in others. Once the velocity has been corrected
+    from v to v', the same attitude error is one of psi x v', so that the error from there is dv -
+    psi x (v' - v). Without that, each correction of the velocity would seem to measure the
+    heading, of which an odometer knows nothing (docs/mathematics.md, section 3.17; Barrau &
+    Bonnabel 2017, IEEE TAC 62:1797, for errors by which this need not be said)."""
+    before = state.velocity.copy()
+    state.covariance[:] = covariance
+    move(state.nominal, correction)
+    if not model.unsure_heading:  # it would change the sixth digit
+        return
+    turn, P = cross_matrix(state.velocity - before), state.covariance
+    P[3:6] -= turn @ P[6:9]
+    P[:, 3:6] -= P[:, 6:9] @ turn.T
 
 
 @kernel(error_model="numpy")

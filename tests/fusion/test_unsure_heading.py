@@ -1,0 +1,84 @@
+"""A navigator that does not know its heading well: what an odometer tells of it, and what a
+vehicle at rest, and samples that say their own noise."""
+
+import math
+
+import numpy as np
+import pytest
+
+from helpers.navigators import error_between, fly
+from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.fusion.assumed import filter_model
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import SampleNoise, VelocityReading, ZeroRotation
+from isogal.fusion.nominal import move
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import Estimate
+from isogal.inertial.rotations import cross_matrix, matrix
+from isogal.scenario import load_scenario
+
+CAR = load_scenario(
+    None,
+    [
+        "imu.grade=phone",
+        "initial_error={position: 10, velocity: 0.05, tilt: 0.01, heading: 0.4}",
+        "velocity={kind: odometer, sigma: 0.1, scale: 0, misalignment: 0}",
+        "gravity={field: normal, compensation: none}",
+    ],
+)
+FLIGHT = fly()
+
+
+def test_stops_and_starts_do_not_tell_the_heading():
+    """From rest, 20 m/s straight on with one stop: nothing says where north is."""
+    start = Estimate(np.array([0.7, -1.3, 0.0]), np.zeros(3), np.eye(4)[0])
+    model = filter_model(CAR)
+    navigator = InertialNavigator(model, FilterState.start(start, model))
+    speed, sigma = 0.0, []
+    for k in range(1, 61):
+        before = speed
+        speed = 20.0 * min(1.0, abs((k + 30) % 60 - 30) / 10.0)
+        force = np.array([speed - before, 0.0, -9.8])
+        navigator.imu(float(k), force, np.zeros(3), 0.0)
+        reading = VelocityReading.of(CAR.velocity, np.array([speed, 0.0, math.nan]))
+        navigator.measure(float(k), reading)
+        sigma.append(math.sqrt(navigator.state.covariance[8, 8]))
+    # of 0.4 rad; with errors that are not re-expressed 0.15, with sigma points far out 0.19
+    assert sigma[-1] > 0.3
+
+
+@pytest.mark.parametrize("axis", range(15))
+def test_zero_rotation_is_linear_in_the_error(axis):
+    rng = np.random.default_rng(1)
+    reading = ZeroRotation(rng.normal(size=3) * 1e-4, 1e-5)
+    step = np.zeros(15)
+    step[axis] = 1e-4 if axis in (6, 7, 8) else 1e-6 if axis > 8 else 0.0
+    moved = FLIGHT.start.copy()
+    move(moved.nominal, step)
+    expected = reading.update(FLIGHT.start.copy(), FLIGHT.model).expected
+    change = reading.update(moved, FLIGHT.model).expected - expected
+    latitude = FLIGHT.start.position[0]
+    earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
+    H = np.zeros((3, 15))
+    H[:, 6:9] = matrix(FLIGHT.start.attitude).T @ cross_matrix(earth)
+    H[:, 12:15] = np.eye(3)
+    np.testing.assert_allclose(change, H @ step, rtol=1e-3, atol=1e-12)
+
+
+def test_a_vehicle_at_rest_learns_its_gyroscopes():
+    state = FLIGHT.start.copy()
+    state.covariance[12:15, 12:15] = np.eye(3) * 1e-8
+    bias = np.array([1e-4, -2e-4, 5e-5])
+    earth = EARTH_RATE * np.array([np.cos(state.position[0]), 0.0, -np.sin(state.position[0])])
+    reading = ZeroRotation(matrix(state.attitude).T @ earth + bias, 1e-6)
+    assert reading.update(state, FLIGHT.model).used
+    np.testing.assert_allclose(state.gyroscope_bias, bias, rtol=1e-3, atol=1e-8)
+
+
+def test_a_sample_of_more_noise_turns_the_covariance_alone():
+    state, before = FLIGHT.start.copy(), FLIGHT.start
+    SampleNoise(np.array([0.0, 0.0, 0.04]), 1.0).update(state, FLIGHT.model)
+    assert state.covariance[8, 8] - before.covariance[8, 8] == pytest.approx(0.04, rel=1e-3)
+    assert not error_between(state, before).any()
+    with pytest.raises(ValueError, match="not finite"):
+        SampleNoise(np.array([0.0, 0.0, math.nan]), 1.0).update(state, FLIGHT.model)
