@@ -211,8 +211,12 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
         before, after = crossings["before"], crossings["after"]
         yield (
             f"{before['count']} crossings of lines: RMS difference {factor * before['rms']:.3g}"
-            f" {unit}, levelled {factor * after['rms']:.3g} {unit}"
+            f" {unit}, levelled {factor * after['rms']:.3g} {unit}, each by the others alone"
+            f" {factor * after['rms_left_out']:.3g} {unit};"
+            f" {after['degrees_of_freedom']:.1f} degrees of freedom are left"
         )
+        if after["rms_left_out"] >= before["rms"]:
+            yield "levelling does not help here: leave out --level"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.kriging import GROUP, Kriging, groups
 from isogal.maps.gridding.learning import learn
-from isogal.maps.gridding.levelling import cross_overs, levelled
+from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
 from isogal.maps.gridding.reduction import Trend, block_reduced
 from isogal.maps.gridding.spacing import gap_of, spacing_of
 from isogal.maps.gridding.survey import Survey
@@ -216,11 +216,9 @@ def _prepared(
         report["lines"] = int(np.unique(survey.line).size)
     if settings.level:
         crossings = cross_overs(survey)
-        survey = levelled(survey, crossings)
-        report["cross_overs"] = {
-            "before": crossings.figures(),
-            "after": cross_overs(survey).figures(),
-        }
+        levelling = levelling_of(survey, crossings)
+        survey = levelled(survey, levelling)
+        report["cross_overs"] = {"before": crossings.figures(), "after": levelling.figures()}
     block = settings.block
     if block is None:
         block = 0.5 * settings.spacing if settings.spacing else gap / _BLOCKS_IN_GAP
