@@ -11,6 +11,7 @@ from helpers.navigators import ROUTE, error_between, fly, identical
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
+    HeightReading,
     InformationUpdate,
     Innovation,
     Outcome,
@@ -407,3 +408,34 @@ def error_of(state: FilterState, stamp: int) -> np.ndarray:
     truth = LONG.trajectory
     metres = metres_per_radian(truth.latitude[stamp])
     return (state.position[:2] - [truth.latitude[stamp], truth.longitude[stamp]]) * metres
+
+
+def test_what_would_be_known_without_satellites() -> None:
+    """Fixes after a time do not count, heights and fixes before it do; also where what has been
+    found is gone on from, and where a fix comes late."""
+    place = FLIGHT.start.position
+    height = HeightReading(float(place[2]), 0.25)
+
+    def fix(k):
+        return PositionFix(*FLIGHT.fix(k, 1.0, -1.0), np.eye(2) * 4.0)
+
+    def flown(aids, late=()):
+        it = navigator()
+        for k in range(1, 41):
+            advance(it, k)
+            it.measure(float(k), height)
+            if k in aids:
+                it.measure(float(k), fix(k))
+            if late and k == 30:
+                it.measure(float(late[0]), fix(late[0]))
+            if aids and k % 7 == 0:
+                it.unaided(10.0 if k > 10 else 0.0)
+        return it
+
+    alone = flown({5, 10}).state
+    for it in (flown({5, 10, 12, 33}), flown({5, 10, 33}, late=[12])):
+        without = it.unaided(10.0)
+        np.testing.assert_allclose(without.covariance, alone.covariance, rtol=1e-12)
+        np.testing.assert_allclose(np.r_[without.position], alone.position, rtol=1e-15)
+        assert without.covariance[0, 0] > 2.0 * it.state.covariance[0, 0]
+    assert flown({5, 10}).unaided(10.0) is None

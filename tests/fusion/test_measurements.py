@@ -21,22 +21,27 @@ from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fix import Fix, Information
 from isogal.fusion.gate import quantile
 from isogal.fusion.measurements import (
+    GroundVelocity,
     HeightReading,
     InformationUpdate,
+    Innovation,
     LearntMapError,
     Outcome,
     PositionFix,
     VelocityReading,
     Widening,
     measurements_of,
+    satellite_fix,
+    satellite_velocity,
 )
 from isogal.fusion.measurements.model import Rows, update_linear
 from isogal.fusion.measurements.velocity import velocity_reading
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
+from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, HORIZONTAL_STATES, batch_covariance
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Fusion, Height, Velocity, load_scenario
+from isogal.scenario import Fusion, Gnss, Height, Velocity, load_scenario
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 FAR = 78e3
@@ -344,3 +349,63 @@ def test_a_contradicted_aid_is_not_used_any_more_but_a_standstill_is():
     assert identical(state, before)
     state.velocity[:] = 0.0
     assert dvl([0.0, 0.0, 0.0]).update(state, it.model).used
+
+
+GNSS = Gnss(available=((0.0, 60.0),), lever_arm=(3.0, -1.0, -2.0))
+
+
+def satellite_model(height: bool) -> FilterModel:
+    return fly(
+        fusion=Fusion(false_rejection=0.0), gnss=GNSS, height=BAROMETER if height else Height()
+    ).model
+
+
+@pytest.mark.parametrize("which", ["position", "position and height", "velocity"])
+def test_satellite_rows_are_those_of_differences(which) -> None:
+    """H of the antenna's position or velocity, lever arm and slow error included, is how much h
+    changes with each state."""
+    model = satellite_model(which.endswith("height"))
+    state = FilterState.start(FLIGHT.start.estimate, model)
+    state.auxiliary[:] = np.linspace(0.5, 1.5, len(state.auxiliary))
+    turn = np.array([0.02, -0.05, 0.3])
+    place = state.position + np.array([2e-7, -1e-7, 3.0])
+    fix = satellite_fix(GNSS, place, which.endswith("height"))
+    measured = (
+        satellite_velocity(GNSS, np.array([5.0, 3.0, 0.1]), turn) if which == "velocity" else fix
+    )
+    rows = []
+
+    def catch(_state, _model, found):
+        rows.append(found)
+        return Innovation.of(np.zeros(1), 0.0, np.inf)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("position", "ground_velocity"):
+            patch.setattr(f"isogal.fusion.measurements.{module}.update_linear", catch)
+        measured.update(state, model)
+        base = rows[0]
+        for j in range(model.states):
+            step = np.zeros(model.states)
+            step[j] = 1e-4
+            other = state.copy()
+            move(other.nominal, step)
+            measured.update(other, model)
+            # of a position what is expected is relative to the estimate, and z with it
+            change = (rows[-1].expected - rows[-1].measured) - (base.expected - base.measured)
+            np.testing.assert_allclose(change / 1e-4, base.H[:, j], atol=1e-3, err_msg=str(j))
+
+
+def test_what_a_receiver_says_of_its_error_is_the_whole_of_it() -> None:
+    stated = np.diag([4.0, 9.0, 1.0])
+    white = satellite_fix(GNSS, np.zeros(3), True, stated).covariance
+    # 1.5 m of it changes slowly, of the height 1.5 times as much; a tenth is left at least
+    np.testing.assert_allclose(np.diag(white), [4.0 - 2.25, 9.0 - 2.25, 0.1])
+    assert satellite_velocity(GNSS, np.full(3, np.nan), np.zeros(3)) is None
+    known = satellite_velocity(GNSS, np.ones(3), np.zeros(3), np.diag([0.04, 0.0, 0.0]))
+    np.testing.assert_allclose(np.sqrt(np.diag(known.covariance)), [0.2, 0.03, 0.045])
+
+
+def test_velocity_without_an_axis() -> None:
+    state = FLIGHT.start.copy()
+    only = GroundVelocity(np.array([4.0, np.nan, np.nan]), np.eye(3), np.zeros(3))
+    assert only.update(state, open_model()).innovation.shape == (1,)

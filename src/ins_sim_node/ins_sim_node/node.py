@@ -54,8 +54,8 @@ class InsSimNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "initial_error", "gravimeter", "magnetometer",
-        "altimeter", "map", "map_error", "gravity", "height", "velocity", "matcher", "fusion",
-        "truth",
+        "altimeter", "map", "map_error", "gravity", "height", "velocity", "gnss", "matcher",
+        "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)

@@ -4,13 +4,21 @@ import math
 import time
 
 import numpy as np
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 
 from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
+from isogal.sensors.satellites import SatelliteFixes
 from isogal_ros import topics
-from isogal_ros.messages.aids import fill_pressure, fill_velocity
-from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.aids import (
+    aids_of,
+    fill_ground_velocity,
+    fill_pressure,
+    fill_satellite_fix,
+    fill_velocity,
+)
+from isogal_ros.messages.frames import ANTENNA, BASE, MAP, map_frame
 from isogal_ros.messages.imu import fill_imu, fill_noise
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
@@ -19,6 +27,36 @@ from isogal_ros.nodes.base import GraphNode
 
 COMPARE_EVERY = 0.1
 """s of wall time between comparisons of navigator and truth."""
+
+
+class Satellites:
+    """What a satellite receiver publishes: each fix when it comes, with its own stamp."""
+
+    def __init__(self, node: GraphNode, fixes: SatelliteFixes) -> None:
+        self._fixes, self._gnss = fixes, node.scenario.gnss
+        step = 1.0 / node.scenario.navigation_rate
+        self._late = math.ceil(node.scenario.true.gnss.delay / step - 1e-9)
+        self._step_ns = from_seconds(step)
+        self._row = {k: row for row, k in enumerate(fixes.ends.tolist())}
+        self._fix = node.advertise(topics.GNSS_FIX)
+        self._velocity: Publisher | None = None
+        if topics.GNSS_VELOCITY in aids_of(node.scenario):
+            self._velocity = node.advertise(topics.GNSS_VELOCITY)
+        self._m_fix, self._m_velocity = topics.GNSS_FIX.type(), topics.GNSS_VELOCITY.type()
+        self._m_fix.header.frame_id = self._m_velocity.header.frame_id = ANTENNA
+
+    def publish(self, k: int, ns: int) -> None:
+        """Publish what comes at the end of step k, which has a stamp (ns)."""
+        row = self._row.get(k - self._late)
+        if row is None:
+            return
+        stamp = ns - self._late * self._step_ns
+        fill_satellite_fix(self._m_fix, stamp, self._fixes.position[0, row], self._gnss)
+        self._fix.publish(self._m_fix)
+        if self._velocity is not None:
+            speed = self._fixes.velocity[0, row]
+            fill_ground_velocity(self._m_velocity, stamp, speed, self._gnss)
+            self._velocity.publish(self._m_velocity)
 
 
 class Outputs:
@@ -37,6 +75,8 @@ class Outputs:
             self._pressure = node.advertise(topics.BAROMETER)
         if vehicle.velocity is not None:
             self._velocity = node.advertise(topics.VELOCITY)
+        if vehicle.satellites is not None:
+            self._satellites = Satellites(node, vehicle.satellites)
         self._truth_fix = node.advertise(topics.TRUTH_FIX)
         self._truth_odom = node.advertise(topics.TRUTH_ODOM)
         self._ins_fix = node.advertise(topics.INS_FIX)
@@ -79,6 +119,8 @@ class Outputs:
         if velocity is not None and np.isfinite(velocity[k - 1]).any():
             fill_velocity(self._m_velocity, ns, velocity[k - 1])
             self._velocity.publish(self._m_velocity)
+        if self._vehicle.satellites is not None:
+            self._satellites.publish(k, ns)
 
     def _publish_samples(self, samples: Array, ns: int) -> None:
         """Publish the samples (n, 6) of a step that ends at a stamp."""

@@ -25,7 +25,7 @@ from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
-from isogal.matching.interfaces import Matcher
+from isogal.matching.interfaces import Aided, Matcher
 from isogal.matching.map_matching import MapMatching, Matched
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
@@ -159,10 +159,19 @@ class Navigator:
         """Match the batch that the newest readings end; None where they end none."""
         if not self.matching.ready:
             return None
+        aided = self._aided()
         self._ends = self._ends[1], self.time
-        matched = self.matching.match(self.state.batch_prior)
+        matched = self.matching.match(self.state.batch_prior, aided=aided)
         self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched
+
+    def _aided(self) -> Aided | None:
+        """Return what satellites have told since the last batch."""
+        without = self.inertial.unaided(self._ends[1])
+        if without is None:
+            return None
+        jump = batch_difference(self.state.estimate, without.estimate)
+        return Aided(without.batch_prior, jump)
 
     def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:
         """Apply a fix of any time within the horizon, and carry what it changes back to the

@@ -99,6 +99,11 @@ BAROMETER = Topic("barometer/data_raw", FluidPressure, (UKF_FUSION,))
 """In air or in water, if `height.source` says so."""
 VELOCITY = Topic("velocity/data_raw", TwistWithCovarianceStamped, (UKF_FUSION,))
 """In body axes, if `velocity.kind` says which sensor."""
+GNSS_FIX = Topic("gnss/fix", NavSatFix, (UKF_FUSION,))
+"""Of the antenna, if `gnss.available` says that there is a receiver; STATUS_NO_FIX where it has no
+satellites."""
+GNSS_VELOCITY = Topic("gnss/velocity", TwistWithCovarianceStamped, (UKF_FUSION,))
+"""Of the antenna over ground: east, north, up."""
 TRUTH_FIX = Topic("ground_truth/fix", NavSatFix, (GRAVIMETER,))
 TRUTH_ODOM = Topic("ground_truth/odom", Odometry)
 INS_FIX = Topic("ins/fix", NavSatFix)
@@ -145,16 +150,19 @@ v_east (m/s), attitude about north, east, down (rad), which an Odometry cannot c
 NAV_PATH = Topic("nav/path", Path)
 PROTECTION_LEVEL = Topic("nav/protection_level", Float64)
 """m, one after each nav/odom, which has the stamp and the covariance that it is computed from."""
+NAV_AIDS = Topic("nav/aids", DiagnosticArray)
+"""Which aids the navigator uses, since when not, and why."""
 TF = None if TFMessage is None else Topic("/tf", TFMessage, single=False)
 TF_STATIC = None if TFMessage is None else Topic("/tf_static", TFMessage, single=False)
 TRANSFORMS = () if TF is None else (TF,)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, (INS_SIM,), single=False)
 
 ALL = (
-    CLOCK, IMU, BAROMETER, VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX, GRAVIMETRY, GRAVITY,
-    DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE, TERRAIN, SOUNDINGS, FAN,
-    FOOTPRINTS, FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE, CANDIDATES, INITIAL_POSE, NAV_FIX,
-    NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, *TRANSFORMS, DIAGNOSTICS,
+    CLOCK, IMU, BAROMETER, VELOCITY, GNSS_FIX, GNSS_VELOCITY, TRUTH_FIX, TRUTH_ODOM, INS_FIX,
+    GRAVIMETRY, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE,
+    TERRAIN, SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT, FIX, INFORMATION, POSE,
+    CANDIDATES, INITIAL_POSE, NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL,
+    NAV_AIDS, *TRANSFORMS, DIAGNOSTICS,
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""

@@ -35,7 +35,7 @@ class PmhtMmNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "field", "fields", "route", "imu", "gravimeter", "magnetometer", "altimeter",
-        "gradiometer", "gravity", "height", "map", "matcher", "fusion",
+        "gradiometer", "gravity", "height", "gnss", "map", "matcher", "fusion",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",
@@ -128,10 +128,15 @@ class PmhtMmNode(GraphNode):
         return own if own > 0.0 else float(variance)
 
     def _match(self, nav: NavSample) -> None:
+        told = nav.aided
+        begun = self._matching.memory is not None
+        # what they have told since another fix than the last does not follow on its batch
+        same = told is not None and (told.since == self.scans.ended or not begun)
+        aided = told.told if told is not None and same else None
         self.scans.ended = nav.ns
         # the next batch is to use the readings of one whose end is not known
         why = "the navigator said nothing of the batch's end" if self.scans.guessed else None
-        batch, fix, seconds = self._matching.match(nav.covariance, why)
+        batch, fix, seconds = self._matching.match(nav.covariance, why, aided)
         self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)
 

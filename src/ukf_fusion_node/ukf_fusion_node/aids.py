@@ -1,5 +1,4 @@
-"""Readings of height and velocity sensors: when they are due, and what the filter does with
-them."""
+"""Readings of sensors beside the IMU: when they are due, and what the filter does with them."""
 
 import sys
 from collections.abc import Callable
@@ -8,24 +7,41 @@ from typing import TypeAlias
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from sensor_msgs.msg import FluidPressure
+from sensor_msgs.msg import FluidPressure, NavSatFix
 
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import HeightReading, Innovation, Measurement, VelocityReading
+from isogal.fusion.measurements import (
+    HeightReading,
+    Innovation,
+    Measurement,
+    VelocityReading,
+    satellite_fix,
+    satellite_velocity,
+)
 from isogal.scenario import Height
 from isogal.sensors.barometer import height_of
 from isogal_ros import topics
-from isogal_ros.messages.aids import read_pressure, read_velocity
+from isogal_ros.messages.aids import (
+    aids_of,
+    read_ground_velocity,
+    read_pressure,
+    read_satellite_fix,
+    read_velocity,
+)
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Topic
+from ukf_fusion_node.aid_report import AidReport
 from ukf_fusion_node.measuring import Measuring
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
-Message: TypeAlias = FluidPressure | TwistWithCovarianceStamped
-_Read = tuple[Measurement | None, Callable[[Innovation], str]]
-"""A reading, None = it has no number, and what to say of one that cannot be right."""
+Message: TypeAlias = FluidPressure | NavSatFix | TwistWithCovarianceStamped
+_Reading = Callable[[InertialNavigator, float], Measurement | None]
+"""Returns the measurement of a navigator at its time (s); None = there is no number."""
+_Read = tuple[_Reading, Callable[[Innovation], str]]
+"""A reading, and what to say of one that cannot be right."""
+NO_FIX = "the receiver has no fix"
 
 
 @dataclass
@@ -35,6 +51,8 @@ class _Source:
     topic: Topic
     interval: int
     """ns between readings."""
+    delay: int
+    """ns by which they come later than their stamps."""
     publishers: Callable[[], int]
     newest: int = -1
     """Stamp of the newest reading; -1 = none yet."""
@@ -43,7 +61,7 @@ class _Source:
     def is_due(self, ns: int, begin: int) -> bool:
         """Whether a reading of a stamp up to `ns` is still to come; it is waited for as long as
         another one would take."""
-        due = (begin if self.newest < 0 else self.newest) + self.interval
+        due = (begin if self.newest < 0 else self.newest) + self.interval + self.delay
         return due <= ns < due + self.interval and self.publishers() > 0
 
 
@@ -64,18 +82,29 @@ class Aids:
     def __init__(self, node: GraphNode, advance: Callable[[], None]) -> None:
         self._scenario, self._advance = node.scenario, advance
         self._frame = node.settings.velocity_frame
-        self._measuring = Measuring(node.health)
+        self._measuring, self._report = Measuring(node.health), AidReport(node)
         self._sources: list[_Source] = []
         self._first = sys.maxsize
         """Stamp of the first IMU sample."""
-        height, velocity = node.scenario.height, node.scenario.velocity
-        if height.measured:
-            self._add(node, topics.BAROMETER, height.interval, self._pressure)
-        if velocity.kind != "none":
-            self._add(node, topics.VELOCITY, velocity.interval, self._velocity)
+        height, velocity, gnss = (
+            node.scenario.height, node.scenario.velocity, node.scenario.gnss,
+        )  # fmt: skip
+        every: dict[Topic, tuple[float, float, Callable[[Message], _Read]]] = {
+            topics.BAROMETER: (height.interval, 0.0, self._pressure),
+            topics.VELOCITY: (velocity.interval, 0.0, self._velocity),
+            topics.GNSS_FIX: (gnss.interval, gnss.delay, self._satellite_fix),
+            topics.GNSS_VELOCITY: (gnss.interval, gnss.delay, self._satellite_velocity),
+        }
+        for topic in aids_of(node.scenario):
+            self._add(node, topic, *every[topic])
 
     def _add(
-        self, node: GraphNode, topic: Topic, interval: float, read: Callable[[Message], _Read]
+        self,
+        node: GraphNode,
+        topic: Topic,
+        interval: float,
+        delay: float,
+        read: Callable[[Message], _Read],
     ) -> None:
         def take(message: Message) -> None:
             reading = read(message)
@@ -85,8 +114,10 @@ class Aids:
             self._advance()
 
         subscription = node.listen(topic, take)
-        source = _Source(topic, from_seconds(interval), subscription.get_publisher_count)
+        times = from_seconds(interval), from_seconds(delay)
+        source = _Source(topic, *times, subscription.get_publisher_count)
         self._sources.append(source)
+        self._report.add(topic.name, interval)
 
     def are_due(self, ns: int) -> bool:
         """Whether readings of stamps up to that of an IMU sample (ns) are still to come."""
@@ -96,24 +127,56 @@ class Aids:
 
     def apply(self, navigator: InertialNavigator | None, ns: int) -> None:
         """Apply the readings up to a stamp, which the navigator has reached."""
+        if navigator is not None:
+            self._report.tick(ns)
         for source in self._sources:
             for stamp in sorted(stamp for stamp in source.waiting if stamp <= ns):
                 reading, describe = source.waiting.pop(stamp)
-                if navigator is not None and reading is not None:
-                    result = navigator.measure(to_seconds(stamp), reading)
-                    self._measuring.reading(source.topic.name, result, describe)
+                if navigator is None:
+                    continue
+                time = to_seconds(stamp)
+                if (measurement := reading(navigator, time)) is None:
+                    self._report.absent(source.topic.name, NO_FIX)
+                    continue
+                result = navigator.measure(time, measurement)
+                self._measuring.reading(source.topic.name, result, describe)
+                self._report.note(source.topic.name, stamp, result)
 
     def _pressure(self, message: FluidPressure) -> _Read:
         settings = self._scenario.height
         pressure, height, variance = read_pressure(message, settings)
         reading = HeightReading(height, variance or settings.sigma**2)
-        return reading, lambda seen: _unlikely_pressure(pressure, seen, settings)
+        return lambda *_: reading, lambda seen: _unlikely_pressure(pressure, seen, settings)
 
     def _velocity(self, message: TwistWithCovarianceStamped) -> _Read:
         settings = self._scenario.velocity
         velocity, covariance = read_velocity(message, self._frame)
         velocity[[axis for axis in range(3) if axis not in settings.axes]] = np.nan
-        return VelocityReading.of(settings, velocity, covariance), _unlikely_velocity
+        reading = VelocityReading.of(settings, velocity, covariance)
+        return lambda *_: reading, _unlikely_velocity
+
+    def _satellite_fix(self, message: NavSatFix) -> _Read:
+        scenario, found = self._scenario, read_satellite_fix(message)
+        if found is None:
+            return lambda *_: None, _far
+        place, covariance = found
+        fix = satellite_fix(scenario.gnss, place, scenario.height.measured, covariance)
+        return lambda *_: fix, _far
+
+    def _satellite_velocity(self, message: TwistWithCovarianceStamped) -> _Read:
+        velocity, covariance = read_ground_velocity(message)
+        gnss = self._scenario.gnss
+
+        def of(navigator: InertialNavigator, time: float) -> Measurement | None:
+            rate = navigator.sample_at(time)[1]
+            return satellite_velocity(gnss, velocity, rate, covariance)
+
+        return of, _unlikely_velocity
+
+
+def _far(seen: Innovation) -> str:
+    """Say how far a position is that cannot be right."""
+    return f"position {float(np.linalg.norm(seen.innovation[:2])):.0f} m from the estimate"
 
 
 def _unlikely_pressure(pressure: float, seen: Innovation, settings: Height) -> str:

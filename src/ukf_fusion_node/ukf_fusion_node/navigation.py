@@ -15,8 +15,11 @@ from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import batch_difference
+from isogal.matching.interfaces import Aided
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
+from isogal_ros.messages.stamped_numbers import AidedSince
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
@@ -69,6 +72,8 @@ class Navigation:
         """Stamp of the newest state."""
         self._published = -1
         """Newest stamp published since the start."""
+        self._fixed = -1
+        """Stamp of the last fix, or of the start."""
         self.rate = np.zeros(3)
         """Angular rate of the newest sample, FRD."""
         self._warm_up()
@@ -94,6 +99,24 @@ class Navigation:
         published, if the vehicle goes on as it did."""
         self._published = max(self.ns, self._published)
         return self._published, self._state_at(self._published), self.rate
+
+    def matched(self, ns: int) -> None:
+        """Note the stamp of a fix that has been dealt with, or of a batch without one."""
+        self._fixed = max(ns, self._fixed)
+
+    @property
+    def aided(self) -> AidedSince | None:
+        """What satellites have told since the last fix, at the newest stamp published."""
+        if self.navigator is None or self._published > self.ns:
+            return None
+        try:
+            without = self.navigator.unaided(to_seconds(self._fixed))
+        except FilterDivergenceError:
+            return None
+        if without is None:
+            return None
+        jump = batch_difference(self.state.estimate, without.estimate)
+        return AidedSince(self._fixed, Aided(without.batch_prior, jump))
 
     def _state_at(self, ns: int) -> FilterState:
         assert self.navigator is not None
@@ -165,6 +188,7 @@ class Navigation:
             self.model, state, to_seconds(ns), self._settings.horizon, self._motion, sample
         )
         self.ns, self._placed, self._upright = ns, None, Upright()
+        self._fixed = ns
         sigma = float(np.sqrt(np.trace(state.covariance[:2, :2])))
         self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
 

@@ -33,7 +33,7 @@ class UkfFusionNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "initial_error", "gravimeter", "map", "gravity",
-        "height", "velocity", "matcher", "fusion", "integrity", "truth",
+        "height", "velocity", "gnss", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings
@@ -127,8 +127,9 @@ class UkfFusionNode(GraphNode):
 
     def _settle(self) -> None:
         """Apply the fixes that need not wait, and answer each, even one that is dropped."""
-        for _, content in self._fixes.due(self._navigation.ns):
+        for ns, content in self._fixes.due(self._navigation.ns):
             self.guard(topics.FIX, self._corrections.apply, self._navigation.navigator, content)
+            self._navigation.matched(ns)
             self._answer()
 
     def _answer(self) -> None:
@@ -139,7 +140,7 @@ class UkfFusionNode(GraphNode):
             self._navigation.keep()  # the fix does not come again
 
     def _publish(self) -> None:
-        self.outputs.publish(*self._navigation.latest())
+        self.outputs.publish(*self._navigation.latest(), self._navigation.aided)
 
 
 main = main_of(UkfFusionNode, topics.UKF_FUSION)

@@ -13,7 +13,7 @@ from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
-from isogal_ros.messages.stamped_numbers import fill_numbers
+from isogal_ros.messages.stamped_numbers import AidedSince, fill_nav_covariance
 from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.transforms import Transforms
@@ -44,8 +44,15 @@ class Outputs:
         self._transforms = Transforms(node)
         self._m_odom.header.frame_id = self._m_path.header.frame_id = MAP
 
-    def publish(self, ns: int, state: FilterState, angular_rate: Array) -> None:
-        """Publish a state, and the angular rate (3,) FRD that the gyroscopes measured."""
+    def publish(
+        self,
+        ns: int,
+        state: FilterState,
+        angular_rate: Array,
+        aided: AidedSince | None = None,
+    ) -> None:
+        """Publish a state, the angular rate (3,) FRD that the gyroscopes measured, and what
+        satellites have told since the last fix."""
         self.reached = ns
         covariance = state.covariance
         latitude, longitude, height = state.position.tolist()
@@ -59,7 +66,7 @@ class Outputs:
             protection_level(covariance[:2, :2], promise.risk, promise.correlation_time)
         )
         self._level.publish(self._m_level)
-        fill_numbers(self._m_covariance, ns, state.batch_prior)
+        fill_nav_covariance(self._m_covariance, ns, state.batch_prior, aided)
         self._covariance.publish(self._m_covariance)
         fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3])
         self._fix.publish(self._m_fix)

@@ -5,6 +5,8 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import NavSatStatus
 
 from helpers.magnetics import aircraft
 from helpers.node_bench import run_here
@@ -18,6 +20,8 @@ from helpers.sea_floor import DVL, SOUNDING, sea_floor
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import changed_scenario, load_scenario
+from isogal_ros import topics
+from isogal_ros.bags.collect import wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.running import run_in_process
@@ -97,6 +101,31 @@ def test_barometer_and_velocity_aid(scenario, tmp_path) -> None:
     assert_closed_loop(tmp_path / "bag", short)
     found = counts(tmp_path / "bag")
     assert (found["/barometer/data_raw"], found["/velocity/data_raw"]) == (130, 65)
+    assert_replayed(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("more", [(), ("gnss.delay=2", "height.source=barometer")], ids=str)
+def test_satellites_lost_and_back(scenario, tmp_path, more) -> None:
+    """A receiver whose fixes may come late, and which has none in between."""
+    there = "gnss.available=[[0, 40], [100, 130]]", "gnss.lever_arm=[3, -1, -2]"
+    short = scenario("route.duration=130.0", "gnss.correlated_sigma=0.5", *there, *more)
+    run_here(short, tmp_path / "bag")
+    assert_closed_loop(tmp_path / "bag", short)
+    wanted = topics.GNSS_FIX, topics.NAV_AIDS
+    found: dict[str, list] = {topic.name: [] for topic in wanted}
+    for topic, data in wanted_messages(BagReader(tmp_path / "bag"), wanted):
+        found[topic.name].append(deserialize_message(data, topic.type))
+    status = [message.status.status for message in found["gnss/fix"]]
+    assert len(status) == (128 if more else 130)
+    assert status.count(NavSatStatus.STATUS_NO_FIX) == 59
+    said = [
+        item.message
+        for array in found["nav/aids"]
+        for item in array.status
+        if item.name == "gnss/fix"
+    ]
+    assert said[-1] == "used"
+    assert "not since 40 s: the receiver has no fix" in said
     assert_replayed(tmp_path / "bag")
 
 

@@ -8,8 +8,11 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from helpers.navigators import random_covariance
+from isogal.matching.interfaces import Aided
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamped_numbers import (
+    AidedSince,
+    fill_nav_covariance,
     fill_numbers,
     peek_numbers_ns,
     read_nav_covariance,
@@ -35,7 +38,26 @@ def test_nav_covariance(size) -> None:
     cov = random_covariance(np.ones(size), 1)
     fill_numbers(message, 12_500_000_000, cov)
     assert list(message.data[:2]) == [12.0, 500_000_000.0]
-    np.testing.assert_array_equal(read_nav_covariance(message), cov)
+    found, aided = read_nav_covariance(message)
+    np.testing.assert_array_equal(found, cov)
+    assert aided is None
+
+
+def test_nav_covariance_with_what_satellites_have_told() -> None:
+    message = Float64MultiArray()
+    cov, without = (random_covariance(np.ones(7), seed) for seed in (1, 2))
+    told = AidedSince(7_250_000_000, Aided(without, np.arange(7.0)))
+    fill_nav_covariance(message, 12_500_000_000, cov, told)
+    assert peek_numbers_ns(serialize_message(message)) == 12_500_000_000
+    found, aided = read_nav_covariance(message)
+    np.testing.assert_array_equal(found, cov)
+    assert aided is not None
+    assert aided.since == told.since
+    np.testing.assert_array_equal(aided.told.covariance, without)
+    np.testing.assert_array_equal(aided.told.jump, told.told.jump)
+    message.data[-1] = float("nan")
+    with pytest.raises(BadMessageError, match="not finite"):
+        read_nav_covariance(message)
 
 
 def test_messages_that_cannot_be_used() -> None:

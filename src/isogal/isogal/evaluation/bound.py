@@ -52,16 +52,20 @@ from isogal.fields.simulator import scan_index
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.height import by_auxiliary
+from isogal.fusion.measurements.position import AXES
+from isogal.fusion.measurements.satellites import GNSS
 from isogal.fusion.measurements.velocity import velocity_reading
 from isogal.fusion.model import FilterModel
 from isogal.inertial.error_model import STATES
 from isogal.inertial.error_state import FILTER_STATES
+from isogal.inertial.rotations import cross_matrix
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Scenario
+from isogal.scenario.aids import VERTICAL
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
 from isogal.sensors.reduction import State
@@ -441,7 +445,12 @@ def linear_model(
     model = filter_model(world, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)
-    measurements, lags, jumps = [*_velocity_aid(world, model, segments, size)], [], []
+    measurements = [
+        *_velocity_aid(world, model, segments, size),
+        *_satellites(world, model, segments, size),
+    ]
+    lags: list[tuple[int, int]] = []
+    jumps: list[tuple[int, int, MapSteps]] = []
     for one in fields:
         every = one.steps // world.steps_per_scan * segments.per_scan
         measurements.append(one.measurements(model, first, size, every))
@@ -484,6 +493,45 @@ def _velocity_aid(
     mean_of = max(1.0, segments.dt / settings.interval)
     variance = settings.number("sigma") ** 2 / mean_of
     yield Measurements(rows, np.full(len(settings.axes), variance), every, at_once=True)
+
+
+def _satellites(
+    world: Scenario, model: FilterModel, segments: Segments, size: int
+) -> Iterator[Measurements]:
+    """Yield what a satellite receiver measures, if there is one, as rows of `size` states, at once
+    as in `_velocity_aid`: position and velocity to the north and east, and the height where a
+    sensor measures it, whose errors are then states."""
+    gnss = world.gnss
+    if not gnss.used:
+        return
+    every = max(1, round(gnss.interval / segments.dt))
+    rotation = segments.rotation[every - 1 :: every]
+    rate = segments.rate[every - 1 :: every]
+    axes = 3 if world.height.measured else 2
+    rows = np.zeros((len(rotation), axes + 2, size))
+    arm = np.asarray(gnss.lever_arm)
+    offset = np.einsum("kij,j->ki", rotation, arm)
+    around = np.einsum("kij,kj->ki", rotation, np.cross(rate, arm))
+    rows[:, :2, 4:7] = -cross_matrix(offset)[:, :2]
+    rows[:, axes:, 4:7] = -cross_matrix(around)[:, :2]
+    rows[:, [0, 1], [0, 1]] = 1.0
+    rows[:, [axes, axes + 1], [2, 3]] = 1.0
+    shift = STATES - FILTER_STATES
+    for k, axis in enumerate(AXES[:axes]):
+        if (at := model.places.get(f"{GNSS}_{axis}")) is not None:
+            rows[:, k, at + shift] = 1.0
+    if axes == 3:  # the navigator's height is what the sensor read, with its errors
+        contents = by_auxiliary(model, world.route.height)
+        rows[:, 2, STATES : STATES + len(contents)] += contents
+    stretch_end = segments.dt * every * np.arange(1, len(rows) + 1)
+    seen = np.zeros(len(rows), dtype=np.bool_)
+    for begin, end in gnss.available or ():
+        seen |= (stretch_end >= begin) & (stretch_end <= end)
+    rows[~seen] = np.nan
+    mean_of = max(1.0, segments.dt / gnss.interval)
+    white, speed = gnss.position_sigma**2, (gnss.velocity_sigma or np.inf) ** 2
+    noise = [white, white, *[VERTICAL**2 * white][: axes - 2], speed, speed]
+    yield Measurements(rows, np.array(noise) / mean_of, every, at_once=True)
 
 
 def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:

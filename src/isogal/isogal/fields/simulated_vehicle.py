@@ -14,6 +14,7 @@ from isogal.scenario import Scenario
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
 
@@ -38,6 +39,8 @@ class SimulatedVehicle:
     none."""
     velocity: Array | None
     """(K, 3) m/s, FRD, what the velocity aid reads, likewise."""
+    satellites: SatelliteFixes | None
+    """Of one run: what the satellite receiver gives; None = there is none."""
     turn_rate: Array
     """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
     before."""
@@ -86,8 +89,17 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     height = simulate_heights(truth, trajectory, [run])[0] if truth.height.measured else None
     aid = truth.velocity.kind != "none"
     velocity = simulate_velocities(truth, trajectory, [run])[0] if aid else None
+    satellites = simulate_satellites(truth, trajectory, [run]) if truth.gnss.used else None
     return SimulatedVehicle(
-        trajectory, states, imu, samples, unaided, height, velocity, _turn_rate(trajectory)
+        trajectory,
+        states,
+        imu,
+        samples,
+        unaided,
+        height,
+        velocity,
+        satellites,
+        _turn_rate(trajectory),
     )
 
 

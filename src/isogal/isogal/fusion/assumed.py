@@ -9,6 +9,7 @@ from isogal.fusion.measurements.height import (
     height_contents,
     height_error_states,
 )
+from isogal.fusion.measurements.satellites import satellite_error_states
 from isogal.fusion.measurements.velocity import velocity_error_states
 from isogal.fusion.model import FilterModel
 from isogal.scenario import Assumed
@@ -52,6 +53,7 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         *imu_states.states(scenario),
         *height_error_states(height),
         *velocity_error_states(scenario.velocity),
+        *satellite_error_states(scenario.gnss, height.measured),
     )
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),

@@ -6,6 +6,7 @@ time. A measurement of within a segment divides it, also within a sample, whose 
 both parts. The state there is updated, and carried through all samples and measurements that came
 after: the result is exactly that of a measurement that had come on time."""
 
+import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,6 +19,7 @@ from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
+from isogal.fusion.satellite_monitor import SatelliteMonitor, Without, by_itself, of_aid
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
 
@@ -54,6 +56,10 @@ class _Segment:
         """s."""
         return float(self.time[-1])
 
+    def goes_on(self, later: "_Segment") -> bool:
+        """Whether a later segment's samples follow on this one's as if of the same segment."""
+        return later.change is None and abs(later.dt - self.dt) < AT_ONCE
+
     def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "_Segment":
         """Return the samples from one to before another, less two times (s) at the beginning and
         at the end, which may be of a single sample."""
@@ -87,6 +93,21 @@ class _Segment:
             parts.append(self.part(k + 1, count))
         parts[-1].measurements = self.measurements
         return parts
+
+
+def _joined(segments: Sequence[_Segment]) -> _Segment:
+    """Return segments of which each goes on from the one before as one, without measurements."""
+    if len(segments) == 1:
+        return segments[0]
+    return replace(
+        segments[0],
+        time=np.concatenate([one.time for one in segments]),
+        force=np.concatenate([one.force for one in segments]),
+        rate=np.concatenate([one.rate for one in segments]),
+        height=np.concatenate([one.height for one in segments]),
+        track=np.concatenate([one.track for one in segments]),
+        measurements=[],
+    )
 
 
 def track_row(state: FilterState) -> Array:
@@ -126,6 +147,10 @@ class InertialNavigator:
         self.model = model
         self.horizon = horizon
         self.motion = motion or UnknownMotion()
+        self._unaided: Without | None = None
+        self._newest_aid = -math.inf
+        """Time of the newest measurement of an aid that says where the vehicle is, s."""
+        self.satellites = SatelliteMonitor()
         force, rate = steady_sample(state) if sample is None else sample
         self._segments = [
             _Segment(
@@ -149,11 +174,23 @@ class InertialNavigator:
         """Specific force and angular rate of the newest sample; do not change them."""
         return self._segments[-1].force[-1], self._segments[-1].rate[-1]
 
+    def sample_at(self, time: float) -> tuple[Array, Array]:
+        """Return specific force and angular rate of the sample that a time (s) of the history is
+        in; do not change them."""
+        segment = self._segments[min(self._index(time), len(self._segments) - 1)]
+        k = min(int(np.searchsorted(segment.time, time - AT_ONCE)), len(segment.time) - 1)
+        return segment.force[k], segment.rate[k]
+
     @property
     def state(self) -> FilterState:
         """The newest state; do not change it. While it is open whether there was a manoeuvre in a
         gap, mean and covariance over both."""
         return self._segments[-1].after.merged
+
+    @property
+    def known(self) -> Mixture:
+        """All that is known at the newest sample; do not change it."""
+        return self._segments[-1].after
 
     @property
     def undecided(self) -> bool:
@@ -229,6 +266,8 @@ class InertialNavigator:
             reason = self._impossible(time)
             if reason is not None:
                 return [Innovation.refused(reason)] * len(measurements)
+        if (untrusted := self.satellites.untrusted(self, measurements)) is not None:
+            return untrusted
         for time, _ in measurements:
             self._segment_at(time)
         indices = [self._index(time) for time, _ in measurements]
@@ -236,6 +275,11 @@ class InertialNavigator:
             (self._segments[k], one) for k, (_, one) in zip(indices, measurements, strict=True)
         ]
         first = min(indices)
+        aids = [time for time, one in measurements if of_aid(one)]
+        self._newest_aid = max([self._newest_aid, *aids])
+        oldest = min(time for time, _ in measurements)
+        if self._unaided is not None and oldest <= self._unaided.time + AT_ONCE:
+            self._unaided = None
         before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
@@ -247,6 +291,8 @@ class InertialNavigator:
             self._segments[first].after = before
             self._replay(first + 1)
             return [Innovation.refused(str(error))] * len(measurements)
+        for (time, one), result in zip(measurements, results, strict=True):
+            self.satellites.note(self, time, one, result)
         return results
 
     def _apply(
@@ -268,6 +314,7 @@ class InertialNavigator:
     def back(self, samples: int) -> None:
         """Forget the newest samples, which came one by one: they were not true. Up to one at which
         there was a measurement, the last true one stands for them."""
+        self._unaided = None
         first = max(1, len(self._segments) - samples)
         while len(self._segments) > first and not self._segments[-1].measurements:
             self._segments.pop()
@@ -307,6 +354,50 @@ class InertialNavigator:
             if ahead > AT_ONCE:
                 row[:3] = dead_reckoned(row[:3], row[3:6], ahead)
         return found
+
+    def unaided(self, since: float) -> FilterState | None:
+        """Return the newest state as it would be without satellites after a time (s) of the
+        history; None where there have been none."""
+        if self._newest_aid <= since + AT_ONCE:
+            return None
+        before = self._unaided
+        if before is None or before.since != since:
+            after = self._segments[self._index(since)].after
+            before = Without(since, since, after)
+        self._unaided = self.later(before)
+        return self._unaided.after.merged
+
+    def later(self, before: Without, source: str = "") -> Without:
+        """Return what is known at the newest sample without an aid, by its name, or without all
+        that say where the vehicle is, and without what fixes say."""
+        one, waiting = before.after, list[_Segment]()
+        for segment in self._segments[self._index(before.time) + 1 :]:
+            if waiting and not waiting[-1].goes_on(segment):
+                one, _ = self._carried(one, _joined(waiting))
+                waiting = []
+            waiting.append(segment)
+            used = [m for m in segment.measurements if not of_aid(m, source) and by_itself(m)]
+            if used:
+                one, _ = self._carried(one, _joined(waiting))
+                waiting = []
+                for measurement in used:
+                    one.update(measurement, self.model)
+        if waiting:
+            one, _ = self._carried(one, _joined(waiting))
+        return Without(before.since, self.time, one)
+
+    def forget(self, source: str, without: Without) -> None:
+        """Go on from what is known without an aid since a time: measurements of it after that
+        never were."""
+        self._unaided = None
+        first = self._index(without.since) + 1
+        for segment in self._segments[first:]:
+            segment.measurements[:] = [m for m in segment.measurements if not of_aid(m, source)]
+        if self._segments[0].end <= without.since + AT_ONCE:
+            self._replay(first)
+        else:
+            del self._segments[:-1]
+            self._segments[0].after = without.after
 
     def forecast(self, time: float, height: float = np.nan) -> FilterState:
         """Return the state at a later time, if the vehicle goes on as it does (a known height, m,
@@ -360,13 +451,16 @@ class InertialNavigator:
 
     def _carry(self, before: Mixture, segment: _Segment) -> None:
         """Set what is known after a segment's samples from what was known before them."""
+        segment.after, segment.track = self._carried(before, segment)
+
+    def _carried(self, before: Mixture, segment: _Segment) -> tuple[Mixture, Array]:
+        """Return what is known after a segment's samples, and the track over them."""
         after = before.copy()
         if segment.change is not None:
             after = self._bridged(after, segment.missing, segment.change, segment.height[0])
         samples = segment.force, segment.rate, segment.height
         tracks = [propagate(state, self.model, *samples, segment.dt) for state in after.states]
-        segment.track = tracks[int(np.argmax(after.log_weights))]
-        segment.after = after
+        return after, tracks[int(np.argmax(after.log_weights))]
 
     def _bridged(
         self, before: Mixture, missing: float, change: tuple[Array, Array], height: float

@@ -48,6 +48,8 @@ class FilterModel:
     height_contents: tuple[tuple[float, float], ...] = ()
     """What a measured height contains of each auxiliary state: a constant, and a share of the
     height, 1/m; () = nothing."""
+    places: dict[str, int] = field(init=False, repr=False, compare=False)
+    """Where each auxiliary state stands among all, by its name."""
     gates: tuple[float, ...] = field(init=False, repr=False, compare=False)
     """The largest normalised innovation squared of 1, 2, ... 7 dimensions that is used."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
@@ -69,6 +71,10 @@ class FilterModel:
             auxiliary_of(self.auxiliary),
             self.gravity.compensation,
             ROTATIONS if self.preintegrated else MEANS,
+        )
+        names = [one.name for one in self.auxiliary]
+        object.__setattr__(
+            self, "places", {name: k for k, name in enumerate(names, FILTER_STATES)}
         )
         object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)

@@ -17,7 +17,7 @@ navigator's prior."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 from isogal.matching.transitions import given_position_and_velocity
+from isogal.matrices import symmetric
 
 __all__ = [
     "LOST_COVARIANCE",
@@ -40,6 +41,24 @@ __all__ = [
     "Status",
     "declined",
 ]
+
+
+class Aided(NamedTuple):
+    """What other aids than the map have told the navigator since the last batch."""
+
+    covariance: Array
+    """(7, 7) of the navigator's error at the batch end without them."""
+    jump: Array
+    """(7,) of its estimate there: with them minus without them."""
+
+    def information(self, prior: Array) -> Information:
+        """Return what they say of the error at the batch end: that which turns N(jump, covariance)
+        into N(0, prior), with the navigator's covariance `prior` (7, 7)."""
+        scale = np.sqrt(np.diag(self.covariance))
+        unit = np.outer(scale, scale)
+        before, after = (np.linalg.inv(one / unit) for one in (self.covariance, prior))
+        vector = -before @ (self.jump / scale) / scale
+        return Information(vector, symmetric(after - before) / unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +131,10 @@ class Batch:
     them are those of when they were sensed; None = those of the last row."""
     correction: Array | None = None
     """(7,) change of the navigator's estimate since the last batch; None = not known."""
+    satellites: bool = False
+    """Whether the navigator may have satellites."""
+    aided: Aided | None = None
+    """What satellites have told the navigator since the last batch; None = nothing."""
     secondary: "tuple[SecondaryBatch, ...]" = ()
     """What other fields have read up to the same end."""
 

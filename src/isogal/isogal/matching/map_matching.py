@@ -2,6 +2,7 @@
 
 import time as clock
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from isogal.arrays import Array
@@ -9,7 +10,7 @@ from isogal.errors import InputError
 from isogal.fields.known_gravity import KnownGravity
 from isogal.maps.channels import RouteMap
 from isogal.matching.failures import match_or_decline
-from isogal.matching.interfaces import Batch, Fix, Matcher, declined
+from isogal.matching.interfaces import Aided, Batch, Fix, Matcher, declined
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
@@ -59,6 +60,7 @@ class MapMatching:
         self.lead = UpdateSchedule.of(scenario.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
+        self._satellites = scenario.gnss.used
         self._sigmas = [one.gravimeter.sigma for one in scenario.each_field]
 
     @property
@@ -111,7 +113,9 @@ class MapMatching:
         self.batches.restore([Collected((), 0, 0)] * len(self._maps))
         self.memory = None
 
-    def match(self, prior: Array, declined_for: str | None = None) -> Matched:
+    def match(
+        self, prior: Array, declined_for: str | None = None, aided: Aided | None = None
+    ) -> Matched:
         """Return the batch that the newest readings end, and its fix.
 
         Parameters
@@ -120,12 +124,16 @@ class MapMatching:
             The navigator's covariance, of a batch's states (`isogal.inertial.error_state`).
         declined_for : str, optional
             Why there can be no fix; the readings then belong to the next batch, too.
+        aided : Aided, optional
+            What satellites have told the navigator since the last batch.
         """
         collected = None if declined_for is None else self.batches.collected
         batch = self.batches.build(prior, self._near)
         if declined_for is not None and collected is not None:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
+        if self._satellites:
+            batch = replace(batch, satellites=True, aided=aided)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)
         seconds = clock.perf_counter() - begun

@@ -3,6 +3,8 @@
 A run's numbers depend on the scenario's seed and its own index only, not on which other runs are
 computed with it."""
 
+import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -16,7 +18,12 @@ from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
-from isogal.fusion.measurements import Measurement, VelocityReading
+from isogal.fusion.measurements import (
+    Measurement,
+    VelocityReading,
+    satellite_fix,
+    satellite_velocity,
+)
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import propagate as propagate_ins
@@ -32,6 +39,7 @@ from isogal.scenario import Scenario, Truth
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
 
@@ -40,6 +48,8 @@ Progress = Callable[[float], None]
 Revised = Callable[[int, Integers, Array], None]
 """Called with a run's place in the list of runs, the indices of past states that retrodiction has
 changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
+Arrivals = dict[int, list[tuple[float, Measurement]]]
+"""Measurements, each with its time (s), by the number of IMU intervals before they come."""
 
 
 def simulate_unaided(
@@ -124,9 +134,10 @@ def simulate(
         recorder.write_track(run, 0, navigator.inertial.track(trajectory.time[:1]))
         aids = simulation.measurements(run)
         for batch, (before, scan) in enumerate(pairwise(stops)):
-            simulation.advance(navigator, run, before, scan, aids)
-            recorder.write_track(run, before + 1, simulation.track(navigator, before, scan))
-            simulation.read(navigator, run, before, scan, recorder)
+            for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
+                simulation.advance(navigator, run, begin, end, aids)
+                recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
+                simulation.read(navigator, run, begin, end, recorder)
             applied = navigator.fix()
             if applied is not None:
                 recorder.write_fix(run, batch, applied)
@@ -172,6 +183,9 @@ class Simulation:
         self._velocities: Array | None = None
         if truth.velocity.kind != "none":
             self._velocities = simulate_velocities(truth, trajectory, runs)
+        self._satellites: SatelliteFixes | None = None
+        if truth.gnss.used:
+            self._satellites = simulate_satellites(truth, trajectory, runs)
 
     def _batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
@@ -192,25 +206,48 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=float(np.diff(self._time([0, *self.ends, self.scans])).max()),
+            horizon=float(np.diff(self._time([0, *self.ends, self.scans])).max())
+            + self.scenario.true.gnss.delay,
         )
 
-    def measurements(self, run: int) -> dict[int, list[Measurement]]:
-        """Return the readings of aids, by the number of IMU intervals before each; those of the
-        height come with the inertial data."""
-        if self._velocities is None:
-            return {}
-        settings = self.scenario.velocity
-        made = [VelocityReading.of(settings, velocity) for velocity in self._velocities[run]]
-        return {k: [reading] for k, reading in enumerate(made, 1) if reading is not None}
+    def measurements(self, run: int) -> Arrivals:
+        """Return the readings of aids, with their times (s), by the number of IMU intervals before
+        they come; those of the height come with the inertial data."""
+        found: Arrivals = defaultdict(list)
+        time = self.trajectory.time
+        if self._velocities is not None:
+            settings = self.scenario.velocity
+            for k, velocity in enumerate(self._velocities[run], 1):
+                reading = VelocityReading.of(settings, velocity)
+                if reading is not None:
+                    found[k].append((float(time[k]), reading))
+        if self._satellites is not None:
+            self._add_satellites(self._satellites, run, found)
+        return dict(found)
+
+    def _add_satellites(self, fixes: SatelliteFixes, run: int, found: Arrivals) -> None:
+        """Add what the satellite receiver of a run gives."""
+        gnss, time = self.scenario.gnss, self.trajectory.time
+        height_used = self.scenario.height.measured
+        late = math.ceil(self.scenario.true.gnss.delay / self.trajectory.dt - 1e-9)
+        for k, place, speed in zip(
+            fixes.ends.tolist(), fixes.position[run], fixes.velocity[run], strict=True
+        ):
+            if np.isnan(place).any() or k + late > len(self.trajectory):
+                continue
+            rate = self._imu.angular_rate[run, k - 1]
+            velocity = satellite_velocity(gnss, speed, rate)
+            measured = [satellite_fix(gnss, place, height_used), velocity]
+            found[k + late] += [(float(time[k]), one) for one in measured if one is not None]
+
+    def at_once(self, before: int, scan: int) -> int:
+        """Return how many scans may be dealt with at once: all from one to another, or one where
+        measurements come late, which change the state of a scan after its reading has been taken.
+        """
+        return scan - before if self.scenario.true.gnss.delay == 0.0 else 1
 
     def advance(
-        self,
-        navigator: Navigator,
-        run: int,
-        before: int,
-        scan: int,
-        aids: dict[int, list[Measurement]],
+        self, navigator: Navigator, run: int, before: int, scan: int, aids: Arrivals
     ) -> None:
         """Advance the navigator of a run from one scan to another."""
         first, last = self.index[[before, scan]].tolist()
@@ -218,8 +255,8 @@ class Simulation:
         for begin, end in pairwise([first, *stops, last]):
             stamps = self.trajectory.time[begin + 1 : end + 1]
             navigator.imu(stamps, *self.samples(run, begin, end))
-            if end in aids:
-                navigator.measure(navigator.time, *aids[end])
+            for time, one in aids.get(end, ()):
+                navigator.measure(time, one)
 
     def samples(self, run: int, first: int, last: int) -> tuple[Array, Array, Array]:
         """Return specific force (S, 3), angular rate (S, 3) and height (S,), known or measured, of
@@ -233,7 +270,12 @@ class Simulation:
         return np.asarray(self._readings[field][run, scans - 1])
 
     def read(
-        self, navigator: Navigator, run: int, before: int, scan: int, recorder: Recorder
+        self,
+        navigator: Navigator,
+        run: int,
+        before: int,
+        scan: int,
+        recorder: Recorder | None = None,
     ) -> None:
         """Give the navigator of a run the readings after one scan and up to another."""
         for field, every in enumerate(self._every):
@@ -242,7 +284,7 @@ class Simulation:
                 continue
             sensed = self.sensed(field, run, scans // every)
             reduced = navigator.read(field, self._time(scans), sensed)
-            if field == 0 and run == 0:
+            if recorder is not None and field == 0 and run == 0:
                 seen = navigator.inertial.track(self._time(scans))
                 recorder.write_readings(scans - 1, reduced, seen)
 

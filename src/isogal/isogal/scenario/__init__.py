@@ -9,7 +9,7 @@ inertial     which keys describe the inertial sensors?
 imu_grades   which grades of them are there?
 data_sheet   how are the units of data sheets read?
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
-aids         which keys describe height and velocity from sensors?
+aids         which keys describe sensors of height and velocity, and satellites?
 map          which keys describe the map, its error and the gravity vector?
 matcher      which keys describe the map matcher?
 fields       how does a scenario have several fields?
@@ -19,7 +19,7 @@ integrity    which keys describe the protection level?
 model        which sections has a scenario, and what is assumed or true by it?
 loading      how is a file read, and how are single keys overridden?"""
 
-from isogal.scenario.aids import Height, Velocity
+from isogal.scenario.aids import Deception, Gnss, Height, Velocity
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
 from isogal.scenario.instruments import (
@@ -44,7 +44,9 @@ __all__ = [
     "Aircraft",
     "Altimeter",
     "Assumed",
+    "Deception",
     "Fusion",
+    "Gnss",
     "Gradiometer",
     "Gravimeter",
     "Gravity",

@@ -1,8 +1,8 @@
-"""Sections about height and velocity from sensors."""
+"""Sections about height, velocity and position from sensors."""
 
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isogal.scenario.section import Document, NonNegative, Positive, Section
 
@@ -104,3 +104,63 @@ class Velocity(Section):
     def number(self, key: str) -> float:
         """Return one of `errors`, that of the kind where it is null."""
         return float(self.resolved()[key] or 0.0)
+
+
+class Deception(Section):
+    """What somebody makes a satellite receiver believe; the navigator is not told."""
+
+    kind: Literal["none", "jump", "walk", "delay"] = "none"
+    """jump: positions are off by size (m) at once; walk: they move away at rate (m/s), and
+    velocities with them; delay: positions and velocities are those of size (s) before"""
+    start: NonNegative = 0.0
+    """s since the start, from when on"""
+    end: Positive | None = None
+    """s since the start, until when; null = to the end"""
+    rate: NonNegative = 1.0
+    """m/s; of a walk"""
+    size: NonNegative = 100.0
+    """m of a jump, s of a delay"""
+
+
+class Gnss(Section):
+    """A satellite receiver: position and velocity where there are satellites. Positions have white
+    noise, and an error that changes slowly, which the filter carries as states; vertical errors
+    are `VERTICAL` times as large."""
+
+    errors: ClassVar[tuple[str, ...]] = ("position_sigma", "velocity_sigma", "correlated_sigma")
+
+    available: tuple[tuple[float, float], ...] | None = None
+    """when there are satellites, s since the start: [[from, to], ...]; null = there is no receiver
+    """
+    interval: Positive = 1.0
+    """s between fixes; a whole number of the navigator's steps"""
+    position_sigma: Positive = 1.0
+    """white noise of a position's north and east, m"""
+    velocity_sigma: Positive | None = 0.03
+    """white noise of a velocity's north and east, m/s; null = it gives no velocity"""
+    correlated_sigma: NonNegative = 1.5
+    """1-sigma of the slowly changing error of north and east, m"""
+    correlation_time: Positive = 600.0
+    """s, its correlation time"""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """of the antenna from the inertial sensors: forward, right, down, m"""
+    delay: NonNegative = 0.0
+    """s by which a fix comes after its own time, which it is stamped with"""
+    deception: Deception = Deception()
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for begin, end in self.available or ():
+            if not 0.0 <= begin < end:
+                raise ValueError(f"available: [{begin:g}, {end:g}] is no time from 0 s on")
+        return self
+
+    @property
+    def used(self) -> bool:
+        """Whether there is a receiver."""
+        return self.available is not None
+
+
+VERTICAL = 1.5
+"""Vertical errors of satellite positions and velocities over those to the north or east (Groves
+2013, section 9.4.3: VDOP over HDOP of an open sky)."""

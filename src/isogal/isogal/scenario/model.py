@@ -10,7 +10,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from isogal import plugins
-from isogal.scenario.aids import Height, Velocity
+from isogal.scenario.aids import Gnss, Height, Velocity
 from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, scenarios_of
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
@@ -44,6 +44,7 @@ class Settings(Section):
     gradiometer: Gradiometer = Gradiometer()
     height: Height = Height()
     velocity: Velocity = Velocity()
+    gnss: Gnss = Gnss()
     map: Map = Map()
     map_error: MapError = MapError()
     gravity: Gravity = Gravity()
@@ -85,7 +86,11 @@ class Settings(Section):
 
     @model_validator(mode="after")
     def _whole_aids(self) -> Self:
-        used = {"height": self.height.measured, "velocity": self.velocity.kind != "none"}
+        used = {
+            "height": self.height.measured,
+            "velocity": self.velocity.kind != "none",
+            "gnss": self.gnss.used,
+        }
         for name in (name for name, measured in used.items() if measured):
             steps = getattr(self, name).interval * self.navigation_rate
             if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
@@ -151,6 +156,11 @@ class Settings(Section):
     def steps_per_velocity(self) -> int:
         """Steps of the navigator from one reading of the velocity aid to the next."""
         return round(self.velocity.interval * self.navigation_rate)
+
+    @property
+    def steps_per_satellite_fix(self) -> int:
+        """Steps of the navigator from one satellite fix to the next."""
+        return round(self.gnss.interval * self.navigation_rate)
 
 
 class Assumed(Settings):

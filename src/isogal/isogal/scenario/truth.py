@@ -19,6 +19,7 @@ SECTIONS = (
     "gradiometer",
     "height",
     "velocity",
+    "gnss",
     "map",
     "gravity",
 )
@@ -35,6 +36,8 @@ SHARED = (
     "height.interval",
     "velocity.interval",
     "velocity.kind",
+    "gnss.available",
+    "gnss.interval",
 )
 """Keys of them that say what is done rather than how well: the truth cannot differ in them."""
 _MULTIPLE = re.compile(r"\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\s*x\s*")

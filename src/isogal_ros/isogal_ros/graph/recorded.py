@@ -20,14 +20,13 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.aids import AIDS, aids_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.nav_sample import moved, read_nav
 from isogal_ros.topics import Topic
 
-AIDS = (topics.BAROMETER, topics.VELOCITY)
-"""Sensors beside the IMU that the filter may have."""
 _KEYS = {
     "gravimeter": ("quantity", "interval"),
     "magnetometer": None,
@@ -38,6 +37,8 @@ _KEYS = {
 _WITHOUT = {
     topics.BAROMETER.name: "--set height.source=scenario",
     topics.VELOCITY.name: "--set velocity.kind=none",
+    topics.GNSS_FIX.name: "--set gnss.available=null",
+    topics.GNSS_VELOCITY.name: "--set gnss.velocity_sigma=null",
 }
 """What replays without a sensor beside the IMU, by its topic."""
 Start = dict[str, JsonValue]
@@ -71,10 +72,12 @@ class Recorded:
         return to_seconds(min(self.sensors[topics.IMU]))
 
     def in_order(self) -> list[tuple[int, Topic, bytes]]:
-        """Return stamps, topics and messages in order of time; of one stamp in that of
-        `sensors`."""
+        """Return when messages come (ns), topics and messages in order of time; of one time in
+        that of `sensors`. They come at their stamps, those of satellites later by their delay."""
+        delay = from_seconds(self.scenario.gnss.delay)
+        late = {topics.GNSS_FIX: delay, topics.GNSS_VELOCITY: delay}
         found = [
-            (ns, topic, data)
+            (ns + late.get(topic, 0), topic, data)
             for topic, messages in self.sensors.items()
             for ns, data in messages.items()
         ]
@@ -134,15 +137,6 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         _start(scenario, collector.first_nav, odometry, first),
         reduced_by_another=differs and sensed and not reduces,
     )
-
-
-def aids_of(scenario: Scenario) -> tuple[Topic, ...]:
-    """Return which of `AIDS` the filter of a scenario takes."""
-    used = {
-        topics.BAROMETER: scenario.height.measured,
-        topics.VELOCITY: scenario.velocity.kind != "none",
-    }
-    return tuple(topic for topic in AIDS if used[topic])
 
 
 def _check_there(reader: BagReader, missing: list[str]) -> None:

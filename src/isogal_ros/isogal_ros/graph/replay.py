@@ -17,8 +17,9 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.player import Player
-from isogal_ros.graph.recorded import LATE, Recorded, aids_of, load
+from isogal_ros.graph.recorded import LATE, Recorded, load
 from isogal_ros.graph.running import Progress, Report, no_report
+from isogal_ros.messages.aids import aids_of
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic

@@ -16,6 +16,7 @@ from isogal.arrays import Array
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
+from isogal_ros.messages.aids import AIDS, aids_of
 from isogal_ros.topics import Message, Topic
 
 Reading = float | Array
@@ -78,8 +79,5 @@ def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
     others = {*topics.OF_INSTRUMENTS} - own
     if topics.MAGNETIC_FIELD in own:
         others.discard(topics.SCALAR_FIELD)
-    if scenario.height.source == "scenario":
-        others.add(topics.BAROMETER)
-    if scenario.velocity.kind == "none":
-        others.add(topics.VELOCITY)
+    others |= {*AIDS} - {*aids_of(scenario)}
     return tuple(topic for topic in all_topics(scenario) if topic not in others)

@@ -17,6 +17,8 @@ from isogal_ros.topics import Message, Topic
 MAP, ODOM, BASE, GEODETIC = "map", "odom", "base_link", "wgs84"
 """Frames of the navigation, of dead reckoning, of the vehicle, and of geodetic coordinates. Those
 of the instruments are in their adapters' modules."""
+ANTENNA = "gnss_link"
+"""Of the simulated satellite antenna; the filter takes any."""
 
 FRD_FLU = np.array([1.0, -1.0, -1.0])
 """Factors of the components of a vector FRD that give it FLU, and the reverse."""

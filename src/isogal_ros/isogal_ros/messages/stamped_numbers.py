@@ -3,18 +3,28 @@ errors. Why this type: `isogal_ros.topics`."""
 
 import math
 import struct
+from typing import NamedTuple
 
 import numpy as np
 from std_msgs.msg import Float64MultiArray
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
+from isogal.matching.interfaces import Aided
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 
 _SECOND = 1_000_000_000
 _HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
 """By whether the byte order is little-endian: the length of layout.dim, then, after
 layout.data_offset and the length of data, the first two numbers."""
+
+
+class AidedSince(NamedTuple):
+    """What satellites have told the navigator since a fix."""
+
+    since: int
+    """Stamp of the fix, ns."""
+    told: Aided
 
 
 def fill_numbers(message: Float64MultiArray, ns: int, *arrays: Array) -> None:
@@ -44,9 +54,22 @@ def peek_numbers_ns(serialised: bytes) -> int:
     return int(seconds) * _SECOND + int(rest)
 
 
-def read_nav_covariance(message: Float64MultiArray) -> Array:
+def fill_nav_covariance(
+    message: Float64MultiArray, ns: int, covariance: Array, aided: AidedSince | None = None
+) -> None:
+    """Write the covariance (7, 7) of a batch's states at a stamp and, where satellites have told
+    something since the last fix, the stamp of that, the covariance without them (7, 7), and what
+    they have changed the estimate by (7,)."""
+    if aided is None:
+        fill_numbers(message, ns, covariance)
+        return
+    since = np.array(divmod(aided.since, _SECOND), dtype=float)
+    fill_numbers(message, ns, covariance, since, aided.told.covariance, aided.told.jump)
+
+
+def read_nav_covariance(message: Float64MultiArray) -> tuple[Array, AidedSince | None]:
     """Return the covariance of a batch's states (`isogal.inertial.error_state`): (7, 7), or (4, 4)
-    without the attitude.
+    without the attitude; and what satellites have told, if anything.
 
     Raises
     ------
@@ -54,6 +77,14 @@ def read_nav_covariance(message: Float64MultiArray) -> Array:
         The number of numbers is another, or they are not finite, or a variance is negative.
     """
     values = np.array(message.data)
+    aided, n = None, BATCH_STATES
+    if len(values) == 2 + n * n + 2 + n * n + n:
+        values, (seconds, rest), without, jump = np.split(values, np.cumsum([2 + n * n, 2, n * n]))
+        told = Aided(without.reshape(n, n), jump)
+        require_covariance(told.covariance)
+        if not (np.isfinite(jump).all() and abs(seconds) < 1e10 and 0 <= rest < _SECOND):
+            raise BadMessageError("what satellites have told is not finite")
+        aided = AidedSince(int(seconds) * _SECOND + int(rest), told)
     size = math.isqrt(max(len(values) - 2, 0))
     if size not in (HORIZONTAL_STATES, BATCH_STATES) or len(values) != size * size + 2:
         raise BadMessageError(
@@ -61,4 +92,4 @@ def read_nav_covariance(message: Float64MultiArray) -> Array:
         )
     covariance = values[2:].reshape(size, size)
     require_covariance(covariance)
-    return covariance
+    return covariance, aided

@@ -224,7 +224,8 @@ class NavQueue(Generic[Item]):
         if stamp.covariance is None:
             return sample
         message = deserialize_message(stamp.covariance, topics.NAV_COVARIANCE.type)
-        return replace(sample, covariance=read_nav_covariance(message))
+        covariance, aided = read_nav_covariance(message)
+        return replace(sample, covariance=covariance, aided=aided)
 
 
 def _taken(items: deque[Item], done: Callable[[Item], bool]) -> list[Item]:

@@ -13,6 +13,7 @@ from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.stamped_numbers import AidedSince
 from isogal_ros.messages.stamps import to_ns, to_seconds
 
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
@@ -34,6 +35,8 @@ class NavSample:
     not known."""
     height_variance: float
     """m²."""
+    aided: AidedSince | None = None
+    """What satellites have told the navigator since a fix; None = nothing."""
 
 
 def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:

@@ -13,7 +13,7 @@ from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.cells import SURE, Ranked, Seen
 from isogal.matching.pmht.hypotheses import FLOOR, Hypotheses
 from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
-from isogal.matching.pmht.models import NONE, SIGMA_STEP, few
+from isogal.matching.pmht.models import DECEIVED, NONE, SIGMA_STEP, few
 from isogal.matching.pmht.places import WIDE_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, usual_noise
 from isogal.matching.pmht.search import Search, unaided
@@ -104,14 +104,30 @@ def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool
     _, there = _ranked(diverged, lead, field_map, found.moments()[0])
     if there < 1.0 - SURE:
         return replace(memory, diverged=replace(diverged, search=None, look=-math.inf)), False
+    return _at_place(memory, found), True
+
+
+def undeceived(memory: Memory, first: int) -> tuple[Memory, bool]:
+    """Return the memory, with hypotheses where the map says the navigator is where it is certain
+    that satellites are wrong, and whether it is."""
+    bank = memory.fields[first].bank
+    if bank is None or not bank.faults[DECEIVED] > SURE:
+        return memory, False
+    alone = bank.part(bank.models.family[bank.which] == DECEIVED)
+    return (_at_place(memory, alone), True) if resolved(alone) else (memory, False)
+
+
+def _at_place(memory: Memory, found: Hypotheses) -> Memory:
+    """Return the memory of a navigator that is where hypotheses have it; of the models nothing is
+    known but what was before the first reading."""
     fields = {
         index: replace(
             one, bank=spread_over(found, one.models).reduced(np.eye(2, one.states.count))
         )
         for index, one in memory.fields.items()
     }
-    diverged = Diverged.before(memory.covariance, diverged.past[-1].time)
-    return replace(memory, fields=fields, diverged=diverged), True
+    diverged = Diverged.before(memory.covariance, memory.diverged.past[-1].time)
+    return replace(memory, fields=fields, diverged=diverged)
 
 
 def probability(log_odds: float) -> float:

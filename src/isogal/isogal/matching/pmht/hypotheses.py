@@ -14,9 +14,9 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid
 from isogal.matching.information import positive_part
-from isogal.matching.interfaces import Information
+from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels, mixture_kernels
-from isogal.matching.pmht.models import FAMILIES, NONE, Models, largest
+from isogal.matching.pmht.models import DECEIVED, FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
 
@@ -190,6 +190,22 @@ class Hypotheses:
             mean=self.mean + np.einsum("kij,kj->ki", across, right),
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
         )
+
+    def aided(self, by: Aided | None, prior: Array) -> "Hypotheses":
+        """Return them after what satellites have told the navigator, whose covariance is `prior`
+        (7, 7) since then. How well each had foretold that counts as much as a reading does. To
+        those of satellites that are wrong it says nothing, neither for nor against them."""
+        if by is None:
+            return self
+        moved = self.moved(-by.jump)
+        alone = self.models.family[self.which] == DECEIVED
+        if not alone.any():
+            return moved.informed(by.information(prior), prior).normalised()
+        told = moved.part(~alone)
+        told, before = told.informed(by.information(prior), prior), told.log_evidence
+        rest = moved.part(alone)
+        rest = replace(rest, log_weight=rest.log_weight + told.log_evidence - before)
+        return joined([told, rest]).normalised()
 
     @property
     def most(self) -> int:

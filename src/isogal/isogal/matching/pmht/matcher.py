@@ -24,7 +24,7 @@ from isogal.arrays import Array
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, SecondaryBatch, declined
 from isogal.matching.pmht.cells import SURE
-from isogal.matching.pmht.diverged import decided, pursued
+from isogal.matching.pmht.diverged import decided, pursued, undeceived
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import FieldMemory, Memory
 from isogal.matching.pmht.models import models_of
@@ -108,6 +108,8 @@ class Pmht:
         diverged = memory.diverged.with_last(last)
         diverged = pursued(diverged, lead, field_map)
         memory, found = decided(replace(memory, diverged=diverged), self.lead, field_map)
+        if not found:
+            memory, found = undeceived(memory, self.lead)
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory
@@ -128,6 +130,8 @@ class Pmht:
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
         wide = math.sqrt(float(np.linalg.eigvalsh(prior[:2, :2])[-1])) > WIDE_M
+        aided = None if memory.fields else each[0].batch.aided
+        begun = prior if aided is None else aided.covariance
         fields, rows = dict(memory.fields), []
         for one in each:
             field = fields.get(one.field)
@@ -136,7 +140,9 @@ class Pmht:
                 known = assumed(self.settings[one.field], one.batch, one.field_map)
                 models = models_of(known, states)
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
-                bank = None if lost else Hypotheses.before(models, prior)
+                bank = None
+                if not lost:
+                    bank = Hypotheses.before(models, begun).aided(aided, prior)
                 field = FieldMemory(states, models, bank, specified=known.sigma or 0.0)
             lengths, rough = field.models.shapes
             new, epoch = rows_of(
@@ -175,7 +181,7 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
             # knew no more then; where it knows more, other aids have informed it since
             before = before + grown(before, back @ prior @ back.T)[0]
         memory = memory.moved(off)
-    return memory.propagated(before, back, prior, float(batch.time[-1]))
+    return memory.propagated(before, back, prior, float(batch.time[-1]), batch.aided)
 
 
 def _observed(

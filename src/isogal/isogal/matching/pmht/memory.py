@@ -7,6 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
+from isogal.matching.interfaces import Aided
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.propagation import steps
@@ -113,18 +114,30 @@ class Memory:
             taken=self.taken + by,
         )
 
-    def propagated(self, before: Array, back: Array, prior: Array, time: float) -> "Memory":
-        """Return it at the end of the next batch, at a time (s), before its readings; other
-        parameters of `propagation.steps`."""
-        alone, aided = steps(before, back, prior)
+    def propagated(
+        self, before: Array, back: Array, prior: Array, time: float, aided: Aided | None = None
+    ) -> "Memory":
+        """Return it at the end of the next batch, at a time (s), before its readings.
+
+        Parameters
+        ----------
+        before, back, prior
+            See `propagation.steps`.
+        aided : Aided, optional
+            What satellites have told of the error at that end.
+        """
+        alone, narrowing = steps(before, back, prior if aided is None else aided.covariance)
         if any(one.bank is None for one in self.fields.values()):
             # of kilometres, what is not linear in them looks like growth
             alone = alone._replace(growth=np.zeros_like(prior))
         diverged = self.diverged.with_last(replace(self.diverged.last, left=before))
+        passed = Past.of(*alone, prior, time)
+        if aided is not None:
+            passed = replace(passed, taken=-aided.jump)
         return replace(
-            self._each(lambda bank: bank.carried(*aided)),
+            self._each(lambda bank: bank.carried(*narrowing).aided(aided, prior)),
             covariance=prior,
-            diverged=diverged.later(Past.of(*alone, prior, time)),
+            diverged=diverged.later(passed),
             taken=np.zeros(BATCH_STATES),
         )
 
@@ -135,7 +148,7 @@ class Memory:
         if len(diverged.past) == 1 and last.rows is None:  # its place has just been found
             diverged = Diverged.before(covariance, last.time)
         else:
-            diverged = diverged.with_last(replace(last, taken=taken, left=covariance))
+            diverged = diverged.with_last(replace(last, taken=last.taken + taken, left=covariance))
         return replace(
             self._each(lambda bank: bank.moved(taken)),
             covariance=covariance,

@@ -51,13 +51,19 @@ LATE_S = 20.0
 COUPLING = 1e-3
 """1-sigma of what a gravimeter takes from each horizontal acceleration: 1 mGal from 0.01 m/s²."""
 
+FALSE_SATELLITES = 1e-6
+"""Probability that satellites are wrong, times how likely what they say is then: a voyage in a
+thousand, and as likely anywhere within a kilometre as within metres where they are right."""
+
 COARSE_SHARES, COARSE_LENGTH = (0.5, 1.0), 0.5
 """1-sigma of what a map's grid leaves out, as shares of its roughness (over SE Australia, half as
 dense: 0.15 to 0.97 in 26 parts of the track, 0.55 in the mean), and its correlation length in
 steps of the grid (0.4 there): it is 0 at the nodes."""
 
-FAMILIES = ("none", "biased", "noisier", "navigator", "late", "filtered", "shaken", "coarse")
-NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, SHAKEN, COARSE = range(8)
+FAMILIES = (
+    "none", "biased", "noisier", "navigator", "late", "filtered", "shaken", "coarse", "deceived",
+)  # fmt: skip
+NONE, BIASED, NOISIER, NAVIGATOR, LATE, FILTERED, SHAKEN, COARSE, DECEIVED = range(9)
 OF_ONE_NUMBER = {BIASED, LATE, FILTERED, SHAKEN}
 """Of instruments whose reading is one number."""
 
@@ -100,6 +106,7 @@ FAULTS = (
     *(Fault(FILTERED, 0.005, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
+    Fault(DECEIVED, FALSE_SATELLITES),
 )
 
 
@@ -182,6 +189,8 @@ class Assumed:
     """1-sigma of a specified delay, s."""
     filtered: bool = False
     """Whether the instrument's filter is specified."""
+    satellites: bool = False
+    """Whether the navigator may have satellites."""
     shaken: bool = False
     """Whether readings may contain what accelerations do to a gravimeter, not specified."""
 
@@ -196,13 +205,14 @@ def models_of(assumed: Assumed, states: States) -> Models:
             (LATE, assumed.delay > 0.0),
             (FILTERED, assumed.filtered),
             (SHAKEN, not assumed.shaken),
+            (DECEIVED, not assumed.satellites),
             (COARSE, assumed.sigma is not None or not assumed.rough > 0.0),
         )
         if known
     }
     faults = [fault for fault in FAULTS if fault.family not in gone]
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        faults = faults[:1]
+        faults = [fault for fault in faults if fault.family in (NONE, DECEIVED)]
     fine, usual = _map_errors(assumed, True), _map_errors(assumed, False)
     rows = []
     for fault in faults:

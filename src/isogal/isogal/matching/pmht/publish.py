@@ -24,6 +24,9 @@ from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.models import FAMILIES
 
+LEAST_GAIN = 0.1
+"""Share by which the 1-sigma of a navigator with satellites becomes smaller by a fix at least."""
+SATELLITES = "satellites say more than the map"
 SHOWN = 64
 """Hypotheses that are shown as candidates, at most."""
 
@@ -98,6 +101,9 @@ def published(
         fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
     mean, covariance = informed(prior, information)
+    if batch.aided is not None and not adds(prior, covariance):
+        fix = replace(declined(batch, SATELLITES, **figures), map_error=error)
+        return fix, memory.after(np.zeros(BATCH_STATES), prior)
     place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
     north, east = metres_per_radian(batch.end[0])
     bank = memory.fields[each[0].field].bank
@@ -115,6 +121,17 @@ def published(
     if each_scan:
         fix = _of_each_scan(fix, each[0], information, prior, mean)
     return fix, memory.after(mean, covariance)
+
+
+def adds(prior: Array, covariance: Array) -> bool:
+    """Whether readings make a navigator of covariance `prior` (7, 7), which has one of
+    `covariance` with them, more certain of its place by as much as is worth telling it.
+
+    What is not told stays in the bank, and is told when there are no satellites. A navigator
+    between satellites that are wrong and a map that pulls it away from them would have errors that
+    its covariance says nothing of, and nobody could tell any more which of both is wrong."""
+    before, after = (float(np.linalg.det(one[:2, :2])) for one in (prior, covariance))
+    return after < (1.0 - LEAST_GAIN) ** 4 * before
 
 
 def _gravity_error(each: Sequence[SecondaryBatch], memory: Memory) -> tuple[float, float] | None:

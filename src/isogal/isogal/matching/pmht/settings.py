@@ -68,5 +68,6 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
         walks=batch.bias_walk > 0.0,
         delay=batch.delay_sigma,
         filtered=batch.filter_path is not None,
+        satellites=batch.satellites,
         shaken=field_map.quantity in GRAVITY and "coupling_forward" not in named,
     )

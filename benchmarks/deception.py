@@ -1,0 +1,152 @@
+"""How soon false satellites are found out, and what they have done by then.
+
+    python benchmarks/deception.py --data DIR [--runs 8] [--rows TEXT ...] [--page FILE]
+
+A voyage with satellites all the time, which are deceived from 45 minutes on, or from the first
+minute. For each grade of the inertial sensors: time until the navigator says so, its largest error
+meanwhile, its error at the end beside that of the same runs without satellites, and how many were
+missed. Without deception, false alarms, also with errors of satellites three times as large as
+told (other paths of their signals), and with outages."""
+
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import closed_loop  # first: it asks NumPy for one thread
+import numpy as np
+from acceptance_rows import AUSTRALIA
+
+from isogal.earth.frames import horizontal_difference
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.matching.registry import build_run_matcher
+from isogal.montecarlo.engine import Simulation
+from isogal.scenario import Scenario, load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+START, DURATION = 2700.0, 7200.0
+WITHIN = "gnss.available=[[0, 7200]]"
+GRADES = "precision", "quantum", "navigation", "tactical"
+KINDS = {
+    "walk, 0.3 m/s": ("walk", START, "rate=0.3"),
+    "walk, 1 m/s": ("walk", START, "rate=1"),
+    "walk, 3 m/s": ("walk", START, "rate=3"),
+    "jump of 100 m": ("jump", START, "size=100"),
+    "jump of 1 km": ("jump", START, "size=1000"),
+    "4 s late": ("delay", START, "size=4"),
+    "200 m off from the first minute": ("jump", 0.0, "size=200"),
+}
+HONEST = {
+    "honest": (),
+    "honest, errors 3 x": ("truth.gnss.correlated_sigma=3x", "truth.gnss.position_sigma=3x"),
+    "honest, outages": ("gnss.available=[[0, 1200], [2400, 2700], [4200, 7200]]",),
+}
+COLUMNS = {
+    "found of": "{found} of {runs}",
+    "after, s": "{after:.0f}",
+    "largest error till then, m": "{largest:.0f}",
+    "error at the end, m": "{end:.0f}",
+    "without satellites, m": "{without:.0f}",
+}
+
+
+class Outcome(NamedTuple):
+    """Of one run."""
+
+    after: float
+    """s from the beginning of the deception until it was found; NaN = it was not."""
+    largest: float
+    """m, largest error until then, or to the end."""
+    end: float
+    """m, RMS error of the last quarter."""
+
+
+def judged(scenario: Scenario, since: float, run: int) -> Outcome:
+    """Navigate one run, and return what became of it."""
+    trajectory = build_trajectory(scenario)
+    maps = maps_for_scenario(scenario, trajectory)
+    simulation = Simulation(scenario, [run], trajectory, maps)
+    navigator = simulation.navigator(0, build_run_matcher(scenario))
+    aids = simulation.measurements(0)
+    error, found = [], np.nan
+    scans = range(simulation.scans + 1)
+    for before, scan in pairwise(scans):
+        simulation.advance(navigator, 0, before, scan, aids)
+        simulation.read(navigator, 0, before, scan)
+        navigator.fix()
+        k, place = simulation.index[scan], navigator.state.position[:2]
+        apart = horizontal_difference(*place, trajectory.latitude[k], trajectory.longitude[k])
+        error.append(float(np.hypot(*apart)))
+        detected = navigator.inertial.satellites.detected
+        if np.isnan(found) and detected >= since:
+            found = detected
+    times = trajectory.time[simulation.index[1:]]
+    errors = np.array(error)
+    meanwhile = (times >= max(since, 60.0)) & (np.isnan(found) | (times <= found))
+    end = closed_loop.rms(errors[times > 0.75 * times[-1]])
+    return Outcome(found - since, float(errors[meanwhile].max(initial=0.0)), end)
+
+
+def row_of(
+    scenario: Scenario, since: float, runs: int, pool: ProcessPoolExecutor
+) -> Mapping[str, float]:
+    """Return the figures of a row."""
+    each = np.array(list(pool.map(partial(judged, scenario, since), range(runs))))
+    after, largest, end = each.T
+    there = np.isfinite(after)
+    return {
+        "runs": runs,
+        "found": int(there.sum()),
+        "after": float(np.median(after[there])) if there.any() else np.nan,
+        "largest": float(largest.max()),
+        "end": closed_loop.rms(end),
+    }
+
+
+def rows_of(base: list[str]) -> dict[str, tuple[Scenario, float]]:
+    """Return scenarios by their names, and the time (s) from when on satellites are wrong."""
+    deception = "gnss.deception"
+    rows: dict[str, tuple[Scenario, float]] = {}
+    for name, (kind, start, more) in KINDS.items():
+        keys = [f"{deception}.kind={kind}", f"{deception}.start={start}", f"{deception}.{more}"]
+        rows[name] = load_scenario(None, [*base, WITHIN, *keys]), start
+    for name, keys in HONEST.items():
+        rows[name] = load_scenario(None, [*base, WITHIN, *keys]), 0.0
+    return rows
+
+
+def main() -> None:
+    """Run it."""
+    options = closed_loop.parser(__doc__, "data", "page", "rows", "workers", runs=8)
+    options.add_argument("--seed", type=int, default=20262)
+    asked = options.parse_args()
+    source = f"map.source={asked.data / AUSTRALIA}"
+    lines = [closed_loop.head_of(["inertial sensors", "satellites", *COLUMNS])]
+    print(lines[0], flush=True)
+    with ProcessPoolExecutor(asked.workers) as pool:
+        for grade in GRADES:
+            base = [
+                source,
+                f"seed={asked.seed}",
+                f"route.duration={DURATION}",
+                f"imu.grade={grade}",
+            ]
+            rows = {
+                name: row
+                for name, row in rows_of(base).items()
+                if closed_loop.containing(f"{grade}, {name}", asked.rows)
+            }
+            if not rows:
+                continue
+            alone = row_of(load_scenario(None, base), 0.0, asked.runs, pool)["end"]
+            for name, (scenario, start) in rows.items():
+                found = {**row_of(scenario, start, asked.runs, pool), "without": alone}
+                cells = closed_loop.cells_of(found, COLUMNS)
+                lines.append(closed_loop.line_of([grade, name, *cells]))
+                print(lines[-1], flush=True)
+    closed_loop.write_between(asked.page, closed_loop.marks_of(__file__), "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

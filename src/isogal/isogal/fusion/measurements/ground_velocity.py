@@ -1,0 +1,41 @@
+"""A velocity over ground in the navigation frame, of the inertial sensors or of an antenna beside
+them (docs/mathematics.md, section 3.14):
+
+    z = v + C (w x l) + noise
+
+with the velocity v (NED, m/s), the attitude C (body to NED), the angular rate w relative to the
+Earth (body, rad/s) and the lever arm l (body, m)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.model import FilterModel
+from isogal.fusion.state import FilterState
+from isogal.inertial.rotations import cross_matrix, matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundVelocity:
+    """A velocity over ground."""
+
+    velocity: Array
+    """(3,) m/s, NED; NaN = not measured, but one of them is."""
+    covariance: Array
+    """(3, 3) of its white noise, (m/s)²."""
+    relative: Array
+    """(3,) m/s, body axes: w x l, of the antenna relative to the inertial sensors."""
+    source: str = ""
+    """Which aid it is of."""
+
+    def update(self, state: FilterState, model: FilterModel) -> Innovation:
+        """See `isogal.fusion.measurements.Measurement`."""
+        axes = np.flatnonzero(np.isfinite(self.velocity))
+        around = matrix(state.attitude) @ self.relative
+        H = np.zeros((3, model.states))
+        H[:, 3:6], H[:, 6:9] = np.eye(3), -cross_matrix(around)
+        R = np.asarray(self.covariance)[np.ix_(axes, axes)]
+        expected = (state.velocity + around)[axes]
+        return update_linear(state, model, Rows(self.velocity[axes], expected, H[axes], R))

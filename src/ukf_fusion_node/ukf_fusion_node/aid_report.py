@@ -1,0 +1,104 @@
+"""Which aids the navigator uses, since when not, and why: nav/aids."""
+
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from isogal.fusion.measurements import Innovation
+from isogal_ros import topics
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import OK, WARN, status
+
+
+@dataclass
+class _Aid:
+    """One aid, by its topic."""
+
+    silent: int
+    """ns without a measurement that was used after which it is not in use."""
+    used: int = 0
+    not_used: int = 0
+    newest: int = -1
+    """Stamp of the last measurement that was used; -1 = there was none."""
+    why: str = "nothing has come yet"
+    """Why the last was not used."""
+    nis: float = 0.0
+    """Normalised innovation squared per dimension, smoothed over some twenty measurements."""
+
+
+SMOOTHED = 0.05
+"""Share of the newest in the mean of the normalised innovations squared."""
+LOST_AFTER = 3.0
+"""Intervals without a measurement that is used, after which an aid is not in use."""
+
+
+class AidReport:
+    """Publishes the state of each aid, once a period and when one is lost or comes back.
+
+    Parameters
+    ----------
+    node : GraphNode
+    """
+
+    def __init__(self, node: GraphNode) -> None:
+        self._publisher = node.advertise(topics.NAV_AIDS)
+        self._message = topics.NAV_AIDS.type()
+        self._period = from_seconds(node.settings.diagnostics_period)
+        self._space = node.get_namespace().strip("/")
+        self._aids: dict[str, _Aid] = {}
+        self._said: tuple[str, ...] = ()
+        self._last = -1
+
+    def add(self, topic: str, interval: float) -> None:
+        """Expect measurements of a topic, one in an interval (s)."""
+        self._aids[topic] = _Aid(from_seconds(LOST_AFTER * interval))
+
+    def note(self, topic: str, stamp: int, result: Innovation) -> None:
+        """Note what became of a measurement of a stamp (ns)."""
+        aid = self._aids[topic]
+        if result.used:
+            aid.newest, aid.used = max(stamp, aid.newest), aid.used + 1
+            dimensions = max(1, len(result.innovation))
+            aid.nis += SMOOTHED * (result.nis / dimensions - aid.nis)
+        else:
+            self.absent(topic, result.reason or "not used")
+
+    def absent(self, topic: str, why: str) -> None:
+        """Note that a message of a topic could not be used, and why."""
+        aid = self._aids[topic]
+        aid.not_used, aid.why = aid.not_used + 1, why
+
+    def in_use(self, ns: int) -> tuple[str, ...]:
+        """Return the aids that are in use at a stamp (ns)."""
+        return tuple(
+            name
+            for name, aid in self._aids.items()
+            if aid.newest >= 0 and ns - aid.newest <= aid.silent
+        )
+
+    def tick(self, ns: int) -> None:
+        """Publish at a stamp (ns) of the navigator, if it is time or something has changed."""
+        if not self._aids:
+            return
+        in_use = self.in_use(ns)
+        if in_use == self._said and 0 <= ns - self._last < self._period:
+            return
+        self._said, self._last = in_use, ns
+        set_stamp(self._message.header.stamp, ns)
+        self._message.status = [
+            self._status(name, aid, name in in_use) for name, aid in self._aids.items()
+        ]
+        self._publisher.publish(self._message)
+
+    def _status(self, name: str, aid: _Aid, used: bool) -> DiagnosticStatus:
+        since = "never" if aid.newest < 0 else f"not since {to_seconds(aid.newest):.0f} s"
+        text = "used" if used else f"{since}: {aid.why}"
+        figures = {
+            "used": aid.used,
+            "not used": aid.not_used,
+            "last used": to_seconds(aid.newest) if aid.newest >= 0 else None,
+            "normalised innovation squared": aid.nis,
+        }
+        label = f"{self._space}/{name}" if self._space else name
+        return status(label, OK if used else WARN, text, figures)

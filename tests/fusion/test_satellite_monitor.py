@@ -1,0 +1,94 @@
+"""Satellites that are wrong are found out, undone, and used again when they are right."""
+
+import numpy as np
+import pytest
+
+from helpers.navigators import ROUTE, fly
+from isogal.earth.frames import horizontal_difference
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import Outcome, satellite_fix, satellite_velocity
+from isogal.fusion.satellite_monitor import AGREED_FOR, REJECTED_FOR
+from isogal.scenario import Deception, Gnss, Scenario
+from isogal.sensors.satellites import simulate_satellites
+
+GNSS = Gnss(available=((0.0, 1200.0),))
+FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 1200.0}), gnss=GNSS)
+HONEST = Deception()
+WALK = Deception(kind="walk", rate=0.4, start=300.0)
+
+
+def fixes_of(deception: Deception = HONEST, run: int = 0):
+    gnss = GNSS.model_copy(update={"deception": deception})
+    route = ROUTE.model_copy(update={"duration": 1200.0})
+    truth = Scenario(route=route, gnss=gnss).true
+    return simulate_satellites(truth, FLIGHT.trajectory, [run])
+
+
+def flown(fixes, until: int, heard=lambda k: True) -> InertialNavigator:
+    it = InertialNavigator(FLIGHT.model, FLIGHT.start)
+    return on(it, fixes, until, heard)
+
+
+def on(it, fixes, until: int, heard=lambda k: True) -> InertialNavigator:
+    for k in range(round(it.time), until):
+        it.imu(k + 1.0, *FLIGHT.samples(k, k + 1))
+        if heard(k + 1):
+            it.measure(k + 1.0, satellite_fix(GNSS, fixes.position[0, k], False))
+            velocity = satellite_velocity(GNSS, fixes.velocity[0, k], np.zeros(3))
+            it.measure(k + 1.0, velocity)
+    return it
+
+
+def off(it: InertialNavigator) -> float:
+    """m, from the truth."""
+    k, truth = round(it.time), FLIGHT.trajectory
+    place = it.state.position[:2]
+    return float(np.hypot(*horizontal_difference(*place, truth.latitude[k], truth.longitude[k])))
+
+
+@pytest.mark.parametrize("run", range(3))
+def test_honest_ones_are_used(run) -> None:
+    it = flown(fixes_of(run=run), 1200)
+    assert it.satellites.wrong_since is None
+    assert off(it) < 6.0
+
+
+def test_what_false_ones_have_done_is_undone() -> None:
+    """The state is that of a navigator which has not heard them since."""
+    fixes = fixes_of(WALK)
+    it = flown(fixes, 700)
+    monitor = it.satellites
+    assert monitor.wrong_since < monitor.detected < 700.0
+    assert monitor.wrong_since < WALK.start + 30.0
+    other = flown(fixes, 700, lambda k: k <= monitor.wrong_since)
+    np.testing.assert_allclose(it.state.covariance, other.state.covariance, rtol=1e-9)
+    np.testing.assert_allclose(it.state.position, other.state.position, rtol=1e-14)
+    assert off(it) < 4.0 * np.sqrt(np.trace(it.state.covariance[:2, :2])) < 100.0
+
+
+def test_they_are_used_again_when_they_have_agreed_for_a_while() -> None:
+    back = 700.0
+    fixes = fixes_of(WALK.model_copy(update={"end": back}))
+    it = flown(fixes, round(back + AGREED_FOR) - 5)
+    assert it.satellites.wrong_since is not None
+    on(it, fixes, round(back + AGREED_FOR) + 30)
+    assert it.satellites.wrong_since is None
+    assert off(it) < 6.0
+
+
+def test_fixes_beyond_the_gate_one_after_the_other_are_no_outliers() -> None:
+    jump = Deception(kind="jump", size=5000.0, start=100.0)
+    it = flown(fixes_of(jump), round(100.0 + REJECTED_FOR) + 3)
+    assert it.satellites.wrong_since == pytest.approx(100.0)
+    one = satellite_fix(GNSS, fixes_of(jump).position[0, 170], False)
+    said = it.measure(it.time, one)
+    assert said.outcome is Outcome.UNTRUSTED
+    assert "wrong since 100 s" in said.reason
+
+
+def test_after_a_time_without_them_nothing_is_held_against_them() -> None:
+    """A navigator on its own drifts, and its history does not reach back."""
+    it = InertialNavigator(FLIGHT.model, FLIGHT.start, horizon=60.0)
+    on(it, fixes_of(), 1200, lambda k: not 200 < k < 1000)
+    assert it.satellites.wrong_since is None
+    assert off(it) < 6.0
