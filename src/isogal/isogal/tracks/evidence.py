@@ -205,6 +205,7 @@ class Seen:
                 np.add.reduceat(with_heavy_tails(term), first, axis=0),
             )
             parts[k] -= np.add.reduceat(np.log(np.diag(factor))[old:], first)[:, None]
+        parts -= math.log(2.0)
         parts[:, :, ~known] = -1e6
         return parts
 

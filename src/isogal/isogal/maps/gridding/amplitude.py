@@ -168,8 +168,8 @@ class Errors:
     """m, over which errors hold together."""
 
     def __getitem__(self, rows: Booleans) -> "Errors":
-        arrays = (self.places, self.part, self.square, self.field, self.noise, self.share)
-        return Errors(*(one[rows] for one in arrays), self.length)
+        names = ("places", "part", "square", "field", "noise", "share")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def cost(self, factor: Array) -> float:
         """Return minus the mean log-likelihood with a factor (M,) of the field's variance."""

@@ -120,7 +120,8 @@ def _levelled(design: Array, difference: Array, ridge: float) -> Levelling:
 
 def levelled(survey: Survey, levelling: Levelling) -> Survey:
     """Return a survey without the offsets of its lines."""
-    own = np.unique(survey.line, return_inverse=True)[1]
+    assert survey.line is not None
+    own = np.searchsorted(np.unique(survey.line), survey.line)
     return replace(survey, value=survey.value - levelling.offset[own])
 
 
