@@ -7,7 +7,6 @@ from tempfile import TemporaryDirectory
 from typing import Literal
 
 import numpy as np
-import xarray as xr
 
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -91,6 +90,8 @@ def _coarser(field_map: FieldMap) -> tuple[FieldMap, np.ndarray]:
 
 def _write(field_map: FieldMap, path: Path, mode: Literal["a", "w"]) -> None:
     """Write a map to a file, beside what is in there or not."""
+    import xarray as xr  # imports pandas, which takes a second
+
     with TemporaryDirectory() as folder:
         write_netcdf(field_map, Path(folder) / "one.nc")
         with xr.open_dataset(Path(folder) / "one.nc") as one:

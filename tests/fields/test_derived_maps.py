@@ -74,6 +74,21 @@ def test_maps_computed_here_and_in_another_process_are_equal(disturbance, monkey
     np.testing.assert_array_equal(derived.derived_maps(it, 5000.0).values, here.values)
 
 
+def test_processes_that_share_maps_compute_each_once(disturbance, monkeypatch):
+    monkeypatch.delenv(derived.SHARED, raising=False)
+    with derived.shared_maps():
+        maps = derived.derived_maps(scenario(disturbance), 5000.0)
+        monkeypatch.setattr(subprocess, "run", none_left)
+        monkeypatch.setattr(derived, "compute", none_left)
+        # as another node knows the scenario, whose own sections are others
+        again = derived.derived_maps(scenario(disturbance, "seed=3", "matcher.stride=2"), 5000.0)
+        np.testing.assert_array_equal(maps.values, again.values)
+        with derived.shared_maps(), pytest.raises(BlockingIOError):
+            derived.derived_maps(scenario(disturbance, "route.height=200"), 5000.0)
+    with pytest.raises(BlockingIOError):
+        derived.derived_maps(scenario(disturbance), 5000.0)
+
+
 def test_correlation_lengths_of_nodes_come_along(tmp_path):
     uneven = field_map_of(wavy, half=20e3, step=500.0, sigma=1e-5, correlation_length=5000.0)
     lengths = np.linspace(2e3, 8e3, uneven.values.size).reshape(uneven.shape)

@@ -36,7 +36,10 @@ from isogal_ros.topics import Topic
 
 PATIENCE = 10.0
 """s of wall time that a test waits for what must come."""
-NOT_IN_USE = (topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY, topics.SCALAR_FIELD)
+NOT_IN_USE = (
+    *(topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY, topics.SCALAR_FIELD),
+    *(topics.GNSS_FIX, topics.GNSS_VELOCITY, topics.NAV_AIDS),
+)
 """Topics that nobody publishes in a graph without such sensors, whose start is known."""
 
 

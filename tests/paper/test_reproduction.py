@@ -1,4 +1,4 @@
-"""`isogal paper` in miniature: two runs of half an hour on a small map."""
+"""`isogal paper` in miniature: two runs of twenty minutes on a small map."""
 
 import json
 import re
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 def words(out: Path, map_: Path, *more: object) -> list[object]:
-    given = ["--out", out, "--map", map_, "--runs", 2, "--duration", 1800]
+    given = ["--out", out, "--map", map_, "--runs", 2, "--duration", 1200]
     return ["paper", *given, *more]
 
 

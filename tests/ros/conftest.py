@@ -11,16 +11,14 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 
 from helpers.batches import ORIGIN, field_map_of, wavy
-from helpers.computed_once import maps_once
 from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.made_once import made_once
 from helpers.node_bench import run_here
+from isogal.fields.derived_maps import shared_maps
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.graph.domain import DOMAIN, participants
-
-__all__ = ["maps_once"]
 
 PATIENCE = 10.0
 
@@ -33,6 +31,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.ros)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def maps_once() -> Iterator[None]:
+    """Maps that are computed from others (in a process of their own, which takes a second) are
+    computed once for all tests of a worker."""
+    with shared_maps():
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

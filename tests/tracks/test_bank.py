@@ -2,6 +2,7 @@
 bars."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -147,6 +148,7 @@ def test_sigmas_of_rows_are_those_of_the_map_where_they_probably_are():
     np.testing.assert_allclose(seen.load(0) * uneven.mean(), own, rtol=1e-6)
 
 
+@cache
 def _match(run, **told):
     random = generator(11, run, "track")
     error = random.normal(0.0, 500.0, 2)

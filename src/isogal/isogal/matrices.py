@@ -70,6 +70,20 @@ def product(a: Array, b: Array) -> Array:
 
 
 @kernel
+def product_transposed(a: Array, b: Array) -> Array:
+    """Return a b' of small matrices (n, k), (m, k): `product` of a transposed array would be
+    compiled anew."""
+    out = np.empty((a.shape[0], b.shape[0]))
+    for i in range(a.shape[0]):
+        for j in range(b.shape[0]):
+            total = 0.0
+            for c in range(a.shape[1]):
+                total += a[i, c] * b[j, c]
+            out[i, j] = total
+    return out
+
+
+@kernel
 def eigen(matrix: Array) -> tuple[Array, Array]:
     """Return eigenvalues (n,), in rising order, and eigenvectors, the columns of (n, n), of the
     symmetric part of a small matrix (n, n): Householder's reduction and QL steps (Bowdler, Martin,

@@ -46,6 +46,7 @@ class Report:
         figures: dict[str, Figure] = {
             "stamp": f"{to_seconds(ns):.9f}",
             "published": fix.published,
+            "status": fix.status.value,
             "seconds": seconds,
             **fix.diagnostics,
         }

@@ -90,9 +90,9 @@ def write_track(path, shape, count, readings, off):
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-@example("there_and_back", 5000, "true", "on", "all", ())
+@example("there_and_back", 900, "true", "on", "all", ())
 @example("there_and_back", 400, "constant", "one off", "all", ())
-@example("repeated", 300, "noise", "half off", "30", ("--velocity-sigma", 0.5))
+@example("repeated", 90, "noise", "half off", "30", ("--velocity-sigma", 0.5))
 @example("standing", 200, "huge", "on", "all", ("--chain",))
 @example("straight", 2, "true", "on", "30", ())
 @given(

@@ -79,6 +79,14 @@ def test_other_settings_are_as_if_they_had_been_run(recording, scenario, tmp_pat
     assert_replayed_as_run(recording, again, tmp_path / "bag")
 
 
+def test_a_sigma_that_is_changed_in_vain_is_told_of(recording, scenario, monkeypatch) -> None:
+    """Readings say their own variance, the instrument's own as well as the reduced ones."""
+    note = "gravimeter.sigma: has no effect, since the recorded readings say their own variance"
+    assert note in replayed(recording, scenario("gravimeter.sigma=9e-5")).notes
+    without_the_instrument(monkeypatch)
+    assert note in replayed(recording, scenario("gravimeter.sigma=9e-5")).notes
+
+
 def without_the_instrument(monkeypatch) -> None:
     """Let the bag have none of its readings."""
     every = of_bag.wanted_messages

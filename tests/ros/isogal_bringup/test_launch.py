@@ -47,12 +47,12 @@ def launch(monkeypatch, tmp_path):
 @pytest.fixture(scope="module")
 def respawning(tmp_path_factory, scenario):
     """A launch whose nodes are killed one after the other and respawned, and the names of these
-    nodes. It takes half a minute and mostly waits, thus beside other tests, in its own domain."""
+    nodes. It mostly waits, thus beside other tests, in its own domain."""
     folder = tmp_path_factory.mktemp("respawning")
     # long enough that it has not arrived before all are killed, however long they take to start
-    (folder / "params.yaml").write_text(parameter_file(scenario("route.duration=280.0"), {}))
+    (folder / "params.yaml").write_text(parameter_file(scenario("route.duration=180.0"), {}))
     words = {"params": str(folder / "params.yaml"), "bag": str(folder / "bag")}
-    killed = [topics.UKF_FUSION, RECORDER, topics.PMHT_MM, topics.GRAVIMETER, topics.INS_SIM]
+    killed = [topics.UKF_FUSION, RECORDER, topics.INS_SIM]
     before = shared_memory()
     with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
         patch.delenv(DOMAIN)

@@ -15,7 +15,7 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.gradiometer import GRADIOMETER
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
-from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.health import WARN, figures_of
 
 
 @pytest.fixture
@@ -135,6 +135,7 @@ def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) ->
         for item in array.status
         if item.name.endswith("batch")
     ]
+    assert figures_of(batch[0])["status"] == "failed"
     assert batch[0].message.startswith("the matcher failed: ZeroDivisionError: division by zero (")
     assert node._matching.memory == "of earlier batches"
     level, text, figures = matcher_bench.says()[-1]

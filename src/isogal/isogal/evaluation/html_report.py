@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,7 +30,7 @@ class Illustration:
     caption: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Table:
     """A table of text cells (see `number` for figures); columns of numbers only are set flush
     right."""
@@ -40,7 +41,7 @@ class Table:
     folded: bool = False
     """Whether the reader has to open it."""
 
-    @property
+    @cached_property
     def numeric(self) -> frozenset[int]:
         """Indices of the columns that hold numbers only."""
         if not self.rows:

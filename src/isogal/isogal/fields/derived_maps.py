@@ -3,13 +3,18 @@ scenario's map in a process of its own.
 
 A Fourier transform of a large map takes several times its memory, most of which a process never
 gives back. So that nodes stay small, another process computes the maps and leaves them in files:
-the values as float32, no larger than the route needs."""
+the values as float32, no larger than the route needs. Processes that start together take them from
+one folder (`shared_maps`), where each map is computed once."""
 
+import contextlib
+import hashlib
 import json
+import os
 import pickle
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +31,27 @@ from isogal.scenario import Settings, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 _REFUSED = 2
+SHARED = "ISOGAL_SHARED_MAPS"
+"""Environment variable: the folder of `shared_maps`."""
+_SECTIONS = frozenset(
+    {"route", "imu", "fusion", "map", "field", "fields"}
+    | {"gravimeter", "magnetometer", "altimeter", "gradiometer"}
+)
+"""What the maps depend on. A node knows the sections of the scenario that it uses only."""
+
+
+@contextlib.contextmanager
+def shared_maps() -> Iterator[None]:
+    """Have this process and those that it starts share the maps that one of them has computed."""
+    if SHARED in os.environ:
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="isogal-maps-") as folder:
+        os.environ[SHARED] = folder
+        try:
+            yield
+        finally:
+            del os.environ[SHARED]
 
 
 def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
@@ -42,12 +68,21 @@ def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
     InputError
         The map cannot be read or transformed, or does not cover the route.
     """
-    task = json.dumps({"scenario": scenario.model_dump(mode="json"), "margin": margin})
-    with tempfile.TemporaryDirectory(prefix="isogal-") as folder:
+    content = scenario.model_dump(mode="json")
+    shared, kept = os.environ.get(SHARED), None
+    if shared is not None:
+        used = {key: content[key] for key in _SECTIONS & content.keys()}
+        text = json.dumps([used, margin], sort_keys=True)
+        kept = Path(shared) / hashlib.sha256(text.encode()).hexdigest()
+        if kept.exists():
+            return _read(kept)
+    with tempfile.TemporaryDirectory(prefix="isogal-", dir=shared) as temporary:
+        folder = Path(temporary) / "maps"
+        folder.mkdir()
         try:
             child = subprocess.run(
                 [sys.executable, "-m", __spec__.name, folder],
-                input=task.encode(),
+                input=json.dumps({"scenario": content, "margin": margin}).encode(),
                 capture_output=True,
                 check=False,
             )
@@ -57,7 +92,11 @@ def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
             raise InputError(child.stdout.decode())
         if child.returncode:
             return compute(scenario, margin)  # which raises here what went wrong there
-        return _read(Path(folder))
+        maps = _read(folder)
+        if kept is not None:
+            with contextlib.suppress(OSError):  # another process was first
+                folder.rename(kept)
+        return maps
 
 
 def compute(scenario: Settings, margin: float) -> ChannelMap:

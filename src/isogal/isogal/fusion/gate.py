@@ -3,32 +3,8 @@ section 3.13)."""
 
 import math
 
-import numpy as np
-
-from isogal.arrays import Array
-
 REJECTED = "rejected by the navigator: "
 """Begins the reason of a batch whose fix is beyond the gate."""
-
-
-class RejectedError(ValueError):
-    """A measurement is further from what the navigator expected than it and the measurement can
-    be wrong; the state is as it was.
-
-    Parameters
-    ----------
-    innovation : (2,) array
-        m, north, east; of information the correction that it would have been.
-    nis : float
-        Normalised innovation squared; of information a lower bound of it.
-    allowed : float
-        What the gate allows.
-    """
-
-    def __init__(self, innovation: Array, nis: float, allowed: float) -> None:
-        away = math.hypot(*innovation) / 1e3
-        super().__init__(f"{away:.1f} km from the estimate: {beyond(nis, allowed)}")
-        self.innovation, self.nis, self.allowed = np.array(innovation), nis, allowed
 
 
 def beyond(nis: float, allowed: float) -> str:

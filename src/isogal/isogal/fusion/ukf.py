@@ -160,9 +160,7 @@ def advance(
     points = np.zeros((n, LANES))
     pushes = np.zeros((9, LANES))
     ends = np.empty((10, LANES))
-    mean = np.zeros(width)
-    gain = np.zeros(width)
-    total = np.zeros(9)
+    mean, gain, total = np.zeros(width), np.zeros(width), np.zeros(9)
     auxiliary = of_gravity(assumptions.auxiliary, residual_gravity)
     x, v, q = nominal.position, nominal.velocity, nominal.attitude
     for i in range(n):  # a slice would take seconds to compile
@@ -175,7 +173,8 @@ def advance(
             break
         spread_points(n, factor, weights.spread, points)
         f, w = force[k], rate[k]
-        total[:] = 0.0
+        for j in range(9):
+            total[j] = 0.0
         for j in range(n - N):
             add_input(auxiliary, j, nominal.auxiliary[j], f, w, total)
         gn, ge, gn_n, gn_e, ge_n, ge_e = horizontal_gravity(compensation, x)

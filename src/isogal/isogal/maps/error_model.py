@@ -31,6 +31,7 @@ and from 9.1.27 and 9.1.30 there
 
 Far away C_m falls as m / x². They are tabulated once, for all lengths."""
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -39,6 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 
 Complex = NDArray[np.complex128]
@@ -64,6 +66,14 @@ def decay(distance: Array | float, length: Array | float) -> Array:
     """Return exp(-d / L): the correlation of errors at a distance (...) m, and the share of an
     error that is left after it."""
     return np.asarray(np.exp(-distance / length))
+
+
+@kernel
+def markov_step(distance: float, length: float) -> tuple[float, float]:
+    """Return what a distance (m) does to an error along a track: the share that is left of it, and
+    that of its variance which joins, so that the variance stays."""
+    left = math.exp(-distance / length)
+    return left, 1.0 - left * left
 
 
 def covariance(latitude: Array, longitude: Array, sigma: Array, length: float) -> Array:

@@ -14,7 +14,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Information
-from isogal.matrices import eigen, inverse_of_lower, lower, product, symmetric
+from isogal.matrices import eigen, inverse_of_lower, lower, product, product_transposed, symmetric
 
 UNINFORMED_RATIO = 1.0 - 1e-4
 """Variance ratio posterior / prior above which a direction of a position fix says nothing."""
@@ -142,7 +142,7 @@ def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return the inverse of the prior's Cholesky factor, and eigenvalues and vectors of the
     posterior covariance in prior units."""
     whitening = inverse_of_lower(lower(prior))
-    values, vectors = eigen(product(product(whitening, covariance), whitening.T))
+    values, vectors = eigen(product_transposed(product(whitening, covariance), whitening))
     for k in range(values.shape[0]):
         values[k] = max(values[k], 1e-12)
     return whitening, values, vectors

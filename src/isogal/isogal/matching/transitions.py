@@ -124,9 +124,11 @@ def _chain(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
     change = rates(velocity, times)
     geometry, force = np.empty(5), np.empty(3)
     result = np.empty((count, n, n))
-    following, term, more = np.eye(n), np.empty((n, n)), np.empty((n, n))
+    following, term, more = np.zeros((n, n)), np.empty((n, n)), np.empty((n, n))
     dynamics = np.zeros((STATES, STATES))
-    no_rotation = np.eye(3)  # biases are not among the seven states
+    no_rotation = np.zeros((3, 3))  # biases are not among the seven states
+    for a in range(n):
+        following[a, a] = 1.0
     for i in range(count - 1, -1, -1):
         sine, step = math.sin(latitude[i]), (times[i + 1] if i + 1 < count else end) - times[i]
         meridian, normal = curvature(sine)

@@ -15,7 +15,6 @@ from isogal.fix import Candidates, Status
 from isogal.maps.channels import channels_of
 from isogal.maps.several import RunMap, first_map
 from isogal.maps.tiled_map import ScalarMap
-from isogal.matching.failures import FAILED
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.messages.adapter import Adapter, adapter_of
@@ -145,9 +144,9 @@ def _fix_record(
     for i, ns in enumerate(ends):
         message = deserialize_message(collector.fixes[ns], topics.FIX.type)
         if message.status.status == NavSatStatus.STATUS_NO_FIX:
-            reasons[i] = collector.batches.get(ns, {}).get("message") or "not said"
-            failed = reasons[i].startswith(FAILED)  # a message has no other word for it
-            statuses[i] = (Status.FAILED if failed else Status.DECLINED).value
+            said = collector.batches.get(ns, {})
+            reasons[i] = said.get("message") or "not said"
+            statuses[i] = said.get("status", Status.DECLINED.value)
         else:
             found = read_position(message)
             error[i] = horizontal_difference(found[0], found[1], *places[i])

@@ -4,6 +4,7 @@ all else to standard error."""
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ import typer
 
 from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
+from isogal.errors import InputError
 from isogal.evaluation.results import Summary
 from isogal.evaluation.run_report import key_figures, run_report
+from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
 from isogal.maps.several import RunMap, first_map
@@ -59,6 +62,7 @@ class Manner:
     """Of the page; 0 = any that is free."""
 
 
+@shared_maps()
 def run_command(
     scenario: Scenario, out: Path, bag: Path | None, *, how: Manner, json: bool
 ) -> int:
@@ -101,11 +105,8 @@ def run_command(
         note(str(error))
         return FAILED
     if interrupt:
-        typer.echo(
-            f"Interrupted after {time.monotonic() - begun:.0f} s; all nodes have ended. The"
-            f" recording is kept: isogal replay {folder}",
-            err=True,
-        )
+        seconds, kept = time.monotonic() - begun, _kept(folder)
+        typer.echo(f"Interrupted after {seconds:.0f} s; all nodes have ended.{kept}", err=True)
         return INTERRUPTED
     typer.echo(f"The graph took {wall:.1f} s; writing the report ...", err=True)
     collector = Collector(scenario)
@@ -118,6 +119,7 @@ def run_command(
     return 0
 
 
+@shared_maps()
 def replay_command(
     bag: Path,
     out: Path | None,
@@ -254,6 +256,14 @@ def _fresh_checkpoints(folder: Path) -> Path:
     for file in folder.glob("*.checkpoint"):
         file.unlink()
     return folder
+
+
+def _kept(bag: Path) -> str:
+    """Say how an interrupted run is replayed; nothing where no message was recorded yet."""
+    with suppress(InputError):
+        if any(True for _ in BagReader(bag).messages()):
+            return f" The recording is kept: isogal replay {bag}"
+    return ""
 
 
 def _announce(domain: int) -> None:

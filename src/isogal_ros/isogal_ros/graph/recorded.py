@@ -7,6 +7,7 @@ otherwise than the recorded one did needs readings of its own."""
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,6 +64,8 @@ class Recorded:
     """Whether these are those of the instruments, which are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
+    without_effect: tuple[str, ...] = ()
+    """Keys `gravimeter.sigma` that are changed in vain: the readings say their own variance."""
     reduced_by_another: bool = False
     """Whether sensed gravity is fed that a navigator has reduced which may have done otherwise."""
 
@@ -135,8 +138,32 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         tuple(topic for topic in sensors if topic not in (*AIDS, topics.IMU)),
         reduces,
         _start(scenario, collector.first_nav, odometry, first),
+        _sigmas_in_vain(recorded, scenario, sensors, reduces),
         reduced_by_another=differs and sensed and not reduces,
     )
+
+
+def _sigmas_in_vain(
+    recorded: Scenario | None,
+    now: Scenario,
+    sensors: dict[Topic, dict[int, bytes]],
+    reduces: bool,
+) -> tuple[str, ...]:
+    """Return the keys `Recorded.without_effect`."""
+    found: list[str] = []
+    before = () if recorded is None else recorded.each_field
+    for prefix, was, one in zip(_prefixes(now), before, now.each_field, strict=False):
+        if was.gravimeter.sigma == one.gravimeter.sigma:
+            continue
+        adapter = adapter_of(one)
+        topic, read = (
+            (adapter.raw, adapter.read_raw) if reduces else (adapter.reduced, adapter.read_reduced)
+        )
+        data = next(iter(sensors[topic].values()), None)
+        with suppress(BadMessageError):
+            if data is not None and read(deserialize_message(data, topic.type))[1] is not None:
+                found.append(f"{prefix}gravimeter.sigma")
+    return tuple(found)
 
 
 def _check_there(reader: BagReader, missing: list[str]) -> None:

@@ -144,6 +144,9 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
             else "where the recorded navigator was"
         )
         notes.append(f"the bag begins at {recorded.first:.0f} s: the filter starts there {how}")
+    if recorded.without_effect:
+        keys = ", ".join(recorded.without_effect)
+        notes.append(f"{keys}: has no effect, since the recorded readings say their own variance")
     if recorded.reduced_by_another:
         notes.append(
             "the gravimeter's own readings are not all in the bag: those that are fed were reduced"

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 
 from isogal.files import make_folder
 from isogal.threads import one_thread
@@ -285,23 +286,28 @@ def _watch(
     inject: Inject | None,
 ) -> float:
     """Watch until the simulator has ended; return the wall time from its first step on."""
-    figures: dict[str, str] = {}
+    newest: list[bytes] = []
+    name = topics.INS_SIM.encode()
 
-    def hear(array: DiagnosticArray) -> None:
-        for item in array.status:
-            if item.name.rpartition("/")[2] == topics.INS_SIM:
-                figures.update(figures_of(item))
+    def hear(data: bytes) -> None:
+        if name in data:  # decoded only where it is looked at
+            newest[:] = [data]
 
     with quiet_node("isogal_run", domain) as watcher:
         watcher.create_subscription(
-            DiagnosticArray, topics.DIAGNOSTICS.name, hear, QoSProfile(depth=10)
+            DiagnosticArray, topics.DIAGNOSTICS.name, hear, QoSProfile(depth=10), raw=True
         )
         executor = make_executor(watcher.context)
         executor.add_node(watcher)
+        figures: dict[str, str] = {}
         first, now = None, time.monotonic()
         try:
             while not interrupt:
                 executor.spin_once(timeout_sec=0.1)
+                if inject is None and time.monotonic() < now + LOOK_EVERY:
+                    continue
+                while newest:
+                    figures |= _simulators(newest.pop())
                 now, progress = time.monotonic(), progress_of(figures)
                 if progress is not None:
                     # by the simulator's own count of time, which leaves out the processes' start
@@ -314,6 +320,13 @@ def _watch(
             return now - first if first is not None else 0.0
         finally:
             executor.shutdown()
+
+
+def _simulators(data: bytes) -> dict[str, str]:
+    """Return the figures of ins_sim_node in serialised diagnostics; none where they have none."""
+    array = deserialize_message(data, DiagnosticArray)
+    found = (one for one in array.status if one.name.rpartition("/")[2] == topics.INS_SIM)
+    return {key: text for one in found for key, text in figures_of(one).items()}
 
 
 def shared_memory() -> set[str]:

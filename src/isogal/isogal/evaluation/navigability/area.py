@@ -159,7 +159,8 @@ class Area:
             whole.by_place,
         )
         places = np.linspace(-reach, reach, 2 * count + 1)
-        return second_places(rows, columns, self.ground, thinned, prior, _SEPARATION, places)
+        step = 0.25 * float(self.ground.cell.min())
+        return second_places(rows, columns, self.ground, thinned, prior, _SEPARATION, places, step)
 
 
 def fitting(scenario: Scenario, field_map: FieldMap) -> Scenario:

@@ -21,6 +21,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers, Values
 from isogal.compiled import kernel
+from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
 
 _PROMISING = 60.0
@@ -96,13 +97,13 @@ def _filter(
     """Write gain (T,) and 1 / innovation variance (T,) of the scalar filter of the map's error at
     node (i, j), for readings of which some are known (T,); return that error's correlation from
     reading to reading."""
-    correlation = math.exp(-approach.step / ground.length[i, j])
+    correlation, joins = markov_step(approach.step, ground.length[i, j])
     variance = ground.sigma[i, j] ** 2
     left = variance
     for t in range(len(gain)):
         weight[t] = 1.0 / (left + approach.noise)
         gain[t] = left * weight[t] if known[t] else 0.0
-        left = correlation**2 * left * (1.0 - gain[t]) + (1.0 - correlation**2) * variance
+        left = correlation**2 * left * (1.0 - gain[t]) + joins * variance
     return correlation
 
 
@@ -112,10 +113,11 @@ def _weights(between: float, weight: Array) -> None:
     derivative per node (2, 4), `between` the second and the third by a share.
 
     They are what the map's interpolation makes of grids that are 1 along one line of nodes."""
-    values = np.zeros((4, 4))
+    values = np.empty((4, 4))
     for k in range(4):
-        values[:] = 0.0
-        values[k] = 1.0
+        for p in range(4):
+            for q in range(4):
+                values[p, q] = 1.0 if p == k else 0.0
         grid = Grid(values, 4, 0.0, 1.0, 0.0, 1.0)
         weight[0, k], weight[1, k], _ = value_and_gradient(grid, 1.0 + between, 1.0)
 
@@ -213,17 +215,27 @@ def errors_on_arrival(
     gain, weight, correlation = np.empty((M, T)), np.empty((M, T)), np.empty(M)
     h, forecast, root = np.empty((m, M)), np.empty((m, M)), np.empty(M)
     P, lines = np.empty((m, m, M)), np.empty((2, ground.sigma.shape[1]))
-    arrival = np.dot(position[T - 1].T, position[T - 1])
+    there = np.empty(T, dtype=np.bool_)
+    arrival = np.empty((m, m))
+    for p in range(m):
+        for q in range(m):
+            arrival[p, q] = 0.0
+            for axis in range(2):
+                arrival[p, q] += position[T - 1, axis, p] * position[T - 1, axis, q]
     for a in range(rows.size):
         for t in range(T):
             _slopes_along(ground, approach.offset[t], rows[a], columns, known[t], slope[t], lines)
         for b in range(M):
+            for t in range(T):
+                there[t] = known[t, b]
             correlation[b] = _filter(
-                ground, approach, rows[a], columns[b], known[:, b], gain[b], weight[b]
+                ground, approach, rows[a], columns[b], there, gain[b], weight[b]
             )
-        forecast[:], P[:] = 0.0, 0.0
         for p in range(m):
-            P[p, p] = 1.0
+            for b in range(M):
+                forecast[p, b] = 0.0
+                for q in range(p + 1):
+                    P[p, q, b] = 1.0 if q == p else 0.0
         for t in range(T):
             for b in range(M):
                 root[b] = math.sqrt(weight[b, t]) if known[t, b] else 0.0
@@ -257,6 +269,7 @@ def second_places(
     prior: float,
     separation: float,
     places: Array,
+    step: float,
 ) -> Array:
     """Return (N, M) the probability that a second place is likelier than the true one.
 
@@ -273,12 +286,13 @@ def second_places(
         How far apart two places are, in 1-sigmas.
     places : (K,) array
         m, places tried to the north and, likewise, to the east; evenly spaced.
+    step : float
+        m, of derivatives.
     """
     T, K = approach.offset.shape[0], places.shape[0]
     out = np.full((rows.size, columns.size), math.nan)
     gain, weight, known = np.empty(T), np.empty(T), np.ones(T, dtype=np.bool_)
     own, before, fit = np.empty(T), np.empty((K, K)), np.empty((K, K))
-    step = 0.25 * ground.cell.min()
     for a in range(rows.size):
         i = rows[a]
         for b in range(columns.size):
@@ -304,7 +318,8 @@ def _of_node(node: _Node, own: Array, places: Array, fit: Array, apart: float) -
     found = np.empty((_MOST + 1, 6))  # north, east, chi-square, Hessian
     w, slopes, hessian = np.empty(own.size), np.empty((2, own.size)), np.empty(3)
     _slopes(node, 0.0, 0.0, w, slopes, hessian)
-    found[0, :3], found[0, 3:] = 0.0, hessian
+    for k in range(3):
+        found[0, k], found[0, 3 + k] = 0.0, hessian[k]
     count = 1
     for p in range(1, K - 1):
         for q in range(1, K - 1):
@@ -342,7 +357,8 @@ def _of_node(node: _Node, own: Array, places: Array, fit: Array, apart: float) -
             elif place == 0 or value >= found[place, 2]:
                 continue
             found[place, 0], found[place, 1], found[place, 2] = north, east, value
-            found[place, 3:] = hessian
+            for k in range(3):
+                found[place, 3 + k] = hessian[k]
     return _probability(found[:count])
 
 

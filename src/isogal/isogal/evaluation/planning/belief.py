@@ -20,7 +20,9 @@ from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import from_heading, matrix
+from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.matrices import product, product_transposed
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 
@@ -87,6 +89,21 @@ def start_covariance(scenario: Scenario, own_variance: float) -> Array:
 
 
 @kernel(error_model="numpy")
+def _update(P: Array, h: Array, noise: float, column: Array) -> None:
+    """Take a reading with a derivative h (n,) and a variance into a covariance (n, n), in place;
+    `column` (n,) is work space."""
+    n, total = P.shape[0], noise
+    for i in range(n):
+        column[i] = 0.0
+        for j in range(n):
+            column[i] += P[i, j] * h[j]
+        total += column[i] * h[i]
+    for i in range(n):
+        for j in range(n):
+            P[i, j] -= column[i] * column[j] / total
+
+
+@kernel(error_model="numpy")
 def along_edge(
     P: Array,
     latitude: float,
@@ -130,11 +147,17 @@ def along_edge(
     F = np.zeros((n, n))
     fill_dynamics(F, geometry, force, rotation[direction])
     F[n - 2, n - 1] = 1.0
-    transition = np.eye(n) + dt * F + 0.5 * dt * dt * np.dot(F, F)
-    c = math.exp(-speed * dt / map_error[1])
+    transition = product(F, F)
+    for i in range(n):
+        for j in range(n):
+            transition[i, j] = (i == j) + dt * F[i, j] + 0.5 * dt * dt * transition[i, j]
+    c, joins = markov_step(speed * dt, map_error[1])
     transition[m, m] = c
-    half = 0.5 * dt * white[direction]
-    h = np.zeros(n)
+    half, before = np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            half[i, j] = 0.5 * dt * white[direction, i, j]
+    h, column = np.zeros(n), np.empty(n)
     for k in range(count):
         lat = latitude + (k + 1) * dt * vn * inv_m
         lon = longitude + (k + 1) * dt * ve * inv_n / math.cos(lat)
@@ -143,13 +166,19 @@ def along_edge(
         j = int((lon - grid.longitude0) / grid.longitude_step + 0.5)
         known = not math.isnan(by_lat)
         variance = sigma[i, j] ** 2 if known else P[m, m]
-        half[m, m] = variance * (1.0 - c * c) / (1.0 + c * c)
-        P = np.dot(np.dot(transition, P + half), transition.T) + half
+        half[m, m] = variance * joins / (1.0 + c * c)
+        for i in range(n):
+            for j in range(n):
+                before[i, j] = P[i, j] + half[i, j]
+        P = product_transposed(product(transition, before), transition)
+        for i in range(n):
+            for j in range(n):
+                P[i, j] += half[i, j]
         if known:
-            h[:4] = jacobian[direction]
+            for i in range(4):
+                h[i] = jacobian[direction, i]
             h[0] -= by_lat * inv_m
             h[1] -= by_lon * inv_n / math.cos(lat)
             h[m] = h[n - 2] = 1.0
-            column = np.dot(P, h)
-            P -= np.outer(column, column) / (noise + np.dot(column, h))
+            _update(P, h, noise, column)
     return P

@@ -9,7 +9,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.matrices import inverse_of_lower, lower, product
+from isogal.matrices import inverse_of_lower, lower, product, product_transposed
 
 
 @kernel
@@ -89,7 +89,7 @@ def forward_filter(
     _store(filtered_mean, filtered_covariance, 0, mean, covariance)
     _store(predicted_mean, predicted_covariance, 0, mean, covariance)
     for t in range(1, scans):
-        P = product(product(F[t - 1], filtered_covariance[t - 1]), F[t - 1].T)
+        P = product_transposed(product(F[t - 1], filtered_covariance[t - 1]), F[t - 1])
         x = np.zeros(states)
         for i in range(states):
             for j in range(states):
@@ -103,7 +103,7 @@ def forward_filter(
         if missing:
             continue
         HP = product(H, P)
-        S = product(HP, H.T)
+        S = product_transposed(HP, H)
         for i in range(S.shape[0]):
             for j in range(S.shape[0]):
                 S[i, j] += R[t, i, j]

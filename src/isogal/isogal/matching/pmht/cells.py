@@ -11,6 +11,7 @@ from isogal.compiled import kernel
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.error_model import decay
 from isogal.maps.interpolation import Grid, look_up
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
 from isogal.matching.pmht.models import Models
@@ -177,7 +178,7 @@ class Seen:
         ):  # fmt: skip
             other += unit * in_common(effect, covariance, gone, order)
         load = grouped.load[models.shape[0]]
-        shape = np.exp(-distance / models.length[0]) * (load @ load.T)
+        shape = decay(distance, models.length[0]) * (load @ load.T)
         return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
 
     def log_density(self, centres: Array, spread: Array, cell: float) -> Array:
@@ -210,7 +211,7 @@ def slopes(field_map: AnyMap, latitude: Array, longitude: Array, distance: Array
     distances (n, n) in m apart; squared unit / m."""
     _, *each = channels_of(field_map)[0].value_and_gradient(latitude, longitude)
     square = 0.5 * float(np.nanmean(np.square(each).sum(axis=0)))
-    return np.exp(-distance / FEATURE_M) * (square if math.isfinite(square) else 0.0)
+    return decay(distance, FEATURE_M) * (square if math.isfinite(square) else 0.0)
 
 
 def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Array:

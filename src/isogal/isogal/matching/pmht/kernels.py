@@ -13,6 +13,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
@@ -271,10 +272,10 @@ def observed(
             before, length = m, models.length[m]
             for t in range(n):
                 R[t] = rows.noise[t] * models.noise[m]
-                f = math.exp(-rows.travelled[t] / length)
+                left, joins = markov_step(rows.travelled[t], length)
                 for j in range(channels):
                     if rows.step.shape[2] == 0:
-                        keep[t, j], fresh[t, j] = f, 1.0 - f * f
+                        keep[t, j], fresh[t, j] = left, joins
         # hypotheses at one place are moved alike: what moved the last one is a good guess
         near = abs(mean[k, 0] - from_north) + abs(mean[k, 1] - from_east) < math.sqrt(
             min(covariance[k, 0, 0], covariance[k, 1, 1])

@@ -7,6 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
+from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid
 from isogal.matching.pmht.kernels import predicted
 from isogal.matching.pmht.models import Models
@@ -67,11 +68,11 @@ def curvature(
                 state = models.used[m, i]
                 north += rows.place[t, 0, state] * mean[k, state]
                 east += rows.place[t, 1, state] * mean[k, state]
-            f = math.exp(-rows.travelled[t] / models.length[m])
+            _, joins = markov_step(rows.travelled[t], models.length[m])
             R = rows.noise[t] * models.noise[m]
             load = rows.load[models.shape[m]]
             for j in range(load.shape[1]):
-                R += (models.sigma[m] * load[t, j]) ** 2 * (1.0 - f * f)
+                R += (models.sigma[m] * load[t, j]) ** 2 * joins
             g0, _, _ = predicted(grid, rows, t, north, east, lag)
             for axis in range(2):
                 u, v = reach * along[axis, 0], reach * along[axis, 1]
