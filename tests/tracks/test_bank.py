@@ -21,7 +21,7 @@ from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
-from isogal.tracks.evidence import Seen, correlations
+from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
@@ -39,7 +39,17 @@ def seen_of(batch, field_map=DISTURBANCE, old=0, **said):
     return Seen.of(rows, around.field, around, models, old=old)
 
 
-def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution():
+def test_innovations_with_heavy_tails_have_a_density():
+    w = np.linspace(-60.0, 60.0, 40_001)
+    density = np.exp(with_heavy_tails(-0.5 * w**2)) / np.sqrt(2.0 * np.pi)
+    step = w[1] - w[0]
+    assert density.sum() * step == pytest.approx(1.0, abs=1e-6)
+    # one in ten is five times as wide
+    assert (density * w**2).sum() * step == pytest.approx(0.9 + 0.1 * 25.0, rel=1e-5)
+
+
+def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution(monkeypatch):
+    monkeypatch.setattr("isogal.tracks.evidence.with_heavy_tails", lambda log_normal: log_normal)
     batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0), scans=20)
     centres = np.array([[0.0, 0.0], [400.0, -300.0], [-900.0, 100.0]])
     seen = seen_of(batch).placed(centres, np.ones(3))
@@ -256,8 +266,10 @@ def test_a_drifting_track_and_a_rigid_one_agree_where_there_is_no_drift():
 
 
 @pytest.mark.parametrize("scans", [40, 300])
-def test_readings_of_earlier_batches_count_as_given(scans):
-    """p(new | old) = p(all) / p(old), of rows that are readings, and of means of them."""
+def test_readings_of_earlier_batches_count_as_given(scans, monkeypatch):
+    """p(new | old) = p(all) / p(old), of rows that are readings, and of means of them; of Gaussian
+    errors, as tails are those of blocks, which begin elsewhere without the earlier readings."""
+    monkeypatch.setattr("isogal.tracks.evidence.with_heavy_tails", lambda log_normal: log_normal)
     batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 20.0), scans=scans)
     centres = np.array([[0.0, 0.0], [400.0, -300.0]])
     old = scans // 4

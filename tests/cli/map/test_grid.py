@@ -39,15 +39,16 @@ def test_it_writes_a_map_that_says_its_error(survey, tmp_path):
     field_map = load_map(out)
     assert field_map.sigma.shape == field_map.shape == tuple(found["nodes"])
     text = answer("map", "grid", survey, out, "--spacing", 800, "--block", 0)
-    assert "mean NIS 1.00" in text
+    assert "scaled by others than those it is of" in text
+    assert "method " in text
     assert text.endswith(f"{out}\n")
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--method", "spline"), "must be one of kriging, sources"),
-        (("--method", "sources"), "no column height"),
+        (("--method", "spline"), "must be one of kriging, equivalent-sources, auto"),
+        (("--height", "100"), "no column height"),
         (("--unit", "Gal"), "cannot be a disturbance map"),
         (("--variable", "mag"), "has no column 'mag'"),
         (("--spacing", "-1"), "must be > 0"),

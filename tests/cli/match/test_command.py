@@ -94,7 +94,12 @@ def test_chained_batches_and_report(files, tmp_path):
     out = answer(*words, "--json", "--report", tmp_path / "report")
     assert all("aided_latitude" in fix for fix in json.loads(out))
     assert (tmp_path / "report" / "report.html").is_file()
-    assert "3 fixes of 3 batches" in answer(*words)
+    printed = answer(*words)
+    assert "3 fixes of 3 batches" in printed
+    assert "learnt (median of batches): map error" in printed
+    one = answer(*words_for(files, "disturbance"), "--batch-length", "all")
+    assert "1 fix of 1 batch\n" in one
+    assert "readings used, 0 left out" in one
 
 
 def test_batches_without_a_fix_are_printed_with_the_reason(files):

@@ -67,7 +67,7 @@ def test_a_map_says_its_error_at_every_node(tmp_path):
         GridSettings(spacing=900.0, block=0.0),
         lambda *progress: done.append(progress),
     )
-    assert done[-1] == (field_map.values.size,) * 2
+    assert done[-1] == ("nodes", *(field_map.values.size,) * 2)
     assert field_map.sigma.shape == field_map.correlation_lengths.shape == field_map.shape
     assert field_map.correlation_length == pytest.approx(
         np.nanmedian(field_map.correlation_lengths)
@@ -110,7 +110,9 @@ def test_sources_continue_upward():
         400
     )
     survey = survey_at(places, value, height=height)
-    settings = GridSettings("sources", spacing=1500.0, block=0.0, height=2000.0, trend=0)
+    settings = GridSettings(
+        "equivalent-sources", spacing=1500.0, block=0.0, height=2000.0, trend=0
+    )
     field_map, _ = grid_survey(survey, settings)
     assert field_map.height == 2000.0
     at = scattered(60, 8e3, seed=9)
@@ -118,7 +120,7 @@ def test_sources_continue_upward():
     error = found - attraction(at, np.full(60, 2000.0))
     assert np.sqrt(np.mean(error**2)) < 0.1 * MGAL
     with pytest.raises(InputError, match="below the lowest reading"):
-        grid_survey(survey, GridSettings("sources", height=-50.0))
+        grid_survey(survey, GridSettings("equivalent-sources", height=-50.0))
 
 
 def test_groups_agree_where_they_meet(stations):
@@ -199,8 +201,8 @@ def test_errors_along_a_line_between_others_hold_together_as_it_says(strike, one
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"method": "spline"}, "must be one of kriging, sources"),
-        ({"height": 100.0}, "needs the method sources"),
+        ({"method": "spline"}, "must be one of kriging, equivalent-sources, auto"),
+        ({"method": "kriging", "height": 100.0}, "needs the method equivalent-sources"),
         ({"left_out": "points"}, "must be lines or blocks"),
         ({"trend": 7}, "must be 0 to 3"),
     ],
@@ -214,7 +216,7 @@ def test_a_survey_must_have_what_is_asked_for():
     places = scattered(60, 5e3, seed=10)
     survey = survey_at(places, drawn(places, seed=11)[1])
     for settings, message in (
-        (GridSettings("sources"), "no column height"),
+        (GridSettings("equivalent-sources", height=100.0), "no column height"),
         (GridSettings(left_out="lines"), "no column line"),
         (GridSettings(level=True), "no column line"),
     ):

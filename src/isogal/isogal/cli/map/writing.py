@@ -3,7 +3,6 @@ NetCDF that says everything about itself."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -123,20 +122,24 @@ class Gridding:
     method: Annotated[
         str,
         typer.Option(
-            help="kriging, or sources: equivalent sources, for readings of several heights."
+            help="kriging; equivalent-sources, which continues readings of several heights; auto:"
+            " the one that predicts readings better which were left out."
         ),
-    ] = "kriging"
+    ] = "auto"
     spacing: Annotated[
         float | None,
         number(
-            "Between nodes; default: a third of the shortest correlation length.", "M", positive
+            "Between nodes; default: 2 to 1/32 of the gap between lines, as interpolation"
+            " between nodes asks for.",
+            "M",
+            positive,
         ),
     ] = None
     block: Annotated[
         float | None,
         number(
             "Readings are averaged in blocks of this side, 0 = none; default: half of --spacing"
-            " where that is given.",
+            " where that is given, else a 16th of the gap between lines.",
             "M",
             not_negative,
         ),
@@ -146,7 +149,10 @@ class Gridding:
     ] = 1
     height: Annotated[
         float | None,
-        number("Of the map above the ellipsoid (sources); default: the readings' median.", "M"),
+        number(
+            "Of the map above the ellipsoid (equivalent sources); default: the readings' median.",
+            "M",
+        ),
     ] = None
     level: Annotated[
         bool, typer.Option("--level", help="Level survey lines where they cross.")
@@ -176,17 +182,25 @@ def grid(readings: SurveyChoice, out: NetcdfOut, gridding: Gridding, json: Json 
     said = {"quantity": readings.quantity, "unit": readings.unit, "crs": readings.crs}
     with Bars("nodes") as bars:
         survey = read_survey(readings.survey, readings.variable, **said)
-        field_map, model = grid_survey(survey, settings, partial(bars, "nodes"))
+        field_map, model = grid_survey(survey, settings, bars)
     save(field_map, out, json, _lines(model.report, field_map.unit), survey=model.report)
 
 
 def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
     """Say how readings that were left out agree with the map of the others."""
     factor, unit = shown_unit(unit)
-    left_out = report["left_out"]
+    left_out, off = report["left_out"], report["mean_absolute_error"]
+    if len(off) > 1:
+        tried = ", ".join(f"{name} {factor * error:.3g} {unit}" for name, error in off.items())
+        yield f"method {report['method']}; mean absolute error of readings left out: {tried}"
+    yield (
+        f"nodes {report['spacing_m']:.4g} m apart; lines or stations are typically"
+        f" {report['gap_m']:.4g} m apart"
+    )
     yield (
         f"left out by {left_out['by']}: {left_out['readings']} readings, RMS"
         f" {factor * left_out['rms']:.3g} {unit}, mean NIS {left_out['nis']:.2f}"
+        f" (1-sigma {left_out['nis_sigma']:.2f}), scaled by others than those it is of"
     )
     for row in left_out["by_distance"]:
         yield (
@@ -197,8 +211,12 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
         before, after = crossings["before"], crossings["after"]
         yield (
             f"{before['count']} crossings of lines: RMS difference {factor * before['rms']:.3g}"
-            f" {unit}, levelled {factor * after['rms']:.3g} {unit}"
+            f" {unit}, levelled {factor * after['rms']:.3g} {unit}, each by the others alone"
+            f" {factor * after['rms_left_out']:.3g} {unit};"
+            f" {after['degrees_of_freedom']:.1f} degrees of freedom are left"
         )
+        if after["rms_left_out"] >= before["rms"]:
+            yield "levelling does not help here: leave out --level"
 
 
 @dataclass(frozen=True)

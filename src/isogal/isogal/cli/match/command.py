@@ -64,6 +64,8 @@ class _Matched:
     """Units inside in one unit of the track."""
     others: "Mapping[str, float]"
     """The same of each other field, by its name."""
+    units: "Mapping[str, str]"
+    """Of each field's values, by its name; of the first by no name."""
 
 
 def _match_and_report(
@@ -113,7 +115,8 @@ def _match_and_report(
             chained=chained,
         )
     others = {field.name: read.factor for field, read in fields[1:]}
-    return _Matched(matches, inputs.line, inputs.factor, others)
+    units = {"": inputs.unit} | {field.name: read.unit for field, read in fields[1:]}
+    return _Matched(matches, inputs.line, inputs.factor, others, units)
 
 
 def matcher_settings(
@@ -192,7 +195,8 @@ def _print(matched: _Matched) -> None:
     fixes = [match.fix for match in matched.matches]
     published, failed = sum(f.published for f in fixes), sum(f.failed for f in fixes)
     words = f"; the matcher failed on {failed} of them" if failed else ""
-    below = [f"{published} fixes of {len(fixes)} batches{words}"]
+    batches = _counted(len(fixes), "batch", "batches")
+    below = [f"{_counted(published, 'fix', 'fixes')} of {batches}{words}", *_learnt(matched)]
     if published < len(fixes):
         below.append(
             "no fix: longer batches (--batch-length all), tracks with true positions near by"
@@ -201,6 +205,46 @@ def _print(matched: _Matched) -> None:
     header = ("time (s)", "latitude", "longitude", "1-sigma (m)", "")
     title = None if matched.line is None else f"line {matched.line}"
     print_table(header, [_cells(fix) for fix in fixes], *below, title=title, words=(4,))
+
+
+def _counted(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"
+
+
+def _learnt(matched: _Matched) -> list[str]:
+    """Say what was learnt of the errors of map and readings: of several batches the median."""
+    import numpy as np
+
+    from isogal.tracks.results import flat, found
+
+    factors = {"": matched.factor} | {f"{name}.": one for name, one in matched.others.items()}
+    each = [
+        {key: x for key, x in flat(entry).items() if isinstance(x, int | float)}
+        for one in matched.matches
+        if (entry := found(one, factors))
+    ]
+    if not each:
+        return []
+    middle = {key: float(np.median([one[key] for one in each])) for key in each[0]}
+    lines = []
+    for name in ("", *matched.others):
+        prefix = f"{name}_estimated_" if name else "estimated_"
+        if f"{prefix}map_sigma" in middle:
+            sigma, length, offset, doubt = (
+                middle[prefix + key]
+                for key in ("map_sigma", "map_correlation_length", "offset", "offset_sigma")
+            )
+            lines.append(
+                f"learnt{f' of {name}' if name else ''}{' (median of batches)' * (len(each) > 1)}:"
+                f" map error {sigma:.3g} {matched.units[name]} over {length:.0f} m, constant"
+                f" {offset:.3g} ± {doubt:.2g} {matched.units[name]}"
+            )
+    used, out = (sum(one[key] for one in each) for key in ("readings", "readings_left_out"))
+    lines.append(
+        f"{used:.0f} readings used, {out:.0f} left out; squared residuals {middle['misfit']:.2f}"
+        " of what is expected"
+    )
+    return lines
 
 
 def _cells(fix: "Fix") -> list[str]:

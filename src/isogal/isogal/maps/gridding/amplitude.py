@@ -1,20 +1,22 @@
 """How much more, or less, a map is wrong in some places than the covariance says.
 
-Readings that were left out show it: their squared errors over the variance that was expected of
+Readings that were left out show it: their squared errors over the variance v that was expected of
 them. It is described in two steps. First it follows the roughness r² of the field around, the
-variance of readings about the plane through their neighbours, smoothed,
+variance of readings about the plane through their neighbours, smoothed, and the share of the
+field's own variance s² that is left between readings,
 
-    a²(x) = c (d + r²(x) / r0²)^b,
+    a²(x) = c (d + r²(x) / r0²)^b (v(x) / s²)^g,
 
-with c, b, d and the width of the smoothing that make the errors most likely. Then what is left is
-averaged in blocks, and the averages q smoothed with Gaussian weights about each place,
+with c, b, d, g and the width of the smoothing that make the errors most likely. Then what is left
+is averaged in blocks, and the averages q smoothed with Gaussian weights about each place,
 
     a²(x) -> a²(x) (n + Σ w q) / (n + Σ w),
 
 with the width of the weights and the n, how many blocks 1 counts for, with which each block is
 predicted best from the others (not from those next to it that were left out with it, as errors
-hold together). Last, c is such that the mean squared normalised error is 1. Variances of the
-field's errors are multiplied by a²; the noise of readings is not."""
+hold together). Last, c is such that the mean squared normalised error of readings is 1 with all
+parameters learnt from other lines (or blocks): those learnt from a reading itself fit it too well.
+Variances of the field's errors are multiplied by a²; the noise of readings is not."""
 
 import math
 from collections.abc import Iterator
@@ -24,6 +26,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.maps.gridding.survey import Groups, blocks_of
+from isogal.seeds import generator
 
 _NEIGHBOURS = 16
 _NEAR_BLOCKS = 60
@@ -32,8 +35,14 @@ _SMOOTHING = (0.5, 1.0, 2.0, 4.0)
 """Widths over which the roughness is smoothed, in lengths."""
 _WIDTHS = (1.0, 1.5, 2.5, 4.0, 6.0, 10.0)
 """In sides of a block."""
-_COUNTS = (2.0, 4.0, 8.0, 16.0, 64.0)
-_MOST_BLOCKS = 2500
+_COUNTS = (4.0, 8.0, 16.0, 64.0)
+_MOST_BLOCKS = 1500
+_GAIN = 3.0
+"""Of the log-likelihood, that smoothing must bring."""
+_FOLDS = 5
+"""Sets of lines (or of blocks) whose factor is learnt from the others."""
+_LEAST_SHARE = 1e-6
+"""Of the field's variance, of what is left between readings."""
 _TOGETHER = 6.0
 """Sides of a block; errors of readings that were left out together may hold together so far."""
 
@@ -73,6 +82,7 @@ class _Rough:
     log_factor: float = 0.0
     power: float = 1.0
     least: float = 0.0
+    share_power: float = 0.0
 
     def roughness(self, places: Array, without: Integers | None = None) -> Array:
         """Return (P,) r² at places (P, 2+), each without the readings of some part (P,)."""
@@ -93,10 +103,15 @@ class _Rough:
             out[rows] = (weight * blocks.value[near]).sum(axis=1) / weight.sum(axis=1)
         return out
 
-    def at(self, places: Array, without: Integers | None = None) -> Array:
+    def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:
         """Return (P,) the factor of the variance, as `Amplitude.at` does."""
-        ratio = self.roughness(places, without) / self.usual
-        return np.asarray(np.exp(self.log_factor) * (self.least + ratio) ** self.power)
+        return self.of(self.roughness(places, without) / self.usual, share)
+
+    def of(self, ratio: Array, share: Array) -> Array:
+        """Return the factor where the roughness is a ratio to the usual one."""
+        log_share = np.log(np.maximum(share, _LEAST_SHARE))
+        log_factor = self.log_factor + self.power * np.log(self.least + ratio)
+        return np.asarray(np.exp(np.clip(log_factor + self.share_power * log_share, -30.0, 30.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,6 +149,53 @@ class _Smooth:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """M readings that were left out, as the factor is learnt from them."""
+
+    places: Array
+    """(M, 2+) m."""
+    part: Integers
+    """(M,) of the survey that each was left out with."""
+    square: Array
+    """(M,) squared errors."""
+    field: Array
+    """(M,) variance expected of the field."""
+    noise: Array
+    """(M,) variance of the noise."""
+    share: Array
+    """(M,) of `field` in the field's own variance."""
+    length: float
+    """m, over which errors hold together."""
+
+    def __getitem__(self, rows: Booleans) -> "Errors":
+        names = ("places", "part", "square", "field", "noise", "share")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def cost(self, factor: Array) -> float:
+        """Return minus the mean log-likelihood with a factor (M,) of the field's variance."""
+        variance = self.field * factor + self.noise
+        return 0.5 * float(np.mean(np.log(variance) + self.square / variance))
+
+    def scale(self, factor: Array) -> float:
+        """Return the logarithm of the number that a factor (M,) is to be multiplied by for the
+        mean squared normalised error to be 1."""
+        low, high = -10.0, 10.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            variance = self.field * factor * math.exp(middle) + self.noise
+            more = np.mean(self.square / variance) > 1.0
+            low, high = (middle, high) if more else (low, middle)
+        return low
+
+    def folds(self) -> list[Booleans]:
+        """Return (M,) for each set of parts which errors are of it."""
+        parts, own = np.unique(self.part, return_inverse=True)
+        order = generator(0, 0, "gridding folds").permutation(parts.size) % _FOLDS
+        folds = [order[own] == k for k in range(min(_FOLDS, parts.size))]
+        return folds if len(folds) > 1 else []
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Amplitude:
     """Factor of the variance, place by place."""
 
@@ -142,86 +204,117 @@ class Amplitude:
 
     @classmethod
     def learnt(
-        cls,
-        places: Array,
-        value: Array,
-        left_out: tuple[Integers, Integers],
-        errors: Array,
-        length: float,
-    ) -> "Amplitude":
-        """Learn the factor.
+        cls, places: Array, value: Array, part: Integers, errors: Errors
+    ) -> tuple["Amplitude", Array]:
+        """Learn the factor; return also that of each error (M,) as it is learnt without the lines
+        (or blocks) of a set that the error is of.
 
         Parameters
         ----------
-        places, value : (N, 2+) m, (N,)
-            Of all readings.
-        left_out : (M,), (N,)
-            Rows of those that were left out; and the part (N,) of the survey that each reading
-            was left out with.
-        errors : (3, M)
-            Their errors, squared; the variances expected of the field, and of readings' noise.
-        length : float
-            m, over which the field changes.
+        places, value, part : (N, 2+) m, (N,), (N,)
+            Of all readings; the part of the survey that each was left out with.
+        errors : Errors
         """
         local = _local_variance(places, value)
-        rows, part = left_out
-        there, own = places[rows], part[rows]
-        choices = []
-        for width in (times * length for times in _SMOOTHING):
-            blocks = _Blocks.of(places, local, part, 0.5 * width)
-            choices.append(_fitted_rough(_Rough(blocks, width), there, own, errors))
-        rough = min(choices, key=lambda choice: choice[1])[0]
-        square, field, noise = errors
-        ratio = square / (field * rough.at(there, own) + noise)
-        smooth = _fitted_smooth(there, ratio, own, length)
-        factor = rough.at(there, own) * smooth.at(there, own)
-        low, high = -10.0, 10.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            more = np.mean(square / (field * factor * math.exp(middle) + noise)) > 1.0
-            low, high = (middle, high) if more else (low, middle)
-        return cls(replace(rough, log_factor=rough.log_factor + low), smooth)
+        candidates = []
+        for width in (times * errors.length for times in _SMOOTHING):
+            rough = _Rough(_Blocks.of(places, local, part, 0.5 * width), width)
+            roughness = rough.roughness(errors.places, errors.part)
+            candidates.append((rough, roughness))
+        costs = [_validated(rough, roughness, errors) for rough, roughness in candidates]
+        rough, roughness = candidates[int(np.argmin(costs))]
+        amplitude = _scaled(rough, roughness, errors)
+        apart = amplitude.at(errors.places, errors.share, errors.part)
+        for out in errors.folds():
+            others, own = _scaled(rough, roughness[~out], errors[~out]), errors[out]
+            apart[out] = others.at(own.places, own.share, own.part)
+        return amplitude, apart
 
-    def at(self, places: Array, without: Integers | None = None) -> Array:
-        """Return (P,) the factor of the variance at places (P, 2+), each as if the readings of
-        some part (P,) had been left out."""
-        return self.rough.at(places, without) * self.smooth.at(places, without)
+    def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:
+        """Return (P,) the factor of the variance at places (P, 2+), where a share (P,) of the
+        field's variance is left between readings; each as if the readings of some part (P,) had
+        been left out."""
+        return self.rough.at(places, share, without) * self.smooth.at(places, without)
 
     def describe(self) -> dict[str, float]:
         """Return the parameters for a report."""
         return {
             "roughness_width_m": self.rough.width,
             "roughness_power": self.rough.power,
+            "share_power": self.rough.share_power,
             "smoothing_width_m": self.smooth.width if math.isfinite(self.smooth.count) else 0.0,
         }
 
 
-def _fitted_rough(
-    rough: _Rough, there: Array, part: Integers, errors: Array
-) -> tuple[_Rough, float]:
-    """Return the most likely factor with one smoothing, and minus its mean log-likelihood."""
+def _scaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
+    """Return the factor learnt from errors whose roughness (M,) is known, scaled."""
+    amplitude = _unscaled(rough, roughness, errors)
+    apart = amplitude.at(errors.places, errors.share, errors.part)
+    for out in errors.folds():
+        others, own = _unscaled(rough, roughness[~out], errors[~out]), errors[out]
+        apart[out] = others.at(own.places, own.share, own.part)
+    log_factor = amplitude.rough.log_factor + errors.scale(apart)
+    return replace(amplitude, rough=replace(amplitude.rough, log_factor=log_factor))
+
+
+def _unscaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
+    fitted = _fitted_rough(rough, roughness, errors)
+    factor = fitted.of(roughness / fitted.usual, errors.share)
+    ratio = errors.square / (errors.field * factor + errors.noise)
+    return Amplitude(fitted, _fitted_smooth(errors.places, ratio, errors.part, errors.length))
+
+
+def _validated(rough: _Rough, roughness: Array, errors: Errors) -> float:
+    """Return minus the mean log-likelihood of errors, each set of parts by what is learnt from
+    the others."""
+    factor = np.ones(len(roughness))
+    for out in errors.folds():
+        fitted = _fitted_rough(rough, roughness[~out], errors[~out])
+        factor[out] = fitted.of(roughness[out] / fitted.usual, errors.share[out])
+    return errors.cost(factor)
+
+
+def _fitted_rough(rough: _Rough, roughness: Array, errors: Errors) -> _Rough:
+    """Return the most likely factor with one smoothing, whose roughness (M,) is known."""
     from scipy.optimize import minimize
 
-    square, field, noise = errors
-    roughness = rough.roughness(there, part)
     usual = float(np.median(roughness)) or 1.0
+    ratio = roughness / usual
+    log_share = np.log(np.maximum(errors.share, _LEAST_SHARE))
+    # 1-sigmas of the prior, which counts as one error of as many as are independent
+    independent = len(Groups.by(blocks_of(errors.places, errors.length), errors.part).first)
+    width = math.sqrt(independent) * np.array([2.0, 0.4, 2.0, 0.3])
+    middle = np.array([0.0, 0.5, 0.0, 0.0])
 
-    def cost(p: Array) -> float:
-        factor = np.exp(np.clip(p[0], -20, 20)) * (np.exp(p[2]) + roughness / usual) ** p[1]
-        variance = field * factor + noise
-        prior = 0.5 * ((p[1] - 0.5) ** 2 + (p[2] / 2.0) ** 2) / 100.0
-        return 0.5 * float(np.mean(np.log(variance) + square / variance)) + prior
+    def cost(p: Array) -> tuple[float, Array]:
+        least = math.exp(p[2])
+        log_rough = np.log(least + ratio)
+        factor = np.exp(np.clip(p[0] + p[1] * log_rough + p[3] * log_share, -30.0, 30.0))
+        own = errors.field * factor
+        variance = own + errors.noise
+        total = 0.5 * float(np.mean(np.log(variance) + errors.square / variance))
+        slope = 0.5 * (1.0 - errors.square / variance) * own / variance
+        by = (1.0, log_rough, p[1] * least / (least + ratio), log_share)
+        slopes = np.array([float(np.mean(slope * one)) for one in by])
+        off = (p - middle) / width
+        return total + 0.5 * float(off @ off), slopes + off / width
 
     found = minimize(
         cost,
-        [0.0, 0.5, -1.0],
+        [0.0, 0.5, -1.0, 0.0],
+        jac=True,
         method="L-BFGS-B",
-        bounds=[(-10.0, 10.0), (0.0, 1.5), (-5.0, 3.0)],
+        bounds=[(-10.0, 10.0), (0.0, 1.5), (-5.0, 3.0), (-0.7, 0.7)],
     )
-    log_factor, power, least = found.x
+    log_factor, power, least, share_power = (float(one) for one in found.x)
     return replace(
-        rough, usual=usual, log_factor=log_factor, power=power, least=math.exp(least)
-    ), float(found.fun)
+        rough,
+        usual=usual,
+        log_factor=log_factor,
+        power=power,
+        least=math.exp(least),
+        share_power=share_power,
+    )
 
 
 def _fitted_smooth(places: Array, ratio: Array, part: Integers, side: float) -> _Smooth:
@@ -230,7 +323,8 @@ def _fitted_smooth(places: Array, ratio: Array, part: Integers, side: float) -> 
     while len((blocks := _Blocks.of(places, ratio, part, side)).value) > _MOST_BLOCKS:
         side *= 1.25
     best, block = _Smooth(blocks, side, side), blocks.value
-    least = 0.5 * float(block.mean())
+    # not by chance alone
+    least = 0.5 * float(block.mean()) - _GAIN / len(block)
     square = _square_distances(blocks.centre, blocks.centre)
     together = best.together(square, blocks.part)
     for width in side * np.array(_WIDTHS):

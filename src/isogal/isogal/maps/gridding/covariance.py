@@ -41,6 +41,11 @@ class Readings:
     def __len__(self) -> int:
         return len(self.value)
 
+    @property
+    def spread(self) -> float:
+        """1-sigma of the values."""
+        return float(np.std(self.value))
+
     def part(self, rows: Integers | Booleans) -> "Readings":
         """Return some of the readings."""
         return Readings(

@@ -3,28 +3,39 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gridding.amplitude import Amplitude
+from isogal.maps.gridding.amplitude import Amplitude, Errors
+from isogal.maps.gridding.cores import spread
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.kriging import GROUP, Kriging, groups
 from isogal.maps.gridding.learning import learn
-from isogal.maps.gridding.levelling import cross_overs, levelled
+from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
 from isogal.maps.gridding.reduction import Trend, block_reduced
+from isogal.maps.gridding.spacing import gap_of, spacing_of
 from isogal.maps.gridding.survey import Survey
-from isogal.maps.gridding.validation import leave_out
+from isogal.maps.gridding.validation import LeftOut, leave_out
 
-METHODS = {"kriging": "matern", "sources": "harmonic"}
+METHODS = {"kriging": "matern", "equivalent-sources": "harmonic"}
 """Ways of gridding, and their covariances."""
+AUTO = "auto"
+"""The method that predicts readings better which were left out."""
 _UNKNOWN = 0.95
 """Nodes whose 1-sigma is at least this share of the field's own have no value."""
 _MOST_NODES = 4_000_000
+_MOST_DEFAULT_NODES = 500_000
+"""Where nobody says how far apart they are."""
+_BLOCKS_IN_GAP = 16.0
+"""Blocks between lines, where nobody says how large they are."""
 _FEWEST_LINES = 4  # that lines are left out of
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a step, how much of it is done, and of how much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +48,12 @@ class GridSettings:
         A setting is out of range.
     """
 
-    method: str = "kriging"
+    method: str = AUTO
     spacing: float | None = None
-    """m between nodes; None = a third of the shortest correlation length."""
+    """m between nodes; None = as near as interpolation between them asks for."""
     block: float | None = None
     """m, side of the blocks that readings are averaged in; None = half the spacing where that is
-    given, else none; 0 = none."""
+    given, else a sixteenth of the gap between lines; 0 = none."""
     trend: int = 1
     """Degree of the polynomial taken off first."""
     height: float | None = None
@@ -53,12 +64,12 @@ class GridSettings:
     """`lines` or `blocks`; None = lines where the survey has some."""
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
+        if self.method not in (*METHODS, AUTO):
             raise InputError(
-                f"method (--method) '{self.method}' must be one of {', '.join(METHODS)}"
+                f"method (--method) '{self.method}' must be one of {', '.join((*METHODS, AUTO))}"
             )
-        if self.height is not None and self.method != "sources":
-            raise InputError("a map at a chosen height needs the method sources")
+        if self.height is not None and self.method == "kriging":
+            raise InputError("a map at a chosen height needs the method equivalent-sources")
         if self.left_out not in (None, "lines", "blocks"):
             raise InputError(f"left out (--leave-out) '{self.left_out}': must be lines or blocks")
         if not 0 <= self.trend <= 3:
@@ -74,17 +85,23 @@ class Model:
     trend: Trend
     kriging: Kriging
     amplitude: Amplitude
+    gap: float
+    """m between lines (`spacing.gap_of`)."""
     report: dict[str, object] = field(default_factory=dict)
 
     def at(
         self, latitude: Array, longitude: Array, height: Array | float | None = None
     ) -> tuple[Array, Array]:
         """Return the field and the 1-sigma of its error at places (P,), rad and m above the
-        ellipsoid (sources only)."""
+        ellipsoid (equivalent sources only)."""
         places = self.places(latitude, longitude, height)
         mean, variance = self.kriging.at(places)
-        sigma = np.sqrt(variance * self.amplitude.at(places))
-        return mean + self.trend.at(places), sigma
+        return mean + self.trend.at(places), self.sigma(places, variance)
+
+    def sigma(self, places: Array, variance: Array) -> Array:
+        """Return the 1-sigma at places (P, 3) whose variance (P,) is that of the covariance."""
+        share = variance / self.covariance.variance_at(places)
+        return np.asarray(np.sqrt(variance * self.amplitude.at(places, share)))
 
     def places(
         self, latitude: Array, longitude: Array, height: Array | float | None = None
@@ -107,40 +124,80 @@ class Model:
         return self.kriging.covariance
 
 
-def learn_model(survey: Survey, settings: GridSettings) -> Model:
+def learn_model(survey: Survey, settings: GridSettings, progress: Progress | None = None) -> Model:
     """Learn covariance, amplitude and noise from a survey, and check them on readings left out.
 
     Raises
     ------
     InputError
-        Settings that do not fit the survey: no heights, no lines, no crossings.
+        Settings that do not fit the survey: no heights, no lines, no crossings; or readings
+        that are all the same.
     """
-    kind, by = METHODS[settings.method], _left_out_by(survey, settings)
-    survey, report = _prepared(survey, settings)
+    by = _left_out_by(survey, settings)
+    if np.ptp(survey.value) == 0.0:
+        raise InputError(
+            f"{survey.where}: the readings are all the same; there is no field to map"
+        )
+    gap = gap_of(survey)
+    survey, report = _prepared(survey, settings, gap)
     places = survey.places
     trend = Trend.fitted(places, survey.value, settings.trend)
     value = survey.value - trend.at(places)
     readings = Readings(places, value, survey.sigma, survey.line)
-    covariance = learn(readings, kind=kind)
-    kriging = Kriging(readings, covariance)
-    shortest = _shortest(covariance)
-    out = leave_out(kriging, by, 2.0 * shortest)
-    errors = np.stack([out.error**2, out.variance - out.noise, out.noise])
-    amplitude = Amplitude.learnt(places, value, (out.rows, out.part), errors, shortest)
-    honest = out.scaled(amplitude.at(places[out.rows], out.part[out.rows]))
+    found = {
+        method: _predicted(readings, METHODS[method], by, _named(progress, method))
+        for method in _methods(settings)
+    }
+    # of the mean error, not of its RMS, which a few readings decide
+    off = {method: float(np.mean(np.abs(out.error))) for method, (_, out) in found.items()}
+    method = min(off, key=lambda one: off[one])
+    kriging, out = found[method]
+    share = (out.variance - out.noise) / kriging.covariance.variance_at(places[out.rows])
+    errors = Errors(
+        places[out.rows],
+        out.part[out.rows],
+        out.error**2,
+        out.variance - out.noise,
+        out.noise,
+        share,
+        _shortest(kriging.covariance),
+    )
+    amplitude, apart = Amplitude.learnt(places, value, out.part, errors)
     report |= {
-        "covariance": covariance.describe(),
-        "left_out": {"by": by} | honest.figures(),
+        "method": method,
+        "mean_absolute_error": off,
+        "covariance": kriging.covariance.describe(),
+        "left_out": {"by": by} | out.scaled(apart).figures(),
         "amplitude": amplitude.describe(),
     }
-    return Model(survey, trend, kriging, amplitude, report)
+    return Model(survey, trend, kriging, amplitude, gap, report)
+
+
+def _methods(settings: GridSettings) -> tuple[str, ...]:
+    """Return the methods that are tried."""
+    if settings.height is not None:
+        return ("equivalent-sources",)
+    return tuple(METHODS) if settings.method == AUTO else (settings.method,)
+
+
+def _predicted(
+    readings: Readings, kind: str, by: str, progress: Callable[[int, int], None] | None
+) -> tuple[Kriging, LeftOut]:
+    """Return kriging with a covariance of some kind, and the readings predicted that are left
+    out."""
+    kriging = Kriging(readings, learn(readings, kind=kind))
+    return kriging, leave_out(kriging, by, 2.0 * _shortest(kriging.covariance), progress)
+
+
+def _named(progress: Progress | None, name: str) -> Callable[[int, int], None] | None:
+    return None if progress is None else partial(progress, f"left out: {name}")
 
 
 def _left_out_by(survey: Survey, settings: GridSettings) -> str:
     """Return whether lines or blocks are left out; raises InputError where the survey lacks what
     is asked for."""
-    if METHODS[settings.method] == "harmonic" and survey.height is None:
-        raise InputError(f"{survey.where}: has no column height, which method sources needs")
+    if settings.height is not None and survey.height is None:
+        raise InputError(f"{survey.where}: has no column height, which a chosen height needs")
     by = settings.left_out or ("blocks" if survey.line is None else "lines")
     if by == "lines":
         if survey.line is None:
@@ -150,21 +207,21 @@ def _left_out_by(survey: Survey, settings: GridSettings) -> str:
     return by
 
 
-def _prepared(survey: Survey, settings: GridSettings) -> tuple[Survey, dict[str, object]]:
+def _prepared(
+    survey: Survey, settings: GridSettings, gap: float
+) -> tuple[Survey, dict[str, object]]:
     """Return the survey levelled and in blocks, as asked for, and what there is to say of that."""
-    report: dict[str, object] = {"readings": len(survey)}
+    report: dict[str, object] = {"readings": len(survey), "gap_m": gap}
     if survey.line is not None:
         report["lines"] = int(np.unique(survey.line).size)
     if settings.level:
         crossings = cross_overs(survey)
-        survey = levelled(survey, crossings)
-        report["cross_overs"] = {
-            "before": crossings.figures(),
-            "after": cross_overs(survey).figures(),
-        }
+        levelling = levelling_of(survey, crossings)
+        survey = levelled(survey, levelling)
+        report["cross_overs"] = {"before": crossings.figures(), "after": levelling.figures()}
     block = settings.block
     if block is None:
-        block = 0.5 * settings.spacing if settings.spacing else 0.0
+        block = 0.5 * settings.spacing if settings.spacing else gap / _BLOCKS_IN_GAP
     survey = block_reduced(survey, block)
     return survey, report | {"blocks": len(survey)}
 
@@ -176,9 +233,7 @@ def _shortest(covariance: Covariance) -> float:
 
 
 def grid_survey(
-    survey: Survey,
-    settings: GridSettings,
-    progress: Callable[[int, int], None] | None = None,
+    survey: Survey, settings: GridSettings, progress: Progress | None = None
 ) -> tuple[FieldMap, Model]:
     """Make a map of a survey.
 
@@ -187,49 +242,73 @@ def grid_survey(
     survey : Survey
     settings : GridSettings
     progress : function, optional
-        Called with the number of nodes that are done, and of all.
+        Called with the name of a step, how much of it is done, and of how much.
 
     Raises
     ------
     InputError
         Settings that do not fit, or more nodes than are made at once.
     """
-    model = learn_model(survey, settings)
+    model = learn_model(survey, settings, progress)
     latitude, longitude = _nodes(model, settings)
-    shape, count = (latitude.size, longitude.size), latitude.size * longitude.size
+    shape = (latitude.size, longitude.size)
     nodes = np.meshgrid(latitude, longitude, indexing="ij")
     places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
-    values, variance, length = (np.full(count, np.nan) for _ in range(3))
-    ellipses, done = np.full((count, 3), np.nan), 0
-    for rows in groups(places, GROUP):
-        values[rows], covariance = model.kriging.together(places[rows])
-        variance[rows] = np.maximum(np.diag(covariance), 0.0)
-        length[rows] = error_lengths(places[rows], covariance)
-        ellipses[rows] = error_ellipses(places[rows], covariance, length[rows])
-        done += rows.size
-        if progress is not None:
-            progress(done, count)
-    unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
-    values += model.trend.at(places)
-    sigma = np.sqrt(variance * model.amplitude.at(places))
-    for one in (values, sigma, length, ellipses):
-        one[unknown] = np.nan
+    at = _at_nodes(model, places, progress)
+    length = at["length"]
     field_map = FieldMap(
         latitude,
         longitude,
-        values.reshape(shape),
+        at["value"].reshape(shape),
         unit=survey.unit,
         quantity=survey.quantity,
-        sigma=sigma.reshape(shape),
+        sigma=at["sigma"].reshape(shape),
         correlation_length=float(np.nanmedian(length)),
         correlation_lengths=length.reshape(shape),
-        error_ellipses=ellipses.reshape(*shape, 3),
-        provenance=f"{settings.method} of {model.report['readings']} readings of {survey.where}",
+        error_ellipses=at["ellipse"].reshape(*shape, 3),
+        provenance=(
+            f"{model.report['method']} of {model.report['readings']} readings of {survey.where}"
+        ),
         file_unit=survey.file_unit,
         file_factor=survey.file_factor,
         height=_level(model, settings),
     )
     return field_map, model
+
+
+def _at_nodes(model: Model, places: Array, progress: Progress | None) -> dict[str, Array]:
+    """Return value, sigma and length (P,) and ellipse (P, 3) of the error at nodes (P, 3); NaN
+    where nothing is known."""
+    count, done = len(places), 0
+    at = {name: np.full(count, np.nan) for name in ("value", "variance", "length")}
+    at["ellipse"] = np.full((count, 3), np.nan)
+
+    def kriged(rows: Integers) -> dict[str, Array]:
+        mean, covariance = model.kriging.together(places[rows])
+        length = error_lengths(places[rows], covariance)
+        return {
+            "value": mean,
+            "variance": np.maximum(np.diag(covariance), 0.0),
+            "length": length,
+            "ellipse": error_ellipses(places[rows], covariance, length),
+        }
+
+    def keep(rows: Integers, found: dict[str, Array]) -> None:
+        nonlocal done
+        for name, values in found.items():
+            at[name][rows] = values
+        done += rows.size
+        if progress is not None:
+            progress("nodes", done, count)
+
+    spread(kriged, groups(places, GROUP, 2.0 * model.kriging.extent), keep)
+    variance = at.pop("variance")
+    unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
+    at["value"] += model.trend.at(places)
+    at["sigma"] = model.sigma(places, variance)
+    for values in at.values():
+        values[unknown] = np.nan
+    return at
 
 
 def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
@@ -242,7 +321,8 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
             f"{survey.where}: height {settings.height:g} m is below the lowest reading"
             f" ({survey.floor:.0f} m)"
         )
-    spacing = settings.spacing or _shortest(model.covariance) / 3.0
+    spacing = settings.spacing or _default_spacing(model)
+    model.report["spacing_m"] = spacing
     latitude = _axis(survey.latitude, spacing / plane.north_scale)
     longitude = _axis(survey.longitude, spacing / plane.east_scale)
     count = latitude.size * longitude.size
@@ -252,6 +332,13 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
             f" {_MOST_NODES:,} are made; give a larger --spacing"
         )
     return latitude, longitude
+
+
+def _default_spacing(model: Model) -> float:
+    """Return what interpolation asks for (m), or more where that would be too many nodes."""
+    area = float(np.prod(np.ptp(model.survey.places[:, :2], axis=0)))
+    spacing = spacing_of(model.kriging, model.amplitude, model.gap)
+    return max(spacing, math.sqrt(area / _MOST_DEFAULT_NODES))
 
 
 def _axis(readings: Array, step: float) -> Array:
@@ -265,7 +352,7 @@ def _axis(readings: Array, step: float) -> Array:
 def _level(model: Model, settings: GridSettings) -> float | None:
     """Return the height of the map, where it lies on one level."""
     height = model.survey.height
-    if settings.method == "sources":
+    if height is not None and model.covariance.kind == "harmonic":
         return model.default_height if settings.height is None else settings.height
     if height is not None and float(np.std(height)) < 20.0:
         return float(np.median(height))

@@ -10,7 +10,8 @@ between them and the places, and k0 among the places,
 away are screened by the nearer ones."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,8 @@ NEIGHBOURS = 700
 """Readings that a group of places is kriged from."""
 GROUP = 300
 """Places of a group at most."""
+_DENSITY_SAMPLE = 2000
+"""Readings that the extent of a group is taken from."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,27 +32,42 @@ class Kriging:
 
     readings: Readings
     covariance: Covariance
+    tree: Any = field(init=False, repr=False)
+    """Of the readings in the plane."""
+    extent: float = field(init=False)
+    """m; in a square of this side lie about a quarter of `NEIGHBOURS` readings."""
 
-    def without(self, out: Booleans) -> "Kriging":
-        """Return the same with some readings (N,) left out."""
-        return Kriging(self.readings.part(~out), self.covariance)
+    def __post_init__(self) -> None:
+        from scipy.spatial import cKDTree
 
-    def at(self, places: Array) -> tuple[Array, Array]:
+        plane = self.readings.places[:, :2]
+        tree = cKDTree(plane)
+        some = plane[:: max(len(plane) // _DENSITY_SAMPLE, 1)]
+        quarter = min(NEIGHBOURS // 4, len(plane))
+        radius = tree.query(some, [quarter])[0]
+        object.__setattr__(self, "tree", tree)
+        object.__setattr__(self, "extent", np.sqrt(np.pi) * float(np.median(radius)))
+
+    def at(self, places: Array, left_out: Booleans | None = None) -> tuple[Array, Array]:
         """Return the field (P,) at any places (P, 3), and the variance (P,) of its error there, a
-        reading's noise not included."""
+        reading's noise not included; without some readings (N,)."""
         mean, variance = np.empty(len(places)), np.empty(len(places))
-        for rows in groups(places, GROUP):
-            mean[rows], covariance = self.together(places[rows])
+        for rows in self.groups(places):
+            mean[rows], covariance = self.together(places[rows], left_out)
             variance[rows] = np.diag(covariance)
         return mean, np.maximum(variance, 0.0)
 
-    def together(self, places: Array) -> tuple[Array, Array]:
+    def groups(self, places: Array) -> Iterator[Integers]:
+        """Yield rows of places (P, 2+) in groups that can be kriged together."""
+        return groups(places, GROUP, 2.0 * self.extent)
+
+    def together(self, places: Array, left_out: Booleans | None = None) -> tuple[Array, Array]:
         """Return mean (P,) and covariance (P, P) of the field's error at a few places that lie
-        together."""
+        together; without some readings (N,)."""
         from scipy.linalg import solve_triangular
 
-        near = self.readings.part(self._nearest(places))
-        level = 3.0 * float(np.std(self.readings.value)) + 1e-300
+        near = self.readings.part(self._nearest(places, left_out))
+        level = 3.0 * self.readings.spread + 1e-300
         factor = np.linalg.cholesky(self.covariance.of_readings(near) + level**2)
         between = self.covariance.between(near.places, places) + level**2
         white = solve_triangular(
@@ -58,32 +76,43 @@ class Kriging:
         among = self.covariance.between(places, places) + level**2
         return white[:, 1:].T @ white[:, 0], among - white[:, 1:].T @ white[:, 1:]
 
-    def _nearest(self, places: Array) -> Integers:
+    def _nearest(self, places: Array, left_out: Booleans | None) -> Integers:
         """Return rows of the readings next to the box round some places."""
-        if len(self.readings) <= NEIGHBOURS:
-            return np.arange(len(self.readings))
+        total = len(self.readings)
         low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
         centre, half = 0.5 * (low + high), 0.5 * (high - low)
-        beyond = np.maximum(np.abs(self.readings.places[:, :2] - centre) - half, 0.0)
-        distance = beyond[:, 0] ** 2 + beyond[:, 1] ** 2
-        inside = distance == 0.0
-        # of readings inside the box all count; the others by their distance to it
-        count = max(NEIGHBOURS, min(int(inside.sum()) + NEIGHBOURS // 2, 2 * NEIGHBOURS))
-        if count >= distance.size:
-            return np.arange(distance.size)
-        return np.sort(np.argpartition(distance, count)[:count])
+        reach, most = float(np.hypot(*half)), 4 * NEIGHBOURS
+        while True:
+            most = min(most, total)
+            radius, rows = self.tree.query(centre, most)
+            rows, radius = np.atleast_1d(rows), float(np.max(radius))
+            if left_out is not None:
+                rows = rows[~left_out[rows]]
+            beyond = np.maximum(np.abs(self.readings.places[rows, :2] - centre) - half, 0.0)
+            distance = np.hypot(beyond[:, 0], beyond[:, 1])
+            # of readings inside the box all count; the others by their distance to it
+            inside = int((distance == 0.0).sum())
+            count = max(NEIGHBOURS, min(inside + NEIGHBOURS // 2, 2 * NEIGHBOURS))
+            if count < rows.size:
+                order = np.argpartition(distance, count)
+                if most == total or distance[order[count]] + reach <= radius:
+                    return np.sort(rows[order[:count]])
+            elif most == total:
+                return np.sort(rows)
+            most *= 2
 
 
-def groups(places: Array, size: int) -> Iterator[Integers]:
-    """Yield rows of places (P, 2 or 3) in groups of at most so many that lie together, by halving
-    along the longer side."""
+def groups(places: Array, size: int, extent: float = np.inf) -> Iterator[Integers]:
+    """Yield rows of places (P, 2 or 3) in groups of at most so many within an extent (m) that lie
+    together, by halving along the longer side."""
     stack = [np.arange(len(places))]
     while stack:
         rows = stack.pop()
-        if rows.size <= size:
-            if rows.size:
-                yield rows
+        if rows.size == 0:
             continue
-        extent = np.ptp(places[rows, :2], axis=0)
-        order = rows[np.argsort(places[rows, int(np.argmax(extent))], kind="stable")]
+        sides = np.ptp(places[rows, :2], axis=0)
+        if rows.size == 1 or (rows.size <= size and sides.max() <= extent):
+            yield rows
+            continue
+        order = rows[np.argsort(places[rows, int(np.argmax(sides))], kind="stable")]
         stack += [order[rows.size // 2 :], order[: rows.size // 2]]

@@ -8,11 +8,14 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
-from isogal.maps.gridding.reduction import robust_fit
 from isogal.maps.gridding.survey import Survey
 
 _LONGEST_GAP = 10.0
 """Median gaps between readings; where readings are further apart no crossing is taken."""
+_RIDGES = np.geomspace(1e-3, 1e3, 13)
+"""Variances of a difference over that of an offset."""
+_FAR, _ROUNDS = 2.0, 4
+"""1-sigmas from which a difference counts less, and rounds of reweighting (Huber 1964)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,25 +59,70 @@ def cross_overs(survey: Survey) -> CrossOvers:
     return CrossOvers(ids[:, 0], ids[:, 1], table[:, 2])
 
 
-def levelled(survey: Survey, crossings: CrossOvers) -> Survey:
-    """Return the survey with an offset taken off each line: those that make the differences at
-    crossings least (least squares), all offsets together being kept small.
+@dataclass(frozen=True, slots=True, eq=False)
+class Levelling:
+    """An offset of each line, from the differences at crossings."""
+
+    offset: Array
+    """(L,) of lines in the order of their numbers."""
+    left: Array
+    """(C,) differences that the offsets leave."""
+    predicted: Array
+    """(C,) differences that offsets by the other crossings alone leave."""
+    degrees: float
+    """Of freedom that the differences keep: C less what the offsets take up."""
+
+    def figures(self) -> dict[str, float | int]:
+        """Return what is left of the differences, and how much of that is fit alone."""
+        return {
+            "degrees_of_freedom": self.degrees,
+            "rms": float(np.sqrt(np.mean(self.left**2))),
+            "rms_left_out": float(np.sqrt(np.mean(self.predicted**2))),
+        }
+
+
+def levelling_of(survey: Survey, crossings: CrossOvers) -> Levelling:
+    """Return the offsets of lines that make the differences at crossings least: robust least
+    squares with a ridge, the one with which each crossing is predicted best from the others (Allen
+    1974, Technometrics 16(1):125-127).
 
     Raises
     ------
     InputError
         No two lines cross.
     """
-    if not crossings.difference.size or survey.line is None:
+    difference = crossings.difference
+    if not difference.size or survey.line is None:
         raise InputError(f"{survey.where}: no two lines cross; it cannot be levelled")
     numbers = np.unique(survey.line)
-    rows = np.arange(crossings.difference.size)
+    rows = np.arange(difference.size)
     design = np.zeros((rows.size, numbers.size))
     design[rows, np.searchsorted(numbers, crossings.first)] = 1.0
     design[rows, np.searchsorted(numbers, crossings.second)] -= 1.0
-    # a few crossings at steep anomalies are far off
-    offset = robust_fit(design, crossings.difference, limit=2.0, rounds=4, ridge=0.05)
-    return replace(survey, value=survey.value - offset[np.searchsorted(numbers, survey.line)])
+    fits = [_levelled(design, difference, ridge) for ridge in _RIDGES]
+    return min(fits, key=lambda fit: float(np.mean(np.abs(fit.predicted))))
+
+
+def _levelled(design: Array, difference: Array, ridge: float) -> Levelling:
+    """Return offsets with a ridge; differences far off, as at steep anomalies, count less."""
+    weight: Array = np.ones(len(difference))
+    for _ in range(_ROUNDS):
+        inverse = np.linalg.inv(
+            design.T @ (weight[:, None] * design) + ridge * np.eye(design.shape[1])
+        )
+        offset = inverse @ (design.T @ (weight * difference))
+        left = difference - design @ offset
+        own = weight * np.einsum("ci,ij,cj->c", design, inverse, design)
+        usual = _FAR * 1.4826 * float(np.median(np.abs(left))) + 1e-300
+        weight = np.minimum(1.0, usual / np.maximum(np.abs(left), 1e-300))
+    return Levelling(offset, left, left / (1.0 - own), len(difference) - float(own.sum()))
+
+
+def levelled(survey: Survey, levelling: Levelling) -> Survey:
+    """Return a survey without the offsets of its lines."""
+    assert survey.line is not None
+    own = np.searchsorted(np.unique(survey.line), survey.line)
+    return replace(survey, value=survey.value - levelling.offset[own])
 
 
 def _ordered(places: Array, value: Array) -> tuple[Array, Array]:

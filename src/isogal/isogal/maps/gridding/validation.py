@@ -1,11 +1,13 @@
 """How right a map is where nothing was measured: readings are left out, by whole lines or by
 blocks, and predicted from the others."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
+from isogal.maps.gridding.cores import spread
 from isogal.maps.gridding.covariance import Readings
 from isogal.maps.gridding.kriging import Kriging, groups
 from isogal.maps.gridding.survey import Groups, blocks_of
@@ -15,6 +17,8 @@ BLOCKS = 12
 """Parts that the blocks of a survey of stations are divided into."""
 _MOST = 12_000
 """Readings that are predicted at most."""
+_TOGETHER = 120
+"""Of a sample, readings that lie together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,13 +49,20 @@ class LeftOut:
         return replace(self, variance=field + self.noise)
 
     def figures(self) -> dict[str, object]:
-        """Return RMS and NIS, of all and by distance to the next reading (quarters)."""
+        """Return RMS and NIS with the 1-sigma of the latter, of all and by distance to the next
+        reading (quarters)."""
         edges = np.quantile(self.distance, [0.25, 0.5, 0.75])
         quarter = np.searchsorted(edges, self.distance)
+        nis = float(self.ratio.mean())
+        # errors of a line hold together: its sum counts as one
+        sums = np.bincount(
+            np.unique(self.part[self.rows], return_inverse=True)[1], self.ratio - nis
+        )
         return {
             "readings": int(self.error.size),
             "rms": float(np.sqrt(np.mean(self.error**2))),
-            "nis": float(self.ratio.mean()),
+            "nis": nis,
+            "nis_sigma": float(np.sqrt(np.sum(sums**2)) / self.error.size),
             "by_distance": [
                 {
                     "distance_m": float(np.median(self.distance[quarter == k])),
@@ -64,7 +75,12 @@ class LeftOut:
         }
 
 
-def leave_out(kriging: Kriging, by: str, side: float) -> LeftOut:
+def leave_out(
+    kriging: Kriging,
+    by: str,
+    side: float,
+    progress: Callable[[int, int], None] | None = None,
+) -> LeftOut:
     """Predict readings from the others.
 
     Parameters
@@ -75,28 +91,54 @@ def leave_out(kriging: Kriging, by: str, side: float) -> LeftOut:
         plane, drawn at random, from the other sets.
     side : float
         Of a block, m.
+    progress : function, optional
+        Called with the number of readings that are done, and of all.
     """
-    from scipy.spatial import cKDTree
-
     readings = kriging.readings
-    part = _parts(readings, by, side)
-    chosen = _sample(readings)
-    error, variance, distance = (np.full(len(part), np.nan) for _ in range(3))
-    for name in np.unique(part[chosen]):
-        out = part == name
-        rows = np.flatnonzero(out & chosen)
-        rest = kriging.without(out)
-        mean, variance[rows] = rest.at(readings.places[rows])
-        error[rows] = readings.value[rows] - mean
-        distance[rows] = cKDTree(rest.readings.places[:, :2]).query(readings.places[rows, :2])[0]
-    rows = np.flatnonzero(np.isfinite(error))
+    places, part = readings.places, _parts(readings, by, side)
+    chosen = np.flatnonzero(_sample(readings))
+    groups = [
+        rows[group]
+        for rows in (chosen[part[chosen] == name] for name in np.unique(part[chosen]))
+        for group in kriging.groups(places[rows])
+    ]
+    error, variance = np.full(len(part), np.nan), np.full(len(part), np.nan)
+    done = 0
+
+    def predicted(rows: Integers) -> tuple[Array, Array]:
+        return kriging.at(places[rows], part == part[rows[0]])
+
+    def keep(rows: Integers, found: tuple[Array, Array]) -> None:
+        nonlocal done
+        error[rows], variance[rows] = readings.value[rows] - found[0], found[1]
+        done += rows.size
+        if progress is not None:
+            progress(done, chosen.size)
+
+    spread(predicted, groups, keep)
+    rows = chosen
     covariance = kriging.covariance
     noise = np.full(rows.size, covariance.noise**2)
     if readings.sigma is not None:
         noise += readings.sigma[rows] ** 2
     if by == "lines":
         noise += covariance.line**2
-    return LeftOut(rows, error[rows], variance[rows] + noise, noise, distance[rows], part)
+    distance = _distances(kriging, rows, part)
+    return LeftOut(rows, error[rows], variance[rows] + noise, noise, distance, part)
+
+
+def _distances(kriging: Kriging, rows: Integers, part: Integers) -> Array:
+    """Return (M,) m from some readings to the next of another part."""
+    total, places = len(part), kriging.readings.places[:, :2]
+    out, open_, most = np.full(rows.size, np.inf), np.arange(rows.size), 32
+    while open_.size:
+        most = min(most, total)
+        distance, near = kriging.tree.query(places[rows[open_]], most)
+        distance = np.where(part[near] == part[rows[open_], None], np.inf, distance)
+        out[open_] = distance.min(axis=1)
+        open_ = open_[~np.isfinite(out[open_])] if most < total else open_[:0]
+        most *= 4
+    return out
 
 
 def _parts(readings: Readings, by: str, side: float) -> Integers:
@@ -113,6 +155,6 @@ def _sample(readings: Readings) -> Booleans:
     chosen = np.full(count, count <= _MOST)
     if count > _MOST:
         random = generator(0, 0, "gridding readings left out")
-        for rows in groups(readings.places, max(20, count // 200)):
+        for rows in groups(readings.places, _TOGETHER):
             chosen[rows] = random.random() < _MOST / count
     return chosen
