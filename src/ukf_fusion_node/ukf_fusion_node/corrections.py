@@ -4,18 +4,21 @@ from collections.abc import Callable
 
 import numpy as np
 from rclpy.impl.rcutils_logger import RcutilsLogger as Logger
-from sensor_msgs.msg import NavSatFix, NavSatStatus
+from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.fix import Fix
 from isogal.fusion.alignment import Navigating
 from isogal.fusion.measurements import Innovation, Outcome, measurements_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
-from isogal_ros.messages.stamps import to_ns, to_seconds
-from isogal_ros.messages.whole_fix import WholeFix
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.messages.whole_fix import WholeFix, read_whole_fix
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import Health
-from isogal_ros.topics import FIX
+from isogal_ros.topics import FIX, INFORMATION
+from ukf_fusion_node.fixes import FixQueue
 from ukf_fusion_node.measuring import Measuring
+from ukf_fusion_node.navigation import Navigation
 
 IMPROBABLE = 23.0
 """Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
@@ -108,3 +111,54 @@ def read_fix(message: NavSatFix) -> Fix:
         return Fix(time, np.nan, np.nan, nothing, reason="no fix")
     latitude, longitude, _ = read_position(message)
     return Fix(time, latitude, longitude, read_covariance(message)[:2, :2])
+
+
+class Fixes:
+    """Hears the matcher's fixes, and applies each when it is its turn.
+
+    Parameters
+    ----------
+    node : GraphNode
+    navigation : Navigation
+    within : callable
+        Whether something has been published of a time after the newest step: fixes then wait for
+        the next.
+    answer : callable
+        Called after each fix, even one that is dropped.
+    """
+
+    def __init__(
+        self,
+        node: GraphNode,
+        navigation: Navigation,
+        within: Callable[[], bool],
+        answer: Callable[[], None],
+    ) -> None:
+        self._guard, self._navigation, self._within = node.guard, navigation, within
+        self._answer = answer
+        self._corrections = Corrections(node.health, node.get_logger(), navigation.unfit)
+        node.listen(FIX, self._take_fix)
+        whole = node.listen(INFORMATION, self._take_whole)
+        ahead = from_seconds(node.settings.max_gap)
+        self._queue = FixQueue(whole.get_publisher_count, ahead, node.monotonic)
+
+    def _take_whole(self, message: PointCloud2) -> None:
+        self._queue.add_whole(to_ns(message.header.stamp), read_whole_fix(message))
+        self.settle()
+
+    def _take_fix(self, message: NavSatFix) -> None:
+        try:
+            self._queue.add_position(to_ns(message.header.stamp), message)
+        except BadMessageError:
+            self._answer()
+            raise
+        self.settle()
+
+    def settle(self) -> None:
+        """Apply the fixes that need not wait, and answer each, even one that is dropped."""
+        if self._within() or not self._queue:
+            return
+        for ns, content in self._queue.due(self._navigation.ns):
+            self._guard(FIX, self._corrections.apply, self._navigation.navigator, content)
+            self._navigation.matched(ns)
+            self._answer()

@@ -6,30 +6,26 @@ from typing import ClassVar
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
+from sensor_msgs.msg import Imu
 
 from isogal.arrays import Array
 from isogal.fusion.alignment import Alignment
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
-from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.imu import read_imu
-from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.messages.whole_fix import read_whole_fix
+from isogal_ros.messages.stamps import to_ns
 from isogal_ros.nodes.base import GraphNode, NodeSettings
-from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
-from ukf_fusion_node.corrections import Corrections
-from ukf_fusion_node.fixes import FixQueue
+from ukf_fusion_node.corrections import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs
 from ukf_fusion_node.pose import placed
+from ukf_fusion_node.sample_checks import SampleChecks
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.smoothed import Smoothed
 from ukf_fusion_node.solution import Solution, Solutions
-from ukf_fusion_node.watch import Leaps, LoneSamples, StuckError, Watch
 
 
 class UkfFusionNode(GraphNode):
@@ -52,11 +48,6 @@ class UkfFusionNode(GraphNode):
         self.answered = 0
         """Fixes that were applied or dropped."""
         self._navigation = Navigation(self)
-        self._corrections = Corrections(self.health, self.get_logger(), self._navigation.unfit)
-        self._leaps = Leaps(from_seconds(self.settings.max_gap))
-        limits = self.settings.max_acceleration, self.settings.max_turn_rate
-        self._watch = Watch(*limits, self.monotonic, self._navigation.noisy)
-        self._lone = LoneSamples()
         self._aids = Aids(self, self._go_on)
         self._held: deque[Imu | Solution] = deque()
         """IMU samples, or solutions of an INS, that wait for other sensors."""
@@ -70,15 +61,12 @@ class UkfFusionNode(GraphNode):
             self._inertial = self._solutions.topic
         else:
             self.listen(topics.IMU, self._hold)
-        self.listen(topics.FIX, self._take_fix)
+        self._checks = SampleChecks(self, self._navigation, self._inertial)
         self.listen(topics.INITIAL_POSE, self._take_pose)
-        whole = self.listen(topics.INFORMATION, self._take_whole)
-        ahead = from_seconds(self.settings.max_gap)
-        self._fixes = FixQueue(whole.get_publisher_count, ahead, self.monotonic)
+        self._fixes = Fixes(self, self._navigation, lambda: self._within, self._answer)
         self._pose: PoseWithCovarianceStamped | None = None
         """That waits for the end of a step."""
         self.offer_reset(self._reset)
-        self.watch("silent", lambda: self._watch.silent, ERROR)
 
     @property
     def navigator(self) -> InertialNavigator | None:
@@ -114,7 +102,7 @@ class UkfFusionNode(GraphNode):
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
         """Take what an INS felt since its last solution for samples."""
-        found = solutions.samples(ns, message, self._navigation, self._leaps)
+        found = solutions.samples(ns, message, self._navigation, self._checks.leaps)
         if self._navigation.navigator is not None:
             for sample in found:
                 self._take_sample(*sample)
@@ -126,27 +114,17 @@ class UkfFusionNode(GraphNode):
     def _take_sample(
         self, ns: int, force: Array, rate: Array, interval: float | None = None
     ) -> None:
-        try:
-            self._watch.take(force, rate)
-        except StuckError as error:
-            self._navigation.back(error.samples)
-            raise
-        untrue = self._lone.take(force, rate)
-        if untrue and self._navigation.back(1):
-            self.health.drop(self._inertial.name, untrue)
+        self._checks.take(ns, force, rate, stepped=interval is not None)
         if self._navigation.navigator is None:
             if self._navigation.begin(ns):
                 self._publish()
             if self._navigation.navigator is None:
                 self.health.tick(ns)
                 return
-        elif interval is None:
-            self._leaps.check(ns, self._navigation.ns)
         for _ in self._navigation.sample(ns, force, rate, interval):
             self._step()
         if (between := self._navigation.between()) is not None:
             self.outputs.publish_odometry(*between)
-        self.health.concern("stuck", self._watch.stuck)
         self.health.concern("gap", self._navigation.unresolved)
         self.health.tick(ns)
 
@@ -154,8 +132,7 @@ class UkfFusionNode(GraphNode):
         """Publish what a step has led to, then use what has waited for its end."""
         self._aids.apply(self._navigation.navigator, self._navigation.ns)
         self._publish()
-        if self._fixes:
-            self._settle()
+        self._fixes.settle()
         if self._pose is not None:
             pose, self._pose = self._pose, None
             self.guard(topics.INITIAL_POSE, self._take_pose, pose)
@@ -177,27 +154,6 @@ class UkfFusionNode(GraphNode):
         self._navigation.place(placed(start, message, self._frame, speed))
         if self._navigation.navigator is not None:
             self._publish()
-
-    def _take_whole(self, message: PointCloud2) -> None:
-        self._fixes.add_whole(to_ns(message.header.stamp), read_whole_fix(message))
-        self._settle()
-
-    def _take_fix(self, message: NavSatFix) -> None:
-        try:
-            self._fixes.add_position(to_ns(message.header.stamp), message)
-        except BadMessageError:
-            self._answer()
-            raise
-        self._settle()
-
-    def _settle(self) -> None:
-        """Apply the fixes that need not wait, and answer each, even one that is dropped."""
-        if self._within:
-            return
-        for ns, content in self._fixes.due(self._navigation.ns):
-            self.guard(topics.FIX, self._corrections.apply, self._navigation.navigator, content)
-            self._navigation.matched(ns)
-            self._answer()
 
     def _answer(self) -> None:
         """Publish nav/* after a fix: a lock-step simulation waits for that."""
