@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from isogal.errors import InputError
 from isogal.scenario import Assumed, Scenario, Truth, load_scenario, truth_of, validate_scenario
+from isogal.scenario.aids import HeadingAid, PositionAid
 from isogal.scenario.truth import SECTIONS, SHARED
 
 LARGE = ["gravimeter.bias=2e-5", "initial_error.hidden_position=1000"]
@@ -95,6 +96,9 @@ def test_bad_truths_are_one_clear_line(override, message):
     assert "\n" not in str(caught.value)
 
 
+OF_ENTRIES = {"positions": PositionAid, "headings": HeadingAid}
+
+
 def test_every_section_and_shared_key_is_one_of_the_scenario():
     fields = Scenario.model_fields
     assert set(SECTIONS) <= set(fields)
@@ -107,7 +111,10 @@ def test_every_section_and_shared_key_is_one_of_the_scenario():
         assert Scenario(truth={name: {}}).true == Scenario().true
     for key in SHARED:
         section, leaf = key.split(".")
-        assert section in SECTIONS and leaf in type(getattr(Scenario(), section)).model_fields
+        if section in OF_ENTRIES:  # of each entry of a list, which has a `truth` of its own
+            assert leaf in OF_ENTRIES[section].model_fields
+        else:
+            assert section in SECTIONS and leaf in type(getattr(Scenario(), section)).model_fields
 
 
 def test_a_node_takes_what_it_knows_of():

@@ -96,7 +96,8 @@ def log_likelihood(model: Model, line: Line, shift: Array) -> float:
     north, east = metres_per_radian(latitude)
     places = model.places(latitude + shift[0] / north, longitude + shift[1] / east)
     mean, covariance = model.kriging.together(places)
-    level = np.sqrt(model.amplitude.at(places))
+    share = np.diag(covariance) / model.covariance.variance_at(places)
+    level = np.sqrt(model.amplitude.at(places, share))
     covariance = covariance * np.outer(level, level) + model.covariance.line**2
     covariance[np.diag_indices(len(places))] += model.covariance.noise**2
     return _log_density(line.value[rows] - mean - model.trend.at(places), covariance)

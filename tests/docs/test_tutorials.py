@@ -14,8 +14,8 @@ FIGURES = {
     "magnetic-aircraft": "out/aircraft/match/track.png",
     "plan-fly-compare": "out/plan/compared/rms_over_time.png",
 }
-LONGER = ("sensor-driver", "write-a-matcher", "your-vehicle")
-"""Whose commands start workers or nodes as processes; run by `make test-docs`, as all others."""
+LONGER = ("harbour-to-harbour", "sensor-driver", "write-a-matcher", "your-vehicle")
+"""Whose commands take long, or start workers or nodes as processes; run by `make test-docs`, as all others."""
 
 
 @pytest.fixture

@@ -40,7 +40,7 @@ NOT_IN_USE = (
     *(topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY, topics.SCALAR_FIELD),
     *(topics.GNSS_FIX, topics.GNSS_VELOCITY, topics.NAV_AIDS),
     *(topics.INS_SOLUTION, topics.INS_SOLUTION_FIX, topics.INS_SOLUTION_VELOCITY),
-    topics.INS_ERROR,
+    *(topics.INS_ERROR, topics.SMOOTHED),
 )
 """Topics that nobody publishes in a graph without such sensors, whose start is known."""
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from isogal.matching.failures import UNEXPLAINED
-from isogal.matching.interfaces import Fix
+from isogal.matching.interfaces import SATELLITES, Fix
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.health import ERROR, OK, WARN
 
@@ -45,7 +45,8 @@ class Verdict:
         """Judge the next batch."""
         self.found = fix.published and (self._lost or fix.reset)
         self._lost = (self._lost or fix.reset) and not fix.published
-        self._without = 0 if fix.published else self._without + 1
+        wanted = fix.reason != SATELLITES
+        self._without = self._without + 1 if not fix.published and wanted else 0
         self._failures = self._failures + 1 if fix.failed else 0
         misfit = not fix.published and fix.diagnostics.get(UNEXPLAINED, 0.0) > LIKELY
         self._misfits = self._misfits + 1 if misfit else 0
@@ -80,7 +81,7 @@ class Verdict:
         if self._agreed is not None:
             words = f"{self._agreed} fixes have agreed with it; {AGREED} are wanted"
             return WARN, f"the navigator was lost and has been told where it is: {words}"
-        return OK, "matching"
+        return OK, "matching" if fix.reason != SATELLITES else f"matching; {SATELLITES}"
 
 
 def _doubt(fix: Fix) -> str | None:

@@ -79,7 +79,8 @@ class AidReport:
         if result.used:
             aid.newest, aid.used = max(stamp, aid.newest), aid.used + 1
             dimensions = max(1, len(result.innovation))
-            aid.seen.append((result.nis, dimensions))
+            if math.isfinite(result.nis):  # it is not known while a navigator is being aligned
+                aid.seen.append((result.nis, dimensions))
             self._health.concern(f"noise {topic}", self._said_of(topic, aid))
         else:
             self.absent(topic, result.reason or "not used")

@@ -10,6 +10,7 @@ from isogal.matching.pmht.models import (
     BIASED,
     COARSE,
     COARSE_SHARES,
+    DECEIVED,
     FAULTS,
     FILTERED,
     LATE,
@@ -24,7 +25,7 @@ from isogal.matching.pmht.models import (
 )
 from isogal.matching.pmht.states import BIAS, DELAY, UNKNOWN
 
-UNTOLD = models()
+UNTOLD = models(satellites=True)
 TOLD = models(sigma=3e-5, length=2000.0)
 
 
@@ -100,11 +101,12 @@ def test_untold_sigmas_are_even_up_to_the_map_s_roughness():
 @pytest.mark.parametrize(("keys", "gone"), [
     ({"bias": 1e-5}, {BIASED}), ({"walks": True}, {BIASED}), ({"delay": 2.0}, {LATE}),
     ({"filtered": True}, {FILTERED}), ({"shaken": False}, {SHAKEN}),
+    ({"satellites": False}, {DECEIVED}),
 ])  # fmt: skip
 def test_what_is_told_is_no_fault(keys, gone):
     every = {fault.family for fault in FAULTS}
     assert set(UNTOLD.family) == every
-    assert set(models(**keys).family) == every - gone
+    assert set(models(**{"satellites": True, **keys}).family) == every - gone
 
 
 def test_a_reading_of_several_numbers_has_no_bias_or_delay():

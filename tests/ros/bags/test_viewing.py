@@ -16,6 +16,7 @@ def test_a_use_goes_on_until_something_else_is_said() -> None:
             (1, "OK", "gnss/fix", "used"),
             (5, "WARN", "gnss/fix", "not since 2 s: the receiver has no fix"),
             (5, "OK", "velocity/data_raw", "used"),
+            (6, "WARN", "gnss/fix", "not since 3 s: the receiver has no fix"),
             (9, "OK", "gnss/fix", "used"),
             (12, "OK", "gnss/fix", "used"),
         )

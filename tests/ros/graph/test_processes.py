@@ -21,7 +21,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph import commands
-from isogal_ros.graph.plan import CLASSES, GraphError
+from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.running import run_processes, shared_memory, sweep_shared_memory
 from isogal_ros.nodes.signals import Interrupt
 
@@ -113,7 +113,7 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert summary["fixes"]["published"] + summary["fixes"]["declined"] == 6
     assert summary["time"]["fix_ms_median"] > 0
     assert 0 < summary["position_error"]["mean"] < 1000
-    for name in CLASSES:
+    for name in (*topics.NODES, RECORDER):
         assert (out / "log" / f"{name}.log").exists()
     assert "ROS domain" in result.stderr
     assert "RMS position error (m)" in result.stdout
@@ -144,7 +144,7 @@ def test_nodes_end_with_their_parent(orphaned) -> None:
 def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     """After a whole run, so that no node is compiling, which takes memory."""
     process, nodes, out = running
-    assert set(nodes) == set(CLASSES)
+    assert set(nodes) == {*topics.NODES, RECORDER}
     for name, node in nodes.items():
         assert node.memory_info().rss < 300e6, name
         assert listens_by(node.pid) == {"udp"}, name
@@ -160,7 +160,7 @@ def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
     reader = BagReader(out / "bag")
     assert sum(1 for _ in reader.messages()) > ENOUGH
     assert reader.cut is None
-    for name in CLASSES:
+    for name in (*topics.NODES, RECORDER):
         assert "Traceback" not in (out / "log" / f"{name}.log").read_text()
 
 

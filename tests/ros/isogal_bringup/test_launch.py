@@ -19,7 +19,7 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph import launching
 from isogal_ros.graph.domain import DOMAIN
-from isogal_ros.graph.plan import CLASSES, node_class
+from isogal_ros.graph.plan import node_class
 from isogal_ros.graph.running import shared_memory, sweep_shared_memory
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.parameters.values import parameter_file
@@ -69,7 +69,7 @@ def respawning(tmp_path_factory, scenario):
 def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> None:
     made = launch(bag=str(tmp_path / "bag"))
     made.describe()
-    assert set(made.nodes) == set(CLASSES)
+    assert set(made.nodes) == {*topics.NODES, RECORDER}
     for name, keys in made.nodes.items():
         assert keys["package"] == ("isogal_ros" if name == RECORDER else name)
         assert keys["executable"] == name
@@ -250,7 +250,7 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
         set="route.height=0.0 matcher.name=tercom 'route.start=[-36.0, 147.0]'",
     )
     made.describe()
-    assert set(made.nodes) == set(CLASSES) - {topics.INS_SIM}
+    assert set(made.nodes) == {*topics.NODES, RECORDER} - {topics.INS_SIM}
     for name, keys in made.nodes.items():
         own = keys["parameters"][1]
         assert keys["namespace"] == "ship"

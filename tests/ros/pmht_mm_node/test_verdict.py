@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from isogal.matching.interfaces import Fix
+from isogal.matching.interfaces import SATELLITES, Fix
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from pmht_mm_node.verdict import AGREED, FEW, MANY, Verdict, line
 
 GOOD = Fix(10.0, 0.1, 0.2, np.diag([9.0, 16.0]))
 FLAT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "too few features")
+KEPT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), SATELLITES)
 FAILED = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "LinAlgError: Singular", failed=True)
 MISFIT = Fix(10.0, 0.1, 0.2, np.full((2, 2), np.nan), "no track fits", diagnostics={
     "unexplained": 1.0,
@@ -22,6 +23,7 @@ PERHAPS = Fix(10.0, 0.1, 0.2, np.eye(2), diagnostics={"late": 0.9, "diverged": 0
 @pytest.mark.parametrize(("fixes", "levels"), [
     ([GOOD, FLAT, GOOD], [OK, OK, OK]),
     ([FLAT] * MANY, [OK] * (FEW - 1) + [WARN] * (MANY - FEW) + [ERROR]),
+    ([KEPT] * MANY, [OK] * MANY),
     ([FAILED] * FEW + [GOOD], [WARN] * (FEW - 1) + [ERROR, OK]),
     ([MISFIT] * FEW + [GOOD], [WARN] * (FEW - 1) + [ERROR, OK]),
     ([LOST, FLAT, *[GOOD] * (AGREED + 1)], [ERROR, ERROR, *[WARN] * AGREED, OK]),

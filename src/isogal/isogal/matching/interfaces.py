@@ -61,6 +61,10 @@ class Aided(NamedTuple):
         return Information(vector, symmetric(after - before) / unit)
 
 
+SATELLITES = "satellites say more than the map"
+"""Why there is no fix where none is wanted."""
+
+
 @dataclass(frozen=True, eq=False)
 class Batch:
     """T scans and the navigator's prior about its own error, for one run. SI units, radians."""

@@ -87,7 +87,7 @@ def viewed_run(
 
 def uses_of(said: Sequence[Said]) -> list[AidUse]:
     """Return when each aid was used and when not, of what was said of them one after the other: a
-    use goes on until something else is said."""
+    use goes on until something else is said, whatever its numbers."""
     found: list[AidUse] = []
     last: dict[str, int] = {}
     for one in said:
@@ -96,11 +96,16 @@ def uses_of(said: Sequence[Said]) -> list[AidUse]:
         if row is not None:
             before = found[row]
             found[row] = replace(before, end=time)
-            if (before.used, before.text) == (used, one.text):
+            if before.used == used and _words(before.text) == _words(one.text):
                 continue
         last[one.name] = len(found)
         found.append(AidUse(one.name, time, time, used, one.text))
     return found
+
+
+def _words(text: str) -> str:
+    """Return a text without its numbers."""
+    return "".join(character for character in text if not character.isdigit())
 
 
 def _title(bag: Path) -> str:

@@ -18,7 +18,14 @@ from isogal.matching.information import (
     measurement_only,
     shares,
 )
-from isogal.matching.interfaces import Candidates, Fix, Information, SecondaryBatch, declined
+from isogal.matching.interfaces import (
+    SATELLITES,
+    Candidates,
+    Fix,
+    Information,
+    SecondaryBatch,
+    declined,
+)
 from isogal.matching.pmht.diverged import probability
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
@@ -26,7 +33,7 @@ from isogal.matching.pmht.models import FAMILIES
 
 LEAST_GAIN = 0.1
 """Share by which the 1-sigma of a navigator with satellites becomes smaller by a fix at least."""
-SATELLITES = "satellites say more than the map"
+NOTHING_NEW = "the batch tells nothing that the navigator does not know"
 SHOWN = 64
 """Hypotheses that are shown as candidates, at most."""
 
@@ -97,7 +104,7 @@ def published(
     error = _gravity_error(each, memory)
     information = shared.total
     if not information.matrix.any():
-        reason = "the batch tells nothing that the navigator does not know"
+        reason = SATELLITES if batch.aided is not None else NOTHING_NEW
         fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
     mean, covariance = informed(prior, information)
