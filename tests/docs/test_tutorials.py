@@ -15,7 +15,8 @@ FIGURES = {
     "plan-fly-compare": "out/plan/compared/rms_over_time.png",
 }
 LONGER = ("harbour-to-harbour", "sensor-driver", "write-a-matcher", "your-vehicle")
-"""Whose commands take long, or start workers or nodes as processes; run by `make test-docs`, as all others."""
+"""Whose commands take long, or start workers or nodes as processes; run by `make test-docs`, as
+all others."""
 
 
 @pytest.fixture
