@@ -69,7 +69,7 @@ class LateAids:
         return publish
 
     def _satellites(self) -> Iterator[_Aid]:
-        fixes, scenario = self._vehicle.satellites, self._node.scenario
+        fixes, scenario = self._vehicle.aids.satellites, self._node.scenario
         if fixes is None:
             return
         gnss, ends, delay = scenario.gnss, fixes.ends.tolist(), scenario.true.gnss.delay
@@ -88,7 +88,7 @@ class LateAids:
             yield self._aid(delay, ends, sender)
 
     def _positions(self) -> Iterator[_Aid]:
-        scenario, every = self._node.scenario, self._vehicle.positions
+        scenario, every = self._node.scenario, self._vehicle.aids.positions
         true = scenario.true.positions or ()
         for aid, really, places in zip(scenario.positions or (), true, every, strict=True):
             yield self._position(aid, places, really.delay)
@@ -102,7 +102,7 @@ class LateAids:
         return self._aid(delay, places.ends.tolist(), sender)
 
     def _headings(self) -> Iterator[_Aid]:
-        scenario, every = self._node.scenario, self._vehicle.headings
+        scenario, every = self._node.scenario, self._vehicle.aids.headings
         true = scenario.true.headings or ()
         for aid, really, seen in zip(scenario.headings or (), true, every, strict=True):
             yield self._heading(aid, seen, really.delay)

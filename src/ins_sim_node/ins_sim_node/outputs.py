@@ -70,9 +70,9 @@ class Outputs:
         else:
             self._imu = node.advertise(topics.IMU)
         self._height = node.scenario.true.height
-        if vehicle.height is not None:
+        if vehicle.aids.height is not None:
             self._pressure = node.advertise(topics.BAROMETER)
-        if vehicle.velocity is not None:
+        if vehicle.aids.velocity is not None:
             self._velocity = node.advertise(topics.VELOCITY)
         self._late = LateAids(node, vehicle)
         self._truth_fix = node.advertise(topics.TRUTH_FIX)
@@ -113,12 +113,12 @@ class Outputs:
     def _publish_aids(self, k: int, ns: int) -> None:
         """Publish what the sensors of height and velocity read at the end of step k > 0, if
         anything."""
-        height, velocity = self._vehicle.height, self._vehicle.velocity
-        if height is not None and not math.isnan(height[k - 1]):
-            fill_pressure(self._m_pressure, ns, float(height[k - 1]), self._height)
+        height, velocity = self._vehicle.aids.height, self._vehicle.aids.velocity
+        if height is not None and not math.isnan(height[0, k - 1]):
+            fill_pressure(self._m_pressure, ns, float(height[0, k - 1]), self._height)
             self._pressure.publish(self._m_pressure)
-        if velocity is not None and np.isfinite(velocity[k - 1]).any():
-            fill_velocity(self._m_velocity, ns, velocity[k - 1])
+        if velocity is not None and np.isfinite(velocity[0, k - 1]).any():
+            fill_velocity(self._m_velocity, ns, velocity[0, k - 1])
             self._velocity.publish(self._m_velocity)
         self._late.publish(k, ns)
 

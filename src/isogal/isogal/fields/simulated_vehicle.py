@@ -1,5 +1,6 @@
 """A simulated vehicle: the true route, what its inertial sensors say, and the unaided INS."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,18 +9,15 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
+from isogal.inertial.gravity import Compensation
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
-from isogal.scenario import Scenario
-from isogal.sensors.barometer import simulate_heights
-from isogal.sensors.heading_aid import Headings, simulate_headings
+from isogal.scenario import Scenario, Truth
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import simulate_solution
-from isogal.sensors.position_aid import Positions, simulate_positions
-from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
+from isogal.sensors.simulated_aids import SimulatedAids, simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
-from isogal.sensors.velocity_aid import simulate_velocities
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,20 +35,11 @@ class SimulatedVehicle:
     step."""
     unaided: Array
     """(K + 1, 2) rad, latitude and longitude of the unaided INS."""
-    height: Array | None
-    """(K,) m, what the height sensor reads at the end of each step, NaN = nothing; None = there is
-    none."""
-    velocity: Array | None
-    """(K, 3) m/s, FRD, what the velocity aid reads, likewise."""
-    satellites: SatelliteFixes | None
-    """Of one run: what the satellite receiver gives; None = there is none."""
     solution: Array | None
     """(K + 1, 10) what the INS says (`isogal.inertial.inverse.COLUMNS`), where it gives its
     solution in place of samples; None = it gives samples."""
-    positions: tuple[Positions, ...]
-    """Of one run: what each aid of the scenario's list gives."""
-    headings: tuple[Headings, ...]
-    """Likewise."""
+    aids: SimulatedAids
+    """Of one run."""
     turn_rate: Array
     """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
     before."""
@@ -77,18 +66,7 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         unaided = solution[:, :2]
     else:
         compensation = known_gravity(of_gravity, trajectory).compensation
-        start = draw_initial_state(truth, trajectory, [run])
-        _, track = propagate(
-            start,
-            imu.specific_force,
-            imu.angular_rate,
-            trajectory.dt,
-            trajectory.height,
-            compensation,
-            history=True,
-            preintegrated=scenario.samples_per_step > 1,
-        )
-        unaided = np.concatenate([start.position[:, :2], track[0]])
+        unaided = unaided_track(truth, [run], trajectory, imu, compensation)[0]
     states = np.column_stack(
         [
             trajectory.latitude,
@@ -101,24 +79,50 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     samples = simulate_samples(
         truth, trajectory, run, None if gravity is None else gravity[0]
     ).reshape(len(trajectory), -1, 6)
-    height = simulate_heights(truth, trajectory, [run])[0] if truth.height.measured else None
-    aid = truth.velocity.kind != "none"
-    velocity = simulate_velocities(truth, trajectory, [run])[0] if aid else None
-    satellites = simulate_satellites(truth, trajectory, [run]) if truth.gnss.used else None
+    aids = simulate_aids(truth, trajectory, [run])
     return SimulatedVehicle(
         trajectory,
         states,
         imu,
         samples,
         unaided,
-        height,
-        velocity,
-        satellites,
         solution,
-        tuple(simulate_positions(truth, aid, trajectory, [run]) for aid in truth.positions or ()),
-        tuple(simulate_headings(truth, aid, trajectory, [run]) for aid in truth.headings or ()),
+        aids,
         _turn_rate(trajectory),
     )
+
+
+def unaided_track(
+    truth: Truth,
+    runs: Sequence[int],
+    trajectory: Trajectory,
+    imu: ImuData,
+    compensation: Compensation | None = None,
+) -> Array:
+    """Return (R, K + 1, 2) rad, latitude and longitude of unaided INSs.
+
+    Parameters
+    ----------
+    truth : Truth
+    runs : sequence of int
+    trajectory : Trajectory
+    imu : ImuData
+        What their sensors measure.
+    compensation : Compensation, optional
+        Horizontal gravity that the strapdown takes off.
+    """
+    start = draw_initial_state(truth, trajectory, runs)
+    _, track = propagate(
+        start,
+        imu.specific_force,
+        imu.angular_rate,
+        trajectory.dt,
+        trajectory.height,
+        compensation,
+        history=True,
+        preintegrated=truth.samples_per_step > 1,
+    )
+    return np.concatenate([start.position[:, None, :2], track], axis=1)
 
 
 def _turn_rate(trajectory: Trajectory) -> Array:

@@ -16,6 +16,7 @@ from isogal.evaluation.records import Runs
 from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario, true_map
+from isogal.fields.simulated_vehicle import unaided_track
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
 from isogal.fusion.measurements import (
@@ -29,7 +30,6 @@ from isogal.fusion.measurements import (
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
 from isogal.inertial.strapdown import NavState
-from isogal.inertial.strapdown import propagate as propagate_ins
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
@@ -39,15 +39,12 @@ from isogal.matching.update_schedule import UpdateSchedule
 from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario, Truth
-from isogal.sensors.barometer import simulate_heights
-from isogal.sensors.heading_aid import simulate_headings
 from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import felt, simulate_solution
-from isogal.sensors.position_aid import simulate_positions
-from isogal.sensors.satellites import SatelliteFixes, simulate_satellites
+from isogal.sensors.satellites import SatelliteFixes
+from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
-from isogal.sensors.velocity_aid import simulate_velocities
 
 Progress = Callable[[float], None]
 """Called with the simulated time (s), on the mean of all runs, after each fix."""
@@ -77,18 +74,7 @@ def simulate_unaided(
     compensation : Compensation, optional
         Horizontal gravity that the strapdown takes off.
     """
-    start = draw_initial_state(truth, trajectory, runs)
-    _, track = propagate_ins(
-        start,
-        imu.specific_force,
-        imu.angular_rate,
-        trajectory.dt,
-        trajectory.height,
-        compensation,
-        history=True,
-        preintegrated=truth.samples_per_step > 1,
-    )
-    whole = np.concatenate([start.position[:, None, :2], track], axis=1)
+    whole = unaided_track(truth, runs, trajectory, imu, compensation)
     index = np.arange(0, len(trajectory) + 1, truth.steps_per_scan)
     return _errors(trajectory, whole[:, index], index)
 
@@ -202,21 +188,10 @@ class Simulation:
             _readings(one, trajectory, its_map, runs)
             for one, its_map in zip(self._fields, self._maps, strict=True)
         ]
+        self._measured = simulate_aids(truth, trajectory, runs)
         self._heights = np.broadcast_to(trajectory.height[1:], (len(runs), len(trajectory)))
-        if truth.height.measured:
-            self._heights = simulate_heights(truth, trajectory, runs)
-        self._velocities: Array | None = None
-        if truth.velocity.kind != "none":
-            self._velocities = simulate_velocities(truth, trajectory, runs)
-        self._satellites: SatelliteFixes | None = None
-        if truth.gnss.used:
-            self._satellites = simulate_satellites(truth, trajectory, runs)
-        self._positions = [
-            simulate_positions(truth, aid, trajectory, runs) for aid in truth.positions or ()
-        ]
-        self._headings = [
-            simulate_headings(truth, aid, trajectory, runs) for aid in truth.headings or ()
-        ]
+        if self._measured.height is not None:
+            self._heights = self._measured.height
 
     def _batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
@@ -270,9 +245,9 @@ class Simulation:
         they come; those of the height come with the inertial data."""
         found: Arrivals = defaultdict(list)
         time = self.trajectory.time
-        if self._velocities is not None:
+        if self._measured.velocity is not None:
             settings = self.scenario.velocity
-            for k, velocity in enumerate(self._velocities[run], 1):
+            for k, velocity in enumerate(self._measured.velocity[run], 1):
                 reading = VelocityReading.of(settings, velocity)
                 if reading is not None:
                     found[k].append((float(time[k]), reading))
@@ -289,12 +264,12 @@ class Simulation:
         """Yield what each aid gives in a run: how late it comes (s), the ends of the steps that it
         is of, and the measurements of each."""
         scenario, truth = self.scenario, self.scenario.true
-        if self._satellites is not None:
-            fixes = self._satellites
+        if self._measured.satellites is not None:
+            fixes = self._measured.satellites
             yield truth.gnss.delay, fixes.ends, self._of_satellites(fixes, run)
         height = scenario.height.measured
         for aid, true, places in zip(
-            scenario.positions or (), truth.positions or (), self._positions, strict=True
+            scenario.positions or (), truth.positions or (), self._measured.positions, strict=True
         ):
             of_run = places.position[run]
             yield (
@@ -307,7 +282,7 @@ class Simulation:
             )
         epoch = scenario.magnetometer.epoch
         for bow, true_bow, seen in zip(
-            scenario.headings or (), truth.headings or (), self._headings, strict=True
+            scenario.headings or (), truth.headings or (), self._measured.headings, strict=True
         ):
             read = (
                 (None if math.isnan(one) else HeadingReading.of(bow, one, epoch),)
