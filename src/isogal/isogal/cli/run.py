@@ -10,7 +10,7 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, ScenarioChoice, written_folder
+from isogal.cli.options import FilterParameter, Json, Remap, ScenarioChoice, written_folder
 from isogal.errors import InputError
 
 Domain = Annotated[
@@ -111,21 +111,8 @@ def replay(
             " anything with --scenario, --set, --parameter or --remap.",
         ),
     ] = None,
-    parameter: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
-        ),
-    ] = None,
-    remap: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FROM:=TO",
-            help="A recorded topic that stands for one of the graph's, e.g."
-            " /sbg/imu:=imu/data_raw; repeatable.",
-        ),
-    ] = None,
+    parameter: FilterParameter = None,
+    remap: Remap = None,
     domain: Annotated[
         int | None,
         typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),

@@ -7,7 +7,7 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, ScenarioChoice, written_folder
+from isogal.cli.options import FilterParameter, Json, ScenarioChoice, written_folder
 from isogal.errors import InputError
 
 
@@ -30,13 +30,7 @@ def smooth(
             help="Seconds between the rows of the files, at least; the bag has every state.",
         ),
     ] = 1.0,
-    parameter: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
-        ),
-    ] = None,
+    parameter: FilterParameter = None,
     json: Json = False,
 ) -> None:
     """Say of each moment of a recorded voyage where the vehicle was, by all data of the voyage:

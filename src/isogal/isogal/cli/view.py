@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, written_file, written_folder
+from isogal.cli.options import Json, Remap, written_file, written_folder
 from isogal.cli.tables import print_table
 from isogal.errors import InputError
 
@@ -36,14 +36,7 @@ def view(
             help="Scenario of a recording that does not hold its own: which map, sensors, route.",
         ),
     ] = None,
-    remap: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FROM:=TO",
-            help="A recorded topic that stands for one of the graph's, e.g."
-            " /sbg/imu:=imu/data_raw; repeatable.",
-        ),
-    ] = None,
+    remap: Remap = None,
 ) -> None:
     """Write one page to look through a run: tracks on the map, fixes, candidates, errors and what
     was claimed of them, readings and messages, under a slider of time.

@@ -3,11 +3,11 @@ docs/mathematics.md, section 3.15).
 
 Beside the navigator that uses satellites there are others that have used none since a time, nor
 fixes by the map, which are of a navigator with satellites: they go by inertial data and other
-aids. Of filters that take the same data but for
-some, the difference of the estimates has the difference of their covariances. Where it is larger
-than that allows, and than satellites may be off by other paths of their signals, satellites have
-been wrong since a time after the one that shows it most clearly. The navigator goes on from there
-as if they had never been, and uses them again when they have agreed with it for a while.
+aids. Of filters that take the same data but for some, the difference of the estimates has the
+difference of their covariances. Where it is larger than that allows, and than satellites may be
+off by other paths of their signals, satellites have been wrong since a time after the one that
+shows it most clearly. The navigator goes on from there as if they had never been, and uses them
+again when they have agreed with it for a while.
 """
 
 import math
@@ -140,12 +140,11 @@ class SatelliteMonitor:
                 if time <= branch.time + 1e-6 and result.used and by_itself(measurement):
                     branch.after.update(measurement, navigator.model)
             return
-        if not isinstance(measurement, PositionFix):
-            pass
-        elif result.outcome is not Outcome.REJECTED:
-            self._rejected_since = math.nan
-        elif math.isnan(self._rejected_since):
-            self._rejected_since = time
+        if isinstance(measurement, PositionFix):
+            if result.outcome is not Outcome.REJECTED:
+                self._rejected_since = math.nan
+            elif math.isnan(self._rejected_since):
+                self._rejected_since = time
         if navigator.time - self._rejected_since > REJECTED_FOR:
             # the navigator has not used them: there is nothing to be undone
             self._distrust(navigator.time, self._rejected_since)

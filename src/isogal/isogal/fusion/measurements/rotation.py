@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.measurements.rest import felt_at_rest
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -32,8 +32,7 @@ class ZeroRotation:
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
         to_body = matrix(state.attitude).T
-        latitude = state.position[0]
-        earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
+        _, earth = felt_at_rest(state.position, model)
         H = np.zeros((3, model.states))
         # the attitude's error turns the nominal on the left: C' w changes by C' [w x] psi
         H[:, 6:9], H[:, 12:15] = to_body @ cross_matrix(earth), np.eye(3)
