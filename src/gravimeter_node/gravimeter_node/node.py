@@ -55,7 +55,7 @@ class GravimeterNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
-        "map", "map_error", "fusion", "truth",
+        "height", "map", "map_error", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
     settings: GravimeterSettings
