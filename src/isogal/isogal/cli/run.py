@@ -10,7 +10,14 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import FilterParameter, Json, Remap, ScenarioChoice, written_folder
+from isogal.cli.options import (
+    Driver,
+    FilterParameter,
+    Json,
+    Remap,
+    ScenarioChoice,
+    written_folder,
+)
 from isogal.errors import InputError
 
 Domain = Annotated[
@@ -108,11 +115,12 @@ def replay(
             min=0.0,
             callback=finite,
             help="Exit with status 1 where fixes differ by more than this, m; default: 1, or"
-            " anything with --scenario, --set, --parameter or --remap.",
+            " anything with --scenario, --set, --parameter, --remap or --driver.",
         ),
     ] = None,
     parameter: FilterParameter = None,
     remap: Remap = None,
+    driver: Driver = None,
     domain: Annotated[
         int | None,
         typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),
@@ -138,6 +146,7 @@ def replay(
         overrides=chosen.set_ or [],
         parameters=parameter or [],
         remap=remap or [],
+        drivers=driver or [],
         tolerance=tolerance,
         json=json,
     )

@@ -7,7 +7,14 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import FilterParameter, Json, ScenarioChoice, written_folder
+from isogal.cli.options import (
+    Driver,
+    FilterParameter,
+    Json,
+    Remap,
+    ScenarioChoice,
+    written_folder,
+)
 from isogal.errors import InputError
 
 
@@ -31,6 +38,8 @@ def smooth(
         ),
     ] = 1.0,
     parameter: FilterParameter = None,
+    remap: Remap = None,
+    driver: Driver = None,
     json: Json = False,
 ) -> None:
     """Say of each moment of a recorded voyage where the vehicle was, by all data of the voyage:
@@ -49,6 +58,8 @@ def smooth(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
+        remap=remap or [],
+        drivers=driver or [],
         interval=interval,
         json=json,
     )

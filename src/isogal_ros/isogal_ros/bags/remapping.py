@@ -1,11 +1,16 @@
 """Topics of a recording that have other names than the graph's."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 
+from pydantic import JsonValue
+
 from isogal.errors import InputError
+from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
+from isogal_ros.messages.drivers import OF_AIDS
 
 _PLAIN = "FROM:=TO, a recorded topic and the graph's, as in --remap /sbg/imu:=imu/data_raw"
 
@@ -35,7 +40,7 @@ class Remapping:
             name = name.lstrip("/")
             if not (sign and recorded.strip("/") and name):
                 raise InputError(f"--remap {rule}: must be {_PLAIN}")
-            if name not in known:
+            if name not in known and not OF_AIDS.fullmatch(name):
                 near = get_close_matches(name, known, 1, 0.4)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise InputError(f"--remap {rule}: the graph has no topic {name!r}{hint}")
@@ -59,3 +64,18 @@ class Remapping:
             near = get_close_matches(name, self._seen, 1, 0.4)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(self._seen)}"
             raise InputError(f"{where}: --remap: no topic {name!r} in the recording; {hint}")
+
+
+def given_drivers(texts: Sequence[str]) -> dict[str, dict[str, JsonValue]]:
+    """Return entries of `drivers` from ``TOPIC.KEY=VALUE``, values in YAML; raises InputError
+    where a text has another form."""
+    found: defaultdict[str, dict[str, JsonValue]] = defaultdict(dict)
+    for text in texts:
+        name, equals, value = text.partition("=")
+        topic, dot, key = name.rpartition(".")
+        if not (equals and dot and topic and key):
+            raise InputError(
+                f"--driver {text}: must be TOPIC.KEY=VALUE, as in gravimeter/data_raw.unit=mGal"
+            )
+        found[topic.lstrip("/")][key] = parse_yaml(value, f"--driver {name}") if value else ""
+    return dict(found)
