@@ -12,7 +12,7 @@ from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 from isogal_ros.messages.drivers import OF_AIDS
 
-_PLAIN = "FROM:=TO, a recorded topic and the graph's, as in --remap /sbg/imu:=imu/data_raw"
+_PLAIN = "FROM:=TO, a driver's topic and the graph's, as in /sbg/imu:=imu/data_raw"
 
 
 @dataclass
@@ -25,8 +25,8 @@ class Remapping:
     _seen: set[str] = field(default_factory=set)
 
     @classmethod
-    def parse(cls, rules: Sequence[str]) -> "Remapping":
-        """Return what rules FROM:=TO say.
+    def parse(cls, rules: Sequence[str], option: str = "--remap") -> "Remapping":
+        """Return what rules FROM:=TO say, which an option gives.
 
         Raises
         ------
@@ -39,14 +39,14 @@ class Remapping:
             recorded, sign, name = (part.strip() for part in rule.partition(":="))
             name = name.lstrip("/")
             if not (sign and recorded.strip("/") and name):
-                raise InputError(f"--remap {rule}: must be {_PLAIN}")
+                raise InputError(f"{option} {rule}: must be {_PLAIN}")
             if name not in known and not OF_AIDS.fullmatch(name):
                 near = get_close_matches(name, known, 1, 0.4)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
-                raise InputError(f"--remap {rule}: the graph has no topic {name!r}{hint}")
+                raise InputError(f"{option} {rule}: the graph has no topic {name!r}{hint}")
             recorded = "/" + recorded.lstrip("/")
             if recorded in names or f"/{name}" in names.values():
-                raise InputError(f"--remap {rule}: one of the two topics comes twice")
+                raise InputError(f"{option} {rule}: one of the two topics comes twice")
             names[recorded] = f"/{name}"
         return cls(names)
 
