@@ -146,7 +146,7 @@ class GravimeterNode(GraphNode):
             if nav is not None:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
-                estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
+                estimate = State(*place, height, *nav.velocity[:2], nav.attitude, nav.turn)
                 value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance

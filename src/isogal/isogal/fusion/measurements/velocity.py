@@ -64,7 +64,11 @@ class VelocityReading:
 
     @classmethod
     def of(
-        cls, settings: Velocity, velocity: Array, covariance: Array | None = None
+        cls,
+        settings: Velocity,
+        velocity: Array,
+        covariance: Array | None = None,
+        turn_rate: Array | None = None,
     ) -> "VelocityReading | None":
         """Return a reading (3,) of a scenario's aid; None where it has no number.
 
@@ -75,7 +79,13 @@ class VelocityReading:
             Forward, right, down, m/s; NaN = not measured.
         covariance : (3, 3) array, optional
             Of its white noise; None, or zero variances = as the settings have it.
+        turn_rate : (3,) array, optional
+            Of the vehicle relative to the Earth, body axes, rad/s, by which the sensor's lever
+            arm has a velocity of its own; None = zero. What scale and mounting make of that, a
+            hundredth of some cm/s, is left out.
         """
+        if turn_rate is not None and any(settings.lever_arm):
+            velocity = velocity - np.cross(turn_rate, settings.lever_arm)
         if not np.isfinite(velocity).any():
             return None
         R = np.eye(3) * settings.number("sigma") ** 2
