@@ -134,6 +134,7 @@ def replay(
     fix. The scenario is the recording's own; --scenario names another, --set changes keys."""
     require_ros()
     from isogal.scenario import load_scenario
+    from isogal_ros.bags.remapping import Foreign
     from isogal_ros.graph.commands import replay_command
 
     if domain is not None:
@@ -145,8 +146,7 @@ def replay(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
-        remap=remap or [],
-        drivers=driver or [],
+        foreign=Foreign(remap or [], driver or []),
         tolerance=tolerance,
         json=json,
     )

@@ -50,6 +50,7 @@ def smooth(
     another, --set changes keys."""
     bag = _bag_of(source)
     from isogal.scenario import load_scenario
+    from isogal_ros.bags.remapping import Foreign
     from isogal_ros.graph.commands import smooth_command
 
     status = smooth_command(
@@ -58,8 +59,7 @@ def smooth(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
-        remap=remap or [],
-        drivers=driver or [],
+        foreign=Foreign(remap or [], driver or []),
         interval=interval,
         json=json,
     )

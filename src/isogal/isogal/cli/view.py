@@ -46,13 +46,13 @@ def view(
     from isogal.evaluation.view.page import require_bokeh, write_view
 
     require_bokeh()
-    viewed, field_map = _opened(source, run, scenario, remap or [], driver or [])
+    viewed, field_map = _opened(source, run, scenario, (remap or [], driver or []))
     path = write_view(out, viewed, field_map)
     typer.echo(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
 def _opened(
-    source: Path, run: int, scenario: Path | None, remap: list[str], drivers: list[str]
+    source: Path, run: int, scenario: Path | None, said: tuple[list[str], list[str]]
 ) -> "tuple[ViewedRun, RouteMap]":
     """Return what to show, from whatever was given."""
     if not source.exists():
@@ -65,11 +65,12 @@ def _opened(
 
         require_ros("view of a recording")
         from isogal.scenario import load_scenario
+        from isogal_ros.bags.remapping import Foreign
         from isogal_ros.bags.viewing import open_bag
 
         told = None if scenario is None else load_scenario(scenario)
-        return open_bag(bag, told, remap, drivers)
-    if scenario is not None or remap or drivers:
+        return open_bag(bag, told, Foreign(*said))
+    if scenario is not None or any(said):
         raise InputError(
             "--scenario, --remap, --driver: are for recordings; a study holds its own"
         )

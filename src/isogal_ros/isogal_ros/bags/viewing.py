@@ -16,6 +16,7 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
+from isogal_ros.bags.remapping import NOTHING_SAID, Foreign
 from isogal_ros.messages.stamps import to_seconds
 
 if TYPE_CHECKING:
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
 def open_bag(
     bag: Path,
     scenario: Scenario | None = None,
-    remap: Sequence[str] = (),
-    drivers: Sequence[str] = (),
+    foreign: Foreign = NOTHING_SAID,
 ) -> "tuple[ViewedRun, RouteMap]":
     """Return what a recording holds and the map that it was matched against.
 
@@ -34,8 +34,8 @@ def open_bag(
     ----------
     scenario : Scenario, optional
         None = the bag's own.
-    remap, drivers : sequence of str
-        Rules for its topics and messages, see `BagReader.foreign`.
+    foreign : Foreign
+        How it is as the graph's own.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def open_bag(
         The bag cannot be read, does not say which scenario it is of, or has no readings where the
         navigator was.
     """
-    reader = BagReader.foreign(bag, remap, drivers)
+    reader = BagReader.foreign(bag, foreign)
     scenario = scenario or reader.scenario()
     if scenario is None:
         raise InputError(
