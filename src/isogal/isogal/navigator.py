@@ -181,7 +181,8 @@ class Navigator:
         turn = None
         if self._has_arm:
             turn = np.array([self.inertial.sample_at(one)[1] for one in time.tolist()])
-        state = State(latitude, longitude, height, *velocity[:, :2].T, attitude, turn)
+        north, east = velocity[:, :2].T
+        state = State(latitude, longitude, height, north, east, attitude, turn)
         reduced = np.asarray(self._reductions[field].reduce(readings, state))
         if not aligned:
             self._passed[field] += len(time)

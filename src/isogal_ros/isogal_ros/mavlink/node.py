@@ -151,8 +151,8 @@ class MavlinkNode(GraphNode):
         """Close the sockets as well."""
         if hasattr(self, "_socket"):
             self._socket.close()
-        if getattr(self, "_receiver", None) is not None:
-            self._receiver.close()
+        if receiver := getattr(self, "_receiver", None):
+            receiver.close()
         super().destroy_node()
 
 
