@@ -150,7 +150,8 @@ class GravimeterNode(GraphNode):
             if nav is not None:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
-                estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
+                north, east = nav.velocity[:2]
+                estimate = State(*place, height, north, east, nav.attitude, nav.turn)
                 value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance

@@ -96,6 +96,8 @@ class Velocity(Section):
     """s, its correlation time"""
     current_length: Positive = 20000.0
     """m along the track, its correlation length"""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """of the sensor from the inertial ones: forward, right, down, m"""
     standstill_speed: NonNegative = 0.0
     """m/s below which a reading means that the vehicle stands still; 0 = never"""
     standstill_sigma: Positive = 0.01
