@@ -76,6 +76,15 @@ def test_they_are_used_again_when_they_have_agreed_for_a_while() -> None:
     assert off(it) < 6.0
 
 
+def test_velocities_by_other_paths_do_not_hold_back_trust() -> None:
+    """They may be off by 0.1 m/s for a long time, three times their noise."""
+    back = 500
+    fixes = fixes_of(WALK.model_copy(update={"end": float(back)}))
+    fixes.velocity[0, back:, 0] += 0.1
+    it = flown(fixes, round(back + AGREED_FOR) + 30)
+    assert it.satellites.wrong_since is None
+
+
 def test_fixes_beyond_the_gate_one_after_the_other_are_no_outliers() -> None:
     jump = Deception(kind="jump", size=5000.0, start=100.0)
     it = flown(fixes_of(jump), round(100.0 + REJECTED_FOR) + 3)

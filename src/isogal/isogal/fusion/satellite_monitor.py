@@ -47,11 +47,13 @@ OTHER_PATHS = 5.0
 it, for hours."""
 OTHER_DOPPLER = 0.1
 """m/s, the same of a velocity."""
+OTHERS = (0, OTHER_PATHS), (3, OTHER_DOPPLER)
+"""The first of the two states to which each adds."""
 REJECTED_FOR = 60.0
 """s of fixes beyond the gate, one after the other, after which they are no outliers."""
-AGREES, AGREED_FOR = quantile(0.01, 2), 300.0
-"""Normalised innovation squared up to which a fix agrees, and for how many s all have to before
-satellites are used again."""
+AGREES, AGREED_FOR = 0.01, 300.0
+"""Probability that a true fix or velocity does not agree, if other paths add as much as they may,
+and for how many s all have to agree before satellites are used again."""
 
 
 class Without(NamedTuple):
@@ -109,9 +111,10 @@ class SatelliteMonitor:
         found = []
         for time, one in measurements:
             state = navigator.state_at(time).copy()
-            state.covariance[:2, :2] += np.eye(2) * OTHER_PATHS**2
+            for at, sigma in OTHERS:
+                state.covariance[at : at + 2, at : at + 2] += np.eye(2) * sigma**2
             innovation = one.update(state, navigator.model)
-            agrees = innovation.nis <= AGREES / 2.0 * len(innovation.innovation)
+            agrees = innovation.nis <= quantile(AGREES, len(innovation.innovation))
             if not agrees:
                 self._agreed_since = math.nan
             elif math.isnan(self._agreed_since):
@@ -181,7 +184,7 @@ class SatelliteMonitor:
         apart = horizontal_difference(*full.position[:2], *without.position[:2])
         faster = (full.velocity - without.velocity)[:2]
         found = []
-        for at, difference, sigma in ((0, apart, OTHER_PATHS), (3, faster, OTHER_DOPPLER)):
+        for (at, sigma), difference in zip(OTHERS, (apart, faster), strict=True):
             part = slice(at, at + 2), slice(at, at + 2)
             values, axes = np.linalg.eigh(without.covariance[part] - full.covariance[part])
             allowed = np.maximum(values, 0.0) + sigma**2
