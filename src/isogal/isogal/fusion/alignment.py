@@ -36,7 +36,7 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion
-from isogal.fusion.satellite_monitor import SatelliteMonitor
+from isogal.fusion.satellite_monitor import SatelliteMonitor, Without
 from isogal.fusion.standstill import CONFIRMED, REST_SIGMA, Standstill, zero_velocity
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
@@ -389,6 +389,11 @@ class Alignment:
     def unaided(self, since: float) -> FilterState | None:
         """Return the newest state without satellites; see `InertialNavigator.unaided`."""
         return self.navigation.unaided(since) if self._aligned else None
+
+    @property
+    def without_satellites(self) -> Without | None:
+        """What would be known without satellites; see `InertialNavigator.without_satellites`."""
+        return self.navigation.without_satellites if self._aligned else None
 
     def back(self, samples: int) -> None:
         """Forget the newest samples; see `InertialNavigator.back`. While it is being aligned they

@@ -339,6 +339,11 @@ class InertialNavigator:
         self._unaided = self.later(before)
         return self._unaided.after.merged
 
+    @property
+    def without_satellites(self) -> Without | None:
+        """See `SatelliteMonitor.without`."""
+        return self.satellites.without(self.time)
+
     def later(self, before: Without, source: str = "") -> Without:
         """Return what is known at the newest sample without an aid, by its name, or without all
         that say where the vehicle is, and without what fixes say."""

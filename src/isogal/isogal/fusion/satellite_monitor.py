@@ -95,6 +95,13 @@ class SatelliteMonitor:
     _rejected_since: float = math.nan
     _agreed_since: float = math.nan
 
+    def without(self, now: float) -> Without | None:
+        """Return what was known a few seconds before a time (s) without satellites since they
+        came, or for as long as is kept; None where none are used."""
+        if self._branches and now <= self._branches[0].time + 2.0 * LOOK:
+            return self._branches[0]
+        return None
+
     def untrusted(
         self, navigator: "InertialNavigator", measurements: Sequence[tuple[float, Measurement]]
     ) -> list[Innovation] | None:
