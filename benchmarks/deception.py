@@ -1,12 +1,16 @@
 """How soon false satellites are found out, and what they have done by then.
 
     python benchmarks/deception.py --data DIR [--runs 8] [--rows TEXT ...] [--page FILE]
+    python benchmarks/deception.py --data DIR --false-alarms HOURS
 
 A voyage with satellites all the time, which are deceived from 45 minutes on, or from the first
 minute. For each grade of the inertial sensors: time until the navigator says so, its largest error
 meanwhile, its error at the end beside that of the same runs without satellites, and how many were
 missed. Without deception, false alarms, also with errors of satellites three times as large as
-told (other paths of their signals), and with outages."""
+told (other paths of their signals), and with outages.
+
+With --false-alarms honest satellites alone, in so many hours altogether, without matching: there
+the monitor judges by inertial data, and what the map says is not asked."""
 
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -88,6 +92,20 @@ def judged(scenario: Scenario, since: float, run: int) -> Outcome:
     return Outcome(found - since, float(errors[meanwhile].max(initial=0.0)), end)
 
 
+def alarms(scenario: Scenario, run: int) -> int:
+    """Navigate one run by satellites alone, and return how often they were called wrong."""
+    trajectory = build_trajectory(scenario)
+    maps = maps_for_scenario(scenario, trajectory)
+    simulation = Simulation(scenario, [run], trajectory, maps)
+    navigator = simulation.navigator(0, build_run_matcher(scenario))
+    aids = simulation.measurements(0)
+    found = set()
+    for before, scan in pairwise(range(simulation.scans + 1)):
+        simulation.advance(navigator, 0, before, scan, aids)
+        found |= {one.wrong_since for one in navigator.inertial.monitors.values()}
+    return len(found - {None})
+
+
 def row_of(
     scenario: Scenario, since: float, runs: int, pool: ProcessPoolExecutor
 ) -> Mapping[str, float]:
@@ -116,12 +134,31 @@ def rows_of(base: list[str]) -> dict[str, tuple[Scenario, float]]:
     return rows
 
 
+def count_alarms(base: list[str], hours: float, workers: int) -> None:
+    """Print how often honest satellites are called wrong, in an equal share of the hours for each
+    grade and each kind of honest satellites."""
+    runs = max(1, round(hours * 3600.0 / DURATION / len(GRADES) / len(HONEST)))
+    print(closed_loop.head_of(["inertial sensors", "satellites", "hours", "false alarms"]))
+    with ProcessPoolExecutor(workers) as pool:
+        for grade in GRADES:
+            keys = [*base, f"route.duration={DURATION}", f"imu.grade={grade}"]
+            for name, (scenario, _) in rows_of(keys).items():
+                if name in HONEST:
+                    found = sum(pool.map(partial(alarms, scenario), range(runs)))
+                    each = f"{runs * DURATION / 3600.0:.0f}"
+                    print(closed_loop.line_of([grade, name, each, str(found)]), flush=True)
+
+
 def main() -> None:
     """Run it."""
     options = closed_loop.parser(__doc__, "data", "page", "rows", "workers", runs=8)
     options.add_argument("--seed", type=int, default=20262)
+    options.add_argument("--false-alarms", type=float, metavar="HOURS")
     asked = options.parse_args()
     source = f"map.source={asked.data / AUSTRALIA}"
+    if asked.false_alarms is not None:
+        count_alarms([source, f"seed={asked.seed}"], asked.false_alarms, asked.workers)
+        return
     lines = [closed_loop.head_of(["inertial sensors", "satellites", *COLUMNS])]
     print(lines[0], flush=True)
     with ProcessPoolExecutor(asked.workers) as pool:
