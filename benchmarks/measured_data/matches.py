@@ -119,9 +119,14 @@ def row_of(line: Line, match: Match, aided: bool = False) -> Row:
     if not (match.fix.published or aided):
         return {"line": line.name, "reason": match.fix.reason}
     error = horizontal_difference(*place, line.latitude[last], line.longitude[last])
+    return figures_of(line.name, error, covariance)
+
+
+def figures_of(name: str, error: Array, covariance: Array) -> Row:
+    """Return the row of a fix with an error (2,) m and a covariance (2, 2) m²."""
     axes = np.sqrt(np.linalg.eigvalsh(covariance))
     return {
-        "line": line.name,
+        "line": name,
         "error_m": float(np.hypot(*error)),
         "sigma_long_m": float(axes[1]),
         "sigma_short_m": float(axes[0]),
