@@ -10,6 +10,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.gridding.reading import geographic
+from isogal.tracks.ins_file import ANGLES, VELOCITY
 from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
 from isogal.tracks.track import Track
 
@@ -117,4 +118,5 @@ def _track(
         line=line,
         timed="time" in own,
         projected=projected,
+        unused=tuple(name for name in (*VELOCITY, *ANGLES) if name in rows.names),
     )
