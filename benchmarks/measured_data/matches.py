@@ -9,6 +9,7 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
+from scipy.stats import chi2
 
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
@@ -161,10 +162,15 @@ def summary_of(rows: Sequence[Row]) -> Summary:
         }
     if fixes and "nees_per_axis" in fixes[0]:
         nees = [row["nees_per_axis"] for row in fixes]
+        # fixes of one line from several places are one experiment
+        dof = 2 * len({row["line"] for row in fixes})
+        interval = (chi2.ppf([0.025, 0.975], dof) / dof).tolist()
         result |= {
             "sigma_long_median_m": float(np.median([row["sigma_long_m"] for row in fixes])),
             "nees_per_axis": float(np.mean(nees)),
             "nees_per_axis_median": float(np.median(nees)),
+            "nees_low": interval[0],
+            "nees_high": interval[1],
         }
     return result
 

@@ -2,10 +2,10 @@
 that it judges.
 
 Residuals r(x) of a reading's line at a shift x are D(x) e, D the map's own 1-sigma at each place,
-and e has the covariance s² C + (noise / D)² + constant. C is an exponential or Matern 3/2 with a
-length about the map's, and s, length, kind and constant are summed over. Of innovations a tenth is
-five times as wide, or none. Readings off the map are compared with the field's mean, with its
-whole variance."""
+and e has the covariance s² C + (noise / D)² + constant. C is an exponential, Matern 3/2 or
+Gaussian with a length about the map's, and s, length, kind and constant are summed over. Of
+innovations a tenth is five times as wide, or none. Readings off the map are compared with the
+field's mean, with its whole variance."""
 
 import math
 from itertools import product
@@ -25,6 +25,11 @@ READINGS = 120
 SCALES = np.geomspace(0.25, 4.0, 9)
 LENGTHS = (0.5, 1.0, 2.0)
 """Of the map's own (median along the line)."""
+KINDS = (
+    lambda d: np.exp(-d),
+    lambda d: (1.0 + 2.0 * d) * np.exp(-2.0 * d),
+    lambda d: np.exp(-0.25 * math.pi * d**2),
+)
 CONSTANTS = (0.0, 0.5)
 """1-sigma of an unknown constant, shares of the field's spread."""
 WIDE = 0.1, 5.0
@@ -97,9 +102,8 @@ def _factors(
     typical = float(np.nanmedian(field_map.sigma_at(*where)))
     white = (sigma / typical) ** 2 * np.eye(len(metres))
     factors = []
-    for scale, part, smooth, constant in product(SCALES, LENGTHS, (False, True), CONSTANTS):
-        d = metres / (part * length)
-        C = (1.0 + 2.0 * d) * np.exp(-2.0 * d) if smooth else np.exp(-d)
+    for scale, part, kind, constant in product(SCALES, LENGTHS, KINDS, CONSTANTS):
+        C = kind(metres / (part * length))
         R = scale**2 * C + white + (constant * spread / typical) ** 2
         R[np.diag_indices(len(R))] += 0.01 * scale**2
         factors.append(np.linalg.inv(np.linalg.cholesky(R)))
