@@ -2,24 +2,22 @@
 `isogal map grid`, beside the reference."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import netCDF4
 import numpy as np
 
-from isogal.arrays import Booleans
+from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.gridder import GridSettings, grid_survey
 from isogal.maps.gridding.reading import read_survey
-from isogal.maps.gridding.survey import Survey
+from isogal.maps.gridding.survey import Survey, survey_of
 from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.track import fit_to_map
-from measured_data.lines import MGAL, Line, clear_lake, scotland
+from measured_data.lines import MGAL, Line, clear_lake, scotland, variables_of
 from measured_data.matches import WHOLE, Row, Summary, row_of, summary_of
 from measured_data.reference import reference_row
 
@@ -30,7 +28,14 @@ FEWEST, LEAST_ON_MAP = 30, 0.9
 places; those of fewer are *far*."""
 GRAVITY, MAGNETIC, DEPTH = 0.5 * MGAL, 2.0, 5.0
 """1-sigma of the readings: m/s², nT, m."""
-SAILED = {"free_air_anomaly": GRAVITY, "magnetic_anomaly": MAGNETIC, "depth": DEPTH}
+SAILED = {
+    "free_air_anomaly": ("gravity_anomaly", "mGal", GRAVITY),
+    "magnetic_anomaly": ("magnetic_anomaly", "nT", MAGNETIC),
+    "depth": ("height", "m", DEPTH),
+}
+"""Quantity, unit and 1-sigma of what ships read."""
+REGION = 5.0
+"""deg from the middle, where a voyage is longer than one map."""
 SEED = 20251126
 
 
@@ -96,18 +101,24 @@ def sets(data: Path) -> Iterator[KeptSet]:
     yield from _kept("Wisconsin, every second line", survey, second, MAGNETIC, 1000.0)
     for ship in ("EW0007", "EW0114"):
         path = data / "ships" / f"{ship.lower()}_lines.nc"
-        for variable, sigma in SAILED.items():
+        for variable, (_, _, sigma) in SAILED.items():
             yield from _by_lot(f"{ship}, {variable}", _sailed(path, variable), sigma, 3000.0)
 
 
 def _sailed(path: Path, variable: str) -> Survey:
-    """Return the readings of a ship outside of turns; depths as heights."""
-    quantity = "height" if variable == "depth" else None
-    survey = read_survey(path, variable, quantity=quantity)
-    with netCDF4.Dataset(path) as file:
-        turning = set(np.unique(file["line"][:][file["turn"][:] == 1]).tolist())
-    survey = survey.part(~np.isin(survey.line, list(turning)))
-    return replace(survey, value=-survey.value) if variable == "depth" else survey
+    """Return the readings of a ship outside of turns, in one region; depths as heights."""
+    v, (quantity, unit, _) = variables_of(path), SAILED[variable]
+    here = v["turn"] == 0.0
+    for axis in ("lat", "lon"):
+        if np.ptp(v[axis]) > 2.0 * REGION:
+            here &= np.abs(v[axis] - np.median(v[axis])) < REGION
+    columns: dict[str, Array | None] = {
+        "latitude": v["lat"][here],
+        "longitude": v["lon"][here],
+        "value": v[variable][here] * (-1.0 if variable == "depth" else 1.0),
+        "line": v["line"][here],
+    }
+    return survey_of(columns, unit=unit, quantity=quantity, where=f"{path}:{variable}")
 
 
 def _by_lot(name: str, survey: Survey, sigma: float, away: float) -> Iterator[KeptSet]:
