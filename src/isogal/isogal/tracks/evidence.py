@@ -56,7 +56,7 @@ class Seen:
     apart: Array
     """(p, p, 2) m from point to point of the rows."""
     correlation: Array
-    """(K, m, m) of the map's errors for each of the models' lengths, by all of `correlations`."""
+    """(K, m, m) of the map's errors for each of the models' lengths, and as many smoother ones."""
     known: Array
     """(m, m) covariance of what a continued map is wrong by where a row may be."""
     blur: Array
@@ -152,8 +152,7 @@ class Seen:
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
         count = len(self.models.lengths)
-        both = np.repeat([own, mixed], count, axis=0)
-        load = np.sqrt(np.tile(both, (SHAPES // 2, 1)))[:, :, None]
+        load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
         doubt = np.sqrt(mean_square(self.around.doubt))[rows.points]
         known = decay(np.hypot(*np.moveaxis(self.apart, -1, 0)), FEATURE_M)
         placed = replace(
@@ -228,22 +227,12 @@ def _of_instrument(readings: Rows, rows: Averages, initial: Array) -> Array:
 
 
 def correlations(distance: Array, lengths: Array) -> list[Array]:
-    """Return (p, p) of errors at distances (p, p) in m, for each of lengths (L,) in m, with the
-    same integral: first exponentials; then Matern 3/2 (Rasmussen & Williams 2006, eq. 4.17) but
-    for a share that is of one place alone; then Gaussians likewise. The smoother ones let errors
-    be small over short ways and as large over long ones as the map says."""
-    found = [decay(distance, length) for length in lengths]
-    for kind in (_matern, _gaussian):
-        for length in lengths:
-            alike = (1.0 - NUGGET) * kind(distance / length)
-            alike[np.diag_indices(len(alike))] += NUGGET
-            found.append(alike)
-    return found
-
-
-def _matern(relative: Array) -> Array:
-    return np.asarray((1.0 + 2.0 * relative) * decay(2.0 * relative, 1.0))
-
-
-def _gaussian(relative: Array) -> Array:
-    return np.asarray(np.exp(-0.25 * math.pi * relative**2))
+    """Return (p, p) of errors at distances (p, p) in m, for each of lengths (L,) in m first
+    exponentials, then smoother ones with the same integral: Matern 3/2 (Rasmussen & Williams 2006,
+    eq. 4.17) but for a share that is of one place alone."""
+    smooth = []
+    for length in lengths:
+        alike = (1.0 - NUGGET) * (1.0 + 2.0 * distance / length) * decay(2.0 * distance, length)
+        alike[np.diag_indices(len(alike))] += NUGGET
+        smooth.append(alike)
+    return [decay(distance, length) for length in lengths] + smooth

@@ -34,9 +34,9 @@ OWN = np.geomspace(0.2, 4.0, 9)
 """Factors on a sigma that the map has of its own, node by node."""
 SHARES = (0.002, 1.0, 14)
 """Grid of a sigma that is not specified, least, largest, number: shares of the field's spread."""
-SHAPES = 6
-"""Of the map's error for each length, so that `Models.shape` counts six times as many: even along
-the track, with its gradient; both smoother, and both smoother still."""
+SHAPES = 4
+"""Of the map's error for each length, so that `Models.shape` counts four times as many: even along
+the track, with its gradient; smoother and even, smoother with its gradient."""
 MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
 """Factors on the variance of readings of several channels, in which an alignment or offset that
 is not specified is no constant, and their probability."""
@@ -45,8 +45,9 @@ is not specified is no constant, and their probability."""
 def track_models(
     settings: MatcherSettings, batch: Batch, field_map: AnyMap, states: States
 ) -> Models:
-    """Return the models of a field, of one map with `SHAPES` for each length, by a scenario's
-    matcher section: its defaults count as not specified; raises InputError on a bad option."""
+    """Return the models of a field, of one map with four shapes for each length (`SHAPES`), by a
+    scenario's matcher section: its defaults count as not specified; raises InputError on a bad
+    option."""
     assumed, said = assumed_of(settings, batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
     length = assumed.length if "map_correlation_length" in said else None
