@@ -58,7 +58,8 @@ def study_kept(data: Path) -> dict[str, Summary]:
     for one in sets(data):
         for kind, rows in matched(one).items():
             found[f"{one.name}{kind}"] = summary_of(rows)
-            pooled.setdefault(kind, []).extend(rows)
+            named = ({**row, "line": f"{one.name}, {row['line']}"} for row in rows)
+            pooled.setdefault(kind, []).extend(named)
     return found | {f"all{kind}": summary_of(rows) for kind, rows in pooled.items()}
 
 
