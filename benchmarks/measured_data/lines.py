@@ -76,7 +76,7 @@ class Line:
 def clear_lake(data: Path) -> tuple[FieldMap, list[Line], Line]:
     """Return the map (with its own 1-sigma), the four lines, and the scattered stations."""
     field_map = load_map(data / "clear_lake_gravity_map.nc", "bouguer_disturbance")
-    v = _variables(data / "clear_lake_gravity_stations.nc")
+    v = variables_of(data / "clear_lake_gravity_stations.nc")
 
     def line(rows: Integers, name: str) -> Line:
         place = np.radians(v["lat"][rows]), np.radians(v["lon"][rows])
@@ -95,7 +95,7 @@ def scotland(data: Path) -> tuple[FieldMap, list[Line], list[Line]]:
     """Return the map, its flight lines and its tie lines (of `FEWEST` readings and more), each
     ordered along itself."""
     field_map = load_map(data / "scotland_magnetic_map.nc", "magnetic_anomaly")
-    v = _variables(data / "scotland_magnetic_lines.nc")
+    v = variables_of(data / "scotland_magnetic_lines.nc")
     groups: dict[int, list[Line]] = {1: [], 2: []}
     for role, lines in groups.items():
         for number in np.unique(v["line"][v["role"] == role]):
@@ -107,7 +107,7 @@ def scotland(data: Path) -> tuple[FieldMap, list[Line], list[Line]]:
     return field_map, groups[1], groups[2]
 
 
-def _variables(path: Path) -> dict[str, Array]:
+def variables_of(path: Path) -> dict[str, Array]:
     """Return all variables of a NetCDF file; NaN = missing."""
     with netCDF4.Dataset(path) as dataset:
         return {

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
+from scipy.stats import chi2
 
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
@@ -119,9 +120,14 @@ def row_of(line: Line, match: Match, aided: bool = False) -> Row:
     if not (match.fix.published or aided):
         return {"line": line.name, "reason": match.fix.reason}
     error = horizontal_difference(*place, line.latitude[last], line.longitude[last])
+    return figures_of(line.name, error, covariance)
+
+
+def figures_of(name: str, error: Array, covariance: Array) -> Row:
+    """Return the row of a fix with an error (2,) m and a covariance (2, 2) m²."""
     axes = np.sqrt(np.linalg.eigvalsh(covariance))
     return {
-        "line": line.name,
+        "line": name,
         "error_m": float(np.hypot(*error)),
         "sigma_long_m": float(axes[1]),
         "sigma_short_m": float(axes[0]),
@@ -156,10 +162,15 @@ def summary_of(rows: Sequence[Row]) -> Summary:
         }
     if fixes and "nees_per_axis" in fixes[0]:
         nees = [row["nees_per_axis"] for row in fixes]
+        # fixes of one line from several places are one experiment
+        dof = 2 * len({row["line"] for row in fixes})
+        interval = (chi2.ppf([0.025, 0.975], dof) / dof).tolist()
         result |= {
             "sigma_long_median_m": float(np.median([row["sigma_long_m"] for row in fixes])),
             "nees_per_axis": float(np.mean(nees)),
             "nees_per_axis_median": float(np.median(nees)),
+            "nees_low": interval[0],
+            "nees_high": interval[1],
         }
     return result
 

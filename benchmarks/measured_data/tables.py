@@ -136,7 +136,7 @@ def untold_table(untold: Mapping[str, Summary]) -> str:
 
 _NAMES = (
     *("error_median_m", "error_90_m", "sigma_long_median_m"),
-    *("nees_per_axis", "nees_per_axis_median", "nis"),
+    *("nees_per_axis", "nees_per_axis_median", "nis", "nees_low", "nees_high"),
 )
 _COLUMNS = {
     "fixes": "{fixes} of {batches}",
@@ -145,6 +145,7 @@ _COLUMNS = {
     "1-sigma, median": "{sigma_long_median_km:.2f}",
     "NEES, mean": "{nees_per_axis:.1f}",
     "NEES, median": "{nees_per_axis_median:.1f}",
+    "95 % of right ones": "{nees_low:.2f} to {nees_high:.2f}",
 }
 
 

@@ -111,6 +111,30 @@ def test_flights_that_are_no_calibration_are_refused(flight, said):
         calibrate(readings, settings=NO_LAG)
 
 
+def test_small_swings_are_taken_by_force_for_what_they_tell():
+    flight = calibration_flight()
+    flight = replace(flight, angles=flight.angles * [0.04, 0.04, 1.0])
+    readings, _ = fly(flight, aircraft(), Circumstances(noise=0.02))
+    known = np.full(len(readings), INTENSITY)
+    with pytest.raises(InputError, match="--force"):
+        calibrate(readings, known, NO_LAG)
+    found = calibrate(readings, known, replace(NO_LAG, force=True))
+    assert found.determined < clean().determined - 1.0
+    wrong = (found.compensation.coefficients - aircraft().coefficients())[:9]
+    sigma, usual = found.compensation.sigma[:9], clean().compensation.sigma[:9]
+    assert 0.1 < np.mean((wrong / sigma) ** 2) < 3.0
+    assert np.abs(wrong[2]) > 100.0  # the field's component that hardly moved
+    assert sigma[2] > 50.0 > 5.0 * usual[2]
+
+
+def test_a_sensor_that_stands_still_tells_nothing_and_says_so():
+    readings, _ = fly(straight(), aircraft())
+    still = replace(readings, vector=np.full_like(readings.vector, 3e4))
+    found = calibrate(still, settings=replace(NO_LAG, force=True))
+    assert np.isfinite(found.compensation.coefficients).all()
+    assert found.determined < 3.0
+
+
 def test_gaps_do_no_harm():
     readings, _ = fly(calibration_flight(), aircraft(), Circumstances(noise=0.02))
     total = readings.total.copy()

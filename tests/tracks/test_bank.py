@@ -25,7 +25,7 @@ from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
-from isogal.tracks.models import LENGTHS, track_models
+from isogal.tracks.models import LENGTHS, SHAPES, track_models
 
 DISTURBANCE = field_of("disturbance")
 
@@ -65,10 +65,10 @@ def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution(monkey
     assert np.isclose(np.exp(seen.models.log_prior).sum(), 1.0)
 
 
-def models(**said):
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4))
-    states = States.of(batch, DISTURBANCE)
-    return track_models(Matcher(**said), batch, DISTURBANCE, states)
+def models(field_map=DISTURBANCE, **said):
+    batch, _ = make_batch(field_map, np.zeros(4))
+    states = States.of(batch, field_map)
+    return track_models(Matcher(**said), batch, field_map, states)
 
 
 def test_what_is_told_narrows_the_models():
@@ -82,6 +82,27 @@ def test_what_is_told_narrows_the_models():
     keys = {"map_sigma": 3e-5, "map_correlation_length": 2e3, "bias_sigma": 0.0}
     literal = models(**keys, options={"trust": 1.0})
     assert len(literal.sigma) == 1
+
+
+def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():
+    """`isogal match` passes it on as if it were an option."""
+    ellipses = np.broadcast_to([4e6, 0.0, 1e6], (*DISTURBANCE.values.shape, 3))
+    gridded = replace(DISTURBANCE, sigma=1e-5, correlation_length=1.5e3, error_ellipses=ellipses)
+    passed_on = models(gridded, map_correlation_length=1.5e3)
+    assert passed_on.shape.tolist() == models(gridded).shape.tolist()
+    assert passed_on.shape.max() // len(passed_on.lengths) >= SHAPES - 2
+    own = models(gridded, map_correlation_length=1e3)
+    assert own.shape.max() // len(own.lengths) < 2
+
+
+def test_all_kinds_of_correlation_have_the_length_as_their_integral():
+    way = np.linspace(0.0, 60e3, 3001)
+    for length in (2000.0, 4000.0):
+        kinds = correlations(np.abs(way[:, None] - way), np.array([length]))
+        assert len(kinds) == SHAPES // 2
+        for kind in kinds:
+            assert np.trapezoid(kind[0], way) == pytest.approx(length, rel=0.02)
+            assert np.linalg.eigvalsh(kind[::30, ::30])[0] > 0.0
 
 
 def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():

@@ -149,3 +149,18 @@ def test_a_matcher_that_raises_declines_its_batch_and_is_counted(map_file, tmp_p
     assert reason in (tmp_path / "report" / "report.html").read_text()
     assert not any("failed" in (fix["reason"] or "") for fix in fixes[1:])
     assert " of 3 batches; the matcher failed on 1 of them" in answer(*words)
+
+
+def test_velocity_and_attitude_of_an_ins_are_said_not_to_be_used(map_file, tmp_path):
+    path = tmp_path / "ins.csv"
+    write_track(path, "straight", 40, "true", "on")
+    words = ("match", "--map", map_file, "--track", path, "--track-unit", "mGal", "--json")
+    words = (*words, "--sensor-sigma", "1mGal", "--batch-length", "all")
+    status, plain, err = call(*words)
+    assert status == 0 and "not used" not in err
+    header, *rows = path.read_text().splitlines()
+    rows = [f"{row},1.2,0.9,37" for row in rows]
+    path.write_text("\n".join([f"{header},velocity_north,velocity_east,heading", *rows]) + "\n")
+    status, out, err = call(*words)
+    assert out == plain
+    assert "velocity_north, velocity_east, heading not used" in err

@@ -107,6 +107,15 @@ class Fitting:
         ),
     ] = None
 
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Take a flight whose manoeuvres are too small for what it tells; the rest of the"
+            " coefficients stays near zero, with a sigma that says how far off they may be.",
+        ),
+    ] = False
+
     def settings(self) -> "Settings":
         """Return the same as the library takes it; raises InputError."""
         from isogal.magnetics.band_pass import Band
@@ -116,7 +125,7 @@ class Fitting:
             low, high = (float(part) for part in self.band.split(","))
         except ValueError:
             raise InputError(f"--band {self.band}: must be LOW,HIGH in Hz") from None
-        return Settings(Band(low, high), self.ridge, self.lag)
+        return Settings(Band(low, high), self.ridge, self.lag, self.force)
 
 
 @app.command()
@@ -157,6 +166,8 @@ def _said(found: "Calibration", readings: int, own_field: float) -> list[str]:
         f"{found.used} of {readings} readings count; in the band {found.rms_before:.2f} nT before,"
         f" {found.rms_after:.2f} nT after (RMS), improvement {improvement:.0f}",
         f"the vehicle adds {own_field:.0f} nT, peak to peak",
+        f"the flight tells {found.determined:.1f} of {found.compensation.coefficients.size}"
+        " combinations of coefficients; the others stay near zero",
     ]
     if found.compensation.lag:
         lines.append(f"the vector magnetometer is {found.compensation.lag:.3f} s late")

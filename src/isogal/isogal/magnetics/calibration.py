@@ -40,6 +40,8 @@ class Settings:
     2022 have 0.025."""
     lag: float | None = None
     """s by which the vector magnetometer is late; None = found out."""
+    force: bool = False
+    """Whether a flight with too small manoeuvres is taken for what it tells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +60,9 @@ class Calibration:
     less and least."""
     condition: float
     """Of the filtered terms."""
+    determined: float
+    """Combinations of coefficients that the flight tells, as many as the trace of the matrix that
+    takes true coefficients to those found."""
     used: int
     """Readings that count."""
 
@@ -102,13 +107,14 @@ def calibrate(
     lag = _lag(readings, level, settings) if settings.lag is None else settings.lag
     columns = readings.terms(names, lag)
     y, a, holds = _in_band(readings, level, columns, settings.band)
-    swing = _require_manoeuvres(a[holds], readings)
+    swing = _require_manoeuvres(a[holds], readings, settings.force)
     # neighbouring readings in the band are not independent
     share = min(1.0, 2.0 * (settings.band.high - settings.band.low) * readings.interval)
     ridge = settings.ridge
     if ridge is None:
         ridge = evidence_ridge(a[holds], y[holds], share)
     coefficients, covariance = solve(a[holds], y[holds], ridge)
+    values = np.maximum(np.linalg.eigvalsh(a[holds].T @ a[holds]), 0.0)
     sigma = np.sqrt(np.diag(covariance) / share)
     found = Compensation(coefficients, names, 0.0, lag, sigma)
     if reference:
@@ -124,19 +130,23 @@ def calibrate(
         after,
         swing,
         float(np.linalg.cond(scaled)),
+        float((values / np.maximum(values + ridge, 1e-300)).sum()),
         int(holds.sum()),
     )
 
 
 def solve(a: Array, y: Array, ridge: float) -> tuple[Array, Array]:
     """Return coefficients (C,) and their covariance (C, C) by least squares with ridge: of columns
-    (N, C) and values (N,); the noise is taken to be what is left."""
+    (N, C) and values (N,); the noise is taken to be what is left.
+
+    The covariance is that of coefficients with a prior of (noise / ridge) I: what the readings do
+    not tell keeps the prior's."""
     normal = a.T @ a + ridge * np.eye(a.shape[1])
     inverse = np.linalg.inv(normal)
     coefficients = inverse @ (a.T @ y)
     rest = y - a @ coefficients
-    variance = float(rest @ rest) / max(1, y.size - a.shape[1])
-    return coefficients, variance * inverse @ (a.T @ a) @ inverse
+    variance = max(float(rest @ rest) / max(1, y.size - a.shape[1]), _LEAST_NOISE**2)
+    return coefficients, variance * inverse
 
 
 def evidence_ridge(a: Array, y: Array, share: float = 1.0) -> float:
@@ -200,13 +210,13 @@ def _lag(readings: Readings, level: Array, settings: Settings) -> float:
     return float(found.x) if found.fun < _GAIN * left(0.0) else 0.0
 
 
-def _require_manoeuvres(a: Array, readings: Readings) -> Array:
+def _require_manoeuvres(a: Array, readings: Readings, force: bool) -> Array:
     """Return (3,) by how much the field's direction moved in the band; raises InputError where
-    that is not enough."""
+    that is not enough and not forced."""
     if len(a) < 4 * COUNT:
         raise InputError(f"{readings.where}: {len(a)} readings that count are too few")
     swing = np.linalg.svd(a[:, :3], compute_uv=False) / np.sqrt(len(a))
-    if swing[2] < _LEAST_SWING:
+    if swing[2] < _LEAST_SWING and not force:
         what = (
             "no calibration manoeuvres"
             if swing[1] < _LEAST_SWING
@@ -216,6 +226,6 @@ def _require_manoeuvres(a: Array, readings: Readings) -> Array:
             f"{readings.where}: {what}: the field's direction moved by"
             f" {' / '.join(f'{np.degrees(one):.2f}' for one in swing)} deg (RMS, three axes, in"
             f" the band); at least {np.degrees(_LEAST_SWING):.2f} is needed: rolls, pitches and"
-            " yaws of 5 to 10 deg on four headings"
+            " yaws of 5 to 10 deg on four headings (--force takes what there is)"
         )
     return swing

@@ -11,6 +11,7 @@ from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.gridding.reading import geographic
 from isogal.maps.gridding.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
+from isogal.tracks.ins_file import ANGLES, VELOCITY
 from isogal.tracks.track import Track
 
 REQUIRED = ("latitude", "longitude", "value")
@@ -117,4 +118,5 @@ def _track(
         line=line,
         timed="time" in own,
         projected=projected,
+        unused=tuple(name for name in (*VELOCITY, *ANGLES) if name in rows.names),
     )

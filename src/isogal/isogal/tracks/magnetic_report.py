@@ -43,6 +43,7 @@ def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
         "own_field_peak_to_peak": float(np.nanmax(own) - np.nanmin(own)),
         "moved_deg": [float(np.degrees(one)) for one in found.swing],
         "condition": found.condition if np.isfinite(found.condition) else None,
+        "determined": found.determined,
         "lag": compensation.lag,
         "offset": compensation.offset,
         "currents": list(compensation.currents),

@@ -51,6 +51,8 @@ def track_models(
     assumed, said = assumed_of(settings, batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
     length = assumed.length if "map_correlation_length" in said else None
+    if one is not None and one.error_ellipses is not None and length == one.correlation_length:
+        length = None  # what the map says of its usual length is no exponential's
     lengths, of_length = _lengths(length, assumed.trust, field_map)
     if assumed.sigma is not None:
         uneven = one is not None and not isinstance(one.sigma, float)

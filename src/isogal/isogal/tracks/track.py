@@ -81,6 +81,8 @@ class Track:
     """Whether the file says when readings were taken; else times are their numbers."""
     projected: bool = False
     """Whether its places are x and y."""
+    unused: tuple[str, ...] = ()
+    """Columns with an INS's velocity and attitude, which a rigid track has no use for."""
 
     def __post_init__(self) -> None:
         if self.reduction not in REDUCTIONS:

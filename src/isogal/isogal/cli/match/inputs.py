@@ -192,6 +192,11 @@ def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | Trac
         tracks = [_compensated(chosen.track, chosen.compensation)]
     else:
         tracks = read_csv_tracks(chosen.track, crs, chosen.column or "value")
+        if unused := tracks[0].unused:
+            note(
+                f"{chosen.track}: {', '.join(unused)} not used: the track keeps the shape of its"
+                " positions; isogal bag and isogal replay navigate by them"
+            )
     if chosen.base is None:
         return tracks
     from isogal.tracks.magnetic_flight import read_base_station
