@@ -87,3 +87,9 @@ def test_horizontal_difference_crosses_the_date_line(longitude):
         np.radians(longitude),
     )
     np.testing.assert_allclose(difference, [110.85, 96.49], atol=0.02)
+
+
+@pytest.mark.parametrize("place", [(-0.6, 2.4, 100.0), (1.5, -3.1, -20.0), (0.0, 0.0, 1e4)])
+def test_one_point_is_where_it_is_among_others(place):
+    many = geodetic_to_ecef(*(np.array([0.1, number]) for number in place))
+    np.testing.assert_allclose(geodetic_to_ecef(*place), many[1], rtol=0, atol=1e-8)

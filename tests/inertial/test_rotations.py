@@ -89,3 +89,9 @@ def test_series_equal_the_general_functions(angle):
     np.testing.assert_allclose(
         to_rotation_vector(-w, -x, -y, -z), axis * angle, rtol=1e-13, atol=1e-30
     )
+
+
+def test_the_matrix_of_one_quaternion_is_that_among_others():
+    quaternions = np.array([[0.5, -0.5, 0.5, 0.5], [0.6, 0.0, 0.8, 0.0]])
+    for one, among_others in zip(quaternions, matrix(quaternions), strict=True):
+        np.testing.assert_array_equal(matrix(one), among_others)

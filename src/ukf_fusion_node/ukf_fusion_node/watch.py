@@ -1,5 +1,6 @@
 """What is wrong with IMU samples that could each be right."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -87,21 +88,22 @@ class Watch:
         self._heard = self._clock()
         values = np.concatenate([force, rate])
         self._count(values)
-        stuck = self._noisy & (self._changes >= LEARNT) & (self._same >= self._limit)
+        limit = self._limit
+        stuck = self._noisy & (self._changes >= LEARNT) & (self._same >= limit)
         if stuck.any():
             axis = int(np.argmax(stuck))
-            new = bool((self._same[stuck] == self._limit[stuck]).all())
+            new = bool((self._same[stuck] == limit[stuck]).all())
             raise StuckError(
                 f"{_names(stuck)} stuck for {self._same[axis] + 1} samples: taken as missing",
                 int(self._same[stuck].max()) if new else 0,
             )
-        beyond = abs(float(np.linalg.norm(force)) - GRAVITY)
+        beyond = abs(_length(force) - GRAVITY)
         if beyond > self._acceleration:
             raise BadMessageError(
                 f"specific force {beyond:.0f} m/s² beyond gravity; max_acceleration is"
                 f" {self._acceleration:g} m/s²"
             )
-        turn = float(np.linalg.norm(rate))
+        turn = _length(rate)
         if turn > self._turn_rate:
             raise BadMessageError(
                 f"angular rate {turn:.2g} rad/s; max_turn_rate is {self._turn_rate:g} rad/s"
@@ -110,8 +112,9 @@ class Watch:
     def _count(self, values: Array) -> None:
         """Count changes of each axis, and how often its value has come again."""
         moved = values != self._last
-        rested = moved & (self._same < self._limit)
-        self._longest = np.where(rested, np.maximum(self._longest, self._same), self._longest)
+        if not moved.all() or self._same.any():
+            rested = moved & (self._same < self._limit)
+            self._longest = np.where(rested, np.maximum(self._longest, self._same), self._longest)
         self._changes += moved
         self._same = np.where(moved, 0, self._same + 1)
         self._last = values
@@ -124,8 +127,8 @@ class Watch:
     @property
     def stuck(self) -> str | None:
         """Which axes have not moved for long; None = all have."""
-        names = _names(self._same >= STUCK)
-        return f"stuck: {names}" if names else None
+        resting = self._same >= STUCK
+        return f"stuck: {_names(resting)}" if resting.any() else None
 
     @property
     def silent(self) -> str | None:
@@ -174,7 +177,9 @@ class LoneSamples:
 
     def __init__(self) -> None:
         self._samples: deque[tuple[Array, Array]] = deque(maxlen=2)
-        self._changes: deque[Array] = deque(maxlen=REMEMBERED)
+        self._changes = np.zeros((REMEMBERED, 2))
+        self._seen = 0
+        """Changes so far: the newest takes the place of the oldest."""
 
     def take(self, force: Array, rate: Array) -> str | None:
         """Take a sample (3,), (3,), m/s² and rad/s; return what is wrong with the one before it,
@@ -183,8 +188,8 @@ class LoneSamples:
         if len(self._samples) == 2:
             before, last = self._samples
             away, missed = _distance(last, before), _distance(new, before)
-            if len(self._changes) == REMEMBERED:
-                usual = np.max(self._changes, axis=0)
+            if self._seen >= REMEMBERED:
+                usual = self._changes.max(axis=0)
                 lone = (away > np.maximum(BEYOND * usual, LEAST_DISTANCE)) & (missed < BACK * away)
                 if lone.any() and (away > FELT * usual).sum() == 1:
                     self._samples.pop()
@@ -192,11 +197,16 @@ class LoneSamples:
                     which = int(np.argmax(lone))
                     unit = ("m/s²", "rad/s")[which]
                     return f"{SENSORS[which]} of one sample {away[which]:.2g} {unit} out of line"
-            self._changes.append(away)
+            self._changes[self._seen % REMEMBERED] = away
+            self._seen += 1
         self._samples.append(new)
         return None
 
 
 def _distance(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     """Return (2,) how far apart two samples are, m/s² and rad/s."""
-    return np.array([np.linalg.norm(a - b) for a, b in zip(one, other, strict=True)])
+    return np.array([_length(a - b) for a, b in zip(one, other, strict=True)])
+
+
+def _length(vector: Array) -> float:
+    return math.sqrt(vector @ vector)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import yaml
@@ -51,6 +51,10 @@ class Contents:
         self.messages += 1
         self.first = log_ns if self.first is None else min(self.first, log_ns)
         self.last = max(self.last, log_ns)
+
+    def copy(self) -> "Contents":
+        """Return what it holds now, to which nothing is counted any more."""
+        return replace(self, topics={name: replace(one) for name, one in self.topics.items()})
 
     def information(self) -> Entry:
         """Return what ``metadata.yaml`` says under ``rosbag2_bagfile_information``."""

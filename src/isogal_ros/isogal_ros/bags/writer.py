@@ -9,7 +9,6 @@ import errno
 import os
 import time
 from collections import deque
-from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -164,7 +163,7 @@ class BagWriter:
 
     def _note_whole(self) -> None:
         """Note that the file can end here, with what it holds."""
-        self._whole.append((self._stream.tell(), deepcopy(self._contents)))
+        self._whole.append((self._stream.tell(), self._contents.copy()))
 
     def _write_out(self) -> None:
         self._flushed = time.monotonic()

@@ -13,7 +13,7 @@ from isogal_ros.messages.stamps import set_stamp
 FASTEST = 1e6
 """m/s: nothing that this navigates moves faster."""
 _NO_COVARIANCE = np.zeros((0, 0))
-_POSE = [0, 1, 2, 6, 7, 8]
+_POSE = np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])
 """Position and attitude among the errors of a navigation state."""
 
 
@@ -55,7 +55,7 @@ def fill_odom(
         axes, twist = np.zeros((6, 6)), np.zeros((6, 6))
         axes[:3, :3] = axes[3:, 3:] = to_map
         twist[:3, :3] = body.T @ covariance[3:6, 3:6] @ body
-        pose = axes @ covariance[np.ix_(_POSE, _POSE)] @ axes.T
+        pose = axes @ covariance[_POSE] @ axes.T
         message.pose.covariance, message.twist.covariance = pose.ravel(), twist.ravel()
 
 
