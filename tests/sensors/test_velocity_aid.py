@@ -77,5 +77,5 @@ def test_one_at_a_lever_arm_has_its_own_velocity_which_the_reading_is_relieved_o
     np.testing.assert_allclose(read[0][steady], (plain + around)[steady], atol=1e-5)
     settings = load_scenario(None, ["velocity.kind=dvl", "velocity.lever_arm=[3, -1, 0]"]).velocity
     k = int(np.argmax(np.where(steady, np.abs(rate[:, 2]), 0.0)))
-    found = VelocityReading.of(settings, read[0, k], turn_rate=rate[k])
+    found = VelocityReading.of(settings, read[0, k], rate=rate[k])
     np.testing.assert_allclose(found.velocity, plain[k], atol=1e-5)

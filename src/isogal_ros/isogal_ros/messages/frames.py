@@ -5,7 +5,6 @@ radians; messages have forward, left, up (FLU), east, north, up (ENU), and degre
 frame ``map`` is ENU at the first route point, exact through ECEF
 (`isogal.earth.frames.LocalFrame`)."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Scenario
+from isogal.sensors.trajectory import first_place
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Message, Topic
 
@@ -72,10 +72,7 @@ def _frames(message: Message) -> Iterator[tuple[Message, str]]:
 def map_frame(scenario: Scenario) -> LocalFrame:
     """Return the frame ``map`` of a scenario: ENU at the first route point, at the vehicle's
     height."""
-    route = scenario.route
-    first = route.waypoints[0][:2] if route.waypoints is not None else route.start
-    assert first is not None  # the scenario model has checked
-    return LocalFrame(math.radians(first[0]), math.radians(first[1]), route.height)
+    return LocalFrame(*first_place(scenario.route), scenario.route.height)
 
 
 def framed(topic: Topic, frame: str, ns: int = 0) -> Message:
