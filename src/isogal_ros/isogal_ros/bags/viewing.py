@@ -74,10 +74,10 @@ def open_bag(
 def _no_map(places: Array) -> FieldMap:
     """Return a map without values at places (n, 2), rad; a map has one somewhere."""
     low, high = places.min(axis=0) - _MARGIN, places.max(axis=0) + _MARGIN
-    axes = (np.linspace(*ends, 8) for ends in zip(low, high, strict=True))
+    latitude, longitude = np.linspace(low, high, 8).T
     values, unit = np.full((8, 8), np.nan), QUANTITIES["gravity"].unit
     values[0, 0] = QUANTITIES["gravity"].lowest
-    return FieldMap(*axes, values, unit, "gravity", provenance="no map")
+    return FieldMap(latitude, longitude, values, unit, "gravity", provenance="no map")
 
 
 def viewed_run(

@@ -48,10 +48,10 @@ class ViewedRun:
     is_true: bool = True
     """Whether the positions of `runs` are true; else they are the navigator's own, and errors
     are not known."""
-    has_map: bool = True
-    """Whether it is known what was matched against."""
     aids: Sequence[AidUse] = ()
     """When each aid was used; none where that was not recorded."""
+    has_map: bool = True
+    """Whether it is known what was matched against."""
 
     @property
     def missing(self) -> list[str]:
