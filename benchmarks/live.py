@@ -75,7 +75,7 @@ class Driver:
                 fill_imu(message, ns, force, turn)
                 imu.publish(message)
                 if (reading := self._readings.get(ns)) is not None:
-                    raw.publish(self._adapter.write_raw(ns, reading, self._variance, None))
+                    raw.publish(self._adapter.write_raw(*reading, self._variance, None))
                 if seconds == WARM:
                     warm()
             assert not processes.ended(), processes.ended()
