@@ -3,16 +3,18 @@
     .venv/bin/python benchmarks/live.py [--minutes 20] [--rate 200] [--set KEY=VALUE ...]
         [--page FILE.md]
 
-Runs the four nodes and a recorder as processes, not in lock-step, with an IMU of `--rate` Hz, and
-listens beside them. The latency of nav/odom is from when the simulator has published the sample of
-its stamp until the filter has published the odometry, both as the middleware has noted it; that of
-a fix is from its last reading. The first minute is not counted. What else the machine does counts:
-say how busy it was."""
+Runs the nodes of a real vehicle and a recorder as processes, publishes to them the samples of a
+simulated IMU of `--rate` Hz and gravimeter, each when it is due, and listens beside them. The
+latency of nav/odom is from when the sample of its stamp was published until the filter has
+published the odometry, both as the middleware has noted it; that of a fix is from its last
+reading. The first minute is not counted. What else the machine does counts: say how busy it
+was."""
 
 import json
 import os
 import tempfile
 import threading
+import time
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -22,28 +24,69 @@ import numpy as np
 from graph import Usage
 from rclpy.executors import SingleThreadedExecutor
 
-from isogal.scenario import load_scenario
+from gravimeter_node.node import simulated_readings
+from isogal.fields.simulated_vehicle import simulate_vehicle
+from isogal.scenario import Scenario, load_scenario
 from isogal_ros import topics
-from isogal_ros.graph.domain import quiet_node
+from isogal_ros.graph.domain import graph_domain, names_of, quiet_node
 from isogal_ros.graph.plan import Plan
-from isogal_ros.graph.running import Processes, run_processes
+from isogal_ros.graph.running import Processes
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.frames import BASE, framed
+from isogal_ros.messages.imu import fill_imu
+from isogal_ros.messages.stamps import from_seconds, peek_ns
 from isogal_ros.nodes.signals import interrupts
 from isogal_ros.topics import LOSSLESS, Topic
 
+PATIENCE = 120.0
+"""s in which the nodes must listen."""
 WARM = 60.0
 """s that are not counted."""
 Times = dict[int, int]
 """When the first message of each stamp was published, ns."""
 
 
+class Driver:
+    """Publishes what the sensors of a simulated vehicle measure, when it is due."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        vehicle, self._adapter = simulate_vehicle(scenario, 0), adapter_of(scenario)
+        samples = vehicle.samples.reshape(-1, 6)
+        times = (1.0 + np.arange(len(samples))) / scenario.imu.rate
+        self._samples = list(zip(times.tolist(), samples[:, :3], samples[:, 3:], strict=True))
+        self._readings, _ = simulated_readings(scenario, 0)
+        self._variance = scenario.gravimeter.sigma**2
+
+    def drive(self, domain: int, processes: Processes, warm: Any) -> None:
+        """Publish all; `warm` is called when the first `WARM` seconds are over."""
+        with quiet_node("isogal_live_driver", domain) as node:
+            pair = topics.IMU, self._adapter.raw
+            imu, raw = (node.create_publisher(one.type, one.name, LOSSLESS) for one in pair)
+            end = time.monotonic() + PATIENCE
+            # a node and the recorder, and of the IMU this process
+            while imu.get_subscription_count() < 3 or raw.get_subscription_count() < 2:
+                assert not processes.ended() and time.monotonic() < end, processes.ended()
+                time.sleep(0.1)
+            time.sleep(5.0)
+            message, begun = framed(topics.IMU, BASE), time.monotonic()
+            for seconds, force, turn in self._samples:
+                time.sleep(max(0.0, begun + seconds - time.monotonic()))
+                ns = from_seconds(seconds)
+                fill_imu(message, ns, force, turn)
+                imu.publish(message)
+                if (reading := self._readings.get(ns)) is not None:
+                    raw.publish(self._adapter.write_raw(*reading, self._variance, None))
+                if seconds == WARM:
+                    warm()
+            assert not processes.ended(), processes.ended()
+
+
 class Listener(threading.Thread):
     """Notes when the messages of some topics have been published."""
 
-    def __init__(self, heard: tuple[Topic, ...]) -> None:
+    def __init__(self, domain: int, heard: tuple[Topic, ...]) -> None:
         super().__init__(daemon=True)
-        self.done, self.domain, self._topics = threading.Event(), 0, heard
+        self.done, self.domain, self._topics = threading.Event(), domain, heard
         self.times: dict[Topic, Times] = {topic: {} for topic in heard}
         self.diagnostics: defaultdict[str, list[int]] = defaultdict(list)
         """When each node has said how it is, ns."""
@@ -103,22 +146,27 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
     scenario = load_scenario(None, [f"imu.rate={hertz}", f"route.duration={duration}", *keys])
     reduced = adapter_of(scenario).reduced
     nav = topics.NAV_ODOM, topics.NAV_FIX, topics.NAV_PATH
-    listener = Listener((topics.IMU, *nav, reduced, topics.FIX))
-    usage, warm, load = Usage(), {}, []
+    driver, usage, warm, load = Driver(scenario), Usage(), {}, []
 
-    def announce(domain: int) -> None:
-        listener.domain = domain
-        listener.start()
-        usage.start()
-
-    def look(_processes: Processes, simulated: float) -> None:
-        if simulated >= WARM and not warm:
-            warm.update(usage.seconds)
+    def note() -> None:
+        warm.update(usage.seconds)
         load.append(os.getloadavg()[0])
 
-    with tempfile.TemporaryDirectory() as name, interrupts() as interrupt:
-        plan = Plan(scenario, Path(name) / "bag", rate=1.0, lock_step=False)
-        run_processes(plan, Path(name) / "log", interrupt, announce=announce, inject=look)
+    with (
+        tempfile.TemporaryDirectory() as name,
+        interrupts() as interrupt,
+        graph_domain(names_of(scenario)) as domain,
+    ):
+        listener = Listener(domain, (topics.IMU, *nav, reduced, topics.FIX))
+        listener.start()
+        usage.start()
+        plan = Plan(scenario, Path(name) / "bag", real=True)
+        processes = Processes(plan, Path(name) / "log", domain)
+        try:
+            driver.drive(domain, processes, note)
+            load.append(os.getloadavg()[0])
+        finally:
+            processes.stop(interrupt)
     usage.done.set()
     listener.done.set()
     listener.join()
@@ -127,7 +175,7 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
     return {
         "minutes": minutes,
         "imu_hz": hertz,
-        "load_average": float(np.median(load)),
+        "load_average": float(np.mean(load)),
         "nodes": {
             name: {
                 "cpu_percent": 100.0 * (spent - warm.get(name, 0.0)) / seconds,
@@ -148,16 +196,16 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
     }
 
 
-def page(found: dict[str, Any]) -> str:
+def page(found: dict[str, Any], note: str) -> str:
     """Return the figures as a page."""
     lines = [
         "# Live: the graph at real time",
         "",
         f"Made by `benchmarks/live.py --minutes {found['minutes']:g} --page"
-        " docs/evidence/live.md`: the four nodes and a recorder as processes,"
-        f" {found['imu_hz']:g} Hz of IMU, not in lock-step, on a machine with {os.cpu_count()}"
-        f" cores whose load average was {found['load_average']:.1f} (median; 1 to 2 is the graph"
-        " alone). What is said of each is in the script's first lines.",
+        " docs/evidence/live.md`: the nodes of a real vehicle and a recorder as processes,"
+        f" {found['imu_hz']:g} Hz of IMU, each sample published when it is due, on a machine with"
+        f" {os.cpu_count()} cores whose load average was {found['load_average']:.1f}. What is"
+        f" measured is said in the script's first lines. {note}".rstrip(),
         "",
         "| node | share of a core | memory, MB |",
         "|---|---|---|",
@@ -191,11 +239,12 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--rate", type=float, default=200.0, help="of the IMU, Hz")
     parser.add_argument("--page", type=Path, help="page to write")
+    parser.add_argument("--note", default="", help="what else is to be said on the page")
     options = parser.parse_args()
     found = measured(options.minutes, options.rate, options.set)
     print(json.dumps(found, indent=2))
     if options.page is not None:
-        options.page.write_text(page(found), encoding="utf-8")
+        options.page.write_text(page(found, options.note), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 """Recordings whose topics have other names."""
 
 import json
+import re
 
 import pytest
+from rclpy.serialization import deserialize_message, serialize_message
 
 from helpers.bag_writing import begin, sample
 from helpers.command_line import answer, refusal
@@ -49,10 +51,30 @@ def test_it_replays_as_the_recording_itself(foreign, scenario_file, recording) -
 
 def test_a_view_of_it(foreign, scenario_file, tmp_path) -> None:
     page = tmp_path / "view.html"
-    words = "view", foreign, "--out", page
-    assert "--scenario" in refusal(*words)
-    answer(*words, "--scenario", scenario_file)
+    answer("view", foreign, "--out", page, "--scenario", scenario_file)
     assert page.stat().st_size > 1e5
+
+
+def test_a_view_without_a_map_and_without_readings(recording, tmp_path) -> None:
+    """A recording of another navigator, which says neither; not even how good it is."""
+    reader = BagReader(recording)
+    writer = BagWriter(tmp_path / "bag", {})
+    writer.add_topic("/gps/fix", "sensor_msgs/msg/NavSatFix", [], "")
+    for one in reader.messages():
+        if one.topic == "/nav/fix":
+            message = deserialize_message(one.data, topics.NAV_FIX.type)
+            message.position_covariance_type = message.COVARIANCE_TYPE_UNKNOWN
+            writer.write("/gps/fix", serialize_message(message), one.log_ns, one.log_ns)
+    writer.close()
+    page = tmp_path / "view.html"
+    assert "--remap /TOPIC:=nav/fix" in refusal("view", tmp_path / "bag", "--out", page)
+    answer("view", tmp_path / "bag", "--out", page, "--remap", "/gps/fix:=nav/fix")
+    text = page.read_text(encoding="utf-8")
+    data = json.loads(re.search(r'id="data" type="application/json">(.*?)</script>', text)[1])
+    assert len(data["states"]["t"]) > 300
+    assert None not in data["states"]["aided_x"]
+    assert set(data["states"]["nn"]) == {None}
+    assert any("which map" in words for words in data["missing"])
 
 
 def test_one_of_two_sources(tmp_path) -> None:

@@ -104,10 +104,10 @@ def test_places_between_messages() -> None:
     assert Places({}).at([]).shape == (0, 2)
 
 
-def test_without_readings_there_is_nothing_to_view(recording, tmp_path) -> None:
+def test_without_two_positions_there_is_nothing_to_view(recording, tmp_path) -> None:
     reader = BagReader(recording)
     writer = BagWriter(tmp_path / "bag", {"scenario": reader.texts["scenario"]})
     writer.add_topic("/nav/fix", "sensor_msgs/msg/NavSatFix", [], "")
     writer.write("/nav/fix", next(iter(collect(recording).last_nav.values())), 0, 0)
     writer.close()
-    assert "has no reading of which nav/fix says" in refusal("view", tmp_path / "bag")
+    assert "has no two messages on nav/fix" in refusal("view", tmp_path / "bag")

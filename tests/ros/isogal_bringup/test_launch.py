@@ -335,6 +335,44 @@ def test_with_respawn_killed_nodes_go_on_until_the_vehicle_has_arrived(respawnin
     assert len(collected.last_nav) > 100
 
 
+@pytest.mark.slow
+def test_two_graphs_under_namespaces_in_one_domain(tmp_path_factory, scenario) -> None:
+    """Each in a domain that the environment names: neither hears anything of the other."""
+    file = tmp_path_factory.mktemp("two") / "params.yaml"
+    file.write_text(parameter_file(scenario("route.duration=120.0"), {}))
+    before, made = shared_memory(), {}
+    try:
+        with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
+            patch.setenv(DOMAIN, str(domain))
+            for run, name in enumerate(("ship", "boat")):
+                folder = tmp_path_factory.mktemp(name)
+                words = {"params": str(file), "bag": str(folder / "bag"), "namespace": name}
+                words |= {"rate": "0.0", "run": str(run)}
+                made[name] = Launch(FILE, words, folder, patch)
+                made[name].describe()
+            with ThreadPoolExecutor(2) as pool:
+                list(pool.map(Launch.run, made.values()))
+    finally:
+        for one in made.values():
+            one.kill()
+        sweep_shared_memory(before)
+    starts = {}
+    for name, one in made.items():
+        assert one.reason == "the simulated vehicle has arrived", one.output()
+        assert "dropped" not in one.output()
+        reader = BagReader(one.folder / "bag")
+        collected = Collector(reader.scenario())
+        collected.take_bag(reader)
+        own = {topic.split("/")[1] for topic in reader.types}
+        assert own <= {name, "clock", "diagnostics", "tf", "tf_static"}
+        assert len(collected.truth) == 121
+        assert {said.name.split("/")[0] for said in collected.said} <= {name}
+        assert len(collected.batches) == len(collected.fixes)
+        assert sum(found is not None for found in collected.fix_positions().values()) > 0
+        starts[name] = collected.last_nav[max(collected.last_nav)]
+    assert starts["ship"] != starts["boat"]  # of two runs
+
+
 def test_viewer_layouts_show_topics_that_exist() -> None:
     import json
     import re

@@ -5,6 +5,7 @@ import socket
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from helpers.node_bench import Bench, bench
 from isogal.earth.frames import LocalFrame
@@ -122,6 +123,18 @@ def test_it_is_silent_while_the_navigator_has_diverged(receiver, scenario) -> No
         made.nav(2.5, *PLACE)
         (found,) = received(receiver, VISION)
         assert found.reset_counter == 1
+
+
+def test_another_graphs_matcher_does_not_silence_it(receiver, scenario) -> None:
+    with node(receiver, scenario, VISION) as made:
+        for name, sent in (("boat/pmht_mm_node: batch", 1), ("pmht_mm_node: batch", 0)):
+            figures = [KeyValue(key="diverged", value="0.9")]
+            made.publish(
+                topics.DIAGNOSTICS,
+                DiagnosticArray(status=[DiagnosticStatus(name=name, values=figures)]),
+            )
+            made.nav(10.0 - 5.0 * sent, *PLACE)
+            assert len(received(receiver, VISION)) == sent
 
 
 def test_another_place_that_is_likelier_silences_it() -> None:

@@ -169,6 +169,12 @@ def test_bad_entries(entry, words) -> None:
         Entrance.of(Entrance().text(), entry)
 
 
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"drivers": {}, "names": {"x": 1}}'])
+def test_a_damaged_text(text) -> None:
+    with pytest.raises(InputError, match="is damaged"):
+        Entrance.of(text, {})
+
+
 def test_a_recording_keeps_what_it_was_told() -> None:
     one = Entrance({"imu/data_raw": Driver(frame="imu_link")}, FrameNames(map="world"))
     assert Entrance.of(one.text(), {}) == one

@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message
 from isogal.inertial.rotations import from_angles, matrix
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.messages.frames import BASE, MAP, ODOM
+from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
 from isogal_ros.messages.stamps import to_ns
 from ukf_fusion_node.transforms import DeadReckoning, Transforms, compose
 
@@ -73,7 +73,7 @@ class StandIn(SimpleNamespace):
     """For tf2_msgs, which is not among the wheels, and for the node."""
 
     def __init__(self, **values) -> None:
-        super().__init__(**values)
+        super().__init__(frame_names=FrameNames(prefix="ship"), **values)
         self.sent: dict = {}
 
     def advertise(self, topic):
@@ -94,7 +94,8 @@ def test_what_is_published(poses, monkeypatch) -> None:
     transforms = Transforms(node)
     transforms.publish(*poses[5])
     (static,) = node.sent["/tf_static"]
-    assert [t.child_frame_id for t in static.transforms] == ["gravimeter_link"]
+    (at,) = static.transforms  # those that move are renamed by the node, as all messages are
+    assert (at.header.frame_id, at.child_frame_id) == ("ship/base_link", "ship/gravimeter_link")
     (moving,) = node.sent["/tf"]
     frames = [(t.header.frame_id, t.child_frame_id) for t in moving.transforms]
     assert frames == [(MAP, ODOM), (ODOM, BASE)]

@@ -71,6 +71,8 @@ class Collector:
         """What the navigator said of each aid; its level is OK where it was used."""
         self.said: list[Said] = []
         """Diagnostics that are not OK."""
+        self.namespace: str | None = None
+        """Of the nodes whose diagnostics are kept; None = of all."""
         first, *others = scenario.each_field
         self.others = tuple({} for _ in others)
         self._plain: dict[Topic, dict[int, bytes]] = {
@@ -107,7 +109,8 @@ class Collector:
             self._take_diagnostics(data)
 
     def take_bag(self, reader: BagReader) -> None:
-        """Keep what a bag holds."""
+        """Keep what a bag holds; of other graphs' diagnostics in it, nothing."""
+        self.namespace = reader.texts.get("namespace")
         for topic, data in wanted_messages(reader, self.topics()):
             self.take(topic, data)
 
@@ -134,6 +137,8 @@ class Collector:
             return
         array = deserialize_message(data, topics.DIAGNOSTICS.type)
         for item in array.status:
+            if self.namespace not in (None, item.name.rpartition("/")[0]):
+                continue
             if item.level != DiagnosticStatus.OK:
                 level = LEVELS.get(item.level, "ERROR")
                 self.said.append(Said(to_ns(array.header.stamp), level, item.name, item.message))

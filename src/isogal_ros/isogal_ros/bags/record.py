@@ -83,11 +83,16 @@ class FixRecord(TypedDict):
     fix_seconds: Array
 
 
-def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
+def record_of(
+    collector: Collector, field_map: RunMap, without_readings: bool = False
+) -> Runs | None:
     """Return the record of the run; None where truth or navigation is missing, or no scan is
-    covered by both."""
+    covered by both. Without readings, where that is allowed, each state stands for a scan."""
     truth, last_nav = Places(collector.truth), Places(collector.last_nav)
-    scans = sorted(ns for ns in _scans(collector) if ns in truth and ns in last_nav)
+    stamps_of_scans = _scans(collector)
+    if without_readings and not collector.readings:
+        stamps_of_scans = collector.last_nav
+    scans = sorted(ns for ns in stamps_of_scans if ns in truth and ns in last_nav)
     if not scans:
         return None
     start = next(ns for ns in sorted({*collector.last_nav, scans[0]}) if ns in truth)
@@ -202,5 +207,8 @@ def _reading(adapter: Adapter, data: bytes) -> float:
 
 
 def _covariance(data: bytes) -> Array:
-    """Return the horizontal covariance (2, 2) of a NavSatFix, m²."""
-    return read_covariance(deserialize_message(data, topics.NAV_FIX.type))[:2, :2]
+    """Return the horizontal covariance (2, 2) of a NavSatFix, m²; NaN where it is not known."""
+    try:
+        return read_covariance(deserialize_message(data, topics.NAV_FIX.type))[:2, :2]
+    except BadMessageError:  # of another navigator's, or of a receiver's
+        return np.full((2, 2), np.nan)

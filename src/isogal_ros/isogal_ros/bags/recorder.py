@@ -57,6 +57,7 @@ class RecorderNode(GraphNode):
             "scenario": yaml.safe_dump(self.scenario.model_dump(mode="json"), sort_keys=False),
             "run": str(self.settings.run),
             "entrance": self._entrance.text(),
+            "namespace": self.get_namespace().strip("/"),
         }
         own = self.settings
         try:

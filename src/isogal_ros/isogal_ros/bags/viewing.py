@@ -6,21 +6,30 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.evaluation.run_report import subtitle_of
 from isogal.evaluation.view.record import AidUse, Event, ViewedRun
 from isogal.fields.scenario_map import maps_for_scenario
+from isogal.maps.field_map import FieldMap
+from isogal.maps.quantities import QUANTITIES
 from isogal.maps.several import first_map
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
+from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import record_of
+from isogal_ros.bags.record import Places, record_of
 from isogal_ros.bags.remapping import NOTHING_SAID, Foreign
 from isogal_ros.messages.stamps import to_seconds
 
 if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
+
+_MARGIN = 3e-3
+"""rad, 20 km."""
 
 
 def open_bag(
@@ -28,39 +37,56 @@ def open_bag(
     scenario: Scenario | None = None,
     foreign: Foreign = NOTHING_SAID,
 ) -> "tuple[ViewedRun, RouteMap]":
-    """Return what a recording holds and the map that it was matched against.
+    """Return what a recording holds and the map that it was matched against, an empty one where
+    nobody says which.
 
     Parameters
     ----------
     scenario : Scenario, optional
-        None = the bag's own.
+        None = the bag's own; where it has none, there is no map.
     foreign : Foreign
         How it is as the graph's own.
 
     Raises
     ------
     InputError
-        The bag cannot be read, does not say which scenario it is of, or has no readings where the
-        navigator was.
+        The bag or its map cannot be read, or it has no two positions of the navigator.
     """
     reader = BagReader.foreign(bag, foreign)
     scenario = scenario or reader.scenario()
-    if scenario is None:
-        raise InputError(
-            f"{bag}: does not say which scenario it is of, so its map is not known; say it with"
-            " --scenario"
-        )
-    collector = Collector(scenario)
+    collector = Collector(scenario or Scenario())
     collector.take_bag(reader)
-    field_map = first_map(maps_for_scenario(scenario, build_trajectory(scenario)))
-    viewed = viewed_run(collector, field_map, _title(bag))
+    if len(collector.last_nav) < 2:
+        raise InputError(
+            f"{bag}: has no two messages on {topics.NAV_FIX.name}, where the navigator was; those"
+            f" of another navigator or receiver are taken by --remap /TOPIC:={topics.NAV_FIX.name}"
+        )
+    if scenario is None:
+        field_map: RouteMap = _no_map(Places(collector.last_nav).at(sorted(collector.last_nav)))
+    else:
+        field_map = first_map(maps_for_scenario(scenario, build_trajectory(scenario)))
+    viewed = viewed_run(collector, field_map, _title(bag), without_readings=True)
     if viewed is None:
         raise InputError(f"{bag}: has no reading of which nav/fix says where it was taken")
-    return viewed, field_map
+    return replace(viewed, has_map=scenario is not None), field_map
+
+
+def _no_map(places: Array) -> FieldMap:
+    """Return a map without values at places (n, 2), rad; a map has one somewhere."""
+    low, high = places.min(axis=0) - _MARGIN, places.max(axis=0) + _MARGIN
+    latitude, longitude = np.linspace(low, high, 8).T
+    values, unit = np.full((8, 8), np.nan), QUANTITIES["gravity"].unit
+    values[0, 0] = QUANTITIES["gravity"].lowest
+    return FieldMap(latitude, longitude, values, unit, "gravity", provenance="no map")
 
 
 def viewed_run(
-    collector: Collector, field_map: "RouteMap", title: str, subtitle: str = ""
+    collector: Collector,
+    field_map: "RouteMap",
+    title: str,
+    subtitle: str = "",
+    *,
+    without_readings: bool = False,
 ) -> ViewedRun | None:
     """Return what was collected so far; None before the first scan.
 
@@ -73,12 +99,14 @@ def viewed_run(
         That it was matched against.
     title, subtitle : str
         Shown; an empty subtitle says what was run.
+    without_readings : bool
+        Whether states stand for scans where there are no readings.
     """
     is_true = bool(collector.truth)
     if not is_true:
         collector = copy(collector)
         collector.truth = collector.last_nav
-    runs = record_of(collector, field_map)
+    runs = record_of(collector, field_map, without_readings)
     if runs is None:
         return None
     events = [Event(to_seconds(one.ns), one.level, one.name, one.text) for one in collector.said]

@@ -30,7 +30,7 @@ from isogal_ros.nodes.nav_sample import moved, read_nav
 from isogal_ros.topics import Topic
 
 _KEYS = {
-    "gravimeter": ("quantity", "interval"),
+    "gravimeter": ("quantity", "interval", "lever_arm"),
     "magnetometer": None,
     "altimeter": None,
     "gradiometer": ("components",),

@@ -104,8 +104,9 @@ class MavlinkNode(GraphNode):
         self._silence.batch(fix.reset, fix.published)
 
     def _take_diagnostics(self, array: DiagnosticArray) -> None:
+        own = f"{self.get_namespace()}/{topics.PMHT_MM}: batch".lstrip("/")
         for item in array.status:
-            if item.name.endswith(f"{topics.PMHT_MM}: batch"):
+            if item.name == own:
                 self._silence.probability(float(figures_of(item).get("diverged", "0")))
 
     def _take_fix(self, message: NavSatFix) -> None:

@@ -230,14 +230,18 @@ class Entrance:
     @classmethod
     def of(cls, text: str, others: Mapping[str, Mapping[str, Any]]) -> "Entrance":
         """Return what a text of a recording says, with other entries in place of its own; raises
-        InputError where one cannot be used."""
-        document = json.loads(text)
-        entries = {**document["drivers"], **others}
+        InputError where it is damaged, or an entry cannot be used."""
+        try:
+            document = json.loads(text)
+            entries = {**document["drivers"], **others}
+            names = FrameNames(**document["names"])
+        except (ValueError, KeyError, TypeError):
+            raise InputError("drivers: what the recording says of them is damaged") from None
         try:
             drivers = {name: Driver.model_validate(one) for name, one in entries.items()}
         except ValidationError as error:
             raise InputError(f"drivers: {describe(error, Driver)}") from None
-        return cls(drivers, FrameNames(**document["names"]))
+        return cls(drivers, names)
 
     def changes(self, topic: Topic) -> bool:
         """Whether messages of the topic's own type come in otherwise than as they are."""

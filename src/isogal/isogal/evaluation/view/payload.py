@@ -147,7 +147,7 @@ def _readings(viewed: ViewedRun, scale: FieldScale) -> Table:
         "navigator": navigator,
         "difference": reading - navigator,
     }
-    kept = slice(None, None, -(-detail.scan_time.size // MOST_STATES))
+    kept = slice(None, None, max(1, -(-detail.scan_time.size // MOST_STATES)))
     return _table({name: column[kept] for name, column in columns.items()})
 
 

@@ -50,6 +50,8 @@ class ViewedRun:
     are not known."""
     aids: Sequence[AidUse] = ()
     """When each aid was used; none where that was not recorded."""
+    has_map: bool = True
+    """Whether it is known what was matched against."""
 
     @property
     def missing(self) -> list[str]:
@@ -60,10 +62,16 @@ class ViewedRun:
                 "Where the vehicle truly was (ground_truth/fix) was not recorded, so errors are"
                 " not known. Shown is where the navigator believed itself, and what it claimed."
             )
+        if not self.has_map:
+            said.append(
+                "The recording does not say which scenario, thus which map, it is of (--scenario)."
+            )
         if detail is None:
             said.append(
                 "Readings and candidates were not recorded: a study keeps them of run 0 only."
             )
+        elif detail.scan_time.size == 0:
+            said.append("Readings were not recorded.")
         elif detail.candidate_batch.size == 0:
             said.append(
                 f"Candidates were not recorded: the matcher {self.scenario.matcher.name} published"
