@@ -66,7 +66,7 @@ VARIABLES = {
 INS: dict[str, dict[str, Any]] = {
     "precision": {"imu": {"grade": "precision"}},
     "tactical": {"imu": {"grade": "tactical"}},
-    "tactical, log": {"imu": {"grade": "tactical"}, "velocity": {"kind": "log"}},
+    "tactical, log": {"imu": {"grade": "tactical"}, "velocity": {"kind": "log", "interval": 10.0}},
 }
 CASES = {
     SHIP: (("gravity", "magnetics", "depth", "all"), ("precision", "tactical, log")),
