@@ -88,9 +88,8 @@ def recorded_scans(
     kept = (scan >= 1) & (scan <= count)
     scan, since, value = scan[kept], since[kept], value[kept]
     late = float(np.median(scan * interval - since)) if len(scan) else 0.0
-    result = Recorded(
-        np.arange(1.0, count + 1.0, dtype=np.float64) * interval - late, np.full(count, np.nan)
-    )
+    usual = np.arange(1, count + 1, dtype=np.float64) * interval - late
+    result = Recorded(usual, np.full(count, np.nan))
     result.time[scan - 1], result.value[scan - 1] = since, value  # in order: the newest stays
     return result
 

@@ -24,12 +24,14 @@ from isogal.fields.map_error import (
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
 from isogal.fields.recorded_readings import Recorded, recorded_scans
 from isogal.fields.scenario_map import true_map
+from isogal.inertial.rotations import matrix
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Assumed, Scenario, Settings, Truth
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import State
+from isogal.sensors.satellites import turn_rates
 from isogal.sensors.trajectory import Trajectory
 
 ALTIMETER = "altimeter"
@@ -182,7 +184,15 @@ def true_readings(
             f" ({trajectory.time[i[j]]:.0f} s after the start)"
         )
     velocity = trajectory.velocity[i]
-    at = State(latitude, longitude, trajectory.height[i], velocity[:, 0], velocity[:, 1])
+    at = State(
+        latitude,
+        longitude,
+        trajectory.height[i],
+        velocity[:, 0],
+        velocity[:, 1],
+        matrix(trajectory.attitude[i]),
+        turn_rates(trajectory)[i],
+    )
     return _measured(truth, field_map).reduction(truth).raw(value, at)
 
 

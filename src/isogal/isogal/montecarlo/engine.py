@@ -249,7 +249,8 @@ class Simulation:
         if self._measured.velocity is not None:
             settings = self.scenario.velocity
             for k, velocity in enumerate(self._measured.velocity[run], 1):
-                reading = VelocityReading.of(settings, velocity)
+                rate = self._imu.angular_rate[run, k - 1]
+                reading = VelocityReading.of(settings, velocity, rate=rate)
                 if reading is not None:
                     found[k].append((float(time[k]), reading))
         for delay, ends, measured in self._aids(run):

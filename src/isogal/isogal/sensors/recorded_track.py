@@ -136,9 +136,8 @@ def follow(route: Route, rate: float, samples: int, use_height: bool) -> Followe
             f" navigator (1/{rate:g} s)"
         )
     dt = 1.0 / (rate * samples)
-    path = _path(
-        positions, np.arange(steps * samples + 1, dtype=np.float64) * dt, route.height, use_height
-    )
+    times = np.arange(steps * samples + 1, dtype=np.float64) * dt
+    path = _path(positions, times, route.height, use_height)
     force, turn = inverse(path[None], dt)
     begin = NavState(*(np.array(part) for part in np.split(path[:1], [3, 6], axis=1)))
     _, states = propagate(begin, force, turn, dt, path[:, 2], history="whole")

@@ -5,6 +5,9 @@ radians; messages have forward, left, up (FLU), east, north, up (ENU), and degre
 frame ``map`` is ENU at the first route point, exact through ECEF
 (`isogal.earth.frames.LocalFrame`)."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 
 from isogal.earth.frames import LocalFrame
@@ -23,6 +26,47 @@ FRD_FLU = np.array([1.0, -1.0, -1.0])
 """Factors of the components of a vector FRD that give it FLU, and the reverse."""
 NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Rotation NED to ENU, and the reverse."""
+
+
+@dataclass(frozen=True)
+class FrameNames:
+    """What the graph's frames are called outside of its nodes."""
+
+    map: str = MAP
+    odom: str = ODOM
+    base: str = BASE
+    prefix: str = ""
+    """Before every frame, with a slash between."""
+
+    def outward(self, message: Message) -> None:
+        """Give a message's frames the names outside; one that has them keeps them."""
+        own = {MAP: self.map, ODOM: self.odom, BASE: self.base}
+        start = f"{self.prefix}/" if self.prefix else ""
+        for item, key in _frames(message):
+            frame = getattr(item, key)
+            if frame and not (start and frame.startswith(start)):
+                setattr(item, key, start + own.get(frame, frame))
+
+    def inward(self, message: Message) -> None:
+        """Give a message's frames the graph's own names."""
+        if self == FrameNames():
+            return
+        own = {self.map: MAP, self.odom: ODOM, self.base: BASE}
+        for item, key in _frames(message):
+            frame = getattr(item, key)
+            if self.prefix:
+                frame = frame.removeprefix(f"{self.prefix}/")
+            setattr(item, key, own.get(frame, frame))
+
+
+def _frames(message: Message) -> Iterator[tuple[Message, str]]:
+    """Yield what has a frame in a message, and the field's name."""
+    if hasattr(message, "header"):
+        yield message.header, "frame_id"
+    if hasattr(message, "child_frame_id"):
+        yield message, "child_frame_id"
+    for part in (*getattr(message, "poses", ()), *getattr(message, "transforms", ())):
+        yield from _frames(part)
 
 
 def map_frame(scenario: Scenario) -> LocalFrame:
