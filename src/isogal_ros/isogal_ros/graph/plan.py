@@ -75,9 +75,8 @@ class Plan:
             values["peers"] = [one for one in self.names if one != RECORDER]
         if name in fields:
             values |= {"simulate": False} if self.real else {}
-            if (
-                self.scenario.fields is not None
-            ):  # the scenario of its field in place of all nodes'
+            # the scenario of its field in place of all nodes'
+            if self.scenario.fields is not None:
                 values = node_values(fields[name], values, node_class(name).sections)
         if name == topics.INS_SIM:
             values["rate"] = float(self.rate)
