@@ -51,8 +51,9 @@ FIELDS: dict[str, dict[str, Any]] = {
     "magnetics": {
         "field": "magnetic",
         "sigma": 3.0,
-        # the daily variation, which nobody has taken off: tens of nT in hours
-        "gravimeter": {"correlated_sigma": 20.0, "correlation_time": 7200.0},
+        # the daily variation, which nobody has taken off: tens of nT, over a day and over hours
+        "gravimeter": {"correlated_sigma": 20.0, "correlation_time": 7200.0, "bias": 40.0},
+        "matcher": {"bias_sigma": 40.0},
         "readings": {"column": "magnetic_anomaly"},
     },
     "depth": {"field": "terrain", "sigma": 10.0, "readings": {"column": "depth"}},
@@ -66,7 +67,7 @@ VARIABLES = {
 INS: dict[str, dict[str, Any]] = {
     "precision": {"imu": {"grade": "precision"}},
     "tactical": {"imu": {"grade": "tactical"}},
-    "tactical, log": {"imu": {"grade": "tactical"}, "velocity": {"kind": "log"}},
+    "tactical, log": {"imu": {"grade": "tactical"}, "velocity": {"kind": "log", "interval": 10.0}},
 }
 CASES = {
     SHIP: (("gravity", "magnetics", "depth", "all"), ("precision", "tactical, log")),
@@ -158,7 +159,7 @@ def scenario_of(data: Path, voyage: Voyage, field: str, ins: str, folder: Path) 
         entry = FIELDS[one] | {"map": {"source": str(map_of(data, voyage, one, folder))}}
         entry["interval"] = 20.0 if voyage.file == LINES else 60.0
         if voyage.file == LINES:  # the daily variation has been taken off
-            entry["gravimeter"] = {}
+            entry |= {"gravimeter": {}, "matcher": {}}
         entries.append(entry)
     file = str(data / voyage.file)
     return validate_scenario(

@@ -66,8 +66,8 @@ class Case:
 
     @cached_property
     def key(self) -> str:
-        """Hash of everything that the runs' numbers depend on: scenario, map, format of the
-        records, and the library's source."""
+        """Hash of everything that the runs' numbers depend on: scenario, map, recorded track and
+        readings, format of the records, and the library's source."""
         parts = {
             "isogal": isogal.__version__,
             "code": source_digest(),
@@ -86,6 +86,9 @@ class Case:
                 for one, its_map in zip(each, each_map(self.field_map), strict=True)
             ]
             parts["true map"] = sources[0] if len(sources) == 1 else sources
+        recorded = [self.scenario.route.track, *(one.readings.source for one in each)]
+        if files := sorted({Path(file) for file in recorded if file is not None}):
+            parts["recorded"] = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]
 
 

@@ -1,11 +1,11 @@
 """The true route along a recorded track, and what a perfect IMU measures on it
-(docs/mathematics.md, section 3.20).
+(docs/mathematics.md, section 3.21).
 
 Positions become a path by cubic smoothing splines of north, east and height, whose smoothness
 generalised cross-validation chooses (Craven and Wahba 1979): as near to the positions as their own
 scatter says. The vehicle is level and points along its course; at rest, and where it is too slow
 to have a course, it turns evenly to the next one. The IMU's means are those of the inverse
-strapdown (`isogal.inertial.inverse`), and the truth is where they lead: within millimetres of the
+strapdown (`isogal.inertial.inverse`), and the truth is where they lead: within centimetres of the
 path, and exactly what a navigator without errors would find."""
 
 from dataclasses import dataclass

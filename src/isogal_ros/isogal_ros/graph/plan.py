@@ -10,8 +10,8 @@ from pydantic import JsonValue
 
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
-from isogal.fields.scenario_map import maps_for_scenario, true_map
-from isogal.fields.simulator import true_readings
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.fields.simulator import check_readings
 from isogal.maps.several import RunMap, each_map
 from isogal.matching.registry import build_run_matcher
 from isogal.scenario import Scenario
@@ -75,7 +75,8 @@ class Plan:
             values["peers"] = [one for one in self.names if one != RECORDER]
         if name in fields:
             values |= {"simulate": False} if self.real else {}
-            if len(fields) > 1:  # the scenario of its field in place of all nodes'
+            # the scenario of its field in place of all nodes'
+            if self.scenario.fields is not None:
                 values = node_values(fields[name], values, node_class(name).sections)
         if name == topics.INS_SIM:
             values["rate"] = float(self.rate)
@@ -147,6 +148,6 @@ def checked(scenario: Scenario, simulated: bool = True) -> tuple[Trajectory, Run
     field_map = maps_for_scenario(scenario, trajectory)
     if simulated:
         for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
-            true_readings(one.true, trajectory, true_map(one, trajectory, its_map))
+            check_readings(one, trajectory, its_map)
     nodes_of(scenario)
     return trajectory, field_map
