@@ -33,8 +33,11 @@ from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import main_of
 
 STUCK = 6
-"""Readings of exactly the same value, one after the other, after which the instrument counts as
-stuck."""
+"""Readings of exactly the same value, one after the other, after which the instrument of a vehicle
+that moves counts as stuck; or four times as many as the value has come at most before another one
+came: of an instrument of coarse steps, or over a plain, the same value comes again and again."""
+MOVES = 0.5
+"""m/s: what a slower vehicle reads may well be the same once more."""
 
 
 class GravimeterSettings(NodeSettings):
@@ -69,7 +72,7 @@ class GravimeterNode(GraphNode):
         self._variance: Reading = (
             self.scenario.gravimeter.sigma**2 if covariance is None else covariance
         )
-        self._newest, self._same = -1, 0
+        self._newest, self._same, self._longest = -1, 0, 0
         self._last: Reading = math.nan
         self._adapter = adapter_of(self.scenario)
         is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
@@ -133,8 +136,6 @@ class GravimeterNode(GraphNode):
         if np.isnan(sensed).all():
             self._out_of_range += 1
             self.health.figures["readings out of range"] = self._out_of_range
-        self._same = self._same + 1 if np.array_equal(sensed, self._last) else 0
-        self._last = sensed
         self._queue.put(ns, (sensed, variance))
 
     def _reduce(self, ns: int, reading: tuple[Reading, Reading], nav: NavSample | None) -> None:
@@ -155,9 +156,21 @@ class GravimeterNode(GraphNode):
             publisher.publish(adapter.write_reduced(ns, value, total, place))
         self._reduced += 1
         self.health.figures |= {"readings": self._reduced, "last reading": to_seconds(ns)}
-        text = f"stuck: {self._same + 1} readings of the same value"
-        self.health.concern("stuck", text if self._same >= STUCK else None)
+        if nav is None or np.linalg.norm(nav.velocity) > MOVES:
+            self._judge(sensed)
         self.health.state(OK, "reducing")
+
+    def _judge(self, sensed: Reading) -> None:
+        """Say whether the instrument of a vehicle that moves is stuck."""
+        limit = max(STUCK, 4 * (self._longest + 1))
+        if np.array_equal(sensed, self._last):
+            self._same += 1
+        else:
+            self._longest = max(self._longest, self._same) if self._same < limit else self._longest
+            self._same = 0
+        self._last = sensed
+        text = f"stuck: {self._same + 1} readings of the same value"
+        self.health.concern("stuck", text if self._same >= limit else None)
 
 
 def simulated_readings(
