@@ -101,8 +101,8 @@ class Velocity(Section):
     standstill_sigma: Positive = 0.01
     """1-sigma of the velocity of a vehicle that stands still, m/s"""
     standstill_rate: Positive | None = None
-    """1-sigma of a sample of its gyroscopes then, which tells their bias, rad/s; null = it does not
-    """
+    """1-sigma of a sample of its gyroscopes then, which tells their bias, rad/s; null = they are
+    not used"""
 
     @property
     def axes(self) -> tuple[int, ...]:
