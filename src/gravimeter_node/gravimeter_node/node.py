@@ -58,7 +58,7 @@ class GravimeterNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
-        "map", "map_error", "fusion", "truth",
+        "readings", "height", "map", "map_error", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
     settings: GravimeterSettings
@@ -91,9 +91,11 @@ class GravimeterNode(GraphNode):
             if self._vehicle is not None:
                 self.listen(topics.SCALAR_FIELD, self._take_scalar)
         self._outputs = []
-        for field in of_instrument(matched.instrument):
+        reduced = self.scenario.readings.reduced
+        for field in [matched] if reduced else of_instrument(matched.instrument):
             adapter = adapter_of(self.scenario, field.name)
-            consumers = (topics.PMHT_MM, topics.INS_SIM) if field is matched else ()
+            is_matched = field.name == matched.name
+            consumers = (topics.PMHT_MM, topics.INS_SIM) if is_matched else ()
             publisher = self.advertise(adapter.reduced, consumers)
             self._outputs.append((field.reduction(self.scenario), adapter, publisher))
         self._queue = NavQueue(self, self.scenario, self._reduce)
@@ -105,9 +107,10 @@ class GravimeterNode(GraphNode):
         self._newest = ns
         if self._vehicle is not None:
             self._vehicle.step(ns)
-        if (sensed := self._sensed.get(ns)) is not None:
-            self._raw.publish(self._adapter.write_raw(ns, sensed, self._variance, None))
-            self._use(ns, sensed, self._variance)
+        if (reading := self._sensed.get(ns)) is not None:
+            own, sensed = reading
+            self._raw.publish(self._adapter.write_raw(own, sensed, self._variance, None))
+            self._use(own, sensed, self._variance)
 
     def _take(self, message: topics.Message) -> None:
         if self._vehicle is not None:
@@ -147,7 +150,8 @@ class GravimeterNode(GraphNode):
             if nav is not None:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
-                estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
+                north, east = nav.velocity[:2]
+                estimate = State(*place, height, north, east, nav.attitude, nav.turn)
                 value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance
@@ -175,10 +179,10 @@ class GravimeterNode(GraphNode):
 
 def simulated_readings(
     scenario: Scenario, run: int
-) -> tuple[dict[int, Reading], dict[int, Array] | None]:
-    """Return by stamp the raw reading of each scan, and what the vector magnetometer of a magnetic
-    vehicle, or of one that is assumed to be, senses at each step (None = there is none); the map
-    is not kept.
+) -> tuple[dict[int, tuple[int, Reading]], dict[int, Array] | None]:
+    """Return by stamp, at which it comes, the own stamp and the raw reading of each scan, and what
+    the vector magnetometer of a magnetic vehicle, or of one that is assumed to be, senses at each
+    step (None = there is none); the map is not kept.
 
     Raises
     ------
@@ -189,7 +193,9 @@ def simulated_readings(
     trajectory = build_trajectory(scenario)
     found = ReadingSimulator(truth, trajectory, map_for_scenario(truth, trajectory), [run])
     stamps = [from_seconds(time) for time in trajectory.time]
-    sensed = {stamps[i]: value for i, value in zip(found.index, found.raw[0], strict=True)}
+    own = [from_seconds(time) for time in found.time]
+    comes = stamps[truth.steps_per_scan :: truth.steps_per_scan]
+    sensed = dict(zip(comes, zip(own, found.raw[0], strict=True), strict=True))
     magnetic = truth.measured_field == "magnetic" and truth.magnetometer.aircraft.magnetic
     if not magnetic and assumed_compensation(scenario) is None:
         return sensed, None

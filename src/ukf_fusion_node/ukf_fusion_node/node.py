@@ -34,9 +34,9 @@ class UkfFusionNode(GraphNode):
     alone. What would change the state of a step already left behind so waits for the next."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter", "map",
-        "gravity", "height", "velocity", "gnss", "positions", "headings", "magnetometer",
-        "matcher", "fusion", "integrity", "truth",
+        "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
+        "readings", "map", "gravity", "height", "velocity", "gnss", "positions", "headings",
+        "magnetometer", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings

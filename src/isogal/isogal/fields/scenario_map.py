@@ -61,7 +61,9 @@ def map_for_scenario(
     if flown.continues(field_map):
         field_map = _at_flown_height(scenario, flown, field_map, corridor)
     try:
-        check_coverage(field_map, route.latitude, route.longitude)
+        check_coverage(
+            field_map, route.latitude, route.longitude, partly=scenario.route.track is not None
+        )
     except InputError as error:
         if scenario.map.terrain is None:
             raise

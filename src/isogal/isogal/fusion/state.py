@@ -59,8 +59,9 @@ class FilterState:
     def copy(self) -> "FilterState":
         """Return a state that shares nothing with this one."""
         arrays = (array.copy() for array in self.arrays())
-        counts = {"contradicted": self.contradicted, "insisting": self.insisting.copy()}
-        return FilterState(*arrays, **counts)
+        return FilterState(
+            *arrays, contradicted=self.contradicted, insisting=self.insisting.copy()
+        )
 
     def arrays(self) -> tuple[Array, ...]:
         """Return all arrays, those of the mean first."""

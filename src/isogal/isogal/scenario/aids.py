@@ -96,13 +96,15 @@ class Velocity(Section):
     """s, its correlation time"""
     current_length: Positive = 20000.0
     """m along the track, its correlation length"""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """of the sensor from the inertial ones: forward, right, down, m"""
     standstill_speed: NonNegative = 0.0
     """m/s below which a reading means that the vehicle stands still; 0 = never"""
     standstill_sigma: Positive = 0.01
     """1-sigma of the velocity of a vehicle that stands still, m/s"""
     standstill_rate: Positive | None = None
-    """1-sigma of a sample of its gyroscopes then, which tells their bias, rad/s; null = they are
-    not used"""
+    """1-sigma of a sample of its gyroscopes then, by which their bias is told, rad/s; null = it is
+    not"""
 
     @property
     def axes(self) -> tuple[int, ...]:

@@ -12,8 +12,8 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 
 INSISTS = 30
-"""Readings beyond the gate, one after the other, from which on the navigator is doubted: a spike
-is fewer."""
+"""Readings beyond the gate, one after the other, from which on the navigator is doubted: fewer are
+spikes."""
 NEAR = 4.0
 """How many times the allowed normalised innovation squared an aid that insists may be off, 12
 sigmas in one dimension: another unit, a broken sensor are farther."""
