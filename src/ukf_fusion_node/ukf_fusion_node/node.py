@@ -86,13 +86,8 @@ class UkfFusionNode(GraphNode):
     def _go_on(self) -> None:
         """Take the IMU samples that need not wait for other sensors."""
         self._aids.apply(self._navigation.navigator, self._navigation.ns)
-        while self._held and not self._aids.are_due(*self._held_stamps()):
+        while self._held and not self._aids.are_due(self._held):
             self.guard(self._inertial, self._take_inertial, self._held.popleft())
-
-    def _held_stamps(self) -> tuple[int, int]:
-        """Return the stamps (ns) of the oldest and of the newest sample that waits."""
-        oldest, newest = (to_ns(one.header.stamp) for one in (self._held[0], self._held[-1]))
-        return oldest, newest
 
     def _take_inertial(self, message: Imu | Solution) -> None:
         self.samples += 1
