@@ -9,11 +9,9 @@ the vertical, the satellites' speed as an odometer, and the barometer's height a
 import argparse
 import math
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import uniform_filter
 
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion.measurements import (
@@ -30,28 +28,16 @@ from isogal.maps.load import load_map
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.barometer import height_of
+from isogal.sensors.scans import Thinning
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "phone_drive"
 sys.path.insert(0, str(EXAMPLE))
 
 from phone_log import Drive, position_at, read_drive, velocity_at
+from road_heights import with_sigma
 
 KNOWN = 300.0
 """s with satellites."""
-UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-LEAST, SHARE, MOST = 9.0, 0.6, 20.0
-"""m, share of the relief, m: what a road is off a map of 30 arcsec by where it is flat, where it
-is not, and at most."""
-
-
-def with_sigma(terrain: FieldMap) -> FieldMap:
-    """Return a terrain map that says what a road may be off it by: a share of the relief between
-    a node and its neighbours, and what is left where there is none."""
-    heights = np.asarray(terrain.values, dtype=float)
-    mean, square = uniform_filter(heights, 3), uniform_filter(heights**2, 3)
-    relief = np.sqrt(np.maximum(square - mean**2, 0.0))
-    sigma = np.hypot(LEAST, np.minimum(SHARE * relief, MOST))
-    return replace(terrain, sigma=sigma, error_stated=True)
 
 
 def aids_at(drive: Drive, k: int, scenario: Scenario, known: float) -> list[Measurement]:
@@ -72,21 +58,24 @@ def aids_at(drive: Drive, k: int, scenario: Scenario, known: float) -> list[Meas
     return found
 
 
+def navigator_of(drive: Drive, scenario: Scenario, terrain: FieldMap) -> Navigator:
+    """Return a navigator that knows nothing of the start."""
+    nowhere = Estimate(np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    return Navigator(scenario, [terrain], nowhere, drive.time[0])
+
+
 def navigate(
-    drive: Drive, scenario: Scenario, terrain: FieldMap, matched: bool, known: float = KNOWN
+    navigator: Navigator, drive: Drive, scenario: Scenario, matched: bool, known: float = KNOWN
 ) -> np.ndarray:
     """Return (K, 4) of each second after the satellites that has a position: time (s), error (m),
     NEES per axis, 1-sigma of the position (m)."""
-    k = int(np.argmax(np.isfinite(drive.latitude)))
-    start = Estimate(np.array([drive.latitude[k], drive.longitude[k], 0.0]), np.zeros(3), UPRIGHT)
-    navigator = Navigator(scenario, [terrain], start, drive.time[0], horizon=60.0)
-    rows = []
+    rows, thinning = [], Thinning(round(1e9 * scenario.gravimeter.interval))
     for k in range(1, len(drive.time)):
         t = drive.time[k]
         navigator.imu(t, drive.force[k], drive.rate[k])
         for one in aids_at(drive, k, scenario, known):
             navigator.measure(t, one)
-        if matched and t % scenario.gravimeter.interval == 0 and np.isfinite(drive.pressure[k]):
+        if matched and np.isfinite(drive.pressure[k]) and thinning.takes(round(1e9 * t)):
             height = float(height_of(drive.pressure[k], scenario.height))
             navigator.read(0, np.array([t]), np.array([height]))
             navigator.fix()
@@ -116,7 +105,8 @@ def main() -> None:
         drive = read_drive(path, KNOWN)
         terrain = with_sigma(load_map(arguments.folder / f"dted0_{name}.nc", "height"))
         for matched, what in ((False, "dead reckoning"), (True, "map")):
-            rows = navigate(drive, scenario, terrain, matched)
+            navigator = navigator_of(drive, scenario, terrain)
+            rows = navigate(navigator, drive, scenario, matched)
             away, nees = rows[:, 1], rows[:, 2]
             print(
                 f"{name} {what:14s} median {np.median(away) / 1e3:5.2f} km,"

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -67,11 +67,11 @@ class _Source:
     """Stamp of the newest reading; -1 = none yet."""
     waiting: dict[int, _Read] = field(default_factory=dict)
 
-    def is_due(self, ns: int, begin: int) -> bool:
+    def is_due(self, ns: int, now: int, begin: int) -> bool:
         """Whether a reading of a stamp up to `ns` is still to come; it is waited for as long as
-        another one would take."""
+        another one would take, by the newest stamp `now` that has come."""
         due = (begin if self.newest < 0 else self.newest) + self.interval + self.delay
-        return due <= ns < due + self.interval and self.publishers() > 0
+        return due <= ns and now < due + self.interval and self.publishers() > 0
 
 
 class Aids:
@@ -150,11 +150,13 @@ class Aids:
 
         node.create_service(SetBool, f"toggle/{name}", toggle)
 
-    def are_due(self, ns: int) -> bool:
-        """Whether readings of stamps up to that of an IMU sample (ns) are still to come."""
+    def are_due(self, held: Sequence[topics.Message]) -> bool:
+        """Whether readings of stamps up to that of the first of the IMU samples that wait are
+        still to come."""
+        ns, now = (to_ns(one.header.stamp) for one in (held[0], held[-1]))
         self._first = min(ns, self._first)
         begin = self._first - from_seconds(1.0 / self._scenario.imu.rate)
-        return any(source.is_due(ns, begin) for source in self._sources)
+        return any(source.is_due(ns, now, begin) for source in self._sources)
 
     def apply(self, navigator: Navigating | None, ns: int) -> None:
         """Apply the readings up to a stamp, which the navigator has reached."""

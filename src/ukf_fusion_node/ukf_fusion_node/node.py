@@ -86,7 +86,7 @@ class UkfFusionNode(GraphNode):
     def _go_on(self) -> None:
         """Take the IMU samples that need not wait for other sensors."""
         self._aids.apply(self._navigation.navigator, self._navigation.ns)
-        while self._held and not self._aids.are_due(to_ns(self._held[0].header.stamp)):
+        while self._held and not self._aids.are_due(self._held):
             self.guard(self._inertial, self._take_inertial, self._held.popleft())
 
     def _take_inertial(self, message: Imu | Solution) -> None:

@@ -69,6 +69,7 @@ def test_places_are_split_until_the_map_is_nearly_linear():
     assert parts.log_evidence == pytest.approx(0.0, abs=1e-6)
     same(parts.moments(), (np.zeros(7), prior), 1e-6)
     assert np.median(np.sqrt(parts.covariance[:, 0, 0])) < 250.0
+    assert len(bank.split(ROUGH.grid, rows(), curved=0.08)) > len(parts)
 
 
 def test_there_are_never_more_than_so_many():

@@ -181,3 +181,22 @@ def test_a_lever_arm_counts_with_the_navigators_attitude_and_turn(scenario) -> N
             made.wait(lambda made=made: made.heard["gravimeter/gravity"])
             readings.append(made.heard["gravimeter/gravity"][0].accel.accel.linear.z)
     assert readings[1] - readings[0] == pytest.approx(2.0 * 3.086e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(("speed", "stuck"), [(0.1, False), (12.0, True)])
+def test_an_instrument_is_stuck_only_where_the_vehicle_moves(scenario, speed, stuck) -> None:
+    """Of a car that waits each reading is that of before."""
+    with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
+        for k in range(1, 10):
+            made.reading(10.0 * k, 9.7952, topic=topics.GRAVIMETRY)
+            made.nav(10.0 * k, -0.637, 2.5656, (speed, 0.0))
+        assert any("stuck: " in text for _, text, _ in made.says()) == stuck
+
+
+def test_readings_of_coarse_steps_are_not_stuck(scenario) -> None:
+    """A value that has rested for three readings may rest for ten."""
+    with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
+        for k in range(1, 15):
+            made.reading(10.0 * k, 9.7952 if k > 4 else 9.7951, topic=topics.GRAVIMETRY)
+            made.nav(10.0 * k, -0.637, 2.5656, (12.0, 0.0))
+        assert not any("stuck: " in text for _, text, _ in made.says())

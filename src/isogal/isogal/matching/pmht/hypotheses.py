@@ -21,7 +21,8 @@ from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
 
 CURVED = 0.25
-"""Share of its change by which a hypothesis may depart from linear before it is split."""
+"""Share of its change by which the map may depart from linear over a hypothesis before that is
+split, unless an option says otherwise."""
 REACH = 2.0
 """1-sigma at which that is looked at."""
 SPLIT = (
@@ -101,9 +102,11 @@ class Hypotheses:
         kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
         return replace(self, mean=mean, covariance=covariance)
 
-    def split(self, grid: Grid, rows: Rows, most: int | None = None) -> "Hypotheses":
-        """Split those over which the map is not nearly linear, along the worst axis, into at most
-        so many."""
+    def split(
+        self, grid: Grid, rows: Rows, most: int | None = None, curved: float = CURVED
+    ) -> "Hypotheses":
+        """Split those over which the map is not nearly linear (`CURVED`), along the worst axis,
+        into at most so many."""
         whole, done, most = self, list[Hypotheses](), most or self.most
         of_place, least = rows.place[-1], self._least
         while True:  # `most` ends it on a map as rough as that
@@ -113,7 +116,7 @@ class Hypotheses:
             mixture_kernels.curvature(
                 grid, rows, self.models, whole.which, asked, whole.mean, spread, REACH, worst, axes
             )
-            cut = worst > CURVED
+            cut = worst > curved
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]

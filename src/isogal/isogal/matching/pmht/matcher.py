@@ -99,7 +99,8 @@ class Pmht:
         memory, rows = self._readings(each, memory, prior)
         if all(new is None for new in rows):
             return declined(batch, "there is no new reading"), memory
-        observed = _observed(each, rows, memory, prior)
+        curved = [options_of(one).curved for one in self.settings]
+        observed = _observed(each, rows, memory, prior, curved)
         if observed is None:
             return declined(batch, "none of the likely places is on the map"), memory
         memory, shared, evidence = observed
@@ -193,10 +194,14 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
 
 
 def _observed(
-    each: Sequence[SecondaryBatch], rows: Sequence[Rows | None], memory: Memory, prior: Array
+    each: Sequence[SecondaryBatch],
+    rows: Sequence[Rows | None],
+    memory: Memory,
+    prior: Array,
+    curved: Sequence[float],
 ) -> tuple[Memory, FieldInformation, float] | None:
     """Return the memory after new readings, what they say, and the log evidence of the first
-    field's; None where none of its hypotheses is on the map.
+    field's; None where none of its hypotheses is on the map. `curved`: see `settings.Options`.
 
     Readings of two fields are independent given where the vehicle was: what one says of the
     navigator informs the hypotheses of the others (expectation propagation; Minka 2001)."""
@@ -207,7 +212,8 @@ def _observed(
             continue
         bank, log = field.bank.informed(shared.total, prior), 0.0
         for part in parts_of(new):
-            seen = bank.split(one.field_map.grid, part).observed(one.field_map.grid, part)
+            whole = bank.split(one.field_map.grid, part, curved=curved[one.field])
+            seen = whole.observed(one.field_map.grid, part)
             if not len(seen):
                 break
             log += seen.log_evidence

@@ -9,6 +9,7 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.quantities import GRAVITY
 from isogal.maps.roughness import roughness
 from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.hypotheses import CURVED
 from isogal.matching.pmht.loads import stated_sigma
 from isogal.matching.pmht.models import DRIFT_TIME, Assumed
 from isogal.matching.registry import check_options
@@ -27,6 +28,16 @@ class Options(BaseModel):
         description=(
             "factor within which a given map_sigma and correlation length are right (1-sigma); 1"
             " = to the letter"
+        ),
+    )
+    curved: float = Field(
+        CURVED,
+        gt=0.0,
+        le=1.0,
+        description=(
+            "share of its change by which the map may depart from linear over a hypothesis before"
+            " that is split; less where a navigator is far less certain than the map's hills are"
+            " wide, at the price of time"
         ),
     )
     bias_drift_sigma: float | None = Field(
