@@ -231,9 +231,9 @@ def test_models_that_are_likely_in_their_group_keep_their_places():
     the evidence of all its places."""
     which = models()
     late = np.flatnonzero(which.family == LATE)[:3]
-    three = np.r_[np.flatnonzero(which.family == NONE)[:1], late]
+    four = np.r_[np.flatnonzero(which.family == NONE)[:1], late]
     none, best, near, far = range(4)
-    bank = random_bank(2, 12, Models._make(column[three] for column in which))
+    bank = random_bank(2, 12, Models._make(column[four] for column in which))
     bank.which[:] = np.repeat([none, best, near, far], 3)
     bank.mean[:, 0] = np.tile([0.0, 1e5, 2e5], 4)
     apart = np.array([0.0, -0.5, -FAINT - 0.5])

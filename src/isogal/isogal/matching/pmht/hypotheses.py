@@ -40,7 +40,7 @@ LIGHT = NEGLIGIBLE / 2.0
 """Models less probable by this log, and than the best of their group, have one place only."""
 FAINT = 3.0
 """Log of how much less probable than its model's best place one may be where the model itself is
-less probable than by LIGHT: with 5 a fix takes a third longer, and nothing is better."""
+less probable than by LIGHT. With 5 there are a third more hypotheses for the same errors."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
 FLOOR = NEGLIGIBLE + LIGHT
