@@ -12,7 +12,15 @@ from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
-from isogal.matching.pmht.hypotheses import CREDIBLE, FLOOR, LIGHT, MOST, NEGLIGIBLE, Hypotheses
+from isogal.matching.pmht.hypotheses import (
+    CREDIBLE,
+    FAINT,
+    FLOOR,
+    LIGHT,
+    MOST,
+    NEGLIGIBLE,
+    Hypotheses,
+)
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.places import resolved, spread_over
@@ -219,17 +227,23 @@ def test_places_of_a_late_model_are_split_along_the_way():
     assert len(parts.reduced(new.place[-1])) > 3  # nor are they one place again
 
 
-def test_the_likeliest_model_of_a_family_keeps_its_places():
-    """What is improbable at first, as a delay, may be right: it must not have lost its place."""
+def test_models_that_are_likely_in_their_group_keep_their_places():
+    """What is improbable at first, as a delay, may be right: it must not have lost its place, nor
+    the evidence of all its places."""
     which = models()
-    late, none = (np.flatnonzero(which.family == one)[:1] for one in (LATE, NONE))
-    pair = np.concatenate([none, late])
-    bank, none, late = random_bank(2, 6, Models._make(c[pair] for c in which)), 0, 1
-    bank.which[:] = [none, none, none, late, late, late]
-    bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
-    bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 9.0, -LIGHT - 9.5, -LIGHT - 25.0]
+    late = np.flatnonzero(which.family == LATE)[:3]
+    four = np.r_[np.flatnonzero(which.family == NONE)[:1], late]
+    none, best, near, far = range(4)
+    bank = random_bank(2, 12, Models._make(column[four] for column in which))
+    bank.which[:] = np.repeat([none, best, near, far], 3)
+    bank.mean[:, 0] = np.tile([0.0, 1e5, 2e5], 4)
+    apart = np.array([0.0, -0.5, -FAINT - 0.5])
+    bank.log_weight[:] = np.concatenate([
+        [0.0, -3.0, -30.0],
+        -LIGHT - 4.0 + apart, -LIGHT - 4.5 + apart, -2.0 * LIGHT - 4.5 + apart,
+    ])  # fmt: skip
     after = bank.reduced(HERE)
-    assert list(after.which[np.argsort(after.which)]) == [none, none, late, late]
+    assert list(np.sort(after.which)) == [none, none, best, best, near, near, far]
 
 
 @pytest.mark.parametrize(("away", "sigma", "known"), [

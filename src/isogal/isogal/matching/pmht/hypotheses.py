@@ -38,7 +38,10 @@ MOST, USUAL_STATES = 3500, BATCH_STATES + 1 + len(UNKNOWN)
 NEGLIGIBLE = 10.0
 """Log of how much less probable than all together a place may be before it is dropped."""
 LIGHT = NEGLIGIBLE / 2.0
-"""Models less probable by this log have one place only."""
+"""Models less probable by this log, and than the best of their group, have one place only."""
+FAINT = 3.0
+"""Log of how much less probable than its model's best place one may be where the model itself is
+less probable than by LIGHT. With 5 there are a third more hypotheses for the same errors."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
 FLOOR = NEGLIGIBLE + LIGHT
@@ -247,15 +250,15 @@ class Hypotheses:
     @cached_property
     def _least(self) -> Array:
         """(M,) the log weight from which a place counts. An improbable model has its best place
-        only, and that is not split; but those that are likely in their family have several, so
-        that their evidence is theirs, and what becomes probable later has not lost its place."""
+        only, and that is not split; but those that are likely in their group have several, or
+        their evidence would not be theirs and they would have lost what becomes probable later."""
         total = self.of_models
         whole = np.logaddexp.reduce(self.log_weight)
-        likely = (total > largest(total, self.models.family) - LIGHT) & np.isfinite(total)
+        likely = (total > largest(total, self.models.group) - LIGHT) & np.isfinite(total)
         least = np.where(total < whole - LIGHT, np.inf, whole - NEGLIGIBLE)
         best = np.full(len(total), -np.inf)
         np.maximum.at(best, self.which, self.log_weight)
-        return np.where(likely, np.minimum(least, best - LIGHT), least)
+        return np.where(likely, np.minimum(least, best - FAINT), least)
 
     def moved(self, by: Array) -> "Hypotheses":
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""
