@@ -77,18 +77,20 @@ class Shifts:
 
     @property
     def places(self) -> Array:
-        """Probability of each place apart from others (P,), the heaviest first."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-        from scipy.spatial import KDTree
+        """Probability of each place apart from others (P,), the heaviest first. Cells in squares
+        that touch are of one place; of half of `PLACE_GAP_M`, so that cells within half of it
+        are, and none beyond 1.5 times it."""
+        from scipy.ndimage import label
 
         log = self.log_density
         high = np.flatnonzero(log > log.max() - PLACE_DEPTH)
-        reach = max(PLACE_GAP_M, 3.1 * self.size)
-        near = KDTree(self.centres[high]).query_pairs(reach, output_type="ndarray").T
-        touching = coo_array((np.ones(near.shape[1]), near), shape=2 * (len(high),))
-        _, place = connected_components(touching, directed=False)
-        return np.asarray(np.sort(np.bincount(place, self.weight[high]))[::-1])
+        side = max(PLACE_GAP_M, 3.1 * self.size) / 2.0
+        square = np.floor(self.centres[high] / side).astype(np.int64)
+        square -= square.min(axis=0)
+        taken = np.zeros(square.max(axis=0) + 1, dtype=np.bool_)
+        taken[tuple(square.T)] = True
+        place = label(taken, np.ones((3, 3)))[0][tuple(square.T)]
+        return np.asarray(np.sort(np.bincount(place, self.weight[high])[1:])[::-1])
 
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
