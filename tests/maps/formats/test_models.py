@@ -80,12 +80,6 @@ def test_a_model_that_is_refused(tmp_path):
     assert "b.gfc: cannot be read as ICGEM model" in refused(broken)
 
 
-def test_a_model_without_pyshtools(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pyshtools.shio", None)
-    path = save(tmp_path / "m.gfc", "product_type gravity_field\n")
-    assert "need pyshtools: pip install 'isogal[models]'" in refused(path)
-
-
 def emag2(path, longitudes=range(4340, 4360)):
     """Write a part of the CSV file, the anomaly at sea level missing at one node."""
     rows = []
@@ -151,6 +145,20 @@ def test_dted(tmp_path):
     assert found.values[-1, 3] == 6.0
     path.write_bytes(path.read_bytes()[:2000])
     assert "s37.dt0: cannot be read as DTED" in refused(path)
+
+
+def test_depths_are_no_heights(tmp_path):
+    path = tmp_path / "sea.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        for name, unit, first in (("lat", "degrees_north", -37.0), ("lon", "degrees_east", 145.0)):
+            file.createDimension(name, 8)
+            axis = file.createVariable(name, "f8", (name,))
+            axis.units, axis[:] = unit, first + np.arange(8) / 240.0
+        for name, sign in (("depth", 1.0), ("depth_up", -1.0)):
+            depths = file.createVariable(name, "f8", ("lat", "lon"))
+            depths.units, depths[:] = "m", sign * (4000.0 - 10.0 * np.arange(8))
+    assert "depth: values up to 4000 m by the name are depths" in refused(path, "depth", "height")
+    assert load_map(path, "depth_up", "height").values.max() < 0.0
 
 
 def test_gebco(tmp_path):

@@ -60,13 +60,9 @@ class Model(NamedTuple):
 
 
 def read_model(path: Path) -> Model:
-    """Read a model; raises InputError, also where pyshtools is not installed."""
-    try:
-        from pyshtools.shio import read_icgem_gfc
-    except ImportError:
-        raise InputError(
-            f"{path}: spherical harmonic models need pyshtools: pip install 'isogal[models]'"
-        ) from None
+    """Read a model; raises InputError."""
+    from pyshtools.shio import read_icgem_gfc
+
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     with reading(path, "ICGEM model"):
