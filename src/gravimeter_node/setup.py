@@ -15,5 +15,6 @@ setup(
     description="Simulated gravimeter and its reductions with the navigator's estimate.",
     license="Apache-2.0",
     python_requires=">=3.11",
+    extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": ["gravimeter_node = gravimeter_node.node:main"]},
 )

@@ -15,5 +15,6 @@ setup(
     description="Simulated vehicle: clock, IMU, ground truth and the unaided INS.",
     license="Apache-2.0",
     python_requires=">=3.11",
+    extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": ["ins_sim_node = ins_sim_node.node:main"]},
 )

@@ -20,4 +20,5 @@ setup(
     description="Launch file, parameters and viewer layouts of the Isogal graph.",
     license="Apache-2.0",
     python_requires=">=3.11",
+    extras_require={"test": ["pytest"]},
 )

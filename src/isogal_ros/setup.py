@@ -19,6 +19,7 @@ setup(
     ),
     license="Apache-2.0",
     python_requires=">=3.11",
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
             "isogal_recorder = isogal_ros.bags.recorder:main",

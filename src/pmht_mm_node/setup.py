@@ -15,5 +15,6 @@ setup(
     description="Gravity map matching: batches of reduced readings to position fixes.",
     license="Apache-2.0",
     python_requires=">=3.11",
+    extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": ["pmht_mm_node = pmht_mm_node.node:main"]},
 )

@@ -15,5 +15,6 @@ setup(
     description="Unscented Kalman filter that fuses inertial data with map matching fixes.",
     license="Apache-2.0",
     python_requires=">=3.11",
+    extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": ["ukf_fusion_node = ukf_fusion_node.node:main"]},
 )

@@ -35,7 +35,9 @@ from isogal.fusion.measurements import (
     satellite_fix,
     satellite_velocity,
 )
+from isogal.fusion.measurements.height import by_auxiliary
 from isogal.fusion.measurements.model import Rows, update_linear
+from isogal.fusion.measurements.trust import AGREEING, INSISTS
 from isogal.fusion.measurements.velocity import velocity_reading
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
@@ -341,15 +343,50 @@ def test_a_vehicle_that_stands_still_has_no_velocity():
     assert np.sqrt(it.start.covariance[3, 3]) < 0.011
 
 
-def test_a_contradicted_aid_is_not_used_any_more_but_a_standstill_is():
+def test_a_contradicted_aid_is_not_used_but_a_standstill_is():
     it = fly(velocity=DVL)
     state = it.start
     Widening(np.diag([1e4, 1e4, 1.0, 1.0, 0.0, 0.0, 0.0])).update(state, it.model)
     before = state.copy()
     assert dvl([22.0, 0.0, 0.0]).update(state, it.model).outcome is Outcome.UNTRUSTED
-    assert identical(state, before)
+    np.testing.assert_array_equal(state.velocity, before.velocity)
+    np.testing.assert_array_equal(state.covariance, before.covariance)
     state.velocity[:] = 0.0
     assert dvl([0.0, 0.0, 0.0]).update(state, it.model).used
+
+
+def test_a_contradicted_aid_is_used_again_once_it_has_agreed_for_a_while():
+    it = fly(velocity=DVL)
+    state = it.start
+    Widening(np.zeros((7, 7))).update(state, it.model)
+    forward = float(np.linalg.norm(state.velocity))
+    right, wrong = dvl([forward, 0.0, 0.0]), dvl([forward + 2.0, 0.0, 0.0])
+    for _ in range(AGREEING - 1):
+        assert right.update(state, it.model).outcome is Outcome.UNTRUSTED
+    assert wrong.update(state, it.model).outcome is Outcome.UNTRUSTED  # all is to be done again
+    outcomes = [right.update(state, it.model).outcome for _ in range(AGREEING)]
+    assert outcomes == [Outcome.UNTRUSTED] * (AGREEING - 1) + [Outcome.USED]
+    assert right.update(state, it.model).used
+
+
+@pytest.mark.parametrize(("sigmas", "heard"), [(8.0, True), (20.0, False)])
+def test_an_aid_that_insists_is_heard_unless_it_is_far_off(sigmas, heard):
+    """A pressure of 8 m more for good was once refused for good."""
+    it = fly(height=BAROMETER)
+    state = it.start
+    for _ in range(3):
+        HeightReading(100.0, 1.0).update(state, it.model)
+    seen = HeightReading(100.0, 1.0).update(state.copy(), it.model)
+    H = np.zeros(it.model.states)
+    H[2], H[15:] = -1.0, by_auxiliary(it.model, state.position[2])
+    spread = math.sqrt(H @ state.covariance @ H + 1.0)
+    reading = HeightReading(float(seen.expected[0]) + sigmas * spread, 1.0)
+    before = state.copy()
+    results = [reading.update(state, it.model) for _ in range(INSISTS)]
+    assert not any(one.used for one in results[:-1])
+    assert results[-1].used == heard
+    assert (results[-1].nis <= it.model.gate(1)) == heard
+    assert np.array_equal(state.covariance, before.covariance) != heard
 
 
 GNSS = Gnss(available=((0.0, 60.0),), lever_arm=(3.0, -1.0, -2.0))

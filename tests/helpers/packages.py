@@ -111,7 +111,8 @@ def dependencies(package: Path) -> set[str]:
 def imports(package: Path) -> set[str]:
     found = set()
     for source in package.rglob("*.py"):
-        if source.name == "setup.py" or "build" in source.relative_to(package).parts:
+        parts = source.relative_to(package).parts
+        if source.name == "setup.py" or {"build", "test"} & {*parts}:
             continue
         for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):

@@ -1,11 +1,13 @@
 """The container files, as far as they can be checked without a container engine."""
 
+import os
 import re
 import shlex
 import stat
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -79,7 +81,8 @@ def test_every_node_has_a_service_on_the_loopback() -> None:
     services = compose()["services"]
     assert {"ins_sim_node", "gravimeter_node", "pmht_mm_node", "ukf_fusion_node"} < set(services)
     for service in services.values():
-        assert service["network_mode"] == service["ipc"] == "host"
+        assert service["network_mode"] == "host"
+        assert "ipc" not in service  # no shared memory: the nodes' own profile has none
         assert service["environment"]["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
         assert service["healthcheck"]["test"][1:3] == [
             "/opt/isogal/entrypoint.sh",
@@ -104,6 +107,33 @@ def test_pip_leaves_alone_what_apt_installs() -> None:
 
 def test_entrypoint_is_valid_shell() -> None:
     subprocess.run(["bash", "-n", DOCKER / "entrypoint.sh"], check=True, timeout=30)
+
+
+def test_entrypoint_finds_the_workspace_outside_of_the_image(tmp_path: Path) -> None:
+    """The one that is named, the one beside it; with neither one line, and no command."""
+    script = tmp_path / "docker" / "entrypoint.sh"
+    script.parent.mkdir()
+    script.write_bytes((DOCKER / "entrypoint.sh").read_bytes())
+
+    def run(**environment: str) -> subprocess.CompletedProcess[str]:
+        words = ["bash", script, "bash", "-c", 'echo "$WORKSPACE ${PATH%%:*}"']
+        env = {"PATH": os.environ["PATH"], **environment}
+        return subprocess.run(words, env=env, capture_output=True, text=True, check=False)
+
+    missing = run()
+    assert (missing.returncode, missing.stdout) == (2, "")
+    assert "no workspace in" in missing.stderr
+    for folder, environment in (
+        ("ros2_ws/install", {}),
+        ("docker/install", {}),
+        ("elsewhere", {"ISOGAL_INSTALL": str(tmp_path / "elsewhere")}),
+    ):
+        install = tmp_path / folder
+        install.mkdir(parents=True)
+        (install / "setup.bash").write_text(f"export WORKSPACE={folder}\n")
+        word, path = run(**environment).stdout.split()
+        assert word == folder
+        assert Path(path).resolve() == install / "lib" / "isogal"
 
 
 def own_words(output: str) -> str:

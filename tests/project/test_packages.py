@@ -1,6 +1,8 @@
 """The packages under src/ as pip, colcon and rosdep see them."""
 
 import ast
+import subprocess
+import sys
 import tomllib
 import xml.etree.ElementTree as ET
 from configparser import ConfigParser
@@ -97,6 +99,30 @@ def test_ament_finds_the_package(package: Path) -> None:
     config.read(package / "setup.cfg")
     assert config["install"]["install_scripts"] == f"$base/lib/{package.name}"
     assert config["develop"]["script_dir"] == f"$base/lib/{package.name}"
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
+def test_colcon_finds_tests_in_the_package(package: Path) -> None:
+    """By the extra `test`; it runs pytest in the package's folder, whose configuration is not to
+    be that of the repository."""
+    config = ConfigParser()
+    config.read(package / "setup.cfg")
+    assert config["tool:pytest"]["testpaths"] == "test"
+    assert list((package / "test").glob("test_*.py"))
+    pyproject = package / "pyproject.toml"
+    extras = setup_arguments(package).get("extras_require") or (
+        project_table(package)["optional-dependencies"] if pyproject.exists() else {}
+    )
+    assert extras["test"] == ["pytest"]
+
+
+def test_the_tests_that_colcon_runs_pass() -> None:
+    words = [sys.executable, "-m", "pytest", "--rootdir=.", "-p", "no:cacheprovider"]
+    found = subprocess.run(
+        words, cwd=ROOT / "src" / "ukf_fusion_node", capture_output=True, text=True, check=False
+    )
+    assert found.returncode == 0, found.stdout + found.stderr
+    assert "1 passed" in found.stdout
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)

@@ -8,8 +8,14 @@ from hypothesis import strategies as st
 from helpers.statistics import within_chi_square
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import FREE_AIR, normal_gravity
+from isogal.fields.scenario_map import map_for_scenario
+from isogal.fields.simulator import true_readings
+from isogal.inertial.rotations import matrix
+from isogal.scenario import load_scenario
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
 from isogal.sensors.reduction import State, reduction_variance
+from isogal.sensors.satellites import turn_rates
+from isogal.sensors.trajectory import build_trajectory
 
 GRAVITY, DISTURBANCE = GravityReduction(), DisturbanceReduction()
 latitudes = st.floats(-1.4, 1.4)
@@ -56,3 +62,53 @@ def test_reduction_variance_is_that_of_drawn_navigator_errors(reduction):
     assert within_chi_square((draws - 1) * readings.var(ddof=1) / variance, draws - 1)
     alone = reduction_variance(reduction, at, np.zeros((4, 4)), height_sigma**2)
     assert alone == pytest.approx((FREE_AIR * height_sigma) ** 2)
+
+
+ARM = (4.0, 1.0, -2.0)
+
+
+@pytest.mark.parametrize("kind", [GravityReduction, DisturbanceReduction])
+def test_one_at_a_lever_arm(kind):
+    """On a vehicle that is rolled by 90 degrees and turns about its down axis, by hand: the arm's
+    right end is down, its top to the right; the turn's axis points to the west, and the inward
+    acceleration of the arm's forward and right parts is along them."""
+    turn = 0.02
+    rolled = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    at = State(-0.6, 2.5, 100.0, 15.0, -8.0, rolled, np.array([0.0, 0.0, turn]))
+    velocity = rolled @ np.cross([0.0, 0.0, turn], ARM)
+    inward = rolled @ (-(turn**2) * np.array([ARM[0], ARM[1], 0.0]))
+    there = State(-0.6, 2.5, 100.0 - ARM[1], 15.0 + velocity[0], -8.0 + velocity[1])
+    read = float(kind(ARM).raw(9.8, at))
+    assert read == pytest.approx(float(kind().raw(9.8, there)) - inward[2], abs=1e-15)
+    assert abs(read - float(kind().raw(9.8, at))) > 2e-6
+    assert float(kind(ARM).reduce(read, at)) == pytest.approx(9.8, abs=1e-14)
+    level = at._replace(attitude=np.eye(3), turn=None)
+    higher = float(kind(ARM).raw(9.8, level)) - float(kind().raw(9.8, level))
+    assert higher == pytest.approx(-2.0 * 3.086e-6, rel=1e-3)
+
+
+def test_a_simulated_reading_at_a_lever_arm_is_reduced_to_the_map():
+    """What simulator and reduction know of the arm is the same; what it amounts to is not small:
+    the arm is 2 m above the inertial sensors, and swings in turns."""
+    turns = "route.waypoints=[[-37.9, 144.8, 22], [-37.85, 144.9, 18], [-37.95, 144.95, 25]]"
+    keys = ["route.duration=600", turns, "gravity.field=normal"]
+    plain, with_arm = (
+        load_scenario(None, [*keys, *more]) for more in ([], ["gravimeter.lever_arm=[40, 0, -2]"])
+    )
+    trajectory = build_trajectory(plain)
+    field_map = map_for_scenario(plain, trajectory)
+    sensed = [true_readings(one.true, trajectory, field_map) for one in (plain, with_arm)]
+    scans = np.arange(10, len(trajectory) + 1, 10)
+    apart = sensed[1] - sensed[0]
+    assert np.median(apart) == pytest.approx(-2.0 * 3.086e-6, rel=0.2)
+    assert np.ptp(apart) > 1e-5  # by the Eötvös effect of turns
+    at = State(
+        trajectory.latitude[scans],
+        trajectory.longitude[scans],
+        trajectory.height[scans],
+        *trajectory.velocity[scans, :2].T,
+        matrix(trajectory.attitude[scans]),
+        turn_rates(trajectory)[scans],
+    )
+    reduced = GravityReduction(with_arm.gravimeter.lever_arm).reduce(sensed[1], at)
+    np.testing.assert_allclose(reduced, GravityReduction().reduce(sensed[0], at), atol=1e-12)

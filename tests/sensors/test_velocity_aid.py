@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from isogal.fusion.measurements import VelocityReading
 from isogal.inertial.rotations import matrix
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -62,3 +63,19 @@ def test_a_kind_brings_its_own_errors_which_truth_may_multiply():
     assert it.true.velocity.number("current_sigma") == pytest.approx(0.9)
     assert it.velocity.axes == (0, 1)
     assert load_scenario().velocity.axes == ()
+
+
+def test_one_at_a_lever_arm_has_its_own_velocity_which_the_reading_is_relieved_of():
+    """Three metres ahead of the inertial sensors it moves sideways in a turn."""
+    read, trajectory = simulated("dvl", 1, *CLEAN, "velocity.lever_arm=[3, -1, 0]")
+    rate = trajectory.angular_rate
+    change = np.abs(np.diff(rate[:, 2], append=rate[-1, 2]))
+    steady = change < 1e-6
+    around = np.cross(rate, [3.0, -1.0, 0.0])
+    assert np.abs(around).max() > 0.04
+    plain = in_body(trajectory)
+    np.testing.assert_allclose(read[0][steady], (plain + around)[steady], atol=1e-5)
+    settings = load_scenario(None, ["velocity.kind=dvl", "velocity.lever_arm=[3, -1, 0]"]).velocity
+    k = int(np.argmax(np.where(steady, np.abs(rate[:, 2]), 0.0)))
+    found = VelocityReading.of(settings, read[0, k], rate=rate[k])
+    np.testing.assert_allclose(found.velocity, plain[k], atol=1e-5)

@@ -33,8 +33,11 @@ from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import main_of
 
 STUCK = 6
-"""Readings of exactly the same value, one after the other, after which the instrument counts as
-stuck."""
+"""Readings of exactly the same value, one after the other, after which the instrument of a vehicle
+that moves counts as stuck; or four times as many as the value has come at most before another one
+came: of an instrument of coarse steps, or over a plain, the same value comes again and again."""
+MOVES = 0.5
+"""m/s: what a slower vehicle reads may well be the same once more."""
 
 
 class GravimeterSettings(NodeSettings):
@@ -55,7 +58,7 @@ class GravimeterNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "route", "imu", "gravimeter", "magnetometer", "altimeter", "gradiometer",
-        "map", "map_error", "fusion", "truth",
+        "readings", "height", "map", "map_error", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
     settings: GravimeterSettings
@@ -69,7 +72,7 @@ class GravimeterNode(GraphNode):
         self._variance: Reading = (
             self.scenario.gravimeter.sigma**2 if covariance is None else covariance
         )
-        self._newest, self._same = -1, 0
+        self._newest, self._same, self._longest = -1, 0, 0
         self._last: Reading = math.nan
         self._adapter = adapter_of(self.scenario)
         is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
@@ -88,9 +91,11 @@ class GravimeterNode(GraphNode):
             if self._vehicle is not None:
                 self.listen(topics.SCALAR_FIELD, self._take_scalar)
         self._outputs = []
-        for field in of_instrument(matched.instrument):
+        reduced = self.scenario.readings.reduced
+        for field in [matched] if reduced else of_instrument(matched.instrument):
             adapter = adapter_of(self.scenario, field.name)
-            consumers = (topics.PMHT_MM, topics.INS_SIM) if field is matched else ()
+            is_matched = field.name == matched.name
+            consumers = (topics.PMHT_MM, topics.INS_SIM) if is_matched else ()
             publisher = self.advertise(adapter.reduced, consumers)
             self._outputs.append((field.reduction(self.scenario), adapter, publisher))
         self._queue = NavQueue(self, self.scenario, self._reduce)
@@ -102,9 +107,10 @@ class GravimeterNode(GraphNode):
         self._newest = ns
         if self._vehicle is not None:
             self._vehicle.step(ns)
-        if (sensed := self._sensed.get(ns)) is not None:
-            self._raw.publish(self._adapter.write_raw(ns, sensed, self._variance, None))
-            self._use(ns, sensed, self._variance)
+        if (reading := self._sensed.get(ns)) is not None:
+            own, sensed = reading
+            self._raw.publish(self._adapter.write_raw(own, sensed, self._variance, None))
+            self._use(own, sensed, self._variance)
 
     def _take(self, message: topics.Message) -> None:
         if self._vehicle is not None:
@@ -133,8 +139,6 @@ class GravimeterNode(GraphNode):
         if np.isnan(sensed).all():
             self._out_of_range += 1
             self.health.figures["readings out of range"] = self._out_of_range
-        self._same = self._same + 1 if np.array_equal(sensed, self._last) else 0
-        self._last = sensed
         self._queue.put(ns, (sensed, variance))
 
     def _reduce(self, ns: int, reading: tuple[Reading, Reading], nav: NavSample | None) -> None:
@@ -146,7 +150,8 @@ class GravimeterNode(GraphNode):
             if nav is not None:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
-                estimate = State(*place, height, nav.velocity[0], nav.velocity[1], nav.attitude)
+                north, east = nav.velocity[:2]
+                estimate = State(*place, height, north, east, nav.attitude, nav.turn)
                 value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
                 by_navigator = reduction_variance(
                     reduction, estimate, nav.covariance[:4, :4], nav.height_variance
@@ -155,17 +160,29 @@ class GravimeterNode(GraphNode):
             publisher.publish(adapter.write_reduced(ns, value, total, place))
         self._reduced += 1
         self.health.figures |= {"readings": self._reduced, "last reading": to_seconds(ns)}
-        text = f"stuck: {self._same + 1} readings of the same value"
-        self.health.concern("stuck", text if self._same >= STUCK else None)
+        if nav is None or np.linalg.norm(nav.velocity) > MOVES:
+            self._judge(sensed)
         self.health.state(OK, "reducing")
+
+    def _judge(self, sensed: Reading) -> None:
+        """Say whether the instrument of a vehicle that moves is stuck."""
+        limit = max(STUCK, 4 * (self._longest + 1))
+        if np.array_equal(sensed, self._last):
+            self._same += 1
+        else:
+            self._longest = max(self._longest, self._same) if self._same < limit else self._longest
+            self._same = 0
+        self._last = sensed
+        text = f"stuck: {self._same + 1} readings of the same value"
+        self.health.concern("stuck", text if self._same >= limit else None)
 
 
 def simulated_readings(
     scenario: Scenario, run: int
-) -> tuple[dict[int, Reading], dict[int, Array] | None]:
-    """Return by stamp the raw reading of each scan, and what the vector magnetometer of a magnetic
-    vehicle, or of one that is assumed to be, senses at each step (None = there is none); the map
-    is not kept.
+) -> tuple[dict[int, tuple[int, Reading]], dict[int, Array] | None]:
+    """Return by stamp, at which it comes, the own stamp and the raw reading of each scan, and what
+    the vector magnetometer of a magnetic vehicle, or of one that is assumed to be, senses at each
+    step (None = there is none); the map is not kept.
 
     Raises
     ------
@@ -176,7 +193,9 @@ def simulated_readings(
     trajectory = build_trajectory(scenario)
     found = ReadingSimulator(truth, trajectory, map_for_scenario(truth, trajectory), [run])
     stamps = [from_seconds(time) for time in trajectory.time]
-    sensed = {stamps[i]: value for i, value in zip(found.index, found.raw[0], strict=True)}
+    own = [from_seconds(time) for time in found.time]
+    comes = stamps[truth.steps_per_scan :: truth.steps_per_scan]
+    sensed = dict(zip(comes, zip(own, found.raw[0], strict=True), strict=True))
     magnetic = truth.measured_field == "magnetic" and truth.magnetometer.aircraft.magnetic
     if not magnetic and assumed_compensation(scenario) is None:
         return sensed, None

@@ -9,7 +9,7 @@ from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import peek_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
 STALL = 2.0
@@ -50,6 +50,7 @@ class LockStep:
         self._per_scan = [one.steps_per_scan for one in each]
         self._lead = UpdateSchedule.of(each).lead
         self._matcher = each[self._lead].matcher
+        self._intervals = [from_seconds(one.gravimeter.interval) for one in each]
         self._ns = -1
         """Stamp of the step under way."""
         self._nav = self._fixes = 0
@@ -106,7 +107,7 @@ class LockStep:
         self._check()
 
     def _take_reading(self, field: int, data: bytes) -> None:
-        if peek_ns(data) == self._ns:
+        if self._is_of_step(data, field):
             self._needs_readings.discard(field)
         self._check()
 
@@ -115,9 +116,14 @@ class LockStep:
         first. One of an earlier step, which was not waited for, may have been answered before
         this step began."""
         self._fixes += self._takes_fixes
-        if peek_ns(data) == self._ns:
+        if self._is_of_step(data, self._lead):
             self._needs_fix = False
         self._check()
+
+    def _is_of_step(self, data: bytes, field: int) -> bool:
+        """Whether a message is of the scan of a field at the step under way: recorded readings may
+        come up to a scan after their stamps."""
+        return 0 <= self._ns - peek_ns(data) < self._intervals[field]
 
     def _check(self) -> None:
         waits = self._needs_readings or self._needs_fix or self._nav < 1 + self._fixes

@@ -94,6 +94,7 @@ class Navigator:
         self.matching = MapMatching(scenario, maps, matcher, gravity)
         each = scenario.each_field
         self._reductions = [measured_field(one).reduction(one) for one in each]
+        self._has_arm = any(scenario.gravimeter.lever_arm)
         self._ends = time, time
         """Of the batch before the newest, and of the newest, s."""
         self._scan_times = np.empty(0)
@@ -177,7 +178,11 @@ class Navigator:
         position, velocity = track[:, :3], track[:, 3:6]
         latitude, longitude, height = position.T
         attitude = matrix(track[:, 6:10])
-        state = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1], attitude)
+        turn = None
+        if self._has_arm:
+            turn = np.array([self.inertial.sample_at(one)[1] for one in time.tolist()])
+        north, east = velocity[:, :2].T
+        state = State(latitude, longitude, height, north, east, attitude, turn)
         reduced = np.asarray(self._reductions[field].reduce(readings, state))
         if not aligned:
             self._passed[field] += len(time)

@@ -2,6 +2,7 @@
 
 ros2 launch isogal_bringup isogal.launch.py rate:=0.0 params:=my.yaml recorder:=false
 ros2 launch isogal_bringup isogal.launch.py vehicle:=real namespace:=ship set:="route.height=0.0"
+ros2 launch isogal_bringup isogal.launch.py vehicle:=real remap:="/sbg/imu:=imu/data_raw"
 
 All arguments, maps and folders are checked before a node starts. Without respawn the end of any
 node ends the launch; with it, a node that dies is started again and goes on from its checkpoint,
@@ -61,6 +62,7 @@ def node(name: str, launched: Launched) -> Node:
         name=name,
         namespace=launched.arguments.namespace,
         ros_arguments=["--log-level", launched.arguments.log_level],
+        remappings=launched.arguments.remappings,
         parameters=[launched.arguments.params, launched.own(name)],
         additional_env=defaults(os.environ),
         output="screen",

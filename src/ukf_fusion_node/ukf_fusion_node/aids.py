@@ -186,8 +186,12 @@ class Aids:
         settings = self._scenario.velocity
         velocity, covariance = read_velocity(message, self._frame)
         velocity[[axis for axis in range(3) if axis not in settings.axes]] = np.nan
-        reading = VelocityReading.of(settings, velocity, covariance)
-        return lambda *_: reading, _unlikely_velocity
+
+        def of(navigator: Navigating, time: float) -> Measurement | None:
+            rate = navigator.sample_at(time)[1]
+            return VelocityReading.of(settings, velocity, covariance, rate)
+
+        return of, _unlikely_velocity
 
     def _positions(self, aid: PositionAid) -> Callable[[Message], _Read]:
         """Return what reads the fixes of an aid."""

@@ -11,7 +11,7 @@ from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.alignment import Alignment, Navigating
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import PositionFix
+from isogal.fusion.measurements import PositionFix, SampleNoise
 from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
@@ -254,7 +254,12 @@ class Navigation:
         return (self._start if self.navigator is None else self.state).copy()
 
     def sample(
-        self, ns: int, force: Array, rate: Array, interval: float | None = None
+        self,
+        ns: int,
+        force: Array,
+        rate: Array,
+        interval: float | None = None,
+        declared: Array | None = None,
     ) -> Iterator[None]:
         """Take a sample: advance by each step that ends with it, and yield after each.
 
@@ -262,6 +267,8 @@ class Navigation:
         ----------
         interval : float, optional
             s before its stamp that it is of, where that is known.
+        declared : (3,) array, optional
+            Variance of the rate as the sample declares it, (rad/s)²; not of a fast IMU.
 
         Raises
         ------
@@ -276,6 +283,8 @@ class Navigation:
             return
         if self._stream is None:
             self._advance(ns, force, rate, self._note_gap(to_seconds(ns - self.ns)))
+            if declared is not None and self.navigator is not None:
+                self.navigator.measure(to_seconds(ns), SampleNoise(declared, self.model.dt))
             yield
             return
         missing = self._stream.missing

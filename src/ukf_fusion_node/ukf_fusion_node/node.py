@@ -13,7 +13,7 @@ from isogal.fusion.alignment import Alignment
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
-from isogal_ros.messages.imu import read_imu
+from isogal_ros.messages.imu import declared_variance, read_imu
 from isogal_ros.messages.stamps import to_ns
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.spin import main_of
@@ -34,9 +34,9 @@ class UkfFusionNode(GraphNode):
     alone. What would change the state of a step already left behind so waits for the next."""
 
     sections: ClassVar[Sequence[str]] = (
-        "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter", "map",
-        "gravity", "height", "velocity", "gnss", "positions", "headings", "magnetometer",
-        "matcher", "fusion", "integrity", "truth",
+        "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
+        "readings", "map", "gravity", "height", "velocity", "gnss", "positions", "headings",
+        "magnetometer", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
     settings: UkfFusionSettings
@@ -98,7 +98,8 @@ class UkfFusionNode(GraphNode):
         force, rate = read_imu(message, self.settings.imu_frame)
         # before anything is concluded from it: an old sample says nothing of those of now
         self._navigation.require_later(ns)
-        self._take_sample(ns, force, rate)
+        declared = declared_variance(message) if self.scenario.imu.declared_noise else None
+        self._take_sample(ns, force, rate, declared=declared)
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
         """Take what an INS felt since its last solution for samples."""
@@ -112,7 +113,12 @@ class UkfFusionNode(GraphNode):
         self.health.tick(ns)
 
     def _take_sample(
-        self, ns: int, force: Array, rate: Array, interval: float | None = None
+        self,
+        ns: int,
+        force: Array,
+        rate: Array,
+        interval: float | None = None,
+        declared: Array | None = None,
     ) -> None:
         self._checks.take(ns, force, rate, stepped=interval is not None)
         if self._navigation.navigator is None:
@@ -121,7 +127,7 @@ class UkfFusionNode(GraphNode):
             if self._navigation.navigator is None:
                 self.health.tick(ns)
                 return
-        for _ in self._navigation.sample(ns, force, rate, interval):
+        for _ in self._navigation.sample(ns, force, rate, interval, declared):
             self._step()
         if (between := self._navigation.between()) is not None:
             self.outputs.publish_odometry(*between)

@@ -70,7 +70,9 @@ class Transforms:
             topics.TF_STATIC.type, topics.TF_STATIC.name, topics.LATCHED
         )
         frames = [transform(BASE, frame) for frame in node.settings.sensor_frames]
-        self._static.publish(topics.TF_STATIC.type(transforms=frames))
+        message = topics.TF_STATIC.type(transforms=frames)
+        node.frame_names.outward(message)
+        self._static.publish(message)
 
     def publish(self, ns: int, pose: PoseMessage) -> None:
         """Publish the transforms of a stamp from the pose of nav/odom."""

@@ -74,7 +74,7 @@ def test_readings_of_another_frame_fail(framed) -> None:
     """The readings that the scenario matches, reduced when they were recorded."""
     status, _, (gravity, fixes) = replayed(framed("/gravimeter"))
     assert status == 1
-    assert "no parameter sets that frame" in gravity
+    assert "--driver TOPIC.frame=NAME" in gravity
     assert "no fix: 6 batches gave none: only 0 of 6 scans have a reading" in fixes
 
 

@@ -167,3 +167,17 @@ def test_a_gradiometers_readings_are_reduced(gradient) -> None:
         np.testing.assert_array_equal(covariance, 1e-18 * np.eye(3))
         assert np.isnan(read(made.heard["gradiometer/gradient"][1])[0]).all()
         assert made.says()[-1][2]["readings out of range"] == "1"
+
+
+def test_a_lever_arm_counts_with_the_navigators_attitude_and_turn(scenario) -> None:
+    """Two metres above the inertial sensors, on a vehicle that is level and turns."""
+    readings = []
+    for arm in ("[0, 0, 0]", "[10, 0, -2]"):
+        with bench(
+            topics.GRAVIMETER, scenario(f"gravimeter.lever_arm={arm}"), simulate=False
+        ) as made:
+            made.reading(10.0, 9.7952, topic=topics.GRAVIMETRY)
+            made.nav(10.0, -0.637, 2.5656, (12.0, 15.0))
+            made.wait(lambda made=made: made.heard["gravimeter/gravity"])
+            readings.append(made.heard["gravimeter/gravity"][0].accel.accel.linear.z)
+    assert readings[1] - readings[0] == pytest.approx(2.0 * 3.086e-6, rel=1e-3)

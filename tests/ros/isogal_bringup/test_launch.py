@@ -82,6 +82,14 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
     assert all(text for _, text in made.declared.values())
 
 
+def test_topics_of_drivers_go_to_every_node(launch, tmp_path) -> None:
+    rules = "/sbg/imu:=imu/data_raw /usbl:=position/usbl/fix"
+    made = launch(bag=str(tmp_path / "bag"), remap=rules)
+    made.describe()
+    wanted = [("imu/data_raw", "/sbg/imu"), ("position/usbl/fix", "/usbl")]
+    assert all(keys["remappings"] == wanted for keys in made.nodes.values())
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -108,6 +116,8 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         ({"set": "route.sped=3"}, "did you mean 'route.speed'"),
         ({"set": "route.speed=-3"}, "route.speed"),
         ({"set": "route.speed='3"}, "set: No closing quotation"),
+        ({"remap": "/imu"}, "remap /imu: must be FROM:=TO"),
+        ({"remap": "/imu:=imu/data"}, "did you mean 'imu/data_raw'"),
     ],
 )
 def test_arguments_are_checked_before_any_node(launch, tmp_path, arguments, words) -> None:

@@ -10,11 +10,14 @@ from helpers.node_bench import Bench, bench
 from isogal.earth.frames import LocalFrame
 from isogal.matching.interfaces import Fix
 from isogal_ros import topics
-from isogal_ros.mavlink.encoding import GPS_INPUT, VISION
+from isogal_ros.mavlink.decoding import SenderClock
+from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
 from isogal_ros.mavlink.node import MAVLINK
 from isogal_ros.mavlink.silence import Silence
+from isogal_ros.messages.aids import read_ground_velocity, read_position_fix, read_velocity
 from isogal_ros.messages.frames import map_frame
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.imu import read_imu
+from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.health import WARN
 
@@ -87,6 +90,24 @@ def test_vision_position_estimate(receiver, scenario) -> None:
     assert np.diag(upper) == pytest.approx([900, 900, 0.01, 1e-10, 1e-10, 1e-8], rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("field", "source"),
+    [("terrain", "TERRAIN"), ("magnetic", "MAGNETIC"), ("gravity", "ESTIMATOR")],
+)
+def test_global_position_sensor(receiver, scenario, field, source) -> None:
+    keys = f"field={field}", "gravimeter.sigma=1"
+    with node(receiver, lambda: scenario(*keys[: 1 + (field != "gravity")]), SENSOR) as made:
+        made.nav(5.0, *PLACE)
+        (found,) = received(receiver, SENSOR)
+    assert found.source == getattr(common, f"GLOBAL_POSITION_SRC_{source}")
+    assert (found.lat, found.lon) == pytest.approx((-37.9e7, 144.6e7), abs=1)
+    assert found.alt_ellipsoid == pytest.approx(100.0, abs=1.0)
+    assert math.isnan(found.alt)
+    assert (found.eph, found.epv) == pytest.approx((30.0, 0.1), rel=1e-3)
+    assert found.time_usec == 5_000_000
+    assert found.flags == 0
+
+
 def test_it_is_silent_while_the_navigator_has_diverged(receiver, scenario) -> None:
     with node(receiver, scenario, VISION) as made:
         made.nav(1.0, *PLACE)
@@ -125,10 +146,141 @@ def test_rate_and_heartbeat(receiver, scenario) -> None:
 
 @pytest.mark.parametrize(
     ("own", "words"),
-    [({"message": "ODOMETRY"}, "must be GPS_INPUT or"), ({"address": "x"}, "host:")],
+    [
+        ({"message": "ODOMETRY"}, "must be GPS_INPUT, VISION"),
+        ({"address": "x"}, "address: must be host:port"),
+        ({"receive": "127.0.0.1"}, "receive: must be host:port"),
+        ({"receive": "127.0.0.1:14999", "sensors": ["IMU"]}, "sensors: must be of HIGHRES_IMU"),
+        ({"receive": "127.0.0.1:14999", "sensors": ["RAW_IMU", "SCALED_IMU"]}, "for one topic"),
+        ({"receive": "192.0.2.1:14999"}, "receive: 192.0.2.1:14999: "),
+    ],
 )
 def test_bad_parameters(scenario, own, words) -> None:
     from isogal.errors import InputError
 
     with pytest.raises(InputError, match=words), bench(MAVLINK, scenario(), **own):
         pass
+
+
+class Autopilot:
+    """Sends messages of a vehicle to the node under test, and lets it take them."""
+
+    def __init__(self, scenario, **own) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            self._to = free.getsockname()
+        receive = "{}:{}".format(*self._to)
+        self._made = bench(MAVLINK, scenario(), receive=receive, message="", **own)
+
+    def __enter__(self) -> "Autopilot":
+        self.bench = self._made.__enter__()
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._made.__exit__(*error)
+        self._socket.close()
+
+    def send(self, *messages, system: int = 1, spoil: bool = False) -> None:
+        sender = common.MAVLink(None, system, 1)
+        for message in messages:
+            data = bytearray(message.pack(sender))
+            data[-3] ^= spoil  # within what the checksum covers
+            self._socket.sendto(data, self._to)
+        self.bench.bus.now += 0.01
+        self.bench.bus.tick()
+
+    def heard(self, topic):
+        return self.bench.heard[topic.name]
+
+
+def highres_imu(microseconds: int, force, rate, updated: int = 63):
+    return common.MAVLink_highres_imu_message(
+        microseconds, *force, *rate, 0, 0, 0, 1013.0, 0, 0, 20.0, updated
+    )
+
+
+def test_the_sensors_of_an_autopilot(scenario) -> None:
+    with Autopilot(scenario) as autopilot:
+        for k in range(3):
+            autopilot.send(highres_imu(7_000_000 + 5000 * k, (0.1, 0.2, -9.8), (1e-3, 2e-3, 3e-3)))
+        autopilot.send(common.MAVLink_scaled_pressure_message(7020, 990.5, 0.0, 2000))
+        autopilot.send(
+            common.MAVLink_gps_raw_int_message(
+                7_020_000, 3, -379000000, 1446000000, 55_000, 90, 90, 1000, 9000, 12,
+                60_000, 1500, 2500, 200,
+            )
+        )  # fmt: skip
+        imu, fixes = autopilot.heard(topics.IMU), autopilot.heard(topics.GNSS_FIX)
+        (pressure,), (velocity,) = map(autopilot.heard, (topics.BAROMETER, topics.GNSS_VELOCITY))
+    force, rate = read_imu(imu[0])
+    np.testing.assert_allclose(force, (0.1, 0.2, -9.8), rtol=1e-6)
+    np.testing.assert_allclose(rate, (1e-3, 2e-3, 3e-3), rtol=1e-6)
+    stamps = [to_ns(one.header.stamp) for one in imu]
+    assert np.diff(stamps).tolist() == [5_000_000, 5_000_000]
+    assert stamps[0] == 10_000_000  # when it came
+    assert to_ns(pressure.header.stamp) - stamps[0] == 20_000_000
+    assert pressure.fluid_pressure == pytest.approx(99050.0)
+    place, covariance = read_position_fix(fixes[0])
+    assert place == pytest.approx([*PLACE, 60.0])
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([1.5, 1.5, 2.5])
+    speed, of_speed = read_ground_velocity(velocity)
+    np.testing.assert_allclose(speed, [0.0, 10.0, np.nan], atol=1e-12)
+    assert of_speed[0, 0] == pytest.approx(0.04)
+
+
+def test_ardupilots_units_and_a_velocity(scenario) -> None:
+    with Autopilot(scenario, sensors=["RAW_IMU", "ODOMETRY"]) as autopilot:
+        raw = common.MAVLink_raw_imu_message(7_000_000, 10, 20, -1000, 1, 2, 3, 0, 0, 0)
+        upper = np.zeros((6, 6))
+        upper[0, 0], upper[1, 1], upper[2, 2], upper[0, 1] = 0.01, 0.04, 0.09, 0.002
+        moved = common.MAVLink_odometry_message(
+            7_000_000, 1, 12, 0, 0, 0, [1, 0, 0, 0], 9.0, -1.0, 0.5, 0, 0, 0,
+            [math.nan] * 21, upper[np.triu_indices(6)].tolist(),
+        )  # fmt: skip
+        autopilot.send(raw, moved)
+        (imu,), (velocity,) = map(autopilot.heard, (topics.IMU, topics.VELOCITY))
+    force, rate = read_imu(imu)
+    assert force == pytest.approx([0.0980665, 0.196133, -9.80665])
+    assert rate == pytest.approx([1e-3, 2e-3, 3e-3])
+    found, covariance = read_velocity(velocity)
+    assert found == pytest.approx([9.0, -1.0, 0.5])
+    expected = [[0.01, 0.002, 0.0], [0.002, 0.04, 0.0], [0.0, 0.0, 0.09]]
+    np.testing.assert_allclose(covariance, expected, atol=1e-8)
+
+
+def test_what_is_not_taken(scenario) -> None:
+    """Another system's messages, damaged ones, those that are not wanted, a sample that is old."""
+    sample = (0.0, 0.0, -9.8), (0.0, 0.0, 0.0)
+    with Autopilot(scenario) as autopilot:
+        autopilot.send(highres_imu(1, *sample), system=2)
+        autopilot.send(highres_imu(2, *sample), spoil=True)
+        autopilot.send(common.MAVLink_raw_imu_message(3, 0, 0, -1000, 0, 0, 0, 0, 0, 0))
+        autopilot.send(highres_imu(4, *sample, updated=1))
+        assert not autopilot.heard(topics.IMU)
+        _, text, _ = autopilot.bench.told("without new accelerometers")
+        autopilot.send(highres_imu(5, *sample))
+        assert len(autopilot.heard(topics.IMU)) == 1
+        no_fix = common.MAVLink_gps_raw_int_message(6, 1, 0, 0, 0, 0, 0, 0, 0, 0)
+        autopilot.send(no_fix)
+        assert read_position_fix(autopilot.heard(topics.GNSS_FIX)[0]) is None
+        assert not autopilot.heard(topics.GNSS_VELOCITY)
+    assert "imu/data_raw" in text
+
+
+def test_times_since_1970_and_since_the_start() -> None:
+    clock, now = SenderClock(), 1_700_000_000 * 10**9
+    assert clock.stamp(now - 7, now) == now - 7
+    assert clock.stamp(5 * 10**9, now) == now
+    assert clock.stamp(6 * 10**9, now + 2 * 10**9) == now + 10**9  # late on its way
+    assert clock.stamp(5_500_000_000, now + 3 * 10**9) == now + 500_000_000  # out of order
+    assert clock.stamp(10**8, now + 60 * 10**9) == now + 60 * 10**9  # started anew
+
+
+def test_a_lone_receiver_sends_nothing_but_heartbeats(receiver, scenario) -> None:
+    with node(receiver, scenario, "") as made:
+        made.nav(5.0, *PLACE)
+        made.bus.tick()
+        made.node._beat()
+        assert received(receiver, "HEARTBEAT")
+        assert not received(receiver, GPS_INPUT)

@@ -12,6 +12,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
+from std_msgs.msg import Float64
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
@@ -115,6 +116,21 @@ def test_a_best_effort_publisher_is_heard(graph) -> None:
     hearer.imu.end()
     hearer.pose.end()
     assert len(list(hearer.subscriptions)) == 0
+
+
+def test_a_publisher_of_another_type_is_heard(graph, domain) -> None:
+    """A gravimeter's driver that publishes numbers, best effort: they are taken as what the graph
+    has."""
+    hearer, topic = graph.hearer, replace(topics.GRAVIMETRY, name=f"listening_{next(NUMBER)}/g")
+    heard: list[float] = []
+    listening = hearer.listen(topic, lambda message: heard.append(message.accel.accel.linear.z))
+    with local_context(domain) as elsewhere:  # a process has one type of a topic
+        node = rclpy.create_node("driver", context=elsewhere)
+        driver = node.create_publisher(Float64, topic.name, qos_profile_sensor_data)
+        assert graph.connected(driver, listening, 1)
+        driver.publish(Float64(data=9.8))
+        assert graph.until(lambda: heard == [9.8])
+        node.destroy_node()
 
 
 def test_both_kinds_of_publishers_are_heard_where_several_may_be(graph) -> None:

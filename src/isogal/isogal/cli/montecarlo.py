@@ -68,8 +68,8 @@ def montecarlo(
 def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
     """Return the runs of a scenario; raises InputError where its matcher, route or map cannot be
     used."""
-    from isogal.fields.scenario_map import maps_for_scenario, true_map
-    from isogal.fields.simulator import true_readings
+    from isogal.fields.scenario_map import maps_for_scenario
+    from isogal.fields.simulator import check_readings
     from isogal.maps.several import each_map
     from isogal.matching.registry import build_run_matcher
     from isogal.montecarlo.chunks import Case
@@ -79,7 +79,13 @@ def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
     trajectory = build_trajectory(settings)
     field_map = maps_for_scenario(settings, trajectory)
     for one, its_map in zip(settings.each_field, each_map(field_map), strict=True):
-        true_readings(one.true, trajectory, true_map(one, trajectory, its_map))
+        check_readings(one, trajectory, its_map)
+        on_map = its_map.covers(trajectory.latitude, trajectory.longitude).mean()
+        if on_map < 1.0:
+            note(
+                f"the map of {one.measured_field} has values on {on_map:.1%} of the track; where"
+                " it has none nothing is matched"
+            )
     return Case("montecarlo", settings, runs, field_map, smooth=smooth)
 
 

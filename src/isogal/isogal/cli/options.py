@@ -29,6 +29,14 @@ Remap = Annotated[
         " /sbg/imu:=imu/data_raw; repeatable.",
     ),
 ]
+Driver = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TOPIC.KEY=VALUE",
+        help="How messages of a sensor come: frame, rotation or unit, e.g."
+        " gravimeter/data_raw.unit=mGal; repeatable.",
+    ),
+]
 FilterParameter = Annotated[
     list[str] | None,
     typer.Option(

@@ -10,7 +10,14 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import FilterParameter, Json, Remap, ScenarioChoice, written_folder
+from isogal.cli.options import (
+    Driver,
+    FilterParameter,
+    Json,
+    Remap,
+    ScenarioChoice,
+    written_folder,
+)
 from isogal.errors import InputError
 
 Domain = Annotated[
@@ -108,11 +115,12 @@ def replay(
             min=0.0,
             callback=finite,
             help="Exit with status 1 where fixes differ by more than this, m; default: 1, or"
-            " anything with --scenario, --set, --parameter or --remap.",
+            " anything with --scenario, --set, --parameter, --remap or --driver.",
         ),
     ] = None,
     parameter: FilterParameter = None,
     remap: Remap = None,
+    driver: Driver = None,
     domain: Annotated[
         int | None,
         typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),
@@ -126,6 +134,7 @@ def replay(
     fix. The scenario is the recording's own; --scenario names another, --set changes keys."""
     require_ros()
     from isogal.scenario import load_scenario
+    from isogal_ros.bags.remapping import Foreign
     from isogal_ros.graph.commands import replay_command
 
     if domain is not None:
@@ -137,7 +146,7 @@ def replay(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
-        remap=remap or [],
+        foreign=Foreign(remap or [], driver or []),
         tolerance=tolerance,
         json=json,
     )

@@ -7,7 +7,14 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import FilterParameter, Json, ScenarioChoice, written_folder
+from isogal.cli.options import (
+    Driver,
+    FilterParameter,
+    Json,
+    Remap,
+    ScenarioChoice,
+    written_folder,
+)
 from isogal.errors import InputError
 
 
@@ -31,6 +38,8 @@ def smooth(
         ),
     ] = 1.0,
     parameter: FilterParameter = None,
+    remap: Remap = None,
+    driver: Driver = None,
     json: Json = False,
 ) -> None:
     """Say of each moment of a recorded voyage where the vehicle was, by all data of the voyage:
@@ -41,6 +50,7 @@ def smooth(
     another, --set changes keys."""
     bag = _bag_of(source)
     from isogal.scenario import load_scenario
+    from isogal_ros.bags.remapping import Foreign
     from isogal_ros.graph.commands import smooth_command
 
     status = smooth_command(
@@ -49,6 +59,7 @@ def smooth(
         scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
         overrides=chosen.set_ or [],
         parameters=parameter or [],
+        foreign=Foreign(remap or [], driver or []),
         interval=interval,
         json=json,
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, Remap, written_file, written_folder
+from isogal.cli.options import Driver, Json, Remap, written_file, written_folder
 from isogal.cli.tables import print_table
 from isogal.errors import InputError
 
@@ -37,6 +37,7 @@ def view(
         ),
     ] = None,
     remap: Remap = None,
+    driver: Driver = None,
 ) -> None:
     """Write one page to look through a run: tracks on the map, fixes, candidates, errors and what
     was claimed of them, readings and messages, under a slider of time.
@@ -45,13 +46,13 @@ def view(
     from isogal.evaluation.view.page import require_bokeh, write_view
 
     require_bokeh()
-    viewed, field_map = _opened(source, run, scenario, remap or [])
+    viewed, field_map = _opened(source, run, scenario, (remap or [], driver or []))
     path = write_view(out, viewed, field_map)
     typer.echo(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
 def _opened(
-    source: Path, run: int, scenario: Path | None, remap: list[str]
+    source: Path, run: int, scenario: Path | None, said: tuple[list[str], list[str]]
 ) -> "tuple[ViewedRun, RouteMap]":
     """Return what to show, from whatever was given."""
     if not source.exists():
@@ -64,12 +65,15 @@ def _opened(
 
         require_ros("view of a recording")
         from isogal.scenario import load_scenario
+        from isogal_ros.bags.remapping import Foreign
         from isogal_ros.bags.viewing import open_bag
 
         told = None if scenario is None else load_scenario(scenario)
-        return open_bag(bag, told, remap)
-    if scenario is not None or remap:
-        raise InputError("--scenario, --remap: are for recordings; a study holds its own")
+        return open_bag(bag, told, Foreign(*said))
+    if scenario is not None or any(said):
+        raise InputError(
+            "--scenario, --remap, --driver: are for recordings; a study holds its own"
+        )
     if not (source / "results.json").is_file():
         raise InputError(
             f"{source}: neither a recording (MCAP) nor the folder of a run (bag) or of a study"

@@ -48,7 +48,7 @@ from isogal.evaluation.reading_errors import (
 )
 from isogal.fields.known_gravity import true_residual_gravity
 from isogal.fields.measured import measured_field
-from isogal.fields.simulator import scan_index
+from isogal.fields.simulator import recorded, scan_index
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.heading import by_attitude
@@ -64,7 +64,7 @@ from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.scenario import HeadingAid, PositionAid, Scenario
+from isogal.scenario import HeadingAid, MapError, PositionAid, Scenario
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
 from isogal.sensors.position_aid import within
@@ -270,7 +270,8 @@ def posterior_cramer_rao(
     """Return the bound of a navigator that uses every reading at once, with the noise and map
     error of the scenario's true world, which it knows.
 
-    A reading at which the map has no gradient (missing data, outside) tells nothing. Where a share
+    A reading at which the map has no gradient (missing data, outside) tells nothing. Of recorded
+    readings the map's error is what the map says of it; where it says nothing, none. Where a share
     of the readings is missing by chance it is the mean over `PATTERNS` ways of missing them: of
     several fields it counts that share of each reading's information, which is a little less.
 
@@ -345,7 +346,9 @@ def bound_model(
     """
     worlds = [one.informed for one in scenario.each_field]
     fields = [
-        _FieldReadings.of(one, trajectory, its_map, map_share if len(worlds) == 1 else None)
+        _FieldReadings.of(
+            *_with_own_error(one, trajectory, its_map, map_share if len(worlds) == 1 else None)
+        )
         for one, its_map in zip(worlds, each_map(field_map), strict=True)
     ]
     model = linear_model(scenario, trajectory, fields)
@@ -357,6 +360,25 @@ def bound_model(
     for count in range(1, len(fields[lead].sensitivity) + 1):
         used[count * every - 1] = fix_due(count, worlds[lead].matcher)
     return replace(model, used=used)
+
+
+def _with_own_error(
+    world: Scenario, trajectory: Trajectory, field_map: RouteMap, map_share: Array | None
+) -> tuple[Scenario, Trajectory, RouteMap, Array | None]:
+    """Return the arguments of `_FieldReadings.of`; where readings are recorded, with the error
+    that the map says of itself, if it does, instead of a simulated one."""
+    maps = channels_of(field_map)
+    if not (world.readings.recorded and maps[0].states_error):
+        return world, trajectory, field_map, map_share
+    scans = scan_index(world, trajectory)
+    sigma = maps[0].sigma_at(trajectory.latitude[scans], trajectory.longitude[scans])
+    usual = float(np.sqrt(np.nanmean(sigma**2)))
+    error = MapError(
+        sigma=usual,
+        correlation_length=maps[0].correlation_length or MapError().correlation_length,
+    )
+    share = np.nan_to_num(sigma / usual, nan=1.0)
+    return world.model_copy(update={"map_error": error}), trajectory, field_map, share
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -401,6 +423,8 @@ class _FieldReadings:
                 [_sensitivity(scenario, trajectory, one, scans) for one in maps], axis=1
             )
         sensitivity[without_readings(settings, trajectory, scans)] = np.nan
+        if scenario.readings.recorded:
+            sensitivity[np.isnan(recorded(scenario, trajectory).value)] = np.nan
         jumps, filtered = None, False
         if (covariance := field.covariance(scenario)) is not None:
             rounding = np.array([one.quantisation for one in maps])

@@ -108,9 +108,10 @@ def compute(scenario: Settings, margin: float) -> ChannelMap:
     if channels is None:
         return ChannelMap([FlownMap.of(scenario)(window=window)])
     source = MapSource.of(scenario)(window=window.grown(channels.reach))
-    check_coverage(source, *route)
+    partly = scenario.route.track is not None
+    check_coverage(source, *route, partly=partly)
     maps = channels.maps(scenario, source)
-    check_coverage(maps, *route)
+    check_coverage(maps, *route, partly=partly)
     cut = [channel.window(*window[:4]) for channel in maps.channels]
     # float32 rounds to a ten-millionth: 1e-5 E of 100 E
     return ChannelMap(

@@ -13,7 +13,7 @@ GRAVITY = MeasuredField(
     unit="m/s²",
     least_sigma=0.0,
     sign=1.0,
-    reduction=lambda scenario: GravityReduction(),
+    reduction=lambda scenario: GravityReduction(scenario.gravimeter.lever_arm),
     largest_sigma=_LARGEST,
 )
 DISTURBANCE = MeasuredField(
@@ -23,6 +23,6 @@ DISTURBANCE = MeasuredField(
     unit="m/s²",
     least_sigma=0.0,
     sign=1.0,
-    reduction=lambda scenario: DisturbanceReduction(),
+    reduction=lambda scenario: DisturbanceReduction(scenario.gravimeter.lever_arm),
     largest_sigma=_LARGEST,
 )

@@ -92,7 +92,11 @@ def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
     source = _gravity_map(scenario, corridor)
     if source is None:
         return None
-    check_coverage(source, trajectory.latitude, trajectory.longitude)
+    if scenario.route.track is not None:
+        if not source.covers(trajectory.latitude, trajectory.longitude).all():
+            return None  # nobody knows it where the map has ended
+    else:
+        check_coverage(source, trajectory.latitude, trajectory.longitude)
     return GravityVector(source, MapSource.of(scenario), corridor)
 
 

@@ -3,21 +3,20 @@
 from functools import lru_cache
 
 from isogal.fields.measured import MeasuredField
-from isogal.scenario import Route, Settings
+from isogal.scenario import Settings
 from isogal.sensors.magnetometer import MagneticReduction, MainField
-from isogal.sensors.trajectory import drive
+from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 
 def _reduction(scenario: Settings) -> MagneticReduction:
-    return MagneticReduction(
-        _main_field(scenario.route, scenario.navigation_rate, scenario.magnetometer.epoch)
-    )
+    along = build_trajectory(scenario)
+    epoch = scenario.magnetometer.epoch
+    return MagneticReduction(_main_field(along, scenario.route.height, epoch))
 
 
 @lru_cache(maxsize=4)
-def _main_field(route: Route, rate: float, epoch: float) -> MainField:
-    rows, _ = drive(route, rate)
-    return MainField(rows[:, 0], rows[:, 1], route.height, epoch)
+def _main_field(along: Trajectory, height: float, epoch: float) -> MainField:
+    return MainField(along.latitude, along.longitude, height, epoch)
 
 
 MAGNETIC = MeasuredField(

@@ -5,13 +5,14 @@ needs a `isogal.sensors.reduction.Reduction`, and for the nodes a message adapte
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal import plugins
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
+from isogal.fields.recorded_readings import AsRecorded
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, Settings, Truth
@@ -106,7 +107,8 @@ def require_one_field(scenario: Settings) -> None:
 
 
 def measured_field(scenario: Settings) -> MeasuredField:
-    """Return the field that a scenario measures and matches.
+    """Return the field that a scenario measures and matches; where its readings are recorded ones
+    that are values of the map, with a reduction that leaves them as they are.
 
     Raises
     ------
@@ -129,6 +131,8 @@ def measured_field(scenario: Settings) -> MeasuredField:
             f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least"
             f" {field.least_sigma:g}; is {sigma:g}"
         )
+    if scenario.readings.reduced:
+        return replace(field, sign=1.0, reduction=lambda _: AsRecorded())
     return field
 
 

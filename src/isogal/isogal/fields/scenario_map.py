@@ -1,13 +1,15 @@
 """The map of what a scenario measures: the one that it names, or what is computed from it."""
 
+import math
 from typing import Final
 
 from isogal.errors import InputError
 from isogal.fields.derived_maps import derived_maps
 from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
+from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
-from isogal.maps.corridor import CORRIDOR_MARGIN, Corridor, corridor_of
+from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.maps.several import FieldMaps, RunMap
@@ -17,10 +19,11 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 _SMALL: Final = 700_000
 """Cells of a map that is continued in this process."""
+EVERYWHERE: Final = Window(-0.5 * math.pi, 0.5 * math.pi, -math.pi, math.pi)
 
 
 def map_for_scenario(
-    scenario: Settings, trajectory: Trajectory | None = None, margin: float = CORRIDOR_MARGIN
+    scenario: Settings, trajectory: Trajectory | None = None, margin: float | None = None
 ) -> RouteMap:
     """Return the map of what a scenario measures at the flown height, cut to its route.
 
@@ -31,7 +34,7 @@ def map_for_scenario(
     trajectory : Trajectory, optional
         The route's points, if they are there already.
     margin : float
-        m of map kept around the route, as far as the map reaches.
+        m of map kept around the route, as far as the map reaches; default: `map.margin`.
 
     Returns
     -------
@@ -43,7 +46,13 @@ def map_for_scenario(
         The map cannot be read, is of another quantity than is needed, or does not cover the route;
         or the scenario has several fields.
     """
-    if measured_field(scenario).channels is not None:
+    margin = scenario.map.margin if margin is None else margin
+    several = measured_field(scenario).channels is not None
+    if margin is None:
+        if several:
+            raise InputError("map.margin: a number is needed where a reading has several")
+        return FlownMap.of(scenario)(window=EVERYWHERE)
+    if several:
         return derived_maps(scenario, margin)
     route = trajectory or build_trajectory(scenario)
     corridor = corridor_of(route.latitude, route.longitude, margin)
@@ -52,7 +61,9 @@ def map_for_scenario(
     if flown.continues(field_map):
         field_map = _at_flown_height(scenario, flown, field_map, corridor)
     try:
-        check_coverage(field_map, route.latitude, route.longitude)
+        check_coverage(
+            field_map, route.latitude, route.longitude, partly=scenario.route.track is not None
+        )
     except InputError as error:
         if scenario.map.terrain is None:
             raise

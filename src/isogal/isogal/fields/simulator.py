@@ -22,12 +22,16 @@ from isogal.fields.map_error import (
     draw_potential_error,
 )
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
+from isogal.fields.recorded_readings import Recorded, recorded_scans
+from isogal.fields.scenario_map import true_map
+from isogal.inertial.rotations import matrix
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
-from isogal.scenario import Assumed, Settings, Truth
+from isogal.scenario import Assumed, Scenario, Settings, Truth
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
 from isogal.sensors.reduction import State
+from isogal.sensors.satellites import turn_rates
 from isogal.sensors.trajectory import Trajectory
 
 ALTIMETER = "altimeter"
@@ -60,15 +64,24 @@ class ReadingSimulator:
         self._truth, self._trajectory, self._map, self._runs = truth, trajectory, field_map, runs
         self.index = i = scan_index(truth, trajectory)
         """(scans,) index into the trajectory of each scan."""
-        field = _measured(truth, field_map)
-        several = field.instrument == ALTIMETER and truth.altimeter.sounds
-        sensed = self._soundings() if several else self._readings(field)
-        sensed = field.reduction(truth).report(sensed)
+        self.time = trajectory.time[i]
+        """(scans,) s, of each reading."""
+        if truth.readings.recorded:
+            found = recorded(truth, trajectory)
+            self.time, sensed = found.time, np.tile(found.value, (len(runs), 1))
+        else:
+            sensed = self._simulated(_measured(truth, field_map))
         for row, run in enumerate(runs):
             sensed[row, missing(truth.gravimeter, truth.seed, run, trajectory, i)] = np.nan
         self.raw = sensed
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels, (R,
         scans, B, 3) of an altimeter with B beams."""
+
+    def _simulated(self, field: MeasuredField) -> Array:
+        truth = self._truth
+        several = field.instrument == ALTIMETER and truth.altimeter.sounds
+        sensed = self._soundings() if several else self._readings(field)
+        return field.reduction(truth).report(sensed)
 
     def _readings(self, field: MeasuredField) -> Array:
         truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
@@ -163,7 +176,7 @@ def true_readings(
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
     value = field_map.value(latitude, longitude)
     missing = ~np.isfinite(value.reshape(len(i), -1)).all(axis=1)
-    if missing.any():
+    if missing.all() or (missing.any() and truth.route.track is None):
         j = int(np.argmax(missing))
         raise InputError(
             f"map {field_map.provenance}: does not cover the route at latitude"
@@ -171,12 +184,44 @@ def true_readings(
             f" ({trajectory.time[i[j]]:.0f} s after the start)"
         )
     velocity = trajectory.velocity[i]
-    at = State(latitude, longitude, trajectory.height[i], velocity[:, 0], velocity[:, 1])
+    at = State(
+        latitude,
+        longitude,
+        trajectory.height[i],
+        velocity[:, 0],
+        velocity[:, 1],
+        matrix(trajectory.attitude[i]),
+        turn_rates(trajectory)[i],
+    )
     return _measured(truth, field_map).reduction(truth).raw(value, at)
 
 
+def check_readings(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> None:
+    """Raise InputError where readings of a field can neither be simulated nor taken from their
+    file."""
+    truth = scenario.true
+    if truth.readings.recorded:
+        recorded(truth, trajectory)
+    else:
+        true_readings(truth, trajectory, true_map(scenario, trajectory, field_map))
+
+
+def recorded(settings: Settings, trajectory: Trajectory) -> Recorded:
+    """Return the recorded readings of a field's scans, of which `settings` says that there are;
+    raises InputError where they cannot be used."""
+    steps = settings.steps_per_scan
+    count, interval = len(trajectory) // steps, steps * trajectory.dt
+    quantity = measured_field(settings).quantity
+    clock = trajectory.begin, interval, count
+    return recorded_scans(settings.readings, settings.route.track_line, quantity, clock)
+
+
 def scan_index(settings: Settings, trajectory: Trajectory) -> Integers:
-    """Return (scans,) index into the trajectory of each scan."""
+    """Return (scans,) index into the trajectory of each scan; of recorded readings that which is
+    nearest to their own times."""
+    if settings.readings.recorded:
+        own = np.rint(recorded(settings, trajectory).time / trajectory.dt).astype(np.int64)
+        return np.clip(own, 0, len(trajectory))
     return np.arange(settings.steps_per_scan, len(trajectory) + 1, settings.steps_per_scan)
 
 

@@ -79,6 +79,8 @@ SPREAD = 0.1
 """`FilterModel.alpha`: sigma points at 4.5 sigmas of a heading that is known to 0.1 rad are half a
 radian away. There sin x / x is 0.96, a gyroscope's bias no longer balances the heading error that
 it is the cause of, and the filter takes the difference for knowledge."""
+NOT_MEASURED = 3.0
+"""m/s, 1-sigma of an axis of a velocity that is not measured: up, or sideways."""
 FARTHEST, FASTEST = 1e6, 100.0
 """m, m/s: 1-sigma of a place and of a velocity of which nothing is known."""
 COURSE_SPEED = 3.0
@@ -161,6 +163,8 @@ class Alignment:
         self._velocity: tuple[float, Array, Array, bool] | None = None
         """Time, velocity, covariance and whether it is of the body, of the newest that was
         measured."""
+        self._before: dict[bool, tuple[float, Array, Array, bool]] = {}
+        """The newest of the body, and the newest over ground."""
         self._told = False
         """Whether anything but gyroscopes has told of the heading."""
         self._samples: list[_Sample] = []
@@ -330,7 +334,7 @@ class Alignment:
         """Apply measurements of one time; return what became of the last."""
         result = Innovation(Outcome.USED)
         for one in measurements:
-            if isinstance(one, PositionFix) and self._place is None:
+            if isinstance(one, PositionFix) and self.navigator is None:
                 self._take_place(one)
             self._told |= isinstance(one, GroundVelocity | HeadingReading)
             if isinstance(one, GroundVelocity | VelocityReading):
@@ -458,18 +462,21 @@ class Alignment:
         """Note a velocity; the second of a vehicle that moves is a start."""
         of_body = isinstance(measured, VelocityReading)
         velocity = np.nan_to_num(np.asarray(measured.velocity, dtype=float))
-        R = np.asarray(measured.covariance, dtype=float)
-        if not np.isfinite(np.asarray(measured.velocity)[:1]).all():
+        absent = np.isnan(np.asarray(measured.velocity, dtype=float))
+        if absent[0]:
             return
+        R = np.array(measured.covariance, dtype=float)
         sigma = math.sqrt(float(np.trace(R)))
+        R[absent, absent] = NOT_MEASURED**2
         if isinstance(measured, VelocityReading) and measured.standstill_speed > np.linalg.norm(
             velocity
         ):
             sigma = measured.standstill_speed
         self._resting = bool(np.linalg.norm(velocity) < 3.0 * sigma) and self._still.seconds > 0.0
-        before, self._velocity = self._velocity, (time, velocity, R, of_body)
+        before = self._before.get(of_body)
+        self._velocity = self._before[of_body] = (time, velocity, R, of_body)
         waits = self.navigator is None and self._place is not None and not self._resting
-        if waits and before is not None and before[3] == of_body and time - before[0] <= HELD:
+        if waits and before is not None and time - before[0] <= HELD:
             self._begin_moving(before)
 
     def _take_place(self, fix: PositionFix) -> None:

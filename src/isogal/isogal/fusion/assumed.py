@@ -84,4 +84,5 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         gravity=gravity,
         preintegrated=scenario.samples_per_step > 1,
         false_rejection=scenario.fusion.false_rejection,
+        judges_satellites=scenario.gnss.judged,
     )

@@ -50,6 +50,8 @@ class FilterModel:
     height, 1/m; () = nothing."""
     unsure_heading: bool = False
     """Whether the heading may be wrong by more than what sines are linear in."""
+    judges_satellites: bool = True
+    """Whether inertial data may show that satellites are wrong."""
     places: dict[str, int] = field(init=False, repr=False, compare=False)
     """Where each auxiliary state stands among all, by its name."""
     gates: tuple[float, ...] = field(init=False, repr=False, compare=False)

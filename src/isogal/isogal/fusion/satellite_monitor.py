@@ -98,7 +98,7 @@ class SatelliteMonitor:
     ) -> list[Innovation] | None:
         """Return what becomes of measurements of satellites that are not used; None = they may be
         used, or are of something else."""
-        if not of_aid(measurements[0][1], GNSS):
+        if not (navigator.model.judges_satellites and of_aid(measurements[0][1], GNSS)):
             return None
         if self.wrong_since is None:
             if navigator.time > self._next_look + LOOK:  # they come, or are back
@@ -131,6 +131,8 @@ class SatelliteMonitor:
         result: Innovation,
     ) -> None:
         """Take notice of a measurement that has been applied."""
+        if not navigator.model.judges_satellites:
+            return
         if isinstance(measurement, Widening) and self._branches:
             # by the map the navigator, which went by satellites, is not where it believes
             navigator.forget(GNSS, Without(time, navigator.time, navigator.known))

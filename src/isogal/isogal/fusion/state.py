@@ -35,8 +35,11 @@ class FilterState:
     residual_gravity: Array
     """(2,) 1-sigma (m/s²) and correlation length (m) of the horizontal gravity that no
     compensation takes off, since the map's error has been learnt; 0 = as the model has it."""
-    contradicted: bool = field(default=False, kw_only=True)
-    """Whether fixes have contradicted the navigator, whose velocity aid is no longer used."""
+    contradicted: int = field(default=0, kw_only=True)
+    """How many readings of the velocity aid have to agree before it is used again: fixes have
+    contradicted a navigator that used it."""
+    insisting: dict[str, int] = field(default_factory=dict, kw_only=True)
+    """How many readings of an aid, by its name, were beyond the gate, one after the other."""
 
     @classmethod
     def start(cls, estimate: Estimate, model: FilterModel) -> "FilterState":
@@ -56,7 +59,9 @@ class FilterState:
     def copy(self) -> "FilterState":
         """Return a state that shares nothing with this one."""
         arrays = (array.copy() for array in self.arrays())
-        return FilterState(*arrays, contradicted=self.contradicted)
+        return FilterState(
+            *arrays, contradicted=self.contradicted, insisting=self.insisting.copy()
+        )
 
     def arrays(self) -> tuple[Array, ...]:
         """Return all arrays, those of the mean first."""

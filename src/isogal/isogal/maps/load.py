@@ -85,11 +85,13 @@ def _named(name: str) -> Format:
     return found
 
 
-def check_coverage(field_map: RouteMap, latitude: Array, longitude: Array) -> None:
-    """Raise InputError unless the map has a value at every route point; names the first without,
-    and the map's extent."""
+def check_coverage(
+    field_map: RouteMap, latitude: Array, longitude: Array, *, partly: bool = False
+) -> None:
+    """Raise InputError unless the map has a value at every route point, or, where that is enough,
+    at some; names the first without, and the map's extent."""
     bare = ~field_map.covers(latitude, longitude)
-    if bare.any():
+    if bare.all() or (bare.any() and not partly):
         first = int(np.argmax(bare))
         at = f"{math.degrees(latitude[first]):.4f}, {math.degrees(longitude[first]):.4f} deg"
         raise InputError(

@@ -184,10 +184,11 @@ class Simulation:
         """Scans of the record from one of each field to the next."""
         self.ends = self._batch_ends()
         """The scans at which a batch ends."""
-        self._readings = [
+        found = [
             _readings(one, trajectory, its_map, runs)
             for one, its_map in zip(self._fields, self._maps, strict=True)
         ]
+        self._reading_times, self._readings = zip(*found, strict=True)
         self._measured = simulate_aids(truth, trajectory, runs)
         self._heights = np.broadcast_to(trajectory.height[1:], (len(runs), len(trajectory)))
         if self._measured.height is not None:
@@ -248,7 +249,8 @@ class Simulation:
         if self._measured.velocity is not None:
             settings = self.scenario.velocity
             for k, velocity in enumerate(self._measured.velocity[run], 1):
-                reading = VelocityReading.of(settings, velocity)
+                rate = self._imu.angular_rate[run, k - 1]
+                reading = VelocityReading.of(settings, velocity, rate=rate)
                 if reading is not None:
                     found[k].append((float(time[k]), reading))
         for delay, ends, measured in self._aids(run):
@@ -348,9 +350,10 @@ class Simulation:
             if len(scans) == 0:
                 continue
             sensed = self.sensed(field, run, scans // every)
-            reduced = navigator.read(field, self._time(scans), sensed)
+            time = self._reading_times[field][scans // every - 1]
+            reduced = navigator.read(field, time, sensed)
             if recorder is not None and field == 0 and run == 0:
-                seen = navigator.inertial.track(self._time(scans))
+                seen = navigator.inertial.track(time)
                 recorder.write_readings(scans - 1, reduced, seen)
 
     def track(self, navigator: Navigator, before: int, scan: int) -> Array:
@@ -363,8 +366,9 @@ class Simulation:
 
 def _readings(
     scenario: Scenario, trajectory: Trajectory, field_map: RouteMap, runs: Sequence[int]
-) -> Array:
-    """Return (R, S) or (R, S, C) what the instrument of a field senses at its scans."""
+) -> tuple[Array, Array]:
+    """Return (S,) when the instrument of a field takes its readings, s, and (R, S) or (R, S, C)
+    what it senses."""
     source = true_map(scenario, trajectory, field_map)
     simulated = ReadingSimulator(scenario.true, trajectory, source, runs)
-    return compensated(scenario, trajectory, simulated)
+    return simulated.time, compensated(scenario, trajectory, simulated)

@@ -39,6 +39,8 @@ class Recorder:
         self._covariance = np.full((runs, scans + 1, 2, 2), np.nan)
         self._smoothed: tuple[Array, Array] | None = None
         self._fix_place = np.full((2, runs, batches), np.nan)
+        self._fix_time = self.time[ends]
+        """(B,) s, of each batch's last reading."""
         self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
         self._fix_seconds = np.zeros((runs, batches))
         self._status = np.full((runs, batches), Status.DECLINED.value, dtype=np.object_)
@@ -85,6 +87,7 @@ class Recorder:
         self._status[run, batch], self._reason[run, batch] = status.value, reason or ""
         if fix.published:
             self._fix_place[:, run, batch] = fix.latitude, fix.longitude
+            self._fix_time[batch] = fix.time
             self._fix_covariance[run, batch] = fix.covariance
         if run == 0:
             self._candidates.append(fix.candidates)
@@ -93,12 +96,8 @@ class Recorder:
 
     def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""
-        fix_error = horizontal_difference(
-            self._fix_place[0],
-            self._fix_place[1],
-            self.latitude[self.ends],
-            self.longitude[self.ends],
-        )
+        truth = [np.interp(self._fix_time, self.time, x) for x in (self.latitude, self.longitude)]
+        fix_error = horizontal_difference(*self._fix_place, *truth)
         return Runs(
             time=self.time,
             latitude=self.latitude,

@@ -11,6 +11,7 @@ imu_grades   which grades of them are there?
 data_sheet   how are the units of data sheets read?
 instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
 aids         which keys describe sensors of height and velocity, and satellites?
+readings     which keys describe recorded readings?
 map          which keys describe the map, its error and the gravity vector?
 matcher      which keys describe the map matcher?
 fields       how does a scenario have several fields?
@@ -37,6 +38,7 @@ from isogal.scenario.loading import changed_scenario, load_scenario, validate_sc
 from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.model import Assumed, Scenario, Settings, Truth
+from isogal.scenario.readings import Readings
 from isogal.scenario.section import describe, known_keys
 from isogal.scenario.truth import truth_of
 from isogal.scenario.vehicle import InitialError, Route
@@ -64,6 +66,7 @@ __all__ = [
     "MapError",
     "Matcher",
     "PositionAid",
+    "Readings",
     "Route",
     "Scenario",
     "SensorErrors",

@@ -64,6 +64,7 @@ class _Kind(NamedTuple):
 KINDS = {
     "dvl": _Kind((0, 1, 2), 0.02, 2e-3, 2e-3, 0.0),
     "odometer": _Kind((0, 1, 2), 0.05, 5e-3, 2e-3, 0.0),
+    "wheels": _Kind((0, 1), 0.1, 1e-2, 2e-2, 0.0),
     "log": _Kind((0, 1), 0.05, 1e-2, 5e-3, 0.3),
     "airspeed": _Kind((0,), 0.5, 2e-2, 1e-2, 5.0),
 }
@@ -77,9 +78,9 @@ class Velocity(Section):
 
     errors: ClassVar[tuple[str, ...]] = ("sigma", "scale", "misalignment", "current_sigma")
 
-    kind: Literal["none", "dvl", "odometer", "log", "airspeed"] = "none"
-    """which: dvl and odometer over ground (all axes), log through water (forward, right), airspeed
-    (forward)"""
+    kind: Literal["none", "dvl", "odometer", "wheels", "log", "airspeed"] = "none"
+    """which: dvl and odometer over ground (all axes), wheels over ground (forward; a vehicle on
+    wheels does not go sideways), log through water (forward, right), airspeed (forward)"""
     interval: Positive = 1.0
     """s between its readings; a whole number of the navigator's steps"""
     sigma: Positive | None = None
@@ -95,10 +96,15 @@ class Velocity(Section):
     """s, its correlation time"""
     current_length: Positive = 20000.0
     """m along the track, its correlation length"""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """of the sensor from the inertial ones: forward, right, down, m"""
     standstill_speed: NonNegative = 0.0
     """m/s below which a reading means that the vehicle stands still; 0 = never"""
     standstill_sigma: Positive = 0.01
     """1-sigma of the velocity of a vehicle that stands still, m/s"""
+    standstill_rate: Positive | None = None
+    """1-sigma of a sample of its gyroscopes then, by which their bias is told, rad/s; null = it is
+    not"""
 
     @property
     def axes(self) -> tuple[int, ...]:
@@ -269,6 +275,8 @@ class Gnss(Section):
     """of the antenna from the inertial sensors: forward, right, down, m"""
     delay: NonNegative = 0.0
     """s by which a fix comes after its own time, which it is stamped with"""
+    judged: bool = True
+    """whether inertial data may show that satellites are wrong; false where they are too poor"""
     deception: Deception = Deception()
 
     @property

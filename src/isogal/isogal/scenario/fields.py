@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from isogal.scenario.model import Scenario
 
 FieldName = Annotated[str, AfterValidator(partial(plugins.check, plugins.FIELDS))]
-MERGED = ("gravimeter", "map", "map_error", "matcher", "truth")
+MERGED = ("gravimeter", "readings", "map", "map_error", "matcher", "truth")
 """Sections that an entry may change key by key."""
 OF_FIELDS = ("gravimeter", "magnetometer", "altimeter", "gradiometer", "map")
 """Sections of `truth` that are about readings and maps, and so about entries."""
@@ -44,6 +44,8 @@ class FieldEntry(Section):
     """gravimeter.interval: s between scans"""
     gravimeter: Document = Field(default_factory=dict)
     """other keys of its instrument, as the section gravimeter"""
+    readings: Document = Field(default_factory=dict)
+    """keys of the section readings that are others for it"""
     map: Document = Field(default_factory=dict)
     """keys of the section map that are others for it"""
     map_error: Document = Field(default_factory=dict)

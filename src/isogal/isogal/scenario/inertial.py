@@ -128,6 +128,13 @@ class Imu(Section):
         None, description="YAML file of further grades; see docs/inertial-sensors.md"
     )
     rate: Positive = Field(1.0, le=400.0, description="samples per second, Hz")
+    declared_noise: bool = Field(
+        False,
+        description=(
+            "whether the noise of the gyroscopes that a sample declares counts where it is larger"
+            " than the sensors' own; drivers often declare what is not so"
+        ),
+    )
     accelerometer: Accelerometer = Accelerometer()
     gyroscope: Gyroscope = Gyroscope()
 

@@ -47,6 +47,8 @@ class Gravimeter(Section):
     """1-sigma of a gravimeter's tilt about north and east, rad"""
     platform_time: Positive = 300.0
     """s, correlation time of that tilt (first-order Gauss-Markov)"""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """of a gravimeter from the inertial sensors: forward, right, down, m"""
     filter_time: NonNegative = Field(0.0, le=300.0)
     """s, time constant of the instrument's low-pass filter"""
     delay: NonNegative = Field(0.0, le=300.0)

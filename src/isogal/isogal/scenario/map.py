@@ -28,6 +28,9 @@ class Map(Section):
     downward_cutoff: Positive | None = None
     """shortest wavelength that is continued downwards, m; null = 2 pi times the way, at least two
     cells"""
+    margin: Positive | None = 25_000.0
+    """m of map kept around the route, as far as the map reaches: how far off it the vehicle goes;
+    null = all of the map, wherever the route is: of a vehicle that has none"""
 
     @model_validator(mode="after")
     def _one_surface(self) -> "Map":

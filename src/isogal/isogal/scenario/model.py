@@ -19,6 +19,7 @@ from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magn
 from isogal.scenario.integrity import Integrity
 from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
+from isogal.scenario.readings import Readings
 from isogal.scenario.section import Document, Section, validated
 from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
 from isogal.scenario.truth import check_names, true_section
@@ -44,6 +45,7 @@ class Settings(Section):
     magnetometer: Magnetometer = Magnetometer()
     altimeter: Altimeter = Altimeter()
     gradiometer: Gradiometer = Gradiometer()
+    readings: Readings = Readings()
     height: Height = Height()
     velocity: Velocity = Velocity()
     gnss: Gnss = Gnss()
@@ -92,6 +94,18 @@ class Settings(Section):
                 "gravimeter.delay: an altimeter with several beams or a scale error cannot be"
                 " late, nor have a filter"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _readings_of_a_track(self) -> Self:
+        if not self.readings.recorded:
+            return self
+        if self.route.track is None:
+            raise ValueError("readings.source: recorded readings need the track: give route.track")
+        if self.fields is None and self.measured_field == "gradient":
+            raise ValueError("readings.source: must be of one number, field gradient has several")
+        if self.fields is None and self.measured_field == "terrain" and self.altimeter.sounds:
+            raise ValueError("readings.source: must be of one beam; altimeter has several")
         return self
 
     @model_validator(mode="after")
@@ -229,7 +243,7 @@ class Scenario(Assumed):
     @property
     def true(self) -> Truth:
         """What really is: the section `truth` merged into the others."""
-        own = self._true_aids
+        own = self._of_truth
         if not self.truth:
             return Truth.model_construct(**self._settings | own)
         check_names(self.truth)
@@ -242,9 +256,11 @@ class Scenario(Assumed):
         return validated(Truth, self._settings | changed | own, where="truth: ")
 
     @property
-    def _true_aids(self) -> Document:
-        """The lists of aids as they really are: each entry has a truth of its own."""
-        return {
+    def _of_truth(self) -> Document:
+        """What is another in truth without its section: the lists of aids, each of whose entries
+        has a truth of its own, and the error of a map that is none of a simulation."""
+        real = {"map_error": MapError()} if self.readings.recorded else {}
+        return real | {
             key: tuple(true_section(key, one, one.truth) for one in entries)
             for key, entries in (("positions", self.positions), ("headings", self.headings))
             if entries

@@ -1,10 +1,15 @@
 """Sections about the vehicle: its route, and the navigator's initial errors."""
 
-from typing import ClassVar, Literal
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from isogal.scenario.section import LatitudeDeg, LongitudeDeg, NonNegative, Positive, Section
+
+_OF_POINTS = (
+    "start", "end", "speed", "line", "waypoints", "turn_rate", "acceleration", "at_rest"
+)  # fmt: skip
 
 
 class Route(Section):
@@ -30,9 +35,35 @@ class Route(Section):
     """speed change between waypoints, m/s²"""
     at_rest: NonNegative = 0.0
     """time that the vehicle is at rest at the first point before it moves off, s"""
+    track: str | None = None
+    """file of a recorded track (columns time, latitude, longitude and perhaps height) that is
+    followed instead: it says where, when and how fast; duration may cut it, and height holds where
+    the file has none"""
+    track_line: str | None = None
+    """which survey line of that file, where it has several"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _whole_track(cls, given: Any) -> Any:
+        """A track is followed to its end, unless a duration is given."""
+        if isinstance(given, Mapping) and given.get("track") is not None:
+            return {"duration": None, **given}
+        return given
+
+    @model_validator(mode="after")
+    def _nothing_beside_a_track(self) -> "Route":
+        for name in _OF_POINTS if self.track is not None else ():
+            value = getattr(self, name)
+            if value is not None and value != type(self).model_fields[name].default:
+                raise ValueError(f"{name}: says nothing beside track, by which the vehicle goes")
+        if self.track is None and self.track_line is not None:
+            raise ValueError("track_line: is of a track; give the file of it")
+        return self
 
     @model_validator(mode="after")
     def _enough_points(self) -> "Route":
+        if self.track is not None:
+            return self
         if self.waypoints is not None and len(self.waypoints) < 2:
             raise ValueError("waypoints needs at least two points")
         if self.waypoints is None and (self.start is None or self.end is None):

@@ -1,6 +1,7 @@
 """Simulated sensors, and the reductions of their readings to values of a map.
 
 trajectory      the true route, and what a perfect inertial sensor measures on it
+recorded_track  the same along a recorded track
 imu             inertial sensors with the errors of a data sheet
 imu_truth       what a perfect IMU measures that is faster than the navigator
 imu_model       what a navigator assumes of them

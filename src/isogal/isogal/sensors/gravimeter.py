@@ -20,6 +20,9 @@ from isogal.earth.gravity import (
 )
 from isogal.sensors.reduction import Reduction, State
 
+NO_ARM = (0.0, 0.0, 0.0)
+"""An instrument at the inertial sensors."""
+
 
 def reading_jacobian(
     quantity: str, latitude: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
@@ -53,17 +56,41 @@ def reading_jacobian(
 
 
 class GravityReduction(Reduction):
-    """From a gravimeter's reading (m/s²) to gravity on the map's surface."""
+    """From a gravimeter's reading (m/s²) to gravity on the map's surface.
+
+    Parameters
+    ----------
+    arm : (forward, right, down), optional
+        Of the instrument from the inertial sensors, m.
+    """
 
     quantity = "gravity"
 
+    def __init__(self, arm: tuple[float, float, float] = NO_ARM) -> None:
+        self._arm = arm
+
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return what is measured over a point whose gravity on the map's surface is given."""
-        return np.asarray(value) - FREE_AIR * np.asarray(at.height) - _eotvos(at)
+        return np.asarray(value) - self._motion(at)
 
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return gravity on the map's surface from a reading and the navigator's state."""
-        return np.asarray(raw) + FREE_AIR * np.asarray(at.height) + _eotvos(at)
+        return np.asarray(raw) + self._motion(at)
+
+    def _motion(self, at: State) -> Array:
+        """Return what height and motion of the instrument take off gravity (docs/mathematics.md,
+        section 2.4). With an arm it is at another height, moves at another velocity, and is
+        accelerated as the vehicle turns; without an attitude the arm has no effect."""
+        height, north, east = (np.asarray(x) for x in (at.height, at.v_north, at.v_east))
+        down: Array = np.zeros(())
+        if at.attitude is not None and self._arm != NO_ARM:
+            turn = np.zeros(3) if at.turn is None else at.turn
+            around = np.cross(turn, self._arm)
+            whole = np.stack(np.broadcast_arrays(self._arm, around, np.cross(turn, around)), -1)
+            offset, velocity, acceleration = np.moveaxis(at.attitude @ whole, -1, 0)
+            height, down = height - offset[..., 2], acceleration[..., 2]
+            north, east = north + velocity[..., 0], east + velocity[..., 1]
+        return np.asarray(FREE_AIR * height + eotvos(at.latitude, height, north, east) + down)
 
     def jacobian(self, at: State) -> Array:
         """Return `reading_jacobian`."""
@@ -87,7 +114,3 @@ class DisturbanceReduction(GravityReduction):
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return the disturbance from a reading and the navigator's state."""
         return super().reduce(raw, at) - normal_gravity(at.latitude)
-
-
-def _eotvos(at: State) -> Array:
-    return eotvos(at.latitude, at.height, at.v_north, at.v_east)

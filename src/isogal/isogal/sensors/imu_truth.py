@@ -7,7 +7,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import radii
 from isogal.scenario import Route, Settings
-from isogal.sensors.trajectory import drive, sensor_means
+from isogal.sensors.trajectory import drive, followed, sensor_means
 
 
 def true_samples(settings: Settings) -> Array:
@@ -16,6 +16,8 @@ def true_samples(settings: Settings) -> Array:
 
     The route is that of `isogal.sensors.trajectory.build_trajectory`, whose steps are divided; it
     does not depend on the IMU's rate."""
+    if settings.route.track is not None:
+        return followed(settings).means
     return _divided(settings.route, settings.navigation_rate, settings.samples_per_step)
 
 

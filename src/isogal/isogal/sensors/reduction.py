@@ -24,6 +24,9 @@ class State(NamedTuple):
     v_east: ArrayLike
     attitude: Array | None = None
     """(..., 3, 3) body to north, east, down, for instruments that look aside; None = not known."""
+    turn: Array | None = None
+    """(..., 3) angular rate, body axes, rad/s, for instruments away from the inertial sensors;
+    None = taken as zero."""
 
 
 class Reduction(Protocol):

@@ -33,7 +33,7 @@ def simulate_satellites(
     gnss = truth.gnss
     aid = gnss.positions
     index = aid_index(truth, aid.interval, trajectory)
-    offset, velocity = _antenna(trajectory, gnss.lever_arm)
+    offset, velocity = at_arm(trajectory, gnss.lever_arm)
     true = np.stack([trajectory.latitude, trajectory.longitude, trajectory.height], axis=1)
     true += curvilinear(trajectory, offset)
     places = np.empty((len(runs), len(index), 3))
@@ -51,15 +51,19 @@ def simulate_satellites(
     return SatelliteFixes(index, positions, velocities)
 
 
-def _antenna(trajectory: Trajectory, arm: tuple[float, float, float]) -> tuple[Array, Array]:
-    """Return offset (K + 1, 3) m and velocity (K + 1, 3) m/s, NED, of an antenna at a lever arm
-    (m, body axes)."""
+def turn_rates(trajectory: Trajectory) -> Array:
+    """Return the angular rate (K + 1, 3), body axes, rad/s, of both steps that meet; the Earth's
+    rotation in it is 0.1 mm/s for a metre of arm."""
     rate = trajectory.angular_rate
-    # of both steps that meet; the Earth's rotation is 0.1 mm/s for a metre of arm
-    at = 0.5 * (np.concatenate([rate[:1], rate]) + np.concatenate([rate, rate[-1:]]))
+    return 0.5 * (np.concatenate([rate[:1], rate]) + np.concatenate([rate, rate[-1:]]))
+
+
+def at_arm(trajectory: Trajectory, arm: tuple[float, float, float]) -> tuple[Array, Array]:
+    """Return offset (K + 1, 3) m and velocity (K + 1, 3) m/s, NED, of a sensor at a lever arm (m,
+    body axes)."""
     to_ned = matrix(trajectory.attitude)
     return to_ned @ np.array(arm), trajectory.velocity + np.einsum(
-        "kij,kj->ki", to_ned, np.cross(at, arm)
+        "kij,kj->ki", to_ned, np.cross(turn_rates(trajectory), arm)
     )
 
 

@@ -19,6 +19,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Route, Settings
+from isogal.sensors.recorded_track import Followed, follow, read_positions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +43,8 @@ class Trajectory:
     """(K, 3) m/s², body axes."""
     angular_rate: Array
     """(K, 3) rad/s, body axes, relative to inertial space."""
+    begin: float = 0.0
+    """s, time 0 on the clock of the recorded track that is followed."""
 
     @property
     def dt(self) -> float:
@@ -59,9 +62,48 @@ def build_trajectory(settings: Settings) -> Trajectory:
     Raises
     ------
     InputError
-        The route is shorter than the duration asked for.
+        The route is shorter than the duration asked for, or its recorded track cannot be followed.
     """
+    if settings.route.track is not None:
+        rate, samples = settings.navigation_rate, settings.samples_per_step
+        return _along(followed(settings), rate, samples)
     return _build(settings.route, settings.navigation_rate)
+
+
+def followed(settings: Settings) -> Followed:
+    """Return how the recorded track of a scenario is followed; raises InputError where it cannot
+    be."""
+    rate, samples = settings.navigation_rate, settings.samples_per_step
+    return follow(settings.route, rate, samples, settings.height.measured)
+
+
+@lru_cache(maxsize=2)
+def _along(found: Followed, rate: float, samples: int) -> Trajectory:
+    states = found.states[::samples]
+    means = found.means.reshape(-1, samples, 6).mean(axis=1)
+    latitude, longitude, height = states[:, :3].T
+    return Trajectory(
+        time=np.arange(len(states)) / rate,
+        latitude=latitude,
+        longitude=longitude,
+        height=height,
+        velocity=states[:, 3:6],
+        attitude=states[:, 6:],
+        specific_force=means[:, :3],
+        angular_rate=means[:, 3:],
+        begin=found.start,
+    )
+
+
+def first_place(route: Route) -> tuple[float, float]:
+    """Return latitude and longitude (rad) where a route begins; raises InputError where its
+    recorded track cannot be read."""
+    if route.track is not None:
+        latitude, longitude = read_positions(route.track, route.track_line).place[0].tolist()
+        return latitude, longitude
+    first = route.waypoints[0][:2] if route.waypoints is not None else route.start
+    assert first is not None  # the scenario model has checked
+    return math.radians(first[0]), math.radians(first[1])
 
 
 @lru_cache(maxsize=8)

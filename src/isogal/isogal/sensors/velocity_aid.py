@@ -10,6 +10,7 @@ from isogal.inertial.rotations import matrix
 from isogal.scenario import Truth, Velocity
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
+from isogal.sensors.satellites import at_arm
 from isogal.sensors.trajectory import Trajectory
 
 
@@ -18,7 +19,7 @@ def simulate_velocities(truth: Truth, trajectory: Trajectory, runs: Sequence[int
     forward, right, down; NaN in axes that it does not have and where it reads nothing."""
     settings, step = truth.velocity, truth.steps_per_velocity
     index = np.arange(step, len(trajectory) + 1, step)
-    velocity = trajectory.velocity[index]
+    velocity = at_arm(trajectory, settings.lever_arm)[1][index]
     to_body = np.swapaxes(matrix(trajectory.attitude[index]), 1, 2)
     ways = np.hypot(velocity[:, 0], velocity[:, 1]) * np.diff(trajectory.time[index], prepend=0.0)
     result = np.full((len(runs), len(trajectory), 3), np.nan)

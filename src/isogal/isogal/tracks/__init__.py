@@ -3,7 +3,7 @@
 Reading
 
 - `track`: what is a recorded track, and does it belong to a map?
-- `csv_file`, `text_rows`: how is one read from a text file?
+- `csv_file`: how is one read from a text file?
 - `averaging`: how does a dense one become a sparse one?
 - `recording`: how is one read from a bag?
 - `ins_file`: what has an INS said, by a text file?

@@ -10,7 +10,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.gridding.reading import geographic
-from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
+from isogal.maps.gridding.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
 from isogal.tracks.track import Track
 
 REQUIRED = ("latitude", "longitude", "value")
@@ -38,7 +38,7 @@ def read_csv_track(path: str | Path, crs: str | None = None) -> Track:
 def read_csv_tracks(
     path: str | Path, crs: str | None = None, column: str | Sequence[str] = "value"
 ) -> list[Track]:
-    """Read a file with a header line (`isogal.tracks.text_rows`): a track for each survey line.
+    """Read a file with a header line (`text_rows`): a track for each survey line.
 
     Other columns are ignored. Times are seconds, or dates and times by ISO 8601 (UTC unless they
     say another zone), then seconds since 1970. An empty cell, ``*``, ``NaN`` or a dummy such as

@@ -11,7 +11,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.inertial.inverse import level_attitude
 from isogal.inertial.rotations import from_angles
-from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
+from isogal.maps.gridding.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
 
 REQUIRED = ("time", "latitude", "longitude")
 VELOCITY = ("velocity_north", "velocity_east", "velocity_down")

@@ -11,8 +11,8 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import write_atomic
 from isogal.magnetics.readings import BaseStation, Readings
+from isogal.maps.gridding.text_rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
-from isogal.tracks.text_rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
 from isogal.tracks.track import Track
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")

@@ -16,6 +16,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader, parts, read, topic_of
 from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns
 from isogal_ros.nodes.health import figures_of
@@ -154,7 +155,7 @@ def _one_that_is_ok(data: bytes) -> bool:
 
 def wanted_messages(reader: BagReader, wanted: Sequence[Topic]) -> Iterator[tuple[Topic, bytes]]:
     """Yield topic and serialised message of a bag, of the topics that are wanted, in whatever
-    namespace they were recorded."""
+    namespace they were recorded, as the graph has them."""
     found: dict[str, Topic | None] = {}
     for message in reader.messages():
         name = message.topic
@@ -162,7 +163,10 @@ def wanted_messages(reader: BagReader, wanted: Sequence[Topic]) -> Iterator[tupl
             found[name] = next((topic for topic in wanted if topic_of(name, topic.name)), None)
         topic = found[name]
         if topic is not None:
-            yield topic, message.data
+            kind = reader.types[name]
+            with suppress(BadMessageError):  # of a driver that says nothing that can be used
+                data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
+                yield topic, data
 
 
 @dataclass

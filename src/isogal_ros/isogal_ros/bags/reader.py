@@ -3,17 +3,18 @@
 import re
 import struct
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from isogal.errors import InputError
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.scenario import Scenario, validate_scenario
 from isogal.yaml_text import parse_yaml
-from isogal_ros.bags.remapping import Remapping
+from isogal_ros.bags.remapping import Foreign, Remapping, given_drivers
+from isogal_ros.messages.drivers import Entrance
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
@@ -63,6 +64,8 @@ class BagReader:
     """Message type by topic; filled while reading."""
     remapping: Remapping = field(default_factory=Remapping)
     """Names that topics have instead of those recorded."""
+    drivers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """How messages of sensors come, by topic, where the recording does not say it."""
 
     def __post_init__(self) -> None:
         from mcap.records import Header, Metadata
@@ -74,6 +77,14 @@ class BagReader:
                 self.texts.update(record.metadata)
             if not isinstance(record, Header | Metadata):  # the texts stand ahead of all else
                 break
+        self.entrance = Entrance.of(self.texts.get("entrance", Entrance().text()), self.drivers)
+
+    @classmethod
+    def foreign(cls, path: Path, said: Foreign) -> "BagReader":
+        """Return a bag of which something is said; raises InputError also where that is wrong."""
+        return cls(
+            path, remapping=Remapping.parse(said.remap), drivers=given_drivers(said.drivers)
+        )
 
     def scenario(self) -> Scenario | None:
         """Return the scenario of the recorded run; None where the bag has none. Raises InputError

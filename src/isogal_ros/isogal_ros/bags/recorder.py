@@ -56,6 +56,7 @@ class RecorderNode(GraphNode):
         texts = {
             "scenario": yaml.safe_dump(self.scenario.model_dump(mode="json"), sort_keys=False),
             "run": str(self.settings.run),
+            "entrance": self._entrance.text(),
         }
         own = self.settings
         try:
@@ -71,23 +72,23 @@ class RecorderNode(GraphNode):
 
     def _record(self, topic: Topic) -> None:
         is_clock = topic is topics.CLOCK
-        has_header = hasattr(topic.type, "header")
 
         def write(data: bytes) -> None:
             if not self.active or self.finished:
                 return
-            if is_clock or has_header:
+            if is_clock or hasattr(listening.type, "header"):
                 self._now = max(self._now, peek_ns(data))
             try:
                 if not self.writer.knows(name):
-                    self._add(name, topic)
+                    self._add(name, listening.type)
                 self.writer.write(name, data, self._now, time.time_ns())
             except OSError as error:
                 self._failed_to_write(error)
 
-        name = self.hear(topic, write, raw=True).topic_name
+        listening = self.hear(topic, write, raw=True)
+        name = listening.topic_name
 
-    def _add(self, name: str, topic: Topic) -> None:
+    def _add(self, name: str, kind: type[topics.Message]) -> None:
         """Make a topic known to the bag with what its publishers offer; the history is not part of
         discovery, so it is the graph's own."""
         offers = self.get_publishers_info_by_topic(name)
@@ -97,7 +98,7 @@ class RecorderNode(GraphNode):
                 profile.history, profile.depth = topics.LOSSLESS.history, topics.LOSSLESS.depth
         entries = qos_entries(profiles)
         type_hash = str(offers[0].topic_type_hash) if offers else ""
-        self.writer.add_topic(name, topics.type_name(topic.type), entries, type_hash)
+        self.writer.add_topic(name, topics.type_name(kind), entries, type_hash)
 
     def _failed_to_write(self, error: OSError) -> None:
         """End; what is in the file stays."""

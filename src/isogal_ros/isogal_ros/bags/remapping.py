@@ -1,13 +1,19 @@
 """Topics of a recording that have other names than the graph's."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from typing import NamedTuple
+
+from pydantic import JsonValue
 
 from isogal.errors import InputError
+from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
+from isogal_ros.messages.drivers import OF_AIDS
 
-_PLAIN = "FROM:=TO, a recorded topic and the graph's, as in --remap /sbg/imu:=imu/data_raw"
+_PLAIN = "FROM:=TO, a driver's topic and the graph's, as in /sbg/imu:=imu/data_raw"
 
 
 @dataclass
@@ -20,8 +26,8 @@ class Remapping:
     _seen: set[str] = field(default_factory=set)
 
     @classmethod
-    def parse(cls, rules: Sequence[str]) -> "Remapping":
-        """Return what rules FROM:=TO say.
+    def parse(cls, rules: Sequence[str], option: str = "--remap") -> "Remapping":
+        """Return what rules FROM:=TO say, which an option gives.
 
         Raises
         ------
@@ -34,14 +40,14 @@ class Remapping:
             recorded, sign, name = (part.strip() for part in rule.partition(":="))
             name = name.lstrip("/")
             if not (sign and recorded.strip("/") and name):
-                raise InputError(f"--remap {rule}: must be {_PLAIN}")
-            if name not in known:
+                raise InputError(f"{option} {rule}: must be {_PLAIN}")
+            if name not in known and not OF_AIDS.fullmatch(name):
                 near = get_close_matches(name, known, 1, 0.4)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
-                raise InputError(f"--remap {rule}: the graph has no topic {name!r}{hint}")
+                raise InputError(f"{option} {rule}: the graph has no topic {name!r}{hint}")
             recorded = "/" + recorded.lstrip("/")
             if recorded in names or f"/{name}" in names.values():
-                raise InputError(f"--remap {rule}: one of the two topics comes twice")
+                raise InputError(f"{option} {rule}: one of the two topics comes twice")
             names[recorded] = f"/{name}"
         return cls(names)
 
@@ -59,3 +65,30 @@ class Remapping:
             near = get_close_matches(name, self._seen, 1, 0.4)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(self._seen)}"
             raise InputError(f"{where}: --remap: no topic {name!r} in the recording; {hint}")
+
+
+class Foreign(NamedTuple):
+    """What is said of a recording of other tools."""
+
+    remap: Sequence[str] = ()
+    """Rules ``FROM:=TO`` for its topics."""
+    drivers: Sequence[str] = ()
+    """``TOPIC.KEY=VALUE``: how messages of sensors come."""
+
+
+NOTHING_SAID = Foreign()
+
+
+def given_drivers(texts: Sequence[str]) -> dict[str, dict[str, JsonValue]]:
+    """Return entries of `drivers` from ``TOPIC.KEY=VALUE``, values in YAML; raises InputError
+    where a text has another form."""
+    found: defaultdict[str, dict[str, JsonValue]] = defaultdict(dict)
+    for text in texts:
+        name, equals, value = text.partition("=")
+        topic, dot, key = name.rpartition(".")
+        if not (equals and dot and topic and key):
+            raise InputError(
+                f"--driver {text}: must be TOPIC.KEY=VALUE, as in gravimeter/data_raw.unit=mGal"
+            )
+        found[topic.lstrip("/")][key] = parse_yaml(value, f"--driver {name}") if value else ""
+    return dict(found)

@@ -16,7 +16,7 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
-from isogal_ros.bags.remapping import Remapping
+from isogal_ros.bags.remapping import NOTHING_SAID, Foreign
 from isogal_ros.messages.stamps import to_seconds
 
 if TYPE_CHECKING:
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 
 def open_bag(
-    bag: Path, scenario: Scenario | None = None, remap: Sequence[str] = ()
+    bag: Path,
+    scenario: Scenario | None = None,
+    foreign: Foreign = NOTHING_SAID,
 ) -> "tuple[ViewedRun, RouteMap]":
     """Return what a recording holds and the map that it was matched against.
 
@@ -32,8 +34,8 @@ def open_bag(
     ----------
     scenario : Scenario, optional
         None = the bag's own.
-    remap : sequence of str
-        Rules FROM:=TO for its topics.
+    foreign : Foreign
+        How it is as the graph's own.
 
     Raises
     ------
@@ -41,7 +43,7 @@ def open_bag(
         The bag cannot be read, does not say which scenario it is of, or has no readings where the
         navigator was.
     """
-    reader = BagReader(bag, remapping=Remapping.parse(remap))
+    reader = BagReader.foreign(bag, foreign)
     scenario = scenario or reader.scenario()
     if scenario is None:
         raise InputError(

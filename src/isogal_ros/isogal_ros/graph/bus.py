@@ -11,6 +11,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from types import SimpleNamespace
 from typing import Protocol
 
 from pydantic import JsonValue
@@ -19,6 +20,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.logging import LoggingSeverity, get_logger
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from isogal_ros import topics
@@ -253,6 +255,9 @@ class _BusNode(LifecycleNode):
 
     def get_logger(self) -> _ErrorLog | RcutilsLogger:
         return self._bus_log
+
+    def get_clock(self) -> SimpleNamespace:
+        return SimpleNamespace(now=lambda: Time(seconds=self._bus.now))
 
     def get_parameters_by_prefix(self, _prefix: str) -> dict[str, Parameter]:
         return dict(self._bus_values)

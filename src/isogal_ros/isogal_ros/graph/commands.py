@@ -29,7 +29,7 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
-from isogal_ros.bags.remapping import Remapping
+from isogal_ros.bags.remapping import NOTHING_SAID, Foreign
 from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.domain import DISCOVERY, DOMAIN
 from isogal_ros.graph.parameter_files import filter_parameters
@@ -132,7 +132,7 @@ def replay_command(
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
     parameters: Sequence[str] = (),
-    remap: Sequence[str] = (),
+    foreign: Foreign = NOTHING_SAID,
     tolerance: float | None = None,
     json: bool,
 ) -> int:
@@ -148,9 +148,9 @@ def replay_command(
         Folder of summary, report and figures.
     scenario : Scenario, optional
         None = the bag's own.
-    overrides, parameters, remap : sequence of str
-        Changed keys of the scenario, own parameters of the filter's node, and rules FROM:=TO for
-        the recorded topics.
+    overrides, parameters, foreign
+        Changed keys of the scenario, own parameters of the filter's node, and what is said of a
+        recording of other tools.
     tolerance : float or None
         m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any where
         the user has changed something, and none where the recording has no fixes.
@@ -163,8 +163,8 @@ def replay_command(
         The bag or what it needs cannot be used.
     """
     of_filter = filter_parameters(parameters)
-    reader = BagReader(bag, remapping=Remapping.parse(remap))
-    changed = scenario is not None or bool(overrides or parameters or remap)
+    reader = BagReader.foreign(bag, foreign)
+    changed = scenario is not None or bool(overrides or parameters or any(foreign))
     scenario = scenario or reader.scenario()
     if scenario is not None and overrides:
         scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")
@@ -194,6 +194,7 @@ def smooth_command(
     scenario: Scenario | None = None,
     overrides: Sequence[str] = (),
     parameters: Sequence[str] = (),
+    foreign: Foreign = NOTHING_SAID,
     interval: float,
     json: bool,
 ) -> int:
@@ -204,7 +205,7 @@ def smooth_command(
     ----------
     bag, out : Path
         The recording, and the folder to write into.
-    scenario, overrides, parameters, json
+    scenario, overrides, parameters, foreign, json
         See `replay_command`.
     interval : float
         s between the rows of the files, at least.
@@ -214,12 +215,12 @@ def smooth_command(
     InputError
         The bag or what it needs cannot be used.
     """
-    reader, of_filter = BagReader(bag), filter_parameters(parameters)
+    reader, of_filter = BagReader.foreign(bag, foreign), filter_parameters(parameters)
     scenario = scenario or reader.scenario()
     if scenario is not None and overrides:
         scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")
     make_folder(out)
-    changed = bool(overrides or parameters)
+    changed = bool(overrides or parameters or any(foreign))
     with interrupts() as interrupt, watching() as report:
         found = smoothed_bag(reader, interrupt, report, scenario, of_filter, again=changed)
     if found.interrupted:

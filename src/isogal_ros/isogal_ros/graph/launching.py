@@ -21,6 +21,7 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.bags.remapping import Remapping
 from isogal_ros.graph.parameter_files import (
     check_node,
     full_name,
@@ -75,6 +76,11 @@ class Arguments(BaseModel):
     log_level: Literal["debug", "info", "warn", "error", "fatal"] = Field(
         "info", description="debug, info, warn, error or fatal"
     )
+    remap: str = Field(
+        "",
+        description="topics of drivers in place of the graph's, as in /sbg/imu:=imu/data_raw"
+        " /mgs6/g:=gravimeter/data_raw",
+    )
     set: str = Field(
         "",
         description="keys of the scenario, which count before those of params: KEY=VALUE"
@@ -89,12 +95,15 @@ class Arguments(BaseModel):
         return text
 
     @property
+    def remappings(self) -> list[tuple[str, str]]:
+        """Names of the graph, and those of drivers in their place."""
+        names = Remapping.parse(_words("remap", self.remap), "remap").names
+        return [(own.lstrip("/"), given) for given, own in names.items()]
+
+    @property
     def keys(self) -> dict[str, JsonValue]:
         """Parameters of the scenario that are set one by one, values in YAML."""
-        try:
-            words = shlex.split(self.set)
-        except ValueError as error:
-            raise InputError(f"set: {error}: {self.set!r}") from None
+        words = _words("set", self.set)
         what = "key of the scenario that is a parameter"
         return given_parameters("set", "KEY=VALUE", words, parameter_specs(Scenario), what)
 
@@ -104,6 +113,14 @@ class Arguments(BaseModel):
         if self.use_sim_time == "auto":
             return self.vehicle == "simulated"
         return self.use_sim_time in ("true", "1")
+
+
+def _words(name: str, text: str) -> list[str]:
+    """Return the words of an argument, as a shell has them."""
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise InputError(f"{name}: {error}: {text!r}") from None
 
 
 DESCRIBED = {
@@ -187,7 +204,7 @@ def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launche
     assigned = (word.partition(":=") for word in own)
     others = {name: "" for name, equals, _ in assigned if equals and name not in values}
     arguments = settings_from(Arguments, {**values, **others}, file)
-    keys = arguments.keys
+    keys, _ = arguments.keys, arguments.remappings
     if arguments.recorder:
         if not arguments.bag or Path(arguments.bag).exists():
             raise InputError(

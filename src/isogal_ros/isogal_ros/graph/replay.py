@@ -26,7 +26,7 @@ from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic
 
 _PARAMETERS = "; a replay takes parameters of ukf_fusion_node by --parameter NAME=VALUE"
-_NO_PARAMETER = "; no parameter sets that frame: the messages must have it"
+_FRAME = "; a replay takes messages of another frame by --driver TOPIC.frame=NAME"
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def _shortcomings(player: Player, answered: int) -> list[str]:
             late = f"the first is of {to_seconds(first):.0f} s, after the last IMU sample"
             found.append(unused(topic, late))
         elif stamps and dropped[name] >= sum(ns <= answered for ns in stamps):
-            key = _NO_PARAMETER if why[name].startswith("frame_id ") else ""
+            key = _FRAME if why[name].startswith("frame_id ") else ""
             found.append(unused(topic, "") + key)
     if all(place is None for place in player.collector.fix_positions().values()):
         found.append(f"no fix: {_why_no_fix(player.collector)}")

@@ -1,6 +1,8 @@
-"""The navigator's position for a flight controller, as MAVLink.
+"""MAVLink: the navigator's position for a flight controller, and the sensors of one for the graph.
 
 node        subscriptions, and the datagrams
 silence     when nothing may be sent
 encoding    messages of the graph as messages of MAVLink
+receiving   the datagrams of a flight controller, published on the graph's topics
+decoding    messages of MAVLink as messages of the graph
 """

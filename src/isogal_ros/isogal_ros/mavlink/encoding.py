@@ -14,6 +14,10 @@ from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.stamps import to_ns
 
 GPS_INPUT, VISION = "GPS_INPUT", "VISION_POSITION_ESTIMATE"
+SENSOR = "GLOBAL_POSITION_SENSOR"
+SENT = (GPS_INPUT, VISION, SENSOR)
+_SOURCES = {"terrain": "TERRAIN", "ground": "TERRAIN", "magnetic": "MAGNETIC"}
+"""Of GLOBAL_POSITION_SRC, by field; what is sent of the others is an estimate."""
 FIX_3D = 3
 """GPS_FIX_TYPE_3D_FIX."""
 IGNORED = 1 | 2 | 4 | 16 | 128
@@ -35,13 +39,8 @@ def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: i
     satellites : int
         As many as the flight controller wants to see.
     """
-    point = odometry.pose.pose.position
-    latitude, longitude, height = (
-        float(part) for part in frame.to_geodetic(np.array([point.x, point.y, point.z]))
-    )
+    (latitude, longitude, height), of_position = _position(odometry, frame)
     velocity, of_velocity, _ = read_velocity(odometry, frame, latitude, longitude)
-    axes = frame.rotation_from(latitude, longitude)
-    of_position = axes.T @ np.reshape(odometry.pose.covariance, (6, 6))[:3, :3] @ axes
     return dialect.MAVLink_gps_input_message(
         to_ns(odometry.header.stamp) // 1000,
         0,  # gps_id
@@ -59,6 +58,36 @@ def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: i
         _worst(of_position[:2, :2]),
         0.0,  # vert_accuracy
         satellites,
+    )
+
+
+def global_position_sensor(dialect: Any, odometry: Odometry, frame: LocalFrame, field: str) -> Any:
+    """Return GLOBAL_POSITION_SENSOR of an Odometry in the frame ``map``, to all systems, with the
+    1-sigma along the worst horizontal direction and that of the height.
+
+    Parameters
+    ----------
+    dialect : module
+        Of pymavlink.
+    field : str
+        That is matched, which says the source.
+    """
+    (latitude, longitude, height), covariance = _position(odometry, frame)
+    source = getattr(dialect, f"GLOBAL_POSITION_SRC_{_SOURCES.get(field, 'ESTIMATOR')}")
+    return dialect.MAVLink_global_position_sensor_message(
+        0,  # target_system
+        0,  # target_component
+        0,  # id
+        to_ns(odometry.header.stamp) // 1000,
+        0,  # processing_time: the stamp is that of the state
+        source,
+        0,  # flags
+        round(1e7 * math.degrees(latitude)),
+        round(1e7 * math.degrees(longitude)),
+        height,
+        math.nan,  # above the sea
+        _worst(covariance[:2, :2]),
+        math.sqrt(max(0.0, covariance[2, 2])),
     )
 
 
@@ -86,6 +115,16 @@ def vision_position_estimate(dialect: Any, odometry: Odometry, resets: int) -> A
         covariance[_UPPER].tolist(),
         resets % 256,
     )
+
+
+def _position(odometry: Odometry, frame: LocalFrame) -> tuple[tuple[float, ...], np.ndarray]:
+    """Return latitude, longitude (rad), height (m), and their covariance (3, 3) ENU, m²."""
+    point = odometry.pose.pose.position
+    place = frame.to_geodetic(np.array([point.x, point.y, point.z]))
+    latitude, longitude, height = (float(part) for part in place)
+    axes = frame.rotation_from(latitude, longitude)
+    covariance = axes.T @ np.reshape(odometry.pose.covariance, (6, 6))[:3, :3] @ axes
+    return (latitude, longitude, height), covariance
 
 
 def _worst(covariance: np.ndarray) -> float:

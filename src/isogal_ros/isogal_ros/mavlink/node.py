@@ -1,4 +1,5 @@
-"""The node isogal_mavlink: nav/odom to a flight controller, by datagrams."""
+"""The node isogal_mavlink: nav/odom to a flight controller, and its sensors to the graph, by
+datagrams."""
 
 import socket
 from collections.abc import Sequence
@@ -12,7 +13,16 @@ from sensor_msgs.msg import NavSatFix, PointCloud2
 
 from isogal.errors import InputError
 from isogal_ros import topics
-from isogal_ros.mavlink.encoding import GPS_INPUT, VISION, gps_input, vision_position_estimate
+from isogal_ros.mavlink.decoding import ROWS
+from isogal_ros.mavlink.encoding import (
+    GPS_INPUT,
+    SENT,
+    VISION,
+    global_position_sensor,
+    gps_input,
+    vision_position_estimate,
+)
+from isogal_ros.mavlink.receiving import Receiver
 from isogal_ros.mavlink.silence import Silence
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns
@@ -31,7 +41,20 @@ class MavlinkSettings(NodeSettings):
         "127.0.0.1:14550",
         description="host:port that takes MAVLink 2 by UDP, a router or autopilot",
     )
-    message: str = Field(GPS_INPUT, description=f"what is sent: {GPS_INPUT} or {VISION}")
+    message: str = Field(
+        GPS_INPUT, description=f"what is sent: {', '.join(SENT)}; empty = nothing but heartbeats"
+    )
+    receive: str = Field(
+        "",
+        description=(
+            "host:port at which messages of the vehicle's sensors are taken, and published on the"
+            " graph's topics; empty = none"
+        ),
+    )
+    sensors: tuple[str, ...] = Field(
+        ("HIGHRES_IMU", "SCALED_PRESSURE", "GPS_RAW_INT"),
+        description=f"messages that are taken, one for each topic; of {', '.join(ROWS)}",
+    )
     rate: float = Field(5.0, gt=0.0, le=50.0, description="most messages a second, Hz")
     system_id: int = Field(1, ge=1, le=255, description="of the vehicle")
     component_id: int = Field(
@@ -45,21 +68,18 @@ class MavlinkSettings(NodeSettings):
 class MavlinkNode(GraphNode):
     """Sends each nav/odom, up to a rate; nothing while the navigator is lost."""
 
-    sections: ClassVar[Sequence[str]] = ("seed", "route")
+    sections: ClassVar[Sequence[str]] = ("seed", "route", "field", "gravimeter")
     settings_model: ClassVar[type[NodeSettings]] = MavlinkSettings
     settings: MavlinkSettings
 
     def setup(self) -> None:
         """Open the socket and make subscriptions."""
         self._dialect = _dialect()
-        if self.settings.message not in (GPS_INPUT, VISION):
+        if self.settings.message not in ("", *SENT):
             raise InputError(
-                f"message: must be {GPS_INPUT} or {VISION}, not {self.settings.message!r}"
+                f"message: must be {', '.join(SENT)} or empty, not {self.settings.message!r}"
             )
-        host, _, port = self.settings.address.rpartition(":")
-        if not (host and port.isdigit() and 0 < int(port) < 65536):
-            raise InputError(f"address: must be host:port, not {self.settings.address!r}")
-        self._to = host, int(port)
+        self._to = host_and_port("address", self.settings.address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._mavlink = self._dialect.MAVLink(
             None, self.settings.system_id, self.settings.component_id
@@ -68,6 +88,12 @@ class MavlinkNode(GraphNode):
         self._interval = from_seconds(1.0 / self.settings.rate)
         self._last: int | None = None
         self._count = 0
+        self._receiver: Receiver | None = None
+        if self.settings.receive:
+            at = host_and_port("receive", self.settings.receive)
+            self._receiver = Receiver(self, self._dialect, at)
+        if not self.settings.message:
+            return
         self.listen(topics.INFORMATION, self._take_information)
         self.listen(topics.DIAGNOSTICS, self._take_diagnostics)
         self.listen(topics.NAV_FIX, self._take_fix)
@@ -94,8 +120,12 @@ class MavlinkNode(GraphNode):
         if self._last is not None and 0 <= ns - self._last < self._interval:
             return
         self._last = ns
-        if self.settings.message == GPS_INPUT:
-            made = gps_input(self._dialect, message, self._frame, self.settings.satellites)
+        own = self.settings
+        if own.message == GPS_INPUT:
+            made = gps_input(self._dialect, message, self._frame, own.satellites)
+        elif own.message != VISION:
+            field = self.scenario.measured_field
+            made = global_position_sensor(self._dialect, message, self._frame, field)
         else:
             made = vision_position_estimate(self._dialect, message, self._silence.resets)
         self._send(made)
@@ -118,10 +148,20 @@ class MavlinkNode(GraphNode):
         super()._beat()
 
     def destroy_node(self) -> None:
-        """Close the socket as well."""
+        """Close the sockets as well."""
         if hasattr(self, "_socket"):
             self._socket.close()
+        if receiver := getattr(self, "_receiver", None):
+            receiver.close()
         super().destroy_node()
+
+
+def host_and_port(name: str, text: str) -> tuple[str, int]:
+    """Return what a parameter says; raises InputError where it is no ``host:port``."""
+    host, _, port = text.rpartition(":")
+    if not (host and port.isdigit() and 0 < int(port) < 65536):
+        raise InputError(f"{name}: must be host:port, not {text!r}")
+    return host, int(port)
 
 
 def _dialect() -> ModuleType:
@@ -129,9 +169,12 @@ def _dialect() -> ModuleType:
     try:
         from pymavlink.dialects.v20 import common
     except ImportError:
+        common = None
+    if not hasattr(common, "MAVLink_global_position_sensor_message"):
         raise InputError(
-            f"{MAVLINK} needs the Python package pymavlink: pip install isogal[mavlink]"
-        ) from None
+            f"{MAVLINK} needs the Python package pymavlink, 2.4.50 or later: pip install"
+            " isogal[mavlink]"
+        )
     found: ModuleType = common
     return found
 

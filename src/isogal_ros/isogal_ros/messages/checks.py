@@ -28,7 +28,7 @@ def require_frame(message: Message, frame: str, parameter: str = "") -> None:
     """Raise BadMessageError, which names the parameter that sets the frame if there is one, unless
     the message is in the frame; an empty frame takes any."""
     if frame and message.header.frame_id != frame:
-        key = f" (parameter {parameter})" if parameter else ""
+        key = f" (parameter {parameter})" if parameter else " (parameter drivers)"
         raise BadMessageError(f"frame_id must be '{frame}', is '{message.header.frame_id}'{key}")
 
 

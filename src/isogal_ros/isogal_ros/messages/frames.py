@@ -5,12 +5,14 @@ radians; messages have forward, left, up (FLU), east, north, up (ENU), and degre
 frame ``map`` is ENU at the first route point, exact through ECEF
 (`isogal.earth.frames.LocalFrame`)."""
 
-import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Scenario
+from isogal.sensors.trajectory import first_place
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Message, Topic
 
@@ -26,13 +28,51 @@ NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Rotation NED to ENU, and the reverse."""
 
 
+@dataclass(frozen=True)
+class FrameNames:
+    """What the graph's frames are called outside of its nodes."""
+
+    map: str = MAP
+    odom: str = ODOM
+    base: str = BASE
+    prefix: str = ""
+    """Before every frame, with a slash between."""
+
+    def outward(self, message: Message) -> None:
+        """Give a message's frames the names outside; one that has them keeps them."""
+        own = {MAP: self.map, ODOM: self.odom, BASE: self.base}
+        start = f"{self.prefix}/" if self.prefix else ""
+        for item, key in _frames(message):
+            frame = getattr(item, key)
+            if frame and not (start and frame.startswith(start)):
+                setattr(item, key, start + own.get(frame, frame))
+
+    def inward(self, message: Message) -> None:
+        """Give a message's frames the graph's own names."""
+        if self == FrameNames():
+            return
+        own = {self.map: MAP, self.odom: ODOM, self.base: BASE}
+        for item, key in _frames(message):
+            frame = getattr(item, key)
+            if self.prefix:
+                frame = frame.removeprefix(f"{self.prefix}/")
+            setattr(item, key, own.get(frame, frame))
+
+
+def _frames(message: Message) -> Iterator[tuple[Message, str]]:
+    """Yield what has a frame in a message, and the field's name."""
+    if hasattr(message, "header"):
+        yield message.header, "frame_id"
+    if hasattr(message, "child_frame_id"):
+        yield message, "child_frame_id"
+    for part in (*getattr(message, "poses", ()), *getattr(message, "transforms", ())):
+        yield from _frames(part)
+
+
 def map_frame(scenario: Scenario) -> LocalFrame:
     """Return the frame ``map`` of a scenario: ENU at the first route point, at the vehicle's
     height."""
-    route = scenario.route
-    first = route.waypoints[0][:2] if route.waypoints is not None else route.start
-    assert first is not None  # the scenario model has checked
-    return LocalFrame(math.radians(first[0]), math.radians(first[1]), route.height)
+    return LocalFrame(*first_place(scenario.route), scenario.route.height)
 
 
 def framed(topic: Topic, frame: str, ns: int = 0) -> Message:

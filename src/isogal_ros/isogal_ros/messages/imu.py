@@ -37,6 +37,13 @@ def fill_noise(message: Imu, errors: ImuErrors, interval: float) -> None:
     message.angular_velocity_covariance = np.diag(variance[3:]).ravel()
 
 
+def declared_variance(message: Imu) -> Array | None:
+    """Return the variance of the angular rate (3,), (rad/s)², that a message declares; None where
+    it declares none."""
+    variance = np.array(message.angular_velocity_covariance[::4])
+    return variance if variance.max() > 0.0 else None
+
+
 def read_imu(message: Imu, frame: str = BASE) -> tuple[Array, Array]:
     """Return (specific force m/s², angular rate rad/s), each (3,) FRD.
 

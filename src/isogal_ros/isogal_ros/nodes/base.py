@@ -31,6 +31,8 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.drivers import Driver, Entrance
+from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.listening import Listening, Take
@@ -82,6 +84,25 @@ class NodeSettings(BaseModel):
         3600.0, gt=0.0, description="how much older than the data a checkpoint may be, s"
     )
     diagnostics_period: float = Field(1.0, gt=0.0, description="wall time between diagnostics, s")
+    drivers: dict[str, Driver] = Field(
+        default_factory=dict,
+        description=(
+            "how messages of sensors come, by topic, where that is not as the graph has them:"
+            " {TOPIC: {frame: of its messages, rotation: [roll, pitch, yaw] deg, unit: mGal}}"
+        ),
+    )
+    map_frame: str = Field(MAP, min_length=1, description="what the frame map is called outside")
+    odom_frame: str = Field(ODOM, min_length=1, description="what the frame odom is called")
+    base_frame: str = Field(BASE, min_length=1, description="what the frame base_link is called")
+    tf_prefix: str = Field(
+        "", description="put before the names of all frames, with a slash between"
+    )
+
+    @property
+    def frame_names(self) -> FrameNames:
+        """What frames are called outside."""
+        prefix = self.tf_prefix.strip("/")
+        return FrameNames(self.map_frame, self.odom_frame, self.base_frame, prefix)
 
 
 class GraphNode(LifecycleNode):
@@ -149,6 +170,8 @@ class GraphNode(LifecycleNode):
         self._ready = False
         try:
             specs = self._declare(name)
+            self.frame_names = self.settings.frame_names
+            self._entrance = Entrance(self.settings.drivers, self.frame_names)
             self._said = self.advertise(topics.DIAGNOSTICS)
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
@@ -207,6 +230,7 @@ class GraphNode(LifecycleNode):
         publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
         in_order = topic.single and "header" in topic.type.get_fields_and_field_types()
         send = publisher.publish
+        renamed = self.frame_names != FrameNames()
 
         def publish(message: topics.Message) -> None:
             # what is serialised is a recording's, and goes out as it is
@@ -218,6 +242,8 @@ class GraphNode(LifecycleNode):
                     self.health.drop(topic.name, f"not published, {text}")
                     return
                 self._sent[topic.name] = ns
+            if renamed and not isinstance(message, bytes):
+                self.frame_names.outward(message)
             try:
                 send(message)
             except rclpy_implementation.RCLError as error:
@@ -237,11 +263,23 @@ class GraphNode(LifecycleNode):
         return publisher
 
     def listen(self, topic: Topic, handler: Take, raw: bool = False) -> Listening:
-        """Subscribe; a message with which the handler fails is dropped and counted."""
+        """Subscribe; a message with which the handler fails is dropped and counted. It has passed
+        the node's `Entrance`."""
+
+        def enter(message: topics.Message) -> None:
+            now = self.get_clock().now().nanoseconds
+            if raw:
+                own = topics.type_name(topic.type)
+                handler(self._entrance.take_serialised(topic, message, own, now))
+            else:
+                handler(self._entrance.take(topic, message, now))
+
+        plain = not (self._entrance.changes(topic))
 
         def guarded(message: topics.Message) -> None:
             if self.active:
-                self.guard(topic, handler, message)
+                as_it_is = plain and (raw or type(message) is topic.type)
+                self.guard(topic, handler if as_it_is else enter, message)
 
         return self.hear(topic, guarded, raw, topic.single)
 

@@ -1,8 +1,11 @@
-"""Subscriptions that lose nothing, but hear publishers that may lose something, too.
+"""Subscriptions that lose nothing, but hear publishers that may lose something, or that publish
+another type of message, too.
 
 Drivers of sensors are often best effort (`rclpy.qos.qos_profile_sensor_data`). A reliable
 subscription is not connected with such a publisher at all; a best effort one is with both kinds.
-Nothing else of `topics.LOSSLESS` asks for more than a publisher may offer.
+Nothing else of `topics.LOSSLESS` asks for more than a publisher may offer. A publisher of another
+type is not connected either: what `messages.drivers` takes in a topic's place is subscribed to
+where nobody publishes the topic's own type.
 
 Where a topic is of one publisher (`Topic.single`), that is the first one heard, while it is there;
 messages of others are dropped. Another one takes over when it is gone; so does at once one of a
@@ -14,11 +17,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from isogal_ros import topics
+from isogal_ros.messages.drivers import takes_others, type_taken
 from isogal_ros.nodes.taking import foretell, take_next
 from isogal_ros.topics import LOSSLESS, Topic
 
@@ -58,6 +63,10 @@ class Listening:
     ) -> None:
         self._node, self._topic, self._take, self._raw = node, topic, take, raw
         self._refused = False
+        self.type: type[topics.Message] = topic.type
+        """Of the messages that are taken: the topic's own, or one that a driver publishes."""
+        self._is_down = False
+        """Whether it waits for its subscription to be gone before it has another."""
         self._single = single
         self._there: dict[bytes, str] = {}
         """Publishers, connected or not: what identifies each, and its node's name."""
@@ -71,7 +80,7 @@ class Listening:
     def _subscribe(self, profile: QoSProfile) -> Subscription:
         topic, events = self._topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
         made = self._node.create_subscription(
-            topic.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
+            self.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
         )
         self._connected, self._settled = -1, False
         self._single = self._single and isinstance(made, Subscription)
@@ -105,7 +114,7 @@ class Listening:
             if why is not None:
                 self._node.health.drop(self._topic.name, why)
             else:
-                self._take(data if self._raw else deserialize_message(data, self._topic.type))
+                self._take(data if self._raw else deserialize_message(data, self.type))
 
     def _drop(self, gid: bytes, alone: bool) -> str | None:
         """Return why a message of a publisher, which may be the only one now, is not to be used
@@ -165,14 +174,18 @@ class Listening:
 
     def get_publisher_count(self) -> int:
         """Return how many publishers are connected."""
-        return int(self._subscription.get_publisher_count())
+        return 0 if self._is_down else int(self._subscription.get_publisher_count())
 
     def adapt(self) -> None:
-        """Take less where a publisher has offered less, and tell of several publishers; a timer
-        calls this."""
+        """Take less where a publisher has offered less, or another type, and tell of several
+        publishers; a timer calls this."""
+        if self._is_down and not self._is_up_again():
+            return
         if self._single:
             self._look()
             self._node.health.concern(f"publishers of {self._topic.name}", self._several())
+        if self._retyped():
+            return
         # one that is heard without loss is not to lose messages for another that is not used
         if not self._refused or (self._single and self.get_publisher_count()):
             return
@@ -183,6 +196,32 @@ class Listening:
         )
         before, self._subscription = self._subscription, self._subscribe(_BEST_EFFORT)
         self._node.destroy_subscription(before)
+
+    def _retyped(self) -> bool:
+        """Listen to another type of message that the topic takes, where only that is published."""
+        if not takes_others(self._topic) or self.get_publisher_count():
+            return False
+        infos = self._node.get_publishers_info_by_topic(self.topic_name)
+        kind = type_taken(self._topic, [info.topic_type for info in infos])
+        if kind in (None, self.type):
+            return False
+        self._node.get_logger().warning(
+            f"{self._topic.name}: published as {topics.type_name(kind)}, which is taken for"
+            f" {topics.type_name(self._topic.type)}"
+        )
+        # a process has one type of a topic, and its executor holds what is destroyed for a while
+        self.end()
+        self.type, self._is_down = kind, True
+        return True
+
+    def _is_up_again(self) -> bool:
+        """Subscribe to another type, where the last one is gone for good."""
+        try:
+            self._subscription = self._subscribe(LOSSLESS)
+        except rclpy_implementation.RCLError:
+            return False
+        self._is_down = False
+        return True
 
     def end(self) -> None:
         """Listen no more."""

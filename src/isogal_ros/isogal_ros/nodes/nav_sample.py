@@ -11,6 +11,7 @@ from isogal.earth.frames import LocalFrame
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
+from isogal_ros.messages.frames import FRD_FLU
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamped_numbers import AidedSince
@@ -37,6 +38,8 @@ class NavSample:
     """m²."""
     aided: AidedSince | None = None
     """What satellites have told the navigator since a fix; None = nothing."""
+    turn: Array | None = None
+    """(3,) angular rate relative to the Earth, FRD, rad/s; None = not known."""
     aligned: bool = True
     """Whether the navigator is aligned: one that is not says where it may be, and promises
     nothing."""
@@ -47,7 +50,7 @@ def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:
     BadMessageError where one cannot be used."""
     position = read_position(fix)
     velocity, of_velocity, attitude = read_velocity(odom, frame, *position[:2])
-    of_position = read_covariance(fix)
+    of_position, angular = read_covariance(fix), odom.twist.twist.angular
     covariance = np.zeros((4, 4))
     covariance[:2, :2], covariance[2:, 2:] = of_position[:2, :2], of_velocity[:2, :2]
     return NavSample(
@@ -57,6 +60,7 @@ def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:
         attitude,
         covariance,
         float(of_position[2, 2]),
+        turn=FRD_FLU * np.array([angular.x, angular.y, angular.z]),
         aligned=fix.status.status != NavSatStatus.STATUS_NO_FIX,
     )
 

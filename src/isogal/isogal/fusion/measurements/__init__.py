@@ -17,11 +17,11 @@ heading          a heading, with its mounting and slow errors as auxiliary state
 information      what a batch of readings says, in information form
 height           a height sensor, with its errors as auxiliary states
 velocity         a velocity aid, with its errors and the current or wind; standstill
-heading          a heading of a compass or of two antennas, a course
 rest             means of the inertial data of a vehicle at rest
 sample_noise     what an inertial sample says of its own noise
 rotation         what the gyroscopes of a vehicle read that does not turn
 fix              the measurements that a fix consists of
+trust            how an aid that was beyond the gate, or contradicted, is used again
 """
 
 from isogal.fusion.measurements.fix import LearntMapError, Widening, measurements_of

@@ -10,6 +10,7 @@ from isogal.fix import Fix
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement
 from isogal.fusion.measurements.position import PositionFix
+from isogal.fusion.measurements.trust import AGREEING
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, Estimate
@@ -37,14 +38,14 @@ class LearntMapError:
 @dataclass(frozen=True, slots=True, eq=False)
 class Widening:
     """The navigator was found diverged, or not to be what it says: it becomes less certain, and
-    its velocity aid is not used any more."""
+    its velocity aid has to agree with it for a while before it is used again."""
 
     covariance: Array
     """(7, 7) what is added to that of a batch's states (`isogal.inertial.error_state`)."""
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
-        state.contradicted = True
+        state.contradicted = AGREEING
         state.covariance[np.ix_(BATCH, BATCH)] += self.covariance
         return Innovation.of(np.zeros(2), 0.0, math.inf)
 

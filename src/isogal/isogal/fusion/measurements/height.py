@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.measurements.model import Innovation, Rows
+from isogal.fusion.measurements.trust import update_insistent
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -70,4 +71,4 @@ class HeightReading:
         H[0, 2], H[0, FILTER_STATES:] = -1.0, contents
         expected = np.array([up + contents @ state.auxiliary])
         rows = Rows(np.array([self.height]), expected, H, np.array([[self.variance]]))
-        return update_linear(state, model, rows)
+        return update_insistent(state, model, rows, "height")

@@ -26,7 +26,7 @@ class Outcome(Enum):
     REJECTED = "rejected"
     """It is beyond the gate: so far from what was expected that it cannot be right."""
     UNTRUSTED = "untrusted"
-    """It was not used because fixes have contradicted the navigator (`Widening`)."""
+    """It was not used because it, or the navigator, has been contradicted by others."""
     REFUSED = "refused"
     """It cannot be used: its time or its numbers are not possible."""
 

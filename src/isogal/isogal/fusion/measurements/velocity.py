@@ -12,7 +12,9 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Outcome, Rows, update_linear
+from isogal.fusion.measurements.model import Innovation, Rows
+from isogal.fusion.measurements.rotation import ZeroRotation
+from isogal.fusion.measurements.trust import update_insistent, update_once_it_agrees
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -22,7 +24,6 @@ from isogal.scenario import Velocity
 SCALE = "velocity_scale"
 PITCH, YAW = "velocity_pitch", "velocity_yaw"
 NORTH, EAST = "current_north", "current_east"
-UNTRUSTED = "fixes contradicted the navigator: the velocity aid is not used any more"
 
 
 def velocity_error_states(velocity: Velocity) -> tuple[AuxiliaryState, ...]:
@@ -49,9 +50,9 @@ class VelocityReading:
     """A reading of the velocity in body axes.
 
     One that is slower than `standstill_speed` means that the vehicle stands still on the ground.
-    Others are not used once fixes have contradicted the navigator (`Widening`): its own velocity
-    has no error that fixes do not correct in time, an aid that is not what it says pulls it away
-    from the truth again and again."""
+    Where fixes have contradicted the navigator (`Widening`) others have to agree with it for a
+    while: its own velocity has no error that fixes do not correct in time, an aid that is not what
+    it says pulls it away from the truth again and again."""
 
     velocity: Array
     """(3,) forward, right, down, m/s; NaN = not measured, but one of them is."""
@@ -61,10 +62,16 @@ class VelocityReading:
     """m/s."""
     standstill_sigma: float = 0.01
     """m/s, 1-sigma of a velocity of zero."""
+    at_rest: ZeroRotation | None = None
+    """What the gyroscopes read, which is used where the vehicle stands still."""
 
     @classmethod
     def of(
-        cls, settings: Velocity, velocity: Array, covariance: Array | None = None
+        cls,
+        settings: Velocity,
+        velocity: Array,
+        covariance: Array | None = None,
+        rate: Array | None = None,
     ) -> "VelocityReading | None":
         """Return a reading (3,) of a scenario's aid; None where it has no number.
 
@@ -75,14 +82,26 @@ class VelocityReading:
             Forward, right, down, m/s; NaN = not measured.
         covariance : (3, 3) array, optional
             Of its white noise; None, or zero variances = as the settings have it.
+        rate : (3,) array, optional
+            What the gyroscopes read then, rad/s, by which the sensor's lever arm has a velocity of
+            its own, and which is zero rotation where the vehicle stands still; None = not known.
+            The Earth's rotation and what scale and mounting make of the arm's velocity, below a
+            tenth of a mm/s and a hundredth of some cm/s, are left out.
         """
+        if rate is not None and any(settings.lever_arm):
+            velocity = velocity - np.cross(rate, settings.lever_arm)
         if not np.isfinite(velocity).any():
             return None
+        if settings.kind == "wheels" and np.isnan(velocity[1]):
+            velocity = np.array([velocity[0], 0.0, velocity[2]])
         R = np.eye(3) * settings.number("sigma") ** 2
         if covariance is not None:
             known = np.flatnonzero(np.diag(covariance) > 0.0)
             R[np.ix_(known, known)] = np.asarray(covariance)[np.ix_(known, known)]
-        return cls(velocity, R, settings.standstill_speed, settings.standstill_sigma)
+        rest = settings.standstill_speed, settings.standstill_sigma
+        if rate is None or settings.standstill_rate is None:
+            return cls(velocity, R, *rest)
+        return cls(velocity, R, *rest, ZeroRotation(rate, settings.standstill_rate))
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
@@ -92,14 +111,16 @@ class VelocityReading:
             H = np.zeros((3, model.states))
             H[:, 3:6] = np.eye(3)
             R = np.eye(3) * self.standstill_sigma**2
-            return update_linear(state, model, Rows(np.zeros(3), state.velocity.copy(), H, R))
+            if self.at_rest is not None:
+                self.at_rest.update(state, model)
+            rest = Rows(np.zeros(3), state.velocity.copy(), H, R)
+            return update_insistent(state, model, rest, "standstill")
         H, expected = _through(state, model)
-        if state.contradicted:
-            apart = measured - expected[axes]
-            allowed = model.gate(len(axes))
-            return Innovation(Outcome.UNTRUSTED, apart, 0.0, allowed, expected[axes], UNTRUSTED)
         R = self.covariance[np.ix_(axes, axes)]
-        return update_linear(state, model, Rows(measured, expected[axes], H[axes], R))
+        rows = Rows(measured, expected[axes], H[axes], R)
+        if state.contradicted:
+            return update_once_it_agrees(state, model, rows)
+        return update_insistent(state, model, rows, "velocity")
 
 
 def _through(state: FilterState, model: FilterModel) -> tuple[Array, Array]:

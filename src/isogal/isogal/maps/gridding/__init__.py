@@ -4,6 +4,8 @@
     survey          readings at points or along lines, and the plane they are taken to
     reading         from CSV, Geosoft XYZ or NetCDF files
     text_table      tables of text with named columns
+    text_rows       their rows, as recorded tracks have them
+    netcdf_rows     the same of NetCDF files
     reduction       trend, and means in blocks
     levelling       where lines cross, and an offset for each line
     covariance      of the field between places, of noise and of lines' offsets

@@ -244,15 +244,15 @@ class Hypotheses:
     @cached_property
     def _least(self) -> Array:
         """(M,) the log weight from which a place counts. An improbable model has its best place
-        only, and that is not split; but the likeliest one of each family has several, so that what
-        becomes probable later has not lost its place."""
+        only, and that is not split; but those that are likely in their family have several, so
+        that their evidence is theirs, and what becomes probable later has not lost its place."""
         total = self.of_models
         whole = np.logaddexp.reduce(self.log_weight)
-        leads = (total == largest(total, self.models.family)) & np.isfinite(total)
+        likely = (total > largest(total, self.models.family) - LIGHT) & np.isfinite(total)
         least = np.where(total < whole - LIGHT, np.inf, whole - NEGLIGIBLE)
         best = np.full(len(total), -np.inf)
         np.maximum.at(best, self.which, self.log_weight)
-        return np.where(leads, np.minimum(least, best - NEGLIGIBLE), least)
+        return np.where(likely, np.minimum(least, best - LIGHT), least)
 
     def moved(self, by: Array) -> "Hypotheses":
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""

@@ -167,6 +167,11 @@ def _unlike(one: SecondaryBatch) -> str | None:
     return f"the readings have {channels} channels, the map {maps}"
 
 
+def _same(off: Array, covariance: Array) -> bool:
+    """Whether estimates that differ by so much (7,) are the same to a navigator."""
+    return bool(off @ np.linalg.solve(covariance, off) <= SAME_ESTIMATE)
+
+
 def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
     """Return the memory at the end of a batch, before its readings."""
     first = max(len(batch) - batch.new - 1, 0)
@@ -176,10 +181,13 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
     before = memory.covariance
     if batch.correction is not None:
         off = -batch.correction - memory.taken
-        if off @ np.linalg.solve(before, off) > SAME_ESTIMATE:
-            # the fix was not taken as it was: where the navigator knows less than by that it
-            # knew no more then; where it knows more, other aids have informed it since
-            before = before + grown(before, back @ prior @ back.T)[0]
+        if not _same(off, before):
+            # the fix was not taken as it was: if not at all, the navigator knew what it had known
+            # before; else, where it knows less than by the fix, it knew no more then, and where
+            # it knows more, other aids have informed it since
+            refused = _same(batch.correction, memory.untaken)
+            more = grown(before, back @ prior @ back.T)[0]
+            before = memory.untaken if refused else before + more
         memory = memory.moved(off)
     return memory.propagated(before, back, prior, float(batch.time[-1]), batch.aided)
 

@@ -91,6 +91,8 @@ class Memory:
     covariance: Array
     """(7, 7) of that navigator."""
     diverged: Diverged
+    untaken: Array
+    """(7, 7) what it was before that fix."""
     taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
     """(7,) error that the last fix takes off its estimate."""
 
@@ -98,7 +100,7 @@ class Memory:
     def before(cls, prior: Array, time: float) -> "Memory":
         """Return that before the readings of a first batch, which ends at a time (s), of a
         navigator of covariance (7, 7)."""
-        return cls({}, prior, Diverged.before(prior, time))
+        return cls({}, prior, Diverged.before(prior, time), prior)
 
     @property
     def time(self) -> float:
@@ -137,6 +139,7 @@ class Memory:
         return replace(
             self._each(lambda bank: bank.carried(*narrowing).aided(aided, prior)),
             covariance=prior,
+            untaken=prior,
             diverged=diverged.later(passed),
             taken=np.zeros(BATCH_STATES),
         )

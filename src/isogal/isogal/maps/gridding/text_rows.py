@@ -4,7 +4,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -77,14 +77,18 @@ class TextRows:
         for name in required:
             if index[name] is None:
                 raise self._lacks(columns[name].names[0])
-        if not self.cells:
+        if not self.number:
             raise InputError(f"{self.where}: has no readings")
-        numbered = list(zip(self.cells, self.number, strict=True))
         return {
-            name: np.array([self._number(row[i].strip(), name, columns[name], n)
-                            for row, n in numbered])
-            for name, i in index.items() if i is not None
-        }  # fmt: skip
+            name: self._numbers(i, name, columns[name])
+            for name, i in index.items()
+            if i is not None
+        }
+
+    def _numbers(self, i: int, name: str, column: Column) -> Array:
+        """Return the numbers (N,) of the column that is the i-th."""
+        numbered = zip(self.cells, self.number, strict=True)
+        return np.array([self._number(row[i].strip(), name, column, n) for row, n in numbered])
 
     def _lacks(self, wanted: str) -> InputError:
         """Return the error of a file without a column; it names the one that may be meant."""
@@ -112,6 +116,37 @@ class TextRows:
             limits = f"{column.least:g} to {column.most:g}" if column.most < math.inf else "> 0"
             raise InputError(f"{cell} {text}{column.unit}, must be {limits}")
         return value
+
+
+def one_line(rows: TextRows, line: str | None, key: str) -> TextRows:
+    """Return the rows of one survey line of a file.
+
+    Parameters
+    ----------
+    rows : TextRows
+    line : str, optional
+        Its name; None = the file has one only.
+    key : str
+        By which a user names it, for messages.
+
+    Raises
+    ------
+    InputError
+        The file has no such line, or several where none is named.
+    """
+    names = rows.line
+    if names is None and (i := rows.index(Column(("line",)))) is not None:
+        names = [row[i].strip() for row in rows.cells]
+    there = list(dict.fromkeys(names or ()))
+    if (line is None and len(there) <= 1) or there == [line]:
+        return rows
+    if names is None or line not in there:
+        shown = ", ".join(there[:6]) + (", ..." if len(there) > 6 else "")
+        what = f"has no line '{line}'" if line else f"has {len(there)} lines"
+        raise InputError(f"{rows.where}: {what}; {key} must be one of {shown or 'none'}")
+    chosen = [k for k, name in enumerate(names) if name == line]
+    cells = [rows.cells[k] for k in chosen] if rows.cells else []
+    return replace(rows, cells=cells, number=[rows.number[k] for k in chosen], line=None)
 
 
 def _iso_seconds(text: str) -> float:

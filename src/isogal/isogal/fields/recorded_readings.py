@@ -1,0 +1,152 @@
+"""Recorded readings along a recorded track, in place of simulated ones.
+
+Each keeps its own time: none is interpolated. Scans are counted by the instrument's interval, so
+that batches have the length that the scenario says; each has the newest reading of its interval,
+or none. Where readings fall between the navigator's whole intervals they are that much late."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.maps.gridding.netcdf_rows import NetcdfRows, rows_of
+from isogal.maps.gridding.text_rows import TIME, Column, one_line
+from isogal.maps.quantities import QUANTITIES, UNITS, unit_factor
+from isogal.scenario import Readings
+from isogal.sensors.reduction import Reduction, State
+
+_ALIASES = {
+    "disturbance": ("gravity_anomaly", *QUANTITIES["gravity_anomaly"].names, "free_air"),
+    "magnetic_anomaly": ("mag_res", "residual_field"),
+    "height": ("depth",),
+}
+"""Names of columns of values as maps have them, beside those of `isogal.maps.quantities`."""
+_UNITS = {"m/s²": "mGal", "nT": "nT", "m": "m"}
+"""Of a column whose file does not say it, by the unit inside."""
+_DOWN = "depth"
+"""Column whose values are heights counted downwards."""
+
+
+class AsRecorded(Reduction):
+    """Of readings that are values of the map already: nothing of the navigator is in them."""
+
+    def raw(self, value: ArrayLike, at: State) -> Array:
+        """Return the map's value."""
+        return np.array(value, dtype=float)
+
+    def reduce(self, raw: ArrayLike, at: State) -> Array:
+        """Return the reading."""
+        return np.array(raw, dtype=float)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """Readings of S scans."""
+
+    time: Array
+    """(S,) s since the track's begin; of a scan without a reading when it would have been."""
+    value: Array
+    """(S,) unit inside; NaN = none."""
+
+
+def recorded_scans(
+    readings: Readings, line: str | None, quantity: str, clock: tuple[float, float, int]
+) -> Recorded:
+    """Return the readings of a field's scans.
+
+    Parameters
+    ----------
+    readings : scenario.Readings
+    line : str, optional
+        Survey line of the track.
+    quantity : str
+        What the field's map is of.
+    clock : (float, float, int)
+        Begin of the track on the file's clock (s), time between scans (s) and their number S.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, lacks the column, its unit or numbers cannot be those of the
+        field, or none of its readings is within the track's time.
+    """
+    begin, interval, count = clock
+    time, value = _read(readings, line, quantity)
+    since = time - begin
+    used = np.isfinite(value) & (since > 0.0) & (since <= interval * count + 1e-6)
+    if not used.any():
+        raise InputError(
+            f"readings.source: {readings.source}: no reading is within the track's time, {begin:g}"
+            f" to {begin + interval * count:g} s; they are of {time.min():g} to {time.max():g} s"
+        )
+    since, value = since[used], value[used]
+    end = _end_of_scans(np.mod(np.round(since, 6), interval), interval)
+    scan = np.ceil((since - end) / interval - 1e-6).astype(np.int64)
+    kept = (scan >= 1) & (scan <= count)
+    scan, since, value = scan[kept], since[kept], value[kept]
+    late = float(np.median(scan * interval - since)) if len(scan) else 0.0
+    usual = np.arange(1, count + 1, dtype=np.float64) * interval - late
+    result = Recorded(usual, np.full(count, np.nan))
+    result.time[scan - 1], result.value[scan - 1] = since, value  # in order: the newest stays
+    return result
+
+
+def _end_of_scans(phase: Array, interval: float) -> float:
+    """Return the time (s, above -interval and at most 0) at which scan 0 ends, so that readings
+    which come at phases (N,), s, of an interval are apart from the ends: that of the last reading
+    before the longest time without any."""
+    sorted_ = np.unique(phase)
+    gaps = np.diff(sorted_, append=sorted_[0] + interval)
+    last = float(sorted_[int(np.argmax(gaps))])
+    return last - interval if last > 0.0 else 0.0
+
+
+@lru_cache(maxsize=8)
+def _read(readings: Readings, line: str | None, quantity: str) -> tuple[Array, Array]:
+    """Return times (s, on the file's clock, increasing) and readings (unit inside; NaN = none)."""
+    assert readings.source is not None  # the caller has checked
+    rows = rows_of(readings.source, "time and a column of readings")
+    if rows.line is not None and line in rows.line:
+        rows = one_line(rows, line, "route.track_line")
+    known = quantity, *QUANTITIES[quantity].names, *_ALIASES.get(quantity, ()), "value"
+    names = known if readings.column is None else (readings.column.casefold(),)
+    column = Column(names, gaps=True)
+    index = rows.index(column)
+    if index is None:
+        raise InputError(
+            f"readings.column: {rows.where} has no column {' or '.join(names)}; it has"
+            f" {', '.join(rows.names)}"
+        )
+    found = rows.read({"time": TIME, "value": column}, ("time", "value"))
+    name = rows.names[index]
+    of = quantity if readings.reduced else {"magnetic_anomaly": "magnetic_field"}.get(quantity)
+    inside = QUANTITIES[quantity].unit
+    unit = readings.unit or (rows.units.get(name) if isinstance(rows, NetcdfRows) else None)
+    unit = unit or _UNITS.get(inside, inside)
+    own, factor = unit_factor(unit, f"readings.unit: {rows.where}, column {name}")
+    if own != inside:
+        allowed = ", ".join(one for one, (base, _) in UNITS.items() if base == inside)
+        raise InputError(
+            f"readings.unit: {rows.where}, column {name}: {unit} is no unit of {quantity};"
+            f" allowed: {allowed}"
+        )
+    value = found["value"] * factor
+    if readings.reduced and name == _DOWN:
+        value = -value
+    if of is not None:
+        _check_possible(value, of, f"{rows.where}, column {name} in {unit}", factor)
+    order = np.argsort(found["time"], kind="stable")
+    return found["time"][order], value[order]
+
+
+def _check_possible(value: Array, quantity: str, where: str, factor: float) -> None:
+    known = QUANTITIES[quantity]
+    low, high = float(np.nanmin(value)), float(np.nanmax(value))
+    if low < known.lowest or high > known.highest:
+        raise InputError(
+            f"readings.unit: {where}: readings of {low / factor:.6g} to {high / factor:.6g} cannot"
+            f" be {quantity}, allowed: {known.lowest / factor:.6g} to {known.highest / factor:.6g}"
+        )

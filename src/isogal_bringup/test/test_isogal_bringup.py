@@ -1,0 +1,11 @@
+"""What `colcon test` runs of this package; all others are in the folder tests beside src."""
+
+from pathlib import Path
+
+PARAMS = Path(__file__).parents[1] / "params" / "isogal.yaml"
+
+
+def test_the_parameter_file_is_that_of_the_nodes() -> None:
+    from isogal_ros.parameters.bringup_file import text
+
+    assert PARAMS.read_text(encoding="utf-8") == text()

@@ -1,0 +1,160 @@
+"""Messages of MAVLink (https://mavlink.io/en/messages/common.html) as messages of the graph.
+
+A row of `ROWS` says of a message of MAVLink which topics it is published on, and what turns it
+into their messages. MAVLink's body axes are forward, right, down."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from sensor_msgs.msg import NavSatFix, NavSatStatus
+
+from isogal.arrays import Array
+from isogal.scenario.data_sheet import G
+from isogal_ros import topics
+from isogal_ros.messages.aids import fill_velocity
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, framed
+from isogal_ros.messages.imu import fill_imu
+from isogal_ros.messages.position import fill_fix
+from isogal_ros.topics import Message, Topic
+
+_FIX_3D = 3
+_BODY_FRD = 12
+_UNKNOWN = 65535
+"""In the unsigned numbers of GPS_RAW_INT."""
+_NOT_MEASURED = -1.0
+_MILLI_G = 1e-3 * G
+_INERTIAL = 0b111111
+"""Of HIGHRES_IMU_UPDATED_FLAGS: accelerometers and gyroscopes."""
+
+Published = Iterator[tuple[Topic, Message]]
+
+
+class Row(NamedTuple):
+    """What becomes of a message of MAVLink."""
+
+    topics: tuple[Topic, ...]
+    decode: Callable[[Any, int], Published]
+    """Yields messages of a stamp (ns); raises BadMessageError."""
+
+
+def _highres_imu(found: Any, ns: int) -> Published:
+    """Yield the sample of a HIGHRES_IMU, m/s² and rad/s."""
+    if found.fields_updated & _INERTIAL != _INERTIAL:
+        raise BadMessageError("HIGHRES_IMU without new accelerometers or gyroscopes")
+    yield from _sample(found, ns, 1.0, 1.0)
+
+
+def _milli_imu(found: Any, ns: int) -> Published:
+    """Yield the sample of a SCALED_IMU, mG and mrad/s; ArduPilot's RAW_IMU has the same units."""
+    yield from _sample(found, ns, _MILLI_G, 1e-3)
+
+
+def _sample(found: Any, ns: int, of_force: float, of_rate: float) -> Published:
+    message = framed(topics.IMU, BASE)
+    message.orientation_covariance[0] = _NOT_MEASURED
+    force = of_force * np.array([found.xacc, found.yacc, found.zacc])
+    fill_imu(message, ns, force, of_rate * np.array([found.xgyro, found.ygyro, found.zgyro]))
+    yield topics.IMU, message
+
+
+def _pressure(found: Any, ns: int) -> Published:
+    """Yield the absolute pressure of a SCALED_PRESSURE, hPa."""
+    message = framed(topics.BAROMETER, BASE, ns)
+    message.fluid_pressure = 100.0 * found.press_abs
+    yield topics.BAROMETER, message
+
+
+def _gps(found: Any, ns: int) -> Published:
+    """Yield position and horizontal velocity of a GPS_RAW_INT. An accuracy of 0 is not known."""
+    message = framed(topics.GNSS_FIX, ANTENNA)
+    if found.fix_type < _FIX_3D:
+        fill_fix(message, ns, 0.0, 0.0, 0.0, status=NavSatStatus.STATUS_NO_FIX)
+        yield topics.GNSS_FIX, message
+        return
+    covariance = None
+    if found.h_acc and found.v_acc:
+        covariance = np.diag([1e-3 * found.h_acc, 1e-3 * found.h_acc, 1e-3 * found.v_acc]) ** 2
+    place = math.radians(1e-7 * found.lat), math.radians(1e-7 * found.lon)
+    fill_fix(message, ns, *place, 1e-3 * (found.alt_ellipsoid or found.alt), covariance)
+    if covariance is not None:
+        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
+    yield topics.GNSS_FIX, message
+    if _UNKNOWN in (found.vel, found.cog):
+        return
+    velocity, course = framed(topics.GNSS_VELOCITY, ANTENNA, ns), math.radians(1e-2 * found.cog)
+    linear, speed = velocity.twist.twist.linear, 1e-2 * found.vel
+    linear.x, linear.y = speed * math.sin(course), speed * math.cos(course)
+    variance = (1e-3 * found.vel_acc) ** 2
+    for place_, value in ((0, variance), (7, variance), (14, _NOT_MEASURED)):
+        velocity.twist.covariance[place_] = value
+    yield topics.GNSS_VELOCITY, velocity
+
+
+def _odometry(found: Any, ns: int) -> Published:
+    """Yield the velocity of an ODOMETRY in body axes, for a camera or wheels that measure it."""
+    if found.child_frame_id != _BODY_FRD:
+        raise BadMessageError("ODOMETRY: child_frame_id must be MAV_FRAME_BODY_FRD")
+    message = framed(topics.VELOCITY, BASE)
+    fill_velocity(message, ns, np.array([found.vx, found.vy, found.vz]))
+    covariance = _upper(found.velocity_covariance)
+    if covariance is not None:
+        turned = np.asarray(message.twist.covariance).reshape(6, 6).copy()
+        turned[:3, :3] = FRD_FLU[:, None] * covariance[:3, :3] * FRD_FLU
+        message.twist.covariance = turned.ravel()
+    yield topics.VELOCITY, message
+
+
+def _upper(values: list[float]) -> Array | None:
+    """Return a covariance (6, 6) from its upper triangle, row by row; None where it is unknown."""
+    if math.isnan(values[0]):
+        return None
+    upper = np.zeros((6, 6))
+    upper[np.triu_indices(6)] = values
+    return np.asarray(upper + np.triu(upper, 1).T)
+
+
+ROWS: Mapping[str, Row] = {
+    "HIGHRES_IMU": Row((topics.IMU,), _highres_imu),
+    "RAW_IMU": Row((topics.IMU,), _milli_imu),
+    "SCALED_IMU": Row((topics.IMU,), _milli_imu),
+    "SCALED_PRESSURE": Row((topics.BAROMETER,), _pressure),
+    "GPS_RAW_INT": Row((topics.GNSS_FIX, topics.GNSS_VELOCITY), _gps),
+    "ODOMETRY": Row((topics.VELOCITY,), _odometry),
+}
+"""By name of MAVLink's message."""
+
+
+def time_of(found: Any) -> int:
+    """Return the time of a message, ns, since 1970 or since its sender's start."""
+    if hasattr(found, "time_usec"):
+        return int(found.time_usec) * 1000
+    return int(found.time_boot_ms) * 1_000_000
+
+
+class SenderClock:
+    """Turns times of a sender into stamps.
+
+    Times since 1970 are stamps already. Those since its start are put after the time at which the
+    first message came; all messages have that one shift, so that what lies between them is what
+    the sender says. A sender that has been started anew gets another."""
+
+    UTC = 1_000_000_000_000_000_000
+    """ns since 1970 (of 2001) from which on a time is one since 1970."""
+    REBOOT = 5_000_000_000
+    """ns by which a time may lie before the newest."""
+
+    def __init__(self) -> None:
+        self._shift: int | None = None
+        self._newest = 0
+
+    def stamp(self, time: int, now: int) -> int:
+        """Return the stamp (ns) of a time (ns) that came at `now` (ns)."""
+        if time >= self.UTC:
+            return time
+        if self._shift is None or time < self._newest - self.REBOOT:
+            self._shift, self._newest = now - time, time
+        self._newest = max(self._newest, time)
+        return time + self._shift

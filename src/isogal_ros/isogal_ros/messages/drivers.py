@@ -1,0 +1,333 @@
+"""Messages as drivers and other packages publish them, turned into the graph's own.
+
+A node, or the reader of a recording, passes every message of a sensor through an `Entrance`. Three
+tables say what it can do; a further type, unit or sensor is a row:
+
+- `ROWS`: which other types of message a topic takes, and how one is copied;
+- `FORMS`: which vectors and numbers a type of the graph has, that turn and scale, and its frame;
+- `UNITS`: in which other units its numbers may come.
+
+What cannot be seen in a message (unit, mounting, a frame of another name) is said by the parameter
+`drivers`, an entry for each topic (`Driver`)."""
+
+import json
+import math
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict, dataclass, field
+from difflib import get_close_matches
+from functools import cached_property, reduce
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import (
+    AccelStamped,
+    AccelWithCovarianceStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    TwistStamped,
+    TwistWithCovarianceStamped,
+    Vector3Stamped,
+)
+from nav_msgs.msg import Odometry
+from pydantic import BaseModel, ConfigDict, ValidationError
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import FluidPressure, Imu, LaserScan, MagneticField, PointCloud2, Range
+from std_msgs.msg import Float32, Float64
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.inertial.rotations import from_matrix, matrix
+from isogal.scenario import describe
+from isogal_ros import topics
+from isogal_ros.messages.altimeter import FAN
+from isogal_ros.messages.frames import BASE, MAP, FrameNames
+from isogal_ros.messages.gravimeter import PLATFORM
+from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.topics import Message, Topic, type_name
+
+OF_AIDS = re.compile(r"position(/\w+)?/(fix|pose)|heading(/\w+)?/data_raw")
+"""Topics of aids that a scenario names."""
+_NONE = 1e-9
+"""Share of an axis in another below which they have nothing in common."""
+_NOT_MEASURED = -1.0
+"""Variance of what a sensor does not measure."""
+
+
+class Driver(BaseModel):
+    """How the messages of a topic come, where that is not as the graph has them."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    frame: str | None = None
+    """of its messages, in place of the graph's own; empty = any; null = the graph's own"""
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """roll, pitch, yaw of the sensor's axes in those of the graph's frame (REP-103), deg, as in a
+    static transform or a URDF's rpy"""
+    unit: str = ""
+    """of its numbers; empty = SI"""
+
+    @cached_property
+    def turn(self) -> Array:
+        """Rotation (3, 3) from the sensor's axes to the frame's."""
+        (sr, sp, sy), (cr, cp, cy) = (f(np.radians(self.rotation)) for f in (np.sin, np.cos))
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+        about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+        about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+        return np.asarray(about_z @ about_y @ about_x)
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a type of the graph holds; names of fields are dotted."""
+
+    frame: str | None
+    """In which its readers want it; None = in any."""
+    vectors: tuple[tuple[str, str], ...] = ()
+    """Vectors, and the covariance of each, whose first three rows are its own."""
+    numbers: tuple[tuple[str, int], ...] = ()
+    """Numbers, and by which power of the unit they go."""
+
+
+FORMS: Mapping[type[Message], Form] = {
+    Imu: Form(
+        BASE,
+        (
+            ("linear_acceleration", "linear_acceleration_covariance"),
+            ("angular_velocity", "angular_velocity_covariance"),
+        ),
+    ),
+    AccelWithCovarianceStamped: Form(PLATFORM, (("accel.accel.linear", "accel.covariance"),)),
+    TwistWithCovarianceStamped: Form(BASE, (("twist.twist.linear", "twist.covariance"),)),
+    MagneticField: Form(None, (("magnetic_field", "magnetic_field_covariance"),)),
+    FluidPressure: Form(None, (), (("fluid_pressure", 1), ("variance", 2))),
+    Range: Form(None, (), (("range", 1), ("min_range", 1), ("max_range", 1), ("variance", 2))),
+    PoseWithCovarianceStamped: Form(MAP),
+    PointCloud2: Form(BASE),
+    LaserScan: Form(FAN),
+}
+"""By type of the graph."""
+UNITS: Mapping[type[Message], Mapping[str, float]] = {
+    AccelWithCovarianceStamped: {"m/s2": 1.0, "mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6},
+    FluidPressure: {"Pa": 1.0, "hPa": 1e2, "mbar": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5},
+    MagneticField: {"T": 1.0, "nT": 1e-9, "uT": 1e-6, "mT": 1e-3, "G": 1e-4},
+    TwistWithCovarianceStamped: {"m/s": 1.0, "kn": 1852.0 / 3600.0, "km/h": 1.0 / 3.6},
+    Range: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
+}
+"""SI in each unit, by type of the graph."""
+
+Copy = Callable[[Any, Any], None]
+"""Copies a message of another type into one of the graph."""
+
+
+def _put(path: str) -> Copy:
+    """Return what copies a number into a field."""
+
+    def copy(given: Float64, made: Message) -> None:
+        _set(made, path, float(given.data))
+
+    return copy
+
+
+def _copy(*pairs: tuple[str, str]) -> Copy:
+    """Return what copies fields to fields."""
+
+    def copy(given: Message, made: Message) -> None:
+        for source, target in pairs:
+            _set(made, target, _field(given, source))
+
+    return copy
+
+
+def _distance(given: Float64, made: Range) -> None:
+    """Copy a distance; what is not positive is nothing in range (REP 117)."""
+    made.max_range = math.inf
+    made.range = float(given.data) if given.data > 0.0 else math.inf
+
+
+def _bearing(given: Float64, made: Imu) -> None:
+    """Copy a heading, degrees from north over east, as the orientation of a level vehicle."""
+    half = math.radians(0.5 * (90.0 - given.data))
+    made.orientation.w, made.orientation.z = math.cos(half), math.sin(half)
+
+
+def _odometry_twist(given: Odometry, made: TwistWithCovarianceStamped) -> None:
+    """Copy a velocity, which is in the child's frame."""
+    made.twist, made.header.frame_id = given.twist, given.child_frame_id
+
+
+_NUMBERS: Mapping[type[Message], Copy] = {
+    AccelWithCovarianceStamped: _put("accel.accel.linear.z"),
+    FluidPressure: _put("fluid_pressure"),
+    MagneticField: _put("magnetic_field.z"),
+    Range: _distance,
+    Imu: _bearing,
+}
+"""How a number becomes a message of the graph."""
+ROWS: Mapping[tuple[type[Message], type[Message]], Copy] = {
+    **{(kind, Float64): copy for kind, copy in _NUMBERS.items()},
+    **{(kind, Float32): copy for kind, copy in _NUMBERS.items()},
+    (AccelWithCovarianceStamped, AccelStamped): _copy(("accel", "accel.accel")),
+    (AccelWithCovarianceStamped, Vector3Stamped): _copy(("vector", "accel.accel.linear")),
+    (AccelWithCovarianceStamped, Imu): _copy(("linear_acceleration", "accel.accel.linear")),
+    (MagneticField, Vector3Stamped): _copy(("vector", "magnetic_field")),
+    (TwistWithCovarianceStamped, TwistStamped): _copy(("twist", "twist.twist")),
+    (TwistWithCovarianceStamped, Vector3Stamped): _copy(("vector", "twist.twist.linear")),
+    (TwistWithCovarianceStamped, Odometry): _odometry_twist,
+    (PoseWithCovarianceStamped, PoseStamped): _copy(("pose", "pose.pose")),
+    (PoseWithCovarianceStamped, Odometry): _copy(("pose", "pose")),
+}
+"""How messages of another type (second) become those of a topic's type (first)."""
+_TYPES = {type_name(other): other for _, other in ROWS}
+_TAKERS = {own for own, _ in ROWS}
+
+
+def takes_others(topic: Topic) -> bool:
+    """Whether a topic takes messages of other types than its own."""
+    return topic.type in _TAKERS
+
+
+def type_taken(topic: Topic, names: Collection[str]) -> type[Message] | None:
+    """Return the topic's own type if it is among some types, given by their ROS names, else the
+    first that the topic takes in its place; None = none of them."""
+    if type_name(topic.type) in names:
+        return topic.type
+    found = (_TYPES.get(name) for name in names)
+    return next((kind for kind in found if kind and (topic.type, kind) in ROWS), None)
+
+
+@dataclass(frozen=True)
+class Entrance:
+    """What messages pass on their way in.
+
+    Raises
+    ------
+    InputError
+        An entry names no topic that sensors publish, or no unit of it.
+    """
+
+    drivers: Mapping[str, Driver] = field(default_factory=dict)
+    """By topic."""
+    names: FrameNames = field(default_factory=FrameNames)
+
+    def __post_init__(self) -> None:
+        known = {topic.name: topic for topic in topics.ALL if topic.single}
+        for name, driver in self.drivers.items():
+            if name not in known and not OF_AIDS.fullmatch(name):
+                near = get_close_matches(name, known, 1, 0.4)
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise InputError(f"drivers: the graph has no topic {name!r}{hint}")
+            units = UNITS.get(known[name].type, {}) if name in known else {}
+            if driver.unit and driver.unit not in units:
+                allowed = f"one of {', '.join(units)}" if units else "empty"
+                raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
+
+    def text(self) -> str:
+        """Return what a recording keeps of it."""
+        drivers = {name: one.model_dump() for name, one in self.drivers.items()}
+        return json.dumps({"drivers": drivers, "names": asdict(self.names)})
+
+    @classmethod
+    def of(cls, text: str, others: Mapping[str, Mapping[str, Any]]) -> "Entrance":
+        """Return what a text of a recording says, with other entries in place of its own; raises
+        InputError where one cannot be used."""
+        document = json.loads(text)
+        entries = {**document["drivers"], **others}
+        try:
+            drivers = {name: Driver.model_validate(one) for name, one in entries.items()}
+        except ValidationError as error:
+            raise InputError(f"drivers: {describe(error, Driver)}") from None
+        return cls(drivers, FrameNames(**document["names"]))
+
+    def changes(self, topic: Topic) -> bool:
+        """Whether messages of the topic's own type come in otherwise than as they are."""
+        return topic.name in self.drivers or self.names != FrameNames()
+
+    def take(self, topic: Topic, message: Message, received: int) -> Message:
+        """Return a message of the topic's own type, in its frame, axes and units.
+
+        Parameters
+        ----------
+        received : int
+            When it came, ns: the stamp of a message that has none.
+        """
+        driver = self.drivers.get(topic.name, Driver())
+        size = UNITS.get(topic.type, {}).get(driver.unit, 1.0)
+        form = FORMS.get(topic.type, Form(None))
+        if type(message) is not topic.type:
+            message = _converted(topic, message, received, form)
+        if topic.name in self.drivers:
+            _adjust(message, form, driver, size)
+        self.names.inward(message)
+        return message
+
+    def take_serialised(self, topic: Topic, data: bytes, kind: str, received: int) -> bytes:
+        """Return what `take` returns, serialised; `kind` is the ROS name of the message's type."""
+        taken = type_taken(topic, (kind,)) or topic.type
+        if taken is topic.type and not self.changes(topic):
+            return data
+        message = deserialize_message(data, taken)
+        return bytes(serialize_message(self.take(topic, message, received)))
+
+
+def _converted(topic: Topic, given: Message, received: int, form: Form) -> Message:
+    """Return a message of the topic's type with what one of another type says."""
+    made = topic.type()
+    made.header.frame_id = form.frame or ""
+    set_stamp(made.header.stamp, received)
+    if hasattr(given, "header"):
+        made.header = given.header
+    ROWS[topic.type, type(given)](given, made)
+    return made
+
+
+def _adjust(message: Message, form: Form, driver: Driver, size: float) -> None:
+    """Bring a message into the frame, the axes and the units of the graph."""
+    if driver.frame is not None and form.frame is not None:
+        if driver.frame not in ("", message.header.frame_id):
+            return  # which its reader refuses
+        message.header.frame_id = form.frame
+    turned = any(driver.rotation)
+    if turned or size != 1.0:
+        for name, of_covariance in form.vectors:
+            _transform(message, name, of_covariance, driver.turn, size)
+        for name, power in form.numbers:
+            setattr(message, name, getattr(message, name) * size**power)
+    if turned and isinstance(message, Imu):
+        q = message.orientation
+        if (quaternion := np.array([q.w, q.x, q.y, q.z])).any():
+            turn = matrix(quaternion) @ driver.turn.T
+            q.w, q.x, q.y, q.z = from_matrix(turn).tolist()
+
+
+def _transform(message: Message, name: str, of_covariance: str, turn: Array, size: float) -> None:
+    """Turn and scale a vector and its covariance. An axis that has a part in one that is not
+    measured (variance -1, or NaN) is not measured either."""
+    vector, whole = _field(message, name), _field(message, of_covariance)
+    width = math.isqrt(len(whole))
+    covariance = np.array(whole, dtype=float).reshape(width, width)
+    own = covariance[:3, :3]
+    if width == 3 and own[0, 0] == _NOT_MEASURED:  # all of it, in messages of sensor_msgs
+        own = np.zeros((3, 3))
+    absent = np.diag(own) == _NOT_MEASURED
+    given = np.array([vector.x, vector.y, vector.z])
+    own = np.where(absent[:, None] | absent, 0.0, own)
+    turned = size * (turn @ np.where(absent, 0.0, given))
+    own = size**2 * (turn @ own @ turn.T)
+    absent = (np.abs(turn) > _NONE) @ absent
+    own[absent, absent] = _NOT_MEASURED
+    vector.x, vector.y, vector.z = turned.tolist()
+    if width > 3 or covariance[0, 0] != _NOT_MEASURED:
+        covariance[:3, :3] = own
+    _set(message, of_covariance, covariance.ravel())
+
+
+def _field(message: Message, path: str) -> Any:
+    """Return a field by its dotted name."""
+    return reduce(getattr, path.split("."), message)
+
+
+def _set(message: Message, path: str, value: Any) -> None:
+    """Set a field by its dotted name."""
+    *outer, last = path.split(".")
+    setattr(reduce(getattr, outer, message), last, value)

@@ -1,0 +1,141 @@
+"""The true route along a recorded track."""
+
+import numpy as np
+import pytest
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.errors import InputError
+from isogal.inertial.inverse import NO_COURSE
+from isogal.inertial.rotations import matrix, to_angles
+from isogal.scenario import validate_scenario
+from isogal.sensors.trajectory import build_trajectory, first_place
+
+LATITUDE, LONGITUDE = 47.0, 8.0
+NORTH, EAST = (float(x) for x in metres_per_radian(np.radians(LATITUDE)))
+SPEED, RADIUS, SECONDS = 10.0, 300.0, 10.0
+"""m/s, m, and s in which it gains its speed."""
+
+
+def circle_after_rest(rest=60.0, turn=120.0):
+    """Times (N,), s, north and east (N,), m, of a vehicle at rest and then on a circle."""
+    time = np.arange(0.0, rest + turn)
+    since = np.maximum(time - rest, 0.0)
+    way = np.where(since < SECONDS, 0.5 * since**2 / SECONDS, since - 0.5 * SECONDS)
+    angle = SPEED / RADIUS * way
+    return time, RADIUS * np.sin(angle), RADIUS * (1.0 - np.cos(angle))
+
+
+def write(path, time, north, east, extra=None):
+    latitude = LATITUDE + np.degrees(north / NORTH)
+    longitude = LONGITUDE + np.degrees(east / EAST)
+    names, columns = "time,latitude,longitude", [time, latitude, longitude]
+    for name, values in (extra or {}).items():
+        names, columns = f"{names},{name}", [*columns, values]
+    np.savetxt(path, np.column_stack(columns), "%.12g", ",", header=names, comments="")
+    return path
+
+
+def scenario(path, **changes):
+    return validate_scenario({"route": {"track": str(path)}, **changes})
+
+
+def test_a_vehicle_is_at_rest_and_turns_as_its_positions_say(tmp_path):
+    time, north, east = circle_after_rest()
+    noise = np.random.default_rng(1).normal(0.0, 0.5, (2, len(time)))
+    found = build_trajectory(
+        scenario(write(tmp_path / "a.csv", 1e9 + time, north + noise[0], east + noise[1]))
+    )
+    assert len(found) == len(time) - 1
+    assert found.begin == 1e9
+    at_rest = slice(2, 55)
+    assert np.abs(found.velocity[at_rest]).max() < 1e-9
+    assert np.abs(found.angular_rate[at_rest, 2]).max() < 0.1
+    turning = slice(75, 170)
+    speed = np.hypot(*found.velocity[turning, :2].T)
+    assert speed.mean() == pytest.approx(SPEED, abs=0.1)
+    assert speed.std() < 0.5  # differences of the positions themselves: 0.7
+    np.testing.assert_allclose(found.angular_rate[turning, 2].mean(), SPEED / RADIUS, rtol=0.05)
+    np.testing.assert_allclose(found.specific_force[turning, 1].mean(), 0.333, atol=0.02)
+    off = np.hypot(
+        (found.latitude - np.radians(LATITUDE)) * NORTH - north,
+        (found.longitude - np.radians(LONGITUDE)) * EAST - east,
+    )
+    assert np.quantile(off, 0.95) < 1.0
+    assert off.max() < 4.0 * 0.5 * np.sqrt(2.0)  # where it moves off, within the scatter
+    course = np.arctan2(found.velocity[:, 1], found.velocity[:, 0])
+    heading = np.array([to_angles(matrix(row))[2] for row in found.attitude])
+    moves = np.hypot(*found.velocity[:, :2].T) > 10.0 * NO_COURSE
+    np.testing.assert_allclose(np.cos(course - heading)[moves], 1.0, atol=1e-4)
+
+
+def test_an_imu_of_any_rate_feels_the_same_path(tmp_path):
+    path = write(tmp_path / "a.csv", *circle_after_rest())
+    slow = build_trajectory(scenario(path))
+    fast = build_trajectory(scenario(path, imu={"rate": 50.0}, fusion={"rate": 1.0}))
+    away = np.hypot((fast.latitude - slow.latitude) * NORTH,
+                    (fast.longitude - slow.longitude) * EAST)  # fmt: skip
+    assert away.max() < 0.2
+    np.testing.assert_allclose(fast.angular_rate, slow.angular_rate, atol=2e-3)
+
+
+def test_duration_cuts_a_track_and_heights_count_where_a_sensor_measures_them(tmp_path):
+    time, north, east = circle_after_rest()
+    path = write(tmp_path / "a.csv", time, north, east, {"height": 200.0 + 0.5 * time})
+    cut = validate_scenario({"route": {"track": str(path), "duration": 50.0, "height": 30.0}})
+    found = build_trajectory(cut)
+    assert found.time[-1] == 50.0
+    assert (found.height == 30.0).all()
+    climbs = build_trajectory(scenario(path, height={"source": "barometer"}))
+    np.testing.assert_allclose(climbs.height, 200.0 + 0.5 * climbs.time, atol=0.05)
+    np.testing.assert_allclose(climbs.velocity[:, 2], -0.5, atol=0.01)
+    assert first_place(cut.route) == pytest.approx((np.radians(LATITUDE), np.radians(LONGITUDE)))
+
+
+def test_lines_and_times_of_a_netcdf_file(tmp_path):
+    import netCDF4
+
+    time, north, east = circle_after_rest()
+    path = tmp_path / "a.nc"
+    with netCDF4.Dataset(path, "w") as dataset:
+        dataset.createDimension("row", 2 * len(time))
+        for name, values in {
+            "time": np.tile(time / 60.0, 2),
+            "lat": LATITUDE + np.degrees(np.tile(north, 2) / NORTH),
+            "lon": LONGITUDE + np.degrees(np.tile(east, 2) / EAST),
+            "line": np.repeat([7, 8], len(time)),
+        }.items():
+            dataset.createVariable(name, values.dtype, ("row",))[:] = values
+        dataset["time"].units = "minutes since 2000-07-16 12:35:00"
+    of_line = {"route": {"track": str(path), "track_line": "8"}}
+    found = build_trajectory(validate_scenario(of_line))
+    assert found.begin == 963750900.0  # date -u -d '2000-07-16 12:35' +%s
+    assert len(found) == len(time) - 1
+    with pytest.raises(InputError, match=r"has 2 lines; route.track_line must be one of 7, 8"):
+        build_trajectory(scenario(path))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"time": -1.0}, r"time in line 12 is not later than the one before"),
+        ({"latitude": 91.0}, r"latitude in line 12 is 91 deg, must be -90 to 90"),
+        ({"longitude": 9.0}, r"latitude and longitude in line 12 are 7\.\d+e\+04 m/s"),
+    ],
+)
+def test_a_bad_track_is_refused_by_column(tmp_path, change, says):
+    path = write(tmp_path / "a.csv", *circle_after_rest())
+    rows = path.read_text().splitlines()
+    names, cells = rows[0].split(","), rows[11].split(",")
+    for name, value in change.items():
+        cells[names.index(name)] = f"{value:g}"
+    rows[11] = ",".join(cells)
+    path.write_text("\n".join(rows))
+    with pytest.raises(InputError, match=says):
+        build_trajectory(scenario(path))
+
+
+@pytest.mark.parametrize("key", ["start", "speed", "waypoints", "at_rest"])
+def test_keys_of_other_routes_say_nothing_beside_a_track(key):
+    value = {"start": [1.0, 2.0], "speed": 3.0, "at_rest": 60.0}.get(key, [[1, 2, 3], [2, 3, 4]])
+    with pytest.raises(InputError, match=f"{key}: says nothing beside track"):
+        validate_scenario({"route": {"track": "a.csv", key: value}})
