@@ -127,7 +127,8 @@ def _read(path: Path, asked: Asked, window: Window | None) -> FieldMap:
         np.arange(math.floor(low / step) - _RIM, math.ceil(high / step) + _RIM + 1)
         for low, high in ((south, north), (west, east if east >= west else east + 2.0 * math.pi))
     )
-    latitude, longitude = rows * step, columns * step
+    latitude: Array = rows * step
+    longitude: Array = columns * step
     latitude = latitude[np.abs(latitude) < math.pi / 2]
     where = f"{path}:disturbance at {height:g} m"
     check_size(latitude.size * longitude.size, where)

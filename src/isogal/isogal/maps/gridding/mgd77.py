@@ -94,9 +94,9 @@ def table_of(text: str, suffix: str, where: str) -> tuple[str, list[str], list[i
     InputError
         There are no records, or one is damaged or of the form before 1998.
     """
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
+    numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
     of_table = suffix == _TABLE
-    read, lines = _tabular(lines) if of_table else (_record, lines)
+    read, lines = _tabular(numbered) if of_table else (_record, numbered)
     found = list[list[float]]()
     number = list[int]()
     for k, line in lines:
@@ -140,8 +140,8 @@ _OF_TIME = (10, 3), (13, 4), (17, 2), (19, 2), (21, 2), (23, 5)
 
 
 def _tabular(
-    lines: Sequence[tuple[int, str]],
-) -> tuple[Callable[[str], list[float]], Sequence[tuple[int, str]]]:
+    lines: list[tuple[int, str]],
+) -> tuple[Callable[[str], list[float]], list[tuple[int, str]]]:
     """Return what reads a row of a table, and the rows without that of the names."""
     names = _OF_TABLE
     if lines and "LAT" in (head := [name.strip() for name in lines[0][1].split("\t")]):
