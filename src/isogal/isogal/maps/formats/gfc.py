@@ -127,8 +127,7 @@ def _read(path: Path, asked: Asked, window: Window | None) -> FieldMap:
         np.arange(math.floor(low / step) - _RIM, math.ceil(high / step) + _RIM + 1)
         for low, high in ((south, north), (west, east if east >= west else east + 2.0 * math.pi))
     )
-    latitude: Array = rows * step
-    longitude: Array = columns * step
+    latitude, longitude = (np.asarray(one * step, dtype=np.float64) for one in (rows, columns))
     latitude = latitude[np.abs(latitude) < math.pi / 2]
     where = f"{path}:disturbance at {height:g} m"
     check_size(latitude.size * longitude.size, where)

@@ -139,7 +139,8 @@ class TextTable:
     numbers: Array
     """(N, columns); NaN = missing."""
     line: Array | None
-    """(N,) index of the survey line that each row belongs to; None where the file has none."""
+    """(N,) number of the survey line that each row belongs to: its name where all names are
+    numbers and none is there twice; None where the file has none."""
 
 
 def read_table(path: Path) -> TextTable:
@@ -175,7 +176,12 @@ def read_table(path: Path) -> TextTable:
     if found.line is not None:
         order: dict[str, int] = {}
         each = [" ".join(one).strip().casefold() for one in found.line]
-        line = np.array([order.setdefault(one, len(order)) if one else -1 for one in each], float)
+        for one in each:
+            order.setdefault(one, len(order))
+        own = {one: one.split()[-1] for one in order if one}
+        if all(map(str.isdecimal, own.values())) and len(set(own.values())) == len(own):
+            order = {one: int(name) for one, name in own.items()}
+        line = np.array([order[one] if one else -1 for one in each], float)
     return TextTable(names, table, line)
 
 
