@@ -208,7 +208,7 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
             f" {unit}, NIS {row['nis']:.2f}"
         )
     if far := report["far_off"]:
-        yield f"{len(far)} readings are over 6 of their 1-sigmas off what the others predict:"
+        yield f"readings over 6 of their 1-sigmas off what the others predict: {len(far)}"
     for one in far[:10]:
         when = "".join(f"{key} {one[key]:.10g}, " for key in ("line", "time") if key in one)
         place = f"latitude {one['latitude']:.5f}, longitude {one['longitude']:.5f}"
