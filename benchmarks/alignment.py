@@ -21,7 +21,7 @@ from isogal.fusion.alignment import COARSE, SHORTEST, UNKNOWN, Alignment
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.coarse import UNKNOWN_TILT, north_sigma
 from isogal.fusion.measurements import AtRest
-from isogal.fusion.measurements.rest import felt_at_rest
+from isogal.fusion.measurements.rest import sensed_at_rest
 from isogal.fusion.model import FilterModel
 from isogal.fusion.standstill import REST_SIGMA
 from isogal.fusion.state import FilterState
@@ -197,7 +197,7 @@ def _flat(model: FilterModel, trajectory: Trajectory) -> FilterState:
 def _rested(model: FilterModel, trajectory: Trajectory, seconds: float) -> Array:
     """Return the filter's covariance after so long at rest."""
     state = _flat(model, trajectory)
-    force, rate = felt_at_rest(state.position, model)
+    force, rate = sensed_at_rest(state.position, model)
     to_body = matrix(state.attitude).T
     AtRest(to_body @ force, to_body @ rate, seconds).update(state, model)
     state.covariance[3:6, 3:6] = np.eye(3) * REST_SIGMA**2

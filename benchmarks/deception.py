@@ -78,7 +78,7 @@ def judged(scenario: Scenario, since: float, run: int) -> Outcome:
         k, place = simulation.index[scan], navigator.state.position[:2]
         apart = horizontal_difference(*place, trajectory.latitude[k], trajectory.longitude[k])
         error.append(float(np.hypot(*apart)))
-        detected = navigator.inertial.satellites.detected
+        detected = navigator.inertial.monitors["gnss"].detected
         if np.isnan(found) and detected >= since:
             found = detected
     times = trajectory.time[simulation.index[1:]]

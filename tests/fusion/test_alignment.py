@@ -11,7 +11,7 @@ from isogal.fusion.alignment import POOR_AIM, UNKNOWN, Alignment
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.coarse import between_directions, north_sigma, triad
 from isogal.fusion.measurements import GroundVelocity, HeadingReading, PositionFix
-from isogal.fusion.measurements.rest import AtRest, felt_at_rest
+from isogal.fusion.measurements.rest import AtRest, sensed_at_rest
 from isogal.fusion.nominal import error_between, move
 from isogal.fusion.standstill import Standstill
 from isogal.fusion.state import FilterState
@@ -51,7 +51,7 @@ def rested(grade: str, seconds: int, run: int = 0, tilt=(0.02, -0.03)) -> tuple[
     it = scenario({"grade": grade}, at_rest=float(seconds), duration=float(seconds))
     model, trajectory = filter_model(it), build_trajectory(it)
     truth = from_angles(*tilt, 2.5)
-    force, rate = felt_at_rest(place_of(trajectory), model)
+    force, rate = sensed_at_rest(place_of(trajectory), model)
     to_body = matrix(truth).T
     level = matrix(trajectory.attitude[0]).T
     samples = simulate_samples(it.true, trajectory, run)
@@ -87,7 +87,7 @@ def test_means_at_rest_undo_an_error(enters: int) -> None:
     place = np.array([0.8, 0.1, 100.0])
     start = Estimate(place, np.zeros(3), from_angles(0.1, -0.2, 0.7))
     state = FilterState.start(start, model)
-    force, rate = felt_at_rest(place, model)
+    force, rate = sensed_at_rest(place, model)
     to_body = matrix(state.attitude).T
     rest = AtRest(to_body @ force, to_body @ rate, 1e6)
     size = 1e-4 if enters < 9 else 1e-3 if enters < 12 else 1e-6

@@ -10,7 +10,7 @@ from helpers.navigators import error_between, fly
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import SampleNoise, VelocityReading, ZeroRotation
+from isogal.fusion.measurements import AtRest, SampleNoise, VelocityReading
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
@@ -50,7 +50,7 @@ def test_stops_and_starts_do_not_tell_the_heading():
 @pytest.mark.parametrize("axis", range(15))
 def test_zero_rotation_is_linear_in_the_error(axis):
     rng = np.random.default_rng(1)
-    reading = ZeroRotation(rng.normal(size=3) * 1e-4, 1e-5)
+    reading = AtRest.of_gyroscopes(rng.normal(size=3) * 1e-4, 1e-5)
     step = np.zeros(15)
     step[axis] = 1e-4 if axis in (6, 7, 8) else 1e-6 if axis > 8 else 0.0
     moved = FLIGHT.start.copy()
@@ -70,7 +70,7 @@ def test_a_vehicle_at_rest_learns_its_gyroscopes():
     state.covariance[12:15, 12:15] = np.eye(3) * 1e-8
     bias = np.array([1e-4, -2e-4, 5e-5])
     earth = EARTH_RATE * np.array([np.cos(state.position[0]), 0.0, -np.sin(state.position[0])])
-    reading = ZeroRotation(matrix(state.attitude).T @ earth + bias, 1e-6)
+    reading = AtRest.of_gyroscopes(matrix(state.attitude).T @ earth + bias, 1e-6)
     assert reading.update(state, FLIGHT.model).used
     np.testing.assert_allclose(state.gyroscope_bias, bias, rtol=1e-3, atol=1e-8)
 

@@ -187,6 +187,8 @@ SMOOTHED = Topic("nav/smoothed", Odometry)
 lag."""
 NAV_AIDS = Topic("nav/aids", DiagnosticArray)
 """Which aids the navigator uses, since when not, and why."""
+NAVIGATOR = "navigator"
+"""Name of its last status, after those of the aids, which have the names of their topics."""
 TF = None if TFMessage is None else Topic("/tf", TFMessage, single=False)
 TF_STATIC = None if TFMessage is None else Topic("/tf_static", TFMessage, single=False)
 TRANSFORMS = () if TF is None else (TF,)

@@ -4,9 +4,12 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from isogal.fusion.alignment import Navigating
 from isogal.fusion.measurements import Innovation
+from isogal.fusion.state import FilterState
 from isogal_ros import topics
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -49,6 +52,8 @@ honest ones are outside once in 2,000 below and never above; slow errors that ar
 covariances that are rounded up, are what is found."""
 LOST_AFTER = 3.0
 """Intervals without a measurement that is used, after which an aid is not in use."""
+
+SIGMA = "horizontal 1-sigma"
 
 
 class AidReport:
@@ -101,7 +106,7 @@ class AidReport:
             if aid.newest >= 0 and ns - aid.newest <= aid.silent
         )
 
-    def tick(self, ns: int) -> None:
+    def tick(self, ns: int, navigator: Navigating) -> None:
         """Publish at a stamp (ns) of the navigator, if it is time or something has changed."""
         if not self._aids:
             return
@@ -113,7 +118,20 @@ class AidReport:
         self._message.status = [
             self._status(name, aid, name in in_use) for name, aid in self._aids.items()
         ]
+        self._message.status.append(self._navigator(navigator))
         self._publisher.publish(self._message)
+
+    def _navigator(self, navigator: Navigating) -> DiagnosticStatus:
+        """Return how well the position is known, and how well it would be without satellites."""
+        text, figures = "no satellites are used", {SIGMA: _sigma(navigator.state)}
+        if (without := navigator.without_satellites) is not None:
+            sigma = _sigma(without.after.merged)
+            text = f"without satellites since {without.since:.0f} s it would be {sigma:.0f} m"
+            figures |= {f"{SIGMA} without satellites": sigma, "without since": without.since}
+        return status(self._label(topics.NAVIGATOR), OK, text, figures)
+
+    def _label(self, name: str) -> str:
+        return f"{self._space}/{name}" if self._space else name
 
     def _status(self, name: str, aid: _Aid, used: bool) -> DiagnosticStatus:
         since = "never" if aid.newest < 0 else f"not since {to_seconds(aid.newest):.0f} s"
@@ -124,5 +142,9 @@ class AidReport:
             "last used": to_seconds(aid.newest) if aid.newest >= 0 else None,
             "normalised innovation squared": aid.nis,
         }
-        label = f"{self._space}/{name}" if self._space else name
-        return status(label, OK if used else WARN, text, figures)
+        return status(self._label(name), OK if used else WARN, text, figures)
+
+
+def _sigma(state: FilterState) -> float:
+    """Return the 1-sigma of the position along the worst horizontal direction, m."""
+    return float(np.sqrt(np.linalg.eigvalsh(state.covariance[:2, :2])[-1]))

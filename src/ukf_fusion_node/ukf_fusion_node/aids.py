@@ -159,7 +159,7 @@ class Aids:
     def apply(self, navigator: Navigating | None, ns: int) -> None:
         """Apply the readings up to a stamp, which the navigator has reached."""
         if navigator is not None:
-            self._report.tick(ns)
+            self._report.tick(ns, navigator)
         for source in self._sources:
             for stamp in sorted(stamp for stamp in source.waiting if stamp <= ns):
                 reading, describe = source.waiting.pop(stamp)

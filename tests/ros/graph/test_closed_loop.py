@@ -1,6 +1,7 @@
 """The graph in one process is the library's closed loop, whatever is measured, and its recording
 is replayed to the same fixes."""
 
+import re
 from collections import Counter
 
 import numpy as np
@@ -113,14 +114,16 @@ def test_satellites_lost_and_back(scenario, tmp_path, more) -> None:
     status = [message.status.status for message in found["gnss/fix"]]
     assert len(status) == (128 if more else 130)
     assert status.count(NavSatStatus.STATUS_NO_FIX) == 59
-    said = [
-        item.message
-        for array in found["nav/aids"]
-        for item in array.status
-        if item.name == "gnss/fix"
-    ]
+    said, alone = (
+        [item.message for array in found["nav/aids"] for item in array.status if item.name == name]
+        for name in ("gnss/fix", "navigator")
+    )
     assert said[-1] == "used"
     assert "not since 40 s: the receiver has no fix" in said
+    assert any(
+        re.fullmatch(r"without satellites since [1-5] s it would be \d+ m", one) for one in alone
+    )
+    assert "no satellites are used" in alone
     assert_replayed(tmp_path / "bag")
 
 

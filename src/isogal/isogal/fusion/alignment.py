@@ -22,6 +22,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gravity_at
+from isogal.fusion.aid_monitor import Without
 from isogal.fusion.coarse import UNKNOWN_TILT, Place, Start, north_sigma
 from isogal.fusion.inertial_navigator import InertialNavigator, track_row
 from isogal.fusion.measurements import (
@@ -36,7 +37,6 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion
-from isogal.fusion.satellite_monitor import SatelliteMonitor
 from isogal.fusion.standstill import CONFIRMED, REST_SIGMA, Standstill, zero_velocity
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
@@ -390,6 +390,11 @@ class Alignment:
         """Return the newest state without satellites; see `InertialNavigator.unaided`."""
         return self.navigation.unaided(since) if self._aligned else None
 
+    @property
+    def without_satellites(self) -> Without | None:
+        """What would be known without satellites; see `InertialNavigator.without_satellites`."""
+        return self.navigation.without_satellites if self._aligned else None
+
     def back(self, samples: int) -> None:
         """Forget the newest samples; see `InertialNavigator.back`. While it is being aligned they
         stay: among many they do not matter."""
@@ -607,8 +612,8 @@ class Alignment:
             sigma = self.heading_sigma
         if sigma <= self.aim and (self._told or not self.poor):
             self._aligned = True
-            # what goes on without satellites from a bank says nothing of them
-            self.navigator.satellites = SatelliteMonitor()
+            # what goes on without an aid from a bank says nothing of the aid
+            self.navigator.monitors = {}
 
     def _again(self, sigma: float) -> None:
         """Begin again with the heading that is known now."""

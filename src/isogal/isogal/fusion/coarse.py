@@ -17,7 +17,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements import AtRest
-from isogal.fusion.measurements.rest import felt_at_rest
+from isogal.fusion.measurements.rest import sensed_at_rest
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
@@ -125,7 +125,7 @@ class Start:
         """(4,) attitude that the Earth's rate gives; None where the vehicle may not be at rest."""
         if self.rest is None:
             return None
-        of_earth = felt_at_rest(self.place.position, self.model)[1]
+        of_earth = sensed_at_rest(self.place.position, self.model)[1]
         return triad(self.force, (self.rest.rate, of_earth))
 
     def state(self, attitude: Array, heading: float, tilt: float | None = None) -> FilterState:

@@ -14,12 +14,13 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.fusion.aid_monitor import AidMonitor, Without, aid_of, by_itself, of_aid
 from isogal.fusion.measurements import Innovation, Measurement
+from isogal.fusion.measurements.satellites import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
-from isogal.fusion.satellite_monitor import SatelliteMonitor, Without, by_itself, of_aid
 from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
@@ -83,7 +84,8 @@ class InertialNavigator:
         self._unaided: Without | None = None
         self._newest_aid = -math.inf
         """Time of the newest measurement of an aid that says where the vehicle is, s."""
-        self.satellites = SatelliteMonitor()
+        self.monitors: dict[str, AidMonitor] = {}
+        """Of each aid that has come and says where the vehicle is, by its name."""
         force, rate = steady_sample(state) if sample is None else sample
         self._segments = [
             Segment(
@@ -203,8 +205,11 @@ class InertialNavigator:
             reason = self._impossible(time)
             if reason is not None:
                 return [Innovation.refused(reason)] * len(measurements)
-        if (untrusted := self.satellites.untrusted(self, measurements)) is not None:
-            return untrusted
+        monitor = self._monitor(aid_of(measurements[0][1]))
+        if monitor is not None:
+            untrusted = monitor.untrusted(self, measurements)
+            if untrusted is not None:
+                return untrusted
         for time, _ in measurements:
             self._segment_at(time)
         indices = [self._index(time) for time, _ in measurements]
@@ -229,8 +234,15 @@ class InertialNavigator:
             self._replay(first + 1)
             return [Innovation.refused(str(error))] * len(measurements)
         for (time, one), result in zip(measurements, results, strict=True):
-            self.satellites.note(self, time, one, result)
+            for monitor in self.monitors.values():
+                monitor.note(self, time, one, result)
         return results
+
+    def _monitor(self, source: str) -> AidMonitor | None:
+        """Return what judges an aid; None where nothing does."""
+        if not source or (source == GNSS and not self.model.judges_satellites):
+            return None
+        return self.monitors.setdefault(source, AidMonitor(source))
 
     def _apply(
         self, first: int, marked: Sequence[tuple[Segment, Measurement]]
@@ -338,6 +350,12 @@ class InertialNavigator:
             before = Without(since, since, after)
         self._unaided = self.later(before)
         return self._unaided.after.merged
+
+    @property
+    def without_satellites(self) -> Without | None:
+        """See `AidMonitor.without`."""
+        monitor = self.monitors.get(GNSS)
+        return None if monitor is None else monitor.without(self.time)
 
     def later(self, before: Without, source: str = "") -> Without:
         """Return what is known at the newest sample without an aid, by its name, or without all

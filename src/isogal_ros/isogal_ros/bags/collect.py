@@ -101,6 +101,7 @@ class Collector:
             self.aids += [
                 Said(ns, LEVELS.get(item.level, "OK"), item.name, item.message)
                 for item in array.status
+                if not item.name.endswith(topics.NAVIGATOR)
             ]
         elif topic is topics.DIAGNOSTICS:
             self._take_diagnostics(data)

@@ -33,7 +33,6 @@ from isogal.fusion.measurements.model import Innovation, Measurement, Outcome
 from isogal.fusion.measurements.position import PositionFix
 from isogal.fusion.measurements.position_aid import position_fix
 from isogal.fusion.measurements.rest import AtRest
-from isogal.fusion.measurements.rotation import ZeroRotation
 from isogal.fusion.measurements.sample_noise import SampleNoise
 from isogal.fusion.measurements.satellites import satellite_fix, satellite_velocity
 from isogal.fusion.measurements.velocity import VelocityReading
@@ -52,7 +51,6 @@ __all__ = [
     "SampleNoise",
     "VelocityReading",
     "Widening",
-    "ZeroRotation",
     "measurements_of",
     "position_fix",
     "satellite_fix",

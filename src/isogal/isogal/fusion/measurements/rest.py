@@ -4,9 +4,9 @@
     z = (C' (-g) + b_a, C' w_ie + b_g) + noise
 
 with gravity g and the Earth's rate w_ie (NED), the attitude C (body to NED) and the sensors'
-errors, which are their biases and auxiliary states. It levels and finds north, and it is the
-measurement of zero rotation. The samples that it is made of must not also have carried the state
-to its time: their noise would count twice."""
+errors, which are their biases and auxiliary states. It levels and finds north. Its gyroscopes'
+rows alone are the measurement of zero rotation (Groves 2013, section 15.3.3). The samples that it
+is made of must not also have carried the state to its time: their noise would count twice."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from isogal.inertial.gravity import horizontal_gravity
 from isogal.inertial.rotations import cross_matrix, matrix
 
 
-def felt_at_rest(position: Array, model: FilterModel) -> tuple[Array, Array]:
+def sensed_at_rest(position: Array, model: FilterModel) -> tuple[Array, Array]:
     """Return the specific force (m/s²) and the angular rate (rad/s), NED, of a vehicle at rest at
     a position (3,)."""
     latitude, _, height = position.tolist()
@@ -36,18 +36,25 @@ def felt_at_rest(position: Array, model: FilterModel) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtRest:
-    """Means of the inertial data of a vehicle at rest."""
+    """Means of the inertial data of a vehicle at rest, or of its gyroscopes' alone."""
 
     force: Array
-    """(3,) specific force, body, m/s²."""
+    """(3,) specific force, body, m/s²; NaN = not used."""
     rate: Array
     """(3,) angular rate, body, rad/s."""
     seconds: float
     """Over which they are means."""
+    rate_sigma: float | None = None
+    """1-sigma of the noise of such a mean of a gyroscope, rad/s; None = its white noise's."""
+
+    @classmethod
+    def of_gyroscopes(cls, rate: Array, sigma: float) -> "AtRest":
+        """Return the measurement of zero rotation by gyroscopes of a 1-sigma (rad/s)."""
+        return cls(np.full(3, np.nan), rate, 1.0, sigma)
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
-        force, rate = felt_at_rest(state.position, model)
+        force, rate = sensed_at_rest(state.position, model)
         to_body = matrix(state.attitude).T
         H = np.zeros((6, model.states))
         H[:3, 6:9] = to_body @ cross_matrix(force)
@@ -57,10 +64,13 @@ class AtRest:
             self._add(H[:, FILTER_STATES + j], one.enters, one.axis, one.source, to_body)
         expected = np.concatenate([to_body @ force, to_body @ rate])
         expected += H[:, 9:] @ np.concatenate(state.nominal[3:])
-        R = np.diag(np.square(model.noise)) / self.seconds
-        return update_linear(
-            state, model, Rows(np.concatenate([self.force, self.rate]), expected, H, R)
-        )
+        variance = np.square(model.noise) / self.seconds
+        if self.rate_sigma is not None:
+            variance[3:] = self.rate_sigma**2
+        read = np.concatenate([self.force, self.rate])
+        used = np.flatnonzero(np.isfinite(read))
+        rows = Rows(read[used], expected[used], H[used], np.diag(variance[used]))
+        return update_linear(state, model, rows)
 
     def _add(
         self, column: Array, enters: str, axis: int, source: int | None, to_body: Array

@@ -13,7 +13,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.model import Innovation, Rows
-from isogal.fusion.measurements.rotation import ZeroRotation
+from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.trust import update_insistent, update_once_it_agrees
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
@@ -62,7 +62,7 @@ class VelocityReading:
     """m/s."""
     standstill_sigma: float = 0.01
     """m/s, 1-sigma of a velocity of zero."""
-    at_rest: ZeroRotation | None = None
+    at_rest: AtRest | None = None
     """What the gyroscopes read, which is used where the vehicle stands still."""
 
     @classmethod
@@ -101,7 +101,7 @@ class VelocityReading:
         rest = settings.standstill_speed, settings.standstill_sigma
         if rate is None or settings.standstill_rate is None:
             return cls(velocity, R, *rest)
-        return cls(velocity, R, *rest, ZeroRotation(rate, settings.standstill_rate))
+        return cls(velocity, R, *rest, AtRest.of_gyroscopes(rate, settings.standstill_rate))
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""

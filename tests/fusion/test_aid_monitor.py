@@ -4,15 +4,18 @@ import numpy as np
 import pytest
 
 from helpers.navigators import ROUTE, fly
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
+from isogal.fusion.aid_monitor import AGREED_FOR, REJECTED_FOR
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Outcome, satellite_fix, satellite_velocity
-from isogal.fusion.satellite_monitor import AGREED_FOR, REJECTED_FOR
-from isogal.scenario import Deception, Gnss, Scenario
+from isogal.fusion.measurements.position_aid import position_fix
+from isogal.scenario import Deception, Gnss, PositionAid, Scenario
 from isogal.sensors.satellites import simulate_satellites
 
 GNSS = Gnss(available=((0.0, 1200.0),))
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 1200.0}), gnss=GNSS)
+SATELLITES = "gnss"
 HONEST = Deception()
 WALK = Deception(kind="walk", rate=0.4, start=300.0)
 
@@ -49,7 +52,7 @@ def off(it: InertialNavigator) -> float:
 @pytest.mark.parametrize("run", range(3))
 def test_honest_ones_are_used(run) -> None:
     it = flown(fixes_of(run=run), 1200)
-    assert it.satellites.wrong_since is None
+    assert it.monitors[SATELLITES].wrong_since is None
     assert off(it) < 6.0
 
 
@@ -57,7 +60,7 @@ def test_what_false_ones_have_done_is_undone() -> None:
     """The state is that of a navigator which has not heard them since."""
     fixes = fixes_of(WALK)
     it = flown(fixes, 700)
-    monitor = it.satellites
+    monitor = it.monitors[SATELLITES]
     assert monitor.wrong_since < monitor.detected < 700.0
     assert monitor.wrong_since < WALK.start + 30.0
     other = flown(fixes, 700, lambda k: k <= monitor.wrong_since)
@@ -70,16 +73,25 @@ def test_they_are_used_again_when_they_have_agreed_for_a_while() -> None:
     back = 700.0
     fixes = fixes_of(WALK.model_copy(update={"end": back}))
     it = flown(fixes, round(back + AGREED_FOR) - 5)
-    assert it.satellites.wrong_since is not None
+    assert it.monitors[SATELLITES].wrong_since is not None
     on(it, fixes, round(back + AGREED_FOR) + 30)
-    assert it.satellites.wrong_since is None
+    assert it.monitors[SATELLITES].wrong_since is None
     assert off(it) < 6.0
+
+
+def test_velocities_by_other_paths_do_not_hold_back_trust() -> None:
+    """They may be off by 0.1 m/s for a long time, three times their noise."""
+    back = 500
+    fixes = fixes_of(WALK.model_copy(update={"end": float(back)}))
+    fixes.velocity[0, back:, 0] += 0.1
+    it = flown(fixes, round(back + AGREED_FOR) + 30)
+    assert it.monitors[SATELLITES].wrong_since is None
 
 
 def test_fixes_beyond_the_gate_one_after_the_other_are_no_outliers() -> None:
     jump = Deception(kind="jump", size=5000.0, start=100.0)
     it = flown(fixes_of(jump), round(100.0 + REJECTED_FOR) + 3)
-    assert it.satellites.wrong_since == pytest.approx(100.0)
+    assert it.monitors[SATELLITES].wrong_since == pytest.approx(100.0)
     one = satellite_fix(GNSS, fixes_of(jump).position[0, 170], False)
     said = it.measure(it.time, one)
     assert said.outcome is Outcome.UNTRUSTED
@@ -90,5 +102,37 @@ def test_after_a_time_without_them_nothing_is_held_against_them() -> None:
     """A navigator on its own drifts, and its history does not reach back."""
     it = InertialNavigator(FLIGHT.model, FLIGHT.start, horizon=60.0)
     on(it, fixes_of(), 1200, lambda k: not 200 < k < 1000)
-    assert it.satellites.wrong_since is None
+    assert it.monitors[SATELLITES].wrong_since is None
     assert off(it) < 6.0
+
+
+USBL = PositionAid(name="usbl", sigma=5.0, interval=10.0)
+
+
+def positions(until: int, wrong: float = 0.0, begin: int = 300) -> InertialNavigator:
+    """A navigator with positions every 10 s that walk off at a rate (m/s) from a time on."""
+    it = InertialNavigator(FLIGHT.model, FLIGHT.start)
+    rng = np.random.default_rng(7)
+    truth = FLIGHT.trajectory
+    for k in range(until):
+        it.imu(k + 1.0, *FLIGHT.samples(k, k + 1))
+        if (k + 1) % 10 == 0:
+            north = wrong * max(0, k - begin) + rng.normal(0.0, USBL.sigma)
+            east = rng.normal(0.0, USBL.sigma)
+            place = np.array([truth.latitude[k + 1], truth.longitude[k + 1], truth.height[k + 1]])
+            per_north, per_east = metres_per_radian(place[0])
+            place[:2] += north / per_north, east / per_east
+            it.measure(k + 1.0, position_fix(USBL, place, False))
+    return it
+
+
+@pytest.mark.parametrize("wrong", [0.0, 1.0])
+def test_positions_of_another_aid_are_judged_likewise(wrong) -> None:
+    it = positions(1200, wrong)
+    monitor = it.monitors[USBL.prefix]
+    assert (monitor.wrong_since is None) == (wrong == 0.0)
+    if wrong:
+        assert monitor.detected < 600.0
+        assert off(it) < 4.0 * np.sqrt(np.trace(it.state.covariance[:2, :2]))
+    else:
+        assert off(it) < 8.0
