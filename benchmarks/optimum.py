@@ -305,7 +305,7 @@ def _score(error: Array, covariance: Array) -> Array:
 
 HEAD = (
     "row",
-    "E|x − m|² / MMSE",
+    "E‖x − m‖² / MMSE",
     "KL, nats a fix",
     "by the mean",
     "by the covariance",
