@@ -50,6 +50,14 @@ def test_geosoft_lines_comments_and_missing_numbers(tmp_path):
     assert set(survey.height) == {305.5}
 
 
+def test_geosoft_lines_keep_numbers_that_name_one_line(tmp_path):
+    for tie, numbers in (("7", [100, 7]), ("100", [0, 1])):
+        text = ["/ lon lat dg[mGal]", "Line 100", *rows(LON, LAT, VALUE)[:40], f"Tie {tie}"]
+        text += rows(LON, LAT, VALUE)[40:]
+        path = written(tmp_path / "a.xyz", text[0], [row.replace(",", " ") for row in text[1:]])
+        assert list(dict.fromkeys(read_survey(path).line.tolist())) == numbers
+
+
 def test_names_after_a_title_or_a_comment(tmp_path):
     for title in ("Survey of 2020, second part", "/ made by hand yesterday"):
         lines = ["lat,lon,dg[mGal]", *rows(LAT, LON, VALUE)]

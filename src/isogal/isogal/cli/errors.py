@@ -30,6 +30,7 @@ EXTRAS = {
     "mcap_ros2": "bags",
     "zstandard": "bags",
     "pymavlink": "mavlink",
+    "pyshtools": "models",
 }
 """Packages that a plain installation does without, and the extra that brings each along."""
 

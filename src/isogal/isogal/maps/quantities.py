@@ -214,6 +214,11 @@ def check_plausible(
     if math.isnan(found[0]):
         raise EmptyWindowError(f"{where}: has no value at all (all missing)")
     low, high = found[0] * factor, found[1] * factor
+    if quantity == "height" and "depth" in where.rpartition(":")[2].casefold() and low + high > 0:
+        raise InputError(
+            f"{where}: values up to {high:.6g} m by the name are depths, positive downwards, and a"
+            " height is positive upwards: change their sign, or the name if they are heights"
+        )
     if _possible(known, low, high):
         return
     least = f", not all below {known.smallest:g}" if known.smallest else ""

@@ -207,6 +207,12 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
             f"  {row['distance_m']:8.0f} m from the next reading: RMS {factor * row['rms']:.3g}"
             f" {unit}, NIS {row['nis']:.2f}"
         )
+    if far := report["far_off"]:
+        yield f"readings over 6 of their 1-sigmas off what the others predict: {len(far)}"
+    for one in far[:10]:
+        when = "".join(f"{key} {one[key]:.10g}, " for key in ("line", "time") if key in one)
+        place = f"latitude {one['latitude']:.5f}, longitude {one['longitude']:.5f}"
+        yield f"  {when}{place}: {factor * one['off']:+.3g} {unit}, {one['sigmas']:.0f} sigmas"
     if crossings := report.get("cross_overs"):
         before, after = crossings["before"], crossings["after"]
         yield (

@@ -27,22 +27,22 @@ SHIFT_DEG = 5e-5
 
 
 @contextmanager
-def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
-    """Open a file and find the band that is asked for by its number or description, else the only
-    one."""
+def open_raster(path: Path, asked: Asked, kind: str = "GeoTIFF") -> Iterator[FileGrid]:
+    """Open a file of a kind that GDAL reads, and find the band that is asked for by its number or
+    description, else the only one."""
     import rasterio
 
     where = str(path)
     if not path.is_file():
         raise InputError(f"{where}: no such file")
     with (
-        reading(path, "GeoTIFF"),
+        reading(path, kind),
         rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"),
         rasterio.open(path) as source,
     ):
         band = _band(source, asked.variable, where)
-        kind = np.dtype(source.dtypes[band - 1]).kind
-        if kind not in "iuf":
+        numeric = np.dtype(source.dtypes[band - 1]).kind
+        if numeric not in "iuf":
             raise InputError(f"{where}: band {band} holds {source.dtypes[band - 1]}, not numbers")
         named = (source.descriptions[band - 1], asked.variable)
         by_name = (quantity_of(text) for text in named if text)
@@ -57,7 +57,7 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
                 read=partial(_values, grid, band, scale, offset),
                 unit=source.units[band - 1] or None,
                 quantity=next((found for found in by_name if found), None),
-                quantisation=abs(scale) if kind in "iu" else 0.0,
+                quantisation=abs(scale) if numeric in "iu" else 0.0,
             )
 
 
@@ -174,4 +174,4 @@ def _values(
     return values[::-1]
 
 
-FORMAT = file_format("geotiff", (".tif", ".tiff", ".gtiff"), _open, crs=True)
+FORMAT = file_format("geotiff", (".tif", ".tiff", ".gtiff"), open_raster, crs=True)

@@ -20,7 +20,7 @@ from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
 from isogal.maps.gridding.reduction import Trend, block_reduced
 from isogal.maps.gridding.spacing import gap_of, spacing_of
 from isogal.maps.gridding.survey import Survey
-from isogal.maps.gridding.validation import LeftOut, leave_out
+from isogal.maps.gridding.validation import LeftOut, far_off, leave_out
 
 METHODS = {"kriging": "matern", "equivalent-sources": "harmonic"}
 """Ways of gridding, and their covariances."""
@@ -139,7 +139,7 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress | Non
             f"{survey.where}: the readings are all the same; there is no field to map"
         )
     gap = gap_of(survey)
-    survey, report = _prepared(survey, settings, gap)
+    given, (survey, report) = survey, _prepared(survey, settings, gap)
     places = survey.places
     trend = Trend.fitted(places, survey.value, settings.trend)
     value = survey.value - trend.at(places)
@@ -163,11 +163,13 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress | Non
         _shortest(kriging.covariance),
     )
     amplitude, apart = Amplitude.learnt(places, value, out.part, errors)
+    out = out.scaled(apart)
     report |= {
         "method": method,
         "mean_absolute_error": off,
         "covariance": kriging.covariance.describe(),
-        "left_out": {"by": by} | out.scaled(apart).figures(),
+        "left_out": {"by": by} | out.figures(),
+        "far_off": far_off(given, survey, out),
         "amplitude": amplitude.describe(),
     }
     return Model(survey, trend, kriging, amplitude, gap, report)

@@ -23,6 +23,7 @@ _NAMES = {
     "height": ("height", "altitude", "alt", "elevation", "height_m", "gpsalt", "gps_height"),
     "sigma": ("sigma", "std", "standard_deviation", "uncertainty"),
     "line": ("line", "line_number", "flight_line", "fltline", "track"),
+    "time": ("time", "utc_time", "utctime", "gps_time", "gpstime", "fiducial", "fid"),
 }
 """Names of columns, in any case."""
 

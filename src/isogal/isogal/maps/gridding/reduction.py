@@ -95,4 +95,5 @@ def block_reduced(survey: Survey, side: float) -> Survey:
         height=None if survey.height is None else mean(survey.height),
         sigma=None if sigma is None else np.sqrt(mean(sigma**2) / groups.count),
         line=None if survey.line is None else survey.line[groups.first],
+        time=None if survey.time is None else mean(survey.time),
     )

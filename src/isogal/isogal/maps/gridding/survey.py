@@ -43,6 +43,8 @@ class Survey:
     """(N,) 1-sigma of the readings."""
     line: Integers | None = None
     """(N,) number of the survey line of each reading; None = stations."""
+    time: Array | None = None
+    """(N,) when each was taken, as the file says it."""
     file_unit: str = ""
     file_factor: float = 1.0
     """See `isogal.maps.field_map.FieldMap`."""
@@ -98,6 +100,7 @@ class Survey:
             height=None if self.height is None else self.height[chosen],
             sigma=None if self.sigma is None else self.sigma[chosen],
             line=None if self.line is None else self.line[chosen],
+            time=None if self.time is None else self.time[chosen],
         )
 
 
@@ -178,8 +181,8 @@ def survey_of(
     ----------
     columns : dict
         ``latitude`` and ``longitude`` (deg), ``value`` and, where there are such, ``height``
-        (m), ``sigma`` (unit of the value) and ``line``. Rows with a coordinate or value that is
-        NaN are left out.
+        (m), ``sigma`` (unit of the value), ``line`` and ``time``. Rows with a coordinate or value
+        that is NaN are left out.
     unit, quantity : str or None
         As the file says or the user gave; None = not known.
     where : str
@@ -219,6 +222,7 @@ def survey_of(
             height=column("height"),
             sigma=None if sigma is None else sigma * factor,
             line=None if line is None else np.rint(line).astype(np.int64),
+            time=column("time"),
             file_unit=unit,
             file_factor=factor,
         )

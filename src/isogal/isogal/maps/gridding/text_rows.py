@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -43,7 +44,7 @@ class TextRows:
     """Cells of a table."""
 
     names: list[str]
-    """Of the columns, in lower case."""
+    """Of the columns, in lower case, without a unit in brackets."""
     cells: list[list[str]]
     number: list[int]
     """Of each row in the file, from 1."""
@@ -164,4 +165,5 @@ def read_rows(path: str | Path, needed: str) -> TextRows:
     found = read_lines(Path(path))
     names, cells = found.cells(needed)
     line = None if found.line is None else [name for _, name in found.line]
-    return TextRows([name.casefold() for name in names], cells, found.number, line, found.where)
+    plain = [re.sub(r"[\[(].*", "", name).strip().casefold() for name in names]
+    return TextRows(plain, cells, found.number, line, found.where)

@@ -1,4 +1,4 @@
-"""Tables of text with named columns: CSV, and Geosoft XYZ with its lines.
+"""Tables of text with named columns: CSV, Geosoft XYZ with its lines, MGD77.
 
 In a Geosoft XYZ file (Geosoft, "Geosoft File Formats", XYZ) a row ``Line 100`` or ``Tie 20``
 begins a survey line, a row that begins with ``/`` is a comment, the last of which before the data
@@ -14,6 +14,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import reading
+from isogal.maps.gridding import mgd77
 
 _LINE = re.compile(r"^\s*(line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 
@@ -79,7 +80,8 @@ class TextLines:
 
 def read_lines(path: Path) -> TextLines:
     """Read a text file. Its columns are named by the first row or, in a Geosoft XYZ file, by the
-    last comment (``/``) before the data; rows that begin with ``#`` or ``>`` are comments.
+    last comment (``/``) before the data; rows that begin with ``#`` or ``>`` are comments. Those
+    of MGD77 (`mgd77.SUFFIXES`) are always the same.
 
     Raises
     ------
@@ -88,6 +90,8 @@ def read_lines(path: Path) -> TextLines:
     """
     with reading(path):
         text = path.read_text(encoding="utf-8-sig")
+    if (suffix := path.suffix.casefold()) in mgd77.SUFFIXES:
+        return TextLines(*mgd77.table_of(text, suffix, str(path)), None, str(path))
     header: str | None = None
     plain, here = False, ("", "")
     rows, numbers, lines = list[str](), list[int](), list[tuple[str, str]]()
@@ -135,7 +139,8 @@ class TextTable:
     numbers: Array
     """(N, columns); NaN = missing."""
     line: Array | None
-    """(N,) index of the survey line that each row belongs to; None where the file has none."""
+    """(N,) number of the survey line that each row belongs to: its name where all names are
+    numbers and none is there twice; None where the file has none."""
 
 
 def read_table(path: Path) -> TextTable:
@@ -171,7 +176,12 @@ def read_table(path: Path) -> TextTable:
     if found.line is not None:
         order: dict[str, int] = {}
         each = [" ".join(one).strip().casefold() for one in found.line]
-        line = np.array([order.setdefault(one, len(order)) if one else -1 for one in each], float)
+        for one in each:
+            order.setdefault(one, len(order))
+        own = {one: one.split()[-1] for one in order if one}
+        if all(map(str.isdecimal, own.values())) and len(set(own.values())) == len(own):
+            order = {one: int(name) for one, name in own.items()}
+        line = np.array([order[one] if one else -1 for one in each], float)
     return TextTable(names, table, line)
 
 

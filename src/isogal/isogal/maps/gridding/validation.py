@@ -10,13 +10,17 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.maps.gridding.cores import spread
 from isogal.maps.gridding.covariance import Readings
 from isogal.maps.gridding.kriging import Kriging, groups
-from isogal.maps.gridding.survey import Groups, blocks_of
+from isogal.maps.gridding.survey import Groups, Survey, blocks_of
 from isogal.seeds import generator
 
 BLOCKS = 12
 """Parts that the blocks of a survey of stations are divided into."""
 _MOST = 12_000
 """Readings that are predicted at most."""
+_FAR = 6.0
+"""1-sigmas: of Gaussian errors one in five hundred million is further off."""
+_NEAR = 8
+"""Readings that a block's worst one is looked for among."""
 _TOGETHER = 120
 """Of a sample, readings that lie together."""
 
@@ -73,6 +77,33 @@ class LeftOut:
                 if (quarter == k).any()
             ],
         }
+
+
+def far_off(survey: Survey, blocks: Survey, out: LeftOut) -> list[dict[str, float]]:
+    """Return the readings of a survey that are further off than `_FAR` of their 1-sigmas from what
+    the others predict, the worst first: blunders, or what no other reading has seen. Of a block
+    (`block_reduced`) that is so far off it is the reading that is furthest off there."""
+    from scipy.spatial import cKDTree
+
+    sigmas = np.sqrt(out.ratio)
+    tree, found = cKDTree(survey.places[:, :2]), list[dict[str, float]]()
+    for k in np.argsort(-sigmas)[: int((sigmas > _FAR).sum())].tolist():
+        row = int(out.rows[k])
+        predicted = float(blocks.value[row] - out.error[k])
+        near = np.atleast_1d(tree.query(blocks.places[row, :2], min(_NEAR, len(survey)))[1])
+        if survey.line is not None and blocks.line is not None:
+            own = near[survey.line[near] == blocks.line[row]]
+            near = own if own.size else near
+        worst = int(near[np.argmax(np.abs(survey.value[near] - predicted))])
+        place = np.degrees([survey.latitude[worst], survey.longitude[worst]]).tolist()
+        one = {"latitude": place[0], "longitude": place[1]}
+        if survey.line is not None:
+            one["line"] = int(survey.line[worst])
+        if survey.time is not None:
+            one["time"] = float(survey.time[worst])
+        off = float(survey.value[worst]) - predicted
+        found.append(one | {"off": off, "sigmas": float(sigmas[k])})
+    return found
 
 
 def leave_out(

@@ -1,0 +1,99 @@
+"""The reference that fixes are compared with, where the right answer is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import optimum
+from optimum import Data, Model, narrow, posterior
+
+from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.consistency import nees_per_axis
+
+SCANS, SIZE, LATITUDE = 60, 5, -0.6
+NORTH, EAST = metres_per_radian(LATITUDE)
+SPEED = 200.0
+"""m from scan to scan."""
+
+
+def model_of(bend):
+    """A vehicle with random accelerations that goes east, and a map error that is a Gauss-Markov
+    process. The map is a plane, with waves on it where `bend` is not zero."""
+    transition = np.eye(SIZE)
+    transition[[0, 1], [2, 3]] = 10.0
+    transition[4, 4] = 0.9
+    noise = np.diag([1.0, 1.0, 1e-4, 1e-4, 1.0 - 0.9**2])
+
+    def value_and_gradient(latitude, longitude):
+        x, y = latitude * NORTH, longitude * EAST
+        k, height = 1.0 / 200.0, 5.0 * bend
+        value = 0.01 * x + 0.004 * y + height * np.sin(k * (x + 0.7 * y)) * np.cos(k * y)
+        slope = height * k * np.cos(k * (x + 0.7 * y)) * np.cos(k * y)
+        other = -height * k * np.sin(k * (x + 0.7 * y)) * np.sin(k * y)
+        return value, 0.01 + slope, 0.004 + 0.7 * slope + other
+
+    return Model(
+        start=np.diag([300.0**2, 300.0**2, 0.5**2, 0.5**2, 1.0]),
+        transition=np.tile(transition, (SCANS, 1, 1)),
+        noise=np.tile(noise, (SCANS, 1, 1)),
+        by_state=np.tile([0.0, 0.0, 0.3, 0.2, 1.0], (SCANS, 1)),
+        variance=0.5**2,
+        field_map=SimpleNamespace(value_and_gradient=value_and_gradient),
+        latitude=np.full(SCANS, LATITUDE),
+        longitude=SPEED * np.arange(SCANS) / EAST,
+    )
+
+
+def drawn(model, random):
+    """What is seen of a run of the model."""
+    state = np.linalg.cholesky(model.start) @ random.standard_normal(SIZE)
+    states = []
+    for transition, noise in zip(model.transition, model.noise, strict=True):
+        state = transition @ state + np.sqrt(np.diag(noise)) * random.standard_normal(SIZE)
+        states.append(state)
+    states = np.array(states)
+    white = np.sqrt(model.variance) * random.standard_normal(SCANS)
+    return Data(states[:, :4], states[:, 4] + white)
+
+
+def test_over_a_plane_it_is_the_kalman_filter():
+    model, random = model_of(0.0), np.random.default_rng(1)
+    data = drawn(model, random)
+    exact = posterior(model, data, 1, 100.0, random)
+    one, two = (posterior(model, data, 3000, width, random) for width in (0.7, 0.5))
+    for found in (one, two):
+        scale = np.sqrt(np.einsum("kii->ki", exact.covariance))
+        assert np.abs((found.error - exact.error) / scale).max() < 0.3
+        ratio = np.einsum("kii->ki", found.covariance) / scale**2
+        assert ratio.min() > 0.8 and ratio.max() < 1.25
+
+
+def test_over_hills_it_is_consistent_where_one_gaussian_is_not():
+    """Of 60 runs, 3 sigma of the mean NEES per axis is 0.4."""
+    model, random = model_of(1.0), np.random.default_rng(2)
+    found = {"many": [], "one": []}
+    for _ in range(60):
+        data = drawn(model, random)
+        for name, count, width in (("many", 400, 0.5), ("one", 1, 100.0)):
+            last = posterior(model, data, count, width, random)
+            found[name].append(nees_per_axis(last.error[-1], last.covariance[-1]))
+    assert 0.6 < np.mean(found["many"]) < 1.4
+    assert np.mean(found["one"]) > 2.0
+
+
+def test_narrow_leaves_what_particles_say_together():
+    random, count = np.random.default_rng(3), 40_000
+    root = random.standard_normal((4, 4))
+    mean, P = np.zeros((count, 4)), np.tile(root @ root.T, (count, 1, 1))
+    before = P[0].copy()
+    narrow(mean, P, before[:2, :2], 0.5, random)
+    assert np.linalg.eigvalsh(np.linalg.solve(before[:2, :2], P[0, :2, :2])).max() < 0.2501
+    together = P.mean(axis=0) + mean.T @ mean / count
+    np.testing.assert_allclose(together, before, atol=0.05 * np.abs(before).max())
+
+
+def test_a_row_of_the_table():
+    one = dict.fromkeys(("agreement", "larger", "score", "nees", "own_nees"), 1.0)
+    one |= {"mmse": 100.0, "off": 2.0, "mean": 0.01, "spread": 0.03, "squared": 121.0}
+    cells = optimum.line("row", [one, one | {"off": 4.0}])
+    assert cells[1] == "0.030 ± 0.010" and cells[2] == "0.040 ± 0.000"
+    assert cells[-2] == "11, 10 m"
