@@ -82,9 +82,9 @@ def judged(scenario: Scenario, since: float, run: int) -> Outcome:
         k, place = simulation.index[scan], navigator.state.position[:2]
         apart = horizontal_difference(*place, trajectory.latitude[k], trajectory.longitude[k])
         error.append(float(np.hypot(*apart)))
-        detected = navigator.inertial.monitors["gnss"].detected
-        if np.isnan(found) and detected >= since:
-            found = detected
+        monitor = navigator.inertial.monitors.get("gnss")
+        if monitor is not None and np.isnan(found) and monitor.detected >= since:
+            found = monitor.detected
     times = trajectory.time[simulation.index[1:]]
     errors = np.array(error)
     meanwhile = (times >= max(since, 60.0)) & (np.isnan(found) | (times <= found))
