@@ -121,7 +121,7 @@ def forged(content: object, arrays: list | None = None) -> bytes:
     (forged({"class": "subprocess:Popen", "fields": {"args": "true"}}), "class subprocess:Popen"),
     (forged({"class": "isogal.files:os.system", "fields": {}}), "class isogal.files:os.system"),
     (forged({"class": "isogal.files:write_atomic", "fields": {}}), "class isogal.files"),
-    (forged({"class": "isogal.matching.pmht.memory:Memory", "fields": {}}), "missing 3 required"),
+    (forged({"class": "isogal.matching.pmht.memory:Memory", "fields": {}}), "missing 4 required"),
     (forged({"array": 0}), "IndexError"),
     (forged(1, [["<f8", [10**12]]]), "ValueError"),
     (forged(1, [["|O", [1]]]), "array of"),

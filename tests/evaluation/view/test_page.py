@@ -85,6 +85,10 @@ def test_what_is_not_recorded_is_said(viewed, make_runs) -> None:
     runs = make_runs(runs=1, detail=False)
     silent = ViewedRun(runs, small_scenario(), "", events=[])
     object.__setattr__(silent.runs, "detail", RunDetail(**none))
+    assert "Readings were not recorded." in silent.missing[0]
+    without = {name: value for name, value in none.items() if name.startswith("candidate_")}
+    made = make_runs(runs=1, detail=True).detail
+    object.__setattr__(silent.runs, "detail", replace(made, **without))
     assert "pmht-paper published none" in silent.missing[0]
 
 
