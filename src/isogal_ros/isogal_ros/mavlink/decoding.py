@@ -5,7 +5,7 @@ into their messages. MAVLink's body axes are forward, right, down."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from sensor_msgs.msg import NavSatFix, NavSatStatus
@@ -29,6 +29,8 @@ _MILLI_G = 1e-3 * G
 _INERTIAL = 0b111111
 """Of HIGHRES_IMU_UPDATED_FLAGS: accelerometers and gyroscopes."""
 
+Received: TypeAlias = Any
+"""A message as pymavlink decodes it, which has no types."""
 Published = Iterator[tuple[Topic, Message]]
 
 
@@ -36,23 +38,23 @@ class Row(NamedTuple):
     """What becomes of a message of MAVLink."""
 
     topics: tuple[Topic, ...]
-    decode: Callable[[Any, int], Published]
+    decode: Callable[[Received, int], Published]
     """Yields messages of a stamp (ns); raises BadMessageError."""
 
 
-def _highres_imu(found: Any, ns: int) -> Published:
+def _highres_imu(found: Received, ns: int) -> Published:
     """Yield the sample of a HIGHRES_IMU, m/s² and rad/s."""
     if found.fields_updated & _INERTIAL != _INERTIAL:
         raise BadMessageError("HIGHRES_IMU without new accelerometers or gyroscopes")
     yield from _sample(found, ns, 1.0, 1.0)
 
 
-def _milli_imu(found: Any, ns: int) -> Published:
+def _milli_imu(found: Received, ns: int) -> Published:
     """Yield the sample of a SCALED_IMU, mG and mrad/s; ArduPilot's RAW_IMU has the same units."""
     yield from _sample(found, ns, _MILLI_G, 1e-3)
 
 
-def _sample(found: Any, ns: int, of_force: float, of_rate: float) -> Published:
+def _sample(found: Received, ns: int, of_force: float, of_rate: float) -> Published:
     message = framed(topics.IMU, BASE)
     message.orientation_covariance[0] = _NOT_MEASURED
     force = of_force * np.array([found.xacc, found.yacc, found.zacc])
@@ -60,14 +62,14 @@ def _sample(found: Any, ns: int, of_force: float, of_rate: float) -> Published:
     yield topics.IMU, message
 
 
-def _pressure(found: Any, ns: int) -> Published:
+def _pressure(found: Received, ns: int) -> Published:
     """Yield the absolute pressure of a SCALED_PRESSURE, hPa."""
     message = framed(topics.BAROMETER, BASE, ns)
     message.fluid_pressure = 100.0 * found.press_abs
     yield topics.BAROMETER, message
 
 
-def _gps(found: Any, ns: int) -> Published:
+def _gps(found: Received, ns: int) -> Published:
     """Yield position and horizontal velocity of a GPS_RAW_INT. An accuracy of 0 is not known."""
     message = framed(topics.GNSS_FIX, ANTENNA)
     if found.fix_type < _FIX_3D:
@@ -93,7 +95,7 @@ def _gps(found: Any, ns: int) -> Published:
     yield topics.GNSS_VELOCITY, velocity
 
 
-def _odometry(found: Any, ns: int) -> Published:
+def _odometry(found: Received, ns: int) -> Published:
     """Yield the velocity of an ODOMETRY in body axes, for a camera or wheels that measure it."""
     if found.child_frame_id != _BODY_FRD:
         raise BadMessageError("ODOMETRY: child_frame_id must be MAV_FRAME_BODY_FRD")
@@ -127,7 +129,7 @@ ROWS: Mapping[str, Row] = {
 """By name of MAVLink's message."""
 
 
-def time_of(found: Any) -> int:
+def time_of(found: Received) -> int:
     """Return the time of a message, ns, since 1970 or since its sender's start."""
     if hasattr(found, "time_usec"):
         return int(found.time_usec) * 1000

@@ -2,10 +2,10 @@
 
 import socket
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from isogal.errors import InputError
-from isogal_ros.mavlink.decoding import ROWS, SenderClock, time_of
+from isogal_ros.mavlink.decoding import ROWS, Received, Row, SenderClock, time_of
 from isogal_ros.messages.checks import BadMessageError
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class Receiver:
                 if found.get_type() in self._wanted and found.get_srcSystem() == self._system:
                     self._take(found)
 
-    def _take(self, found: Any) -> None:
+    def _take(self, found: Received) -> None:
         if not self._node.active:
             return
         row = self._wanted[found.get_type()]
@@ -83,7 +83,7 @@ class Receiver:
         self._socket.close()
 
 
-def _row(name: str) -> Any:
+def _row(name: str) -> Row:
     if name not in ROWS:
         raise InputError(f"sensors: must be of {', '.join(ROWS)}, not {name!r}")
     return ROWS[name]
