@@ -83,7 +83,8 @@ class Ranked:
         """Return the probability of cells within a reach (m) of a place (2,)."""
         near = np.hypot(*(self.centres - place).T) < reach
         log = self.log_density
-        return float(np.exp(log[near] - np.logaddexp.reduce(log, axis=None)).sum())
+        whole = np.logaddexp.reduce(log, axis=None)
+        return float(np.exp(log[near] - whole).sum()) if whole > -np.inf else 0.0
 
 
 def at_cells(
@@ -124,6 +125,8 @@ def _covering(log: Array, most: int) -> Integers | None:
     """Return the best of (C,), without what is negligible; None where these may not hold what is
     looked for."""
     best = np.argsort(-log)[:most]
+    if log[best[0]] == -np.inf:  # off the map
+        return None
     best = best[log[best] > log[best[0]] - NEGLIGIBLE]
     lacking = np.logaddexp.reduce(log) - np.logaddexp.reduce(log[best])
     return np.asarray(best, dtype=np.int64) if lacking < -math.log(SURE) else None
@@ -210,8 +213,9 @@ def slopes(field_map: AnyMap, latitude: Array, longitude: Array, distance: Array
     """Return (n, n) covariance of the map's gradient along one axis at places (n,), rad, which are
     distances (n, n) in m apart; squared unit / m."""
     _, *each = channels_of(field_map)[0].value_and_gradient(latitude, longitude)
-    square = 0.5 * float(np.nanmean(np.square(each).sum(axis=0)))
-    return decay(distance, FEATURE_M) * (square if math.isfinite(square) else 0.0)
+    square = np.square(each).sum(axis=0)
+    known = square[np.isfinite(square)]
+    return decay(distance, FEATURE_M) * (0.5 * known.mean() if len(known) else 0.0)
 
 
 def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Array:
