@@ -127,7 +127,10 @@ def follow(route: Route, rate: float, samples: int, use_height: bool) -> Followe
         See `read_positions`; or the track is shorter than two steps.
     """
     assert route.track is not None  # the caller has checked
-    positions = read_positions(route.track, route.track_line)
+    try:
+        positions = read_positions(route.track, route.track_line)
+    except InputError as error:
+        raise InputError(f"route.track: {error}") from None
     span = float(np.ptp(positions.time))
     steps = int(min(span, route.duration or span) * rate + 1e-9)
     if steps < 2:
