@@ -109,15 +109,20 @@ def test_after_a_time_without_them_nothing_is_held_against_them() -> None:
 USBL = PositionAid(name="usbl", sigma=5.0, interval=10.0)
 
 
-def positions(until: int, wrong: float = 0.0, begin: int = 300) -> InertialNavigator:
-    """A navigator with positions every 10 s that walk off at a rate (m/s) from a time on."""
+def positions(until: int, wrong: float = 0.0, satellites: float | None = None):
+    """A navigator with positions every 10 s that walk off at a rate (m/s) from 300 s on, and
+    perhaps with satellites that do so at another."""
     it = InertialNavigator(FLIGHT.model, FLIGHT.start)
     rng = np.random.default_rng(7)
     truth = FLIGHT.trajectory
+    deception = Deception(kind="walk", rate=satellites, start=300.0) if satellites else HONEST
+    fixes = fixes_of(deception)
     for k in range(until):
         it.imu(k + 1.0, *FLIGHT.samples(k, k + 1))
+        if satellites is not None:
+            it.measure(k + 1.0, satellite_fix(GNSS, fixes.position[0, k], False))
         if (k + 1) % 10 == 0:
-            north = wrong * max(0, k - begin) + rng.normal(0.0, USBL.sigma)
+            north = wrong * max(0, k - 300) + rng.normal(0.0, USBL.sigma)
             east = rng.normal(0.0, USBL.sigma)
             place = np.array([truth.latitude[k + 1], truth.longitude[k + 1], truth.height[k + 1]])
             per_north, per_east = metres_per_radian(place[0])
@@ -140,3 +145,19 @@ def test_honest_positions_of_another_aid_are_used() -> None:
     it = positions(1200)
     assert it.monitors[USBL.prefix].wrong_since is None
     assert off(it) < 8.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "satellites", "blamed"),
+    [
+        (0.0, 0.0, set()),
+        (0.3, 0.0, {USBL.prefix}),
+        (0.0, 0.4, {SATELLITES}),
+        (0.0, 0.1, {SATELLITES, USBL.prefix}),
+    ],
+)
+def test_of_two_that_disagree_inertial_data_tell_which_is_wrong(wrong, satellites, blamed) -> None:
+    """Where they do not, neither is used."""
+    it = positions(1000, wrong, satellites)
+    assert {name for name, one in it.monitors.items() if one.wrong_since is not None} == blamed
+    assert off(it) < 3.0 * np.sqrt(np.trace(it.state.covariance[:2, :2]))

@@ -35,6 +35,8 @@ from isogal.fusion.state import FilterState
 if TYPE_CHECKING:
     from isogal.fusion.inertial_navigator import InertialNavigator
 
+ANY = ""
+"""Instead of an aid's name: all."""
 LOOK = 10.0
 """s from one comparison to the next."""
 BRANCH = 60.0
@@ -99,6 +101,8 @@ class AidMonitor:
     """When that was found, s."""
     _other_paths: float = OTHER_PATHS
     _branches: list[Without] = field(default_factory=list)
+    _alone: list[Without] = field(default_factory=list)
+    """As long, and without any aid that says where the vehicle is."""
     _next_look: float = -math.inf
     _next_branch: float = -math.inf
     _rejected_since: float = math.nan
@@ -142,8 +146,7 @@ class AidMonitor:
 
     def begin(self, navigator: "InertialNavigator") -> None:
         """Compare from here on."""
-        self._branches = []
-        self._agreed_since = self._rejected_since = math.nan
+        self._clear()
         self._branch(navigator)
         self._next_look = navigator.time + LOOK
 
@@ -161,14 +164,19 @@ class AidMonitor:
     ) -> None:
         """Take notice of a measurement that has been applied."""
         if isinstance(measurement, Widening) and self._branches:
-            # by the map the navigator, which went by the aid, is not where it believes
+            # by the map the navigator, which went by its aids, is not where it believes
             since = self._branches[0].since
-            navigator.forget(self.source, Without(time, navigator.time, navigator.known))
-            self._distrust(navigator, since)
-        if not of_aid(measurement, self.source):
-            for branch in self._branches:
-                if time <= branch.time + 1e-6 and result.used and by_itself(measurement):
-                    branch.after.update(measurement, navigator.model)
+            navigator.forget(ANY, Without(time, navigator.time, navigator.known))
+            _distrust(navigator, self._in_use(navigator), since)
+        own = of_aid(measurement, self.source)
+        of_it = [] if own else self._branches
+        if not of_aid(measurement, ANY):
+            pairs = zip(self._alone, self._branches, strict=True)
+            of_it = [*of_it, *(alone for alone, other in pairs if alone is not other)]
+        for branch in of_it:
+            if time <= branch.time + 1e-6 and result.used and by_itself(measurement):
+                branch.after.update(measurement, navigator.model)
+        if not own:
             return
         if isinstance(measurement, PositionFix):
             white = math.sqrt(np.diag(measurement.covariance)[:2].max())
@@ -184,6 +192,11 @@ class AidMonitor:
         now = navigator.time
         self._next_look = now + LOOK
         self._branches = [navigator.later(one, self.source) for one in self._branches]
+        several = len(navigator.monitors) > 1
+        self._alone = [
+            navigator.later(one, ANY) if several else other
+            for one, other in zip(self._alone, self._branches, strict=True)
+        ]
         separations = [self._separation(navigator.state, one) for one in self._branches]
         if now - self._rejected_since > REJECTED_FOR:
             # what was rejected has done nothing; what came before it, and was false, may have
@@ -195,33 +208,61 @@ class AidMonitor:
         elif now >= self._next_branch:
             self._branch(navigator)
             if len(self._branches) > MOST:
-                del self._branches[self._superfluous(now)]
+                least = self._superfluous(now)
+                del self._branches[least], self._alone[least]
 
     def _undo(self, navigator: "InertialNavigator", last: int | None) -> None:
         """Go on from the newest branch that is right, up to that of an index; None = there is
-        nothing to be undone."""
-        since = self._rejected_since
-        if last is not None:
-            right = self._right_until(last)
-            navigator.forget(self.source, right)
-            since = right.since
-        self._distrust(navigator, since)
+        nothing to be undone.
 
-    def _right_until(self, last: int) -> Without:
+        Where other aids are used, too, the branch shows that they disagree with this one. Wrong
+        are those that inertial data alone contradict, or all where these do not tell."""
+        if last is None:
+            _distrust(navigator, [self], self._rejected_since)
+            return
+        k = self._right_until(last)
+        since = self._branches[k].since
+        others = [one for one in self._in_use(navigator) if one is not self]
+        wrong = others if others and self._contradicted(k) else []
+        if not others or any(one._contradicted(one._nearest(since)) for one in others):
+            wrong = [self, *wrong]
+        wrong = wrong or [self, *others]
+        if len(wrong) == 1:
+            blamed = wrong[0]
+            branch = blamed._branches[blamed._nearest(since)]
+            navigator.forget(blamed.source, navigator.later(branch, blamed.source))
+        else:
+            navigator.forget(ANY, self._alone[k])
+        _distrust(navigator, wrong, since)
+
+    def _in_use(self, navigator: "InertialNavigator") -> list["AidMonitor"]:
+        return [one for one in navigator.monitors.values() if one._branches]
+
+    def _contradicted(self, k: int) -> bool:
+        """Whether inertial data alone contradict the other aids that a branch has used."""
+        state = self._branches[k].after.merged
+        return self._separation(state, self._alone[k]) > CONTRADICTS
+
+    def _nearest(self, since: float) -> int:
+        """Return the branch that began nearest to a time (s)."""
+        return int(np.argmin([abs(one.since - since) for one in self._branches]))
+
+    def _right_until(self, last: int) -> int:
         """Return the newest branch up to that of an index which none older one contradicts: what
         the aid has said before it began was right as well."""
         for k, one in enumerate(self._branches[1 : last + 1], start=1):
             state = one.after.merged
             apart = max(self._separation(state, older) for older in self._branches[:k])
             if apart > CONTRADICTS:
-                return self._branches[k - 1]
-        return self._branches[last]
+                return k - 1
+        return last
 
     def _branch(self, navigator: "InertialNavigator") -> None:
         """Let another navigator without the aid begin."""
         now = navigator.time
         self._next_branch = now + BRANCH
         self._branches.append(Without(now, now, navigator.known.copy()))
+        self._alone.append(Without(now, now, navigator.known.copy()))
 
     def _separation(self, full: FilterState, branch: Without) -> float:
         """Return the normalised squared difference of a state with the aid, or for longer, and one
@@ -242,9 +283,14 @@ class AidMonitor:
         age = now - np.array([one.since for one in self._branches]) + BRANCH
         return 1 + int(np.argmin(age[:-2] / age[2:]))
 
-    def _distrust(self, navigator: "InertialNavigator", since: float) -> None:
-        """The aid is wrong; navigators without another aid, which have used it, are no measure."""
-        self.wrong_since, self.detected = since, navigator.time
-        for one in navigator.monitors.values():
-            one._branches = []
+    def _clear(self) -> None:
+        self._branches, self._alone = [], []
         self._agreed_since = self._rejected_since = math.nan
+
+
+def _distrust(navigator: "InertialNavigator", wrong: list[AidMonitor], since: float) -> None:
+    """Some aids are wrong; navigators without other ones, which have used them, are no measure."""
+    for one in wrong:
+        one.wrong_since, one.detected = since, navigator.time
+    for one in navigator.monitors.values():
+        one._clear()
