@@ -127,7 +127,7 @@ class AidMonitor:
         found = []
         for time, one in measurements:
             state = navigator.state_at(time).copy()
-            for at, sigma in self._others:
+            for at, sigma in self._unstated:
                 state.covariance[at : at + 2, at : at + 2] += np.eye(2) * sigma**2
             innovation = one.update(state, navigator.model)
             agrees = innovation.nis <= quantile(AGREES, len(innovation.innovation))
@@ -151,7 +151,7 @@ class AidMonitor:
         self._next_look = navigator.time + LOOK
 
     @property
-    def _others(self) -> tuple[tuple[int, float], ...]:
+    def _unstated(self) -> tuple[tuple[int, float], ...]:
         """The first of two states, and the 1-sigma that it may be off beside what is said."""
         return (0, self._other_paths), (3, OTHER_DOPPLER)
 
@@ -271,7 +271,7 @@ class AidMonitor:
         apart = horizontal_difference(*full.position[:2], *without.position[:2])
         faster = (full.velocity - without.velocity)[:2]
         found = []
-        for (at, sigma), difference in zip(self._others, (apart, faster), strict=True):
+        for (at, sigma), difference in zip(self._unstated, (apart, faster), strict=True):
             part = slice(at, at + 2), slice(at, at + 2)
             values, axes = np.linalg.eigh(without.covariance[part] - full.covariance[part])
             allowed = np.maximum(values, 0.0) + sigma**2

@@ -2,6 +2,7 @@
 section 3.13)."""
 
 import math
+from functools import cache
 
 REJECTED = "rejected by the navigator: "
 """Begins the reason of a batch whose fix is beyond the gate."""
@@ -12,6 +13,7 @@ def beyond(nis: float, allowed: float) -> str:
     return f"normalised innovation squared {nis:.1f}, allowed {allowed:.1f}"
 
 
+@cache
 def quantile(probability: float, dimensions: int) -> float:
     """Return what chi-square of so many dimensions exceeds with a probability; infinity for 0.
 
