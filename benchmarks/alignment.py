@@ -120,8 +120,6 @@ def align(scenario: Scenario, trajectory: Trajectory, simulation: Simulation, ru
         for time, one in aids.get(k + 1, ()):
             it.measure(time, one)
         sigma[k] = it.heading_sigma
-        if it.navigator is None:
-            continue
         w, x, y, z = trajectory.attitude[k + 1]
         error[k] = to_rotation_vector(*multiply(*it.state.attitude, w, -x, -y, -z))
         P = it.state.covariance[6:9, 6:9]
