@@ -156,7 +156,7 @@ class Alignment(InertialNavigator):
         course: bool = True,
         motion: UnknownMotion | None = None,
     ) -> None:
-        model = replace(model, alpha=SPREAD)
+        model = replace(model, alpha=SPREAD, unsure_heading=True)
         known = (FARTHEST, FARTHEST) if measured else model.initial_sigma[:2]
         self._place = Place(np.array(position, dtype=float), np.diag(np.square(known)))
         self._placed = not measured
