@@ -232,7 +232,7 @@ class Alignment(InertialNavigator):
         turns = np.array(
             [to_rotation_vector(*multiply(*one.attitude, w, -x, -y, -z))[2] for one in states]
         )
-        mean = abs(np.exp(self.known.log_weights) @ np.exp(1j * turns - 0.5 * variances))
+        mean = float(abs(np.exp(self.known.log_weights) @ np.exp(1j * turns - 0.5 * variances)))
         return min(UNKNOWN, math.sqrt(-2.0 * math.log(max(mean, 1e-9))))
 
     @property
