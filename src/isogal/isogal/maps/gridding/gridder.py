@@ -257,7 +257,6 @@ def grid_survey(
     nodes = np.meshgrid(latitude, longitude, indexing="ij")
     places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
     at = _at_nodes(model, places, progress)
-    length = at["length"]
     field_map = FieldMap(
         latitude,
         longitude,
@@ -265,8 +264,7 @@ def grid_survey(
         unit=survey.unit,
         quantity=survey.quantity,
         sigma=at["sigma"].reshape(shape),
-        correlation_length=float(np.nanmedian(length)),
-        correlation_lengths=length.reshape(shape),
+        correlation_length=float(np.nanmedian(at["length"])),
         error_ellipses=at["ellipse"].reshape(*shape, 3),
         provenance=(
             f"{model.report['method']} of {model.report['readings']} readings of {survey.where}"
