@@ -201,21 +201,6 @@ class Settings(Section):
             return round(self.gravimeter.interval * self.imu.rate)
         return math.gcd(*(round(x * self.imu.rate) for x in intervals_of(self.fields)))
 
-    @property
-    def steps_per_height(self) -> int:
-        """Steps of the navigator from one reading of the height sensor to the next."""
-        return round(self.height.interval * self.navigation_rate)
-
-    @property
-    def steps_per_velocity(self) -> int:
-        """Steps of the navigator from one reading of the velocity aid to the next."""
-        return round(self.velocity.interval * self.navigation_rate)
-
-    @property
-    def steps_per_satellite_fix(self) -> int:
-        """Steps of the navigator from one satellite fix to the next."""
-        return round(self.gnss.interval * self.navigation_rate)
-
 
 class Assumed(Settings):
     """What filter, matcher and reductions assume."""
