@@ -34,7 +34,8 @@ class Track:
 
     def __init__(self, node: GraphNode) -> None:
         self._interval = from_seconds(node.settings.path_interval)
-        self._publisher, self._outward = node.advertise(topics.NAV_PATH), node.frame_names.outward
+        self._publisher, self._names = node.advertise(topics.NAV_PATH), node.frame_names
+        self._pose = PoseStamped()
         self._head, self._count_at = b"", 0
         """The message with the first pose alone, and where it says how many there are."""
         self._poses: list[bytes] = []
@@ -49,9 +50,9 @@ class Track:
         if ns <= self._newest or not (keep or self._publisher.get_subscription_count()):
             return
         self._newest = ns
-        pose = PoseStamped(header=odometry.header, pose=odometry.pose.pose)
-        self._outward(pose)
-        newest = self._add(pose, keep)
+        self._pose.header, self._pose.pose = odometry.header, odometry.pose.pose
+        self._names.outward(self._pose)
+        newest = self._add(self._pose, keep)
         if keep:
             self._kept = ns
         data = bytearray(b"".join((self._head, *self._poses, *newest)))
