@@ -128,12 +128,12 @@ def test_the_faults_command_ends_with_the_status_of_the_campaign(
     monkeypatch.setattr(
         campaign, "run_campaign", lambda *words: asked.append(words) or {"failed": 1}
     )
-    words = ("--quick", "--trials", 3, "--process-trials", 0, "--json", "--out", tmp_path / "f")
+    words = ("--quick", "--trials", 3, "--json", "--out", tmp_path / "f")
     status, out, _ = call("faults", *sets(settings()), *words)
     assert (status, json.loads(out)) == (1, {"failed": 1})
     ((scenario, folder, trials, quick, *_),) = asked
     assert scenario == campaign.quick_scenario(load_scenario(None, settings()))
-    assert (folder, trials, quick) == (tmp_path / "f", (3, 0), True)
+    assert (folder, trials, quick) == (tmp_path / "f", 3, True)
 
 
 @pytest.mark.parametrize("words", [("run",), ("replay", "bag"), ("faults", "--out", "out")])

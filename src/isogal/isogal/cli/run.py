@@ -165,20 +165,15 @@ def faults(
     ] = False,
     trials: Annotated[
         int,
-        typer.Option(
-            "--trials", metavar="N", min=0, help="Trials of each fault within one process."
-        ),
+        typer.Option("--trials", metavar="N", min=0, help="Trials of each fault."),
     ] = 1,
     process_trials: Annotated[
-        int,
-        typer.Option(
-            "--process-trials", metavar="N", min=0, help="Trials of each fault of processes."
-        ),
-    ] = 1,
+        int | None,
+        typer.Option("--process-trials", metavar="N", hidden=True, help="Of earlier versions."),
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Run the nodes with faulty sensors, messages, nodes and processes: what is reported, what
-    harm is done.
+    """Run the nodes with faulty sensors, messages and nodes: what is reported, what harm is done.
 
     Exits with 1 where a trial died or hung, something not finite was published, an exception was
     not expected, a fault that matters was not reported within two batches, or the error stayed
@@ -186,8 +181,9 @@ def faults(
     require_ros()
     from isogal_ros.graph.commands import faults_command
 
-    both = trials, process_trials
-    status = faults_command(chosen.load(), out, trials=both, quick=quick, json=json)
+    if process_trials is not None:
+        typer.echo("isogal: --process-trials: is benchmarks/soak.py now; ignored", err=True)
+    status = faults_command(chosen.load(), out, trials=trials, quick=quick, json=json)
     raise typer.Exit(status)
 
 

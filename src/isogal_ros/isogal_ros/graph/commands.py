@@ -247,9 +247,7 @@ def smooth_command(
     return FAILED if found.failures else 0
 
 
-def faults_command(
-    scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
-) -> int:
+def faults_command(scenario: Scenario, out: Path, *, trials: int, quick: bool, json: bool) -> int:
     """Run the fault campaign; return the exit status: 1 where a fault did harm or was not
     reported.
 
@@ -258,8 +256,8 @@ def faults_command(
     scenario : Scenario
     out : Path
         Folder of outcomes and table.
-    trials : (int, int)
-        Of each fault within one process, and of each of processes.
+    trials : int
+        Of each fault.
     quick : bool
         Whether only a few faults are run, over a shorter route.
     json : bool
