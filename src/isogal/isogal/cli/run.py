@@ -133,24 +133,15 @@ def replay(
     Exits with 1 where they differ by too much, no message of a sensor was used, or there was no
     fix. The scenario is the recording's own; --scenario names another, --set changes keys."""
     require_ros()
-    from isogal.scenario import load_scenario
     from isogal_ros.bags.remapping import Foreign
-    from isogal_ros.graph.commands import replay_command
+    from isogal_ros.graph.commands import Changes, replay_command
 
     if domain is not None:
         typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
     bag = bag / "bag" if (bag / "bag").is_dir() else bag
-    status = replay_command(
-        bag,
-        out,
-        scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
-        overrides=chosen.set_ or [],
-        parameters=parameter or [],
-        foreign=Foreign(remap or [], driver or []),
-        tolerance=tolerance,
-        json=json,
-    )
-    raise typer.Exit(status)
+    foreign = Foreign(remap or (), driver or ())
+    changes = Changes(chosen.scenario, chosen.set_ or (), parameter or (), foreign)
+    raise typer.Exit(replay_command(bag, out, changes, tolerance=tolerance, json=json))
 
 
 @with_groups
