@@ -8,8 +8,9 @@ from isogal.scenario import Scenario
 from isogal.tracks.ins_file import InsFile
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.aids import fill_ground_velocity
 from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.ins_solution import fill_east_north_up, inertial_topics
+from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds
@@ -53,7 +54,7 @@ def write_ins_bag(
             if scenario.ins.attitude:
                 fill_odom(messages[0], ns, frame, row, _NO_TURN)
             else:
-                fill_east_north_up(messages[0], ns, row[3:6])
+                fill_ground_velocity(messages[0], ns, row[3:6])
                 fill_fix(messages[1], ns, *row[:3].tolist())
             for topic, message in zip(each, messages, strict=True):
                 writer.put(topic, message, ns)

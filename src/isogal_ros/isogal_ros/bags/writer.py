@@ -26,9 +26,9 @@ from isogal_ros.bags.metadata import (
     RecordedTopic,
     earlier_files,
     qos_entries,
-    yaml_text,
 )
 from isogal_ros.bags.reader import parts
+from isogal_ros.parameters.values import yaml_text
 from isogal_ros.topics import LOSSLESS, Message, Topic, type_name
 
 CHUNK = 128 * 1024

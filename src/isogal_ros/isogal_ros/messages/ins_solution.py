@@ -89,13 +89,6 @@ def read_position_and_velocity(
     return np.array(place), velocity
 
 
-def fill_east_north_up(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
-    """Write a velocity (3,) NED, m/s, east, north, up; its covariance is not known."""
-    set_stamp(message.header.stamp, ns)
-    linear = message.twist.twist.linear
-    linear.x, linear.y, linear.z = (NED_ENU @ velocity).tolist()
-
-
 def fill_error(
     message: Odometry, ns: int, solution: Array, state: Array, covariance: Array
 ) -> None:
