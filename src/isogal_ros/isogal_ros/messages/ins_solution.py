@@ -34,13 +34,6 @@ FARTHEST = 1.4e7
 """m from the origin of the frame ``map``: no place on the Earth is farther."""
 HIGHEST = 1e5
 """m."""
-OF_INERTIAL_DATA = (
-    topics.IMU,
-    topics.INS_SOLUTION,
-    topics.INS_SOLUTION_VELOCITY,
-    topics.INS_SOLUTION_FIX,
-)
-"""Of which a graph has one, or the last two."""
 _POSE = [0, 1, 2, 6, 7, 8]
 
 
