@@ -81,7 +81,7 @@ def yaml_text(value: JsonValue) -> str:
 def parameter_file(scenario: Scenario, own: Mapping[str, Mapping[str, JsonValue]]) -> str:
     """Return the text of a parameter file for a graph: the scenario for all nodes, and each node's
     own parameters by its name."""
-    document = {"/**": {"ros__parameters": nested(scenario_values(scenario))}}
+    document: Values = {"/**": {"ros__parameters": nested(scenario_values(scenario))}}
     for name, values in own.items():
         document[f"/**/{name}"] = {"ros__parameters": nested(values)}
     return yaml_text(document)
