@@ -206,8 +206,8 @@ def page_of(table: Table) -> str:
     summary = f"{len(table['faults'])} faults, {table['trials']} trials; {passed}."
     lines = ["# Faults", "", summary, "", HEAD]
     for row in table["faults"]:
-        numbers = row["reported_after_s"], row["error_during_m"], row["error_after_m"]
-        numbers += (row["error_without_m"],)
+        numbers = [row["reported_after_s"], row["error_during_m"]]
+        numbers += [row["error_after_m"], row["error_without_m"]]
         reported = f"{row['reported']}" if row["matters"] else f"({row['reported']})"
         cells = [row["fault"], str(row["trials"]), reported]
         cells += ["–" if number is None else f"{number:.0f}" for number in numbers]
