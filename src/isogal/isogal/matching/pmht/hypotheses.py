@@ -13,7 +13,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid
-from isogal.matching.information import positive_part
+from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.models import DECEIVED, FAMILIES, NONE, Models, largest
@@ -176,20 +176,28 @@ class Hypotheses:
         return float(np.logaddexp.reduce(self.log_weight)) if len(self) else -math.inf
 
     def informed(self, information: Information, prior: Array) -> "Hypotheses":
-        """Return them after what others' readings say of the navigator's error; of directions in
-        which that is negative, nothing. `prior` (7, 7): the navigator's covariance, for scale."""
+        """Return them after what others' readings say of the navigator's error.
+
+        Where that is negative they become wider: what others have withdrawn would else be told
+        again, as new, by those who still hold it. A hypothesis that this would make more than
+        twice as wide takes the positive part only. `prior` (7, 7): the navigator's covariance, for
+        scale."""
         if not information.matrix.any():
             return self
         n = BATCH_STATES
-        information = positive_part(information, np.sqrt(np.diag(prior)))
-        M, mean = information.matrix, self.mean[:, :n]
-        P, across = self.covariance[:, :n, :n], self.covariance[:, :, :n]
-        less = np.linalg.solve(np.eye(n) + M @ P, np.broadcast_to(M, P.shape))
-        left = information.vector - mean @ M
-        right = np.linalg.solve(np.eye(n) + M @ P, left[..., None])[..., 0]
-        evidence = mean @ information.vector - 0.5 * np.einsum("ki,ij,kj->k", mean, M, mean)
+        mean, P, across = self.mean[:, :n], self.covariance[:, :n, :n], self.covariance[:, :, :n]
+        positive = positive_part(information, np.sqrt(np.diag(prior)))
+        withdrawn = np.einsum("ij,kji->k", positive.matrix - information.matrix, P)
+        all_of_it = withdrawn[:, None] < 1.0 - 1.0 / LARGEST_RATIO  # it is a sum of eigenvalues
+        M = np.where(all_of_it[..., None], information.matrix, positive.matrix)
+        vector = np.where(all_of_it, information.vector, positive.vector)
+        left = vector - np.einsum("kij,kj->ki", M, mean)
+        inner = np.eye(n) + M @ P
+        less = np.linalg.solve(inner, M)
+        right = np.linalg.solve(inner, left[..., None])[..., 0]
+        evidence = 0.5 * np.einsum("ki,ki->k", mean, vector + left)
         evidence += 0.5 * np.einsum("ki,kij,kj->k", left, P, right)
-        evidence -= 0.5 * np.linalg.slogdet(np.eye(n) + M @ P)[1]
+        evidence -= 0.5 * np.linalg.slogdet(inner)[1]
         return replace(
             self,
             log_weight=self.log_weight + evidence,
