@@ -21,11 +21,11 @@ from isogal.matching.pmht.hypotheses import (
     NEGLIGIBLE,
     Hypotheses,
 )
+from isogal.matching.pmht.memory import steps
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.moving_bank import with_needed
-from isogal.matching.pmht.places import resolved, spread_over
-from isogal.matching.pmht.propagation import steps
 from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.search import resolved, spread_over
 from isogal.matching.pmht.states import DELAY, UNKNOWN
 
 ROUGH = field_map_of(wavy)

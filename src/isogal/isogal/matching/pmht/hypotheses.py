@@ -19,6 +19,7 @@ from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.models import DECEIVED, FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
+from isogal.matrices import symmetric
 
 CURVED = 0.25
 """Share of its change by which the map may depart from linear over a hypothesis before that is
@@ -100,10 +101,11 @@ class Hypotheses:
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
         covariance `growth` (7, 7) has been added."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        transition, growth = (np.ascontiguousarray(one) for one in (forward, growth))
-        kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
-        return replace(self, mean=mean, covariance=covariance)
+        whole, n = np.eye(self.mean.shape[1]), BATCH_STATES
+        whole[:n, :n] = forward
+        covariance = whole @ self.covariance @ whole.T
+        covariance[:, :n, :n] += self.models.growth[self.which, None, None] * growth
+        return replace(self, mean=self.mean @ whole.T, covariance=symmetric(covariance))
 
     def split(
         self, grid: Grid, rows: Rows, most: int | None = None, curved: float = CURVED
@@ -113,12 +115,13 @@ class Hypotheses:
         whole, done, most = self, list[Hypotheses](), most or self.most
         of_place, least = rows.place[-1], self._least
         while True:  # `most` ends it on a map as rough as that
-            worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
-            _, spread = whole.places(of_place)
-            asked = whole.log_weight > least[whole.which]
+            values, vectors = np.linalg.eigh(whole.places(of_place)[1])
+            axes = np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(1, 2)
+            asked, departure = whole.log_weight > least[whole.which], np.empty((len(whole), 2))
             mixture_kernels.curvature(
-                grid, rows, self.models, whole.which, asked, whole.mean, spread, REACH, worst, axes
+                grid, rows, self.models, whole.which, asked, whole.mean, REACH * axes, departure
             )
+            worst = departure.max(axis=1)
             cut = worst > curved
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
@@ -129,7 +132,8 @@ class Hypotheses:
             if not cut.any():
                 break
             done.append(whole.part(~cut))
-            whole = whole.part(cut)._thirds(axes[cut], of_place)
+            along = axes[cut, departure[cut].argmax(axis=1)]
+            whole = whole.part(cut)._thirds(along, of_place)
         return joined([*done, whole]) if done else whole
 
     def places(self, of_place: Array) -> tuple[Array, Array]:
