@@ -1,25 +1,20 @@
 """How fast the graph is, how much memory its processes take, and where the time goes.
 
-    .venv/bin/python benchmarks/graph.py [--duration 12960] [--set KEY=VALUE ...] [--limit]
-        [--json]
+    .venv/bin/python benchmarks/graph.py [--duration 12960] [--set KEY=VALUE ...] [--json]
 
 Runs the scenario as four node processes and a recorder, then in one process, then once more in one
-process with clocks on every callback. With --limit also bare nodes that only send the same
-messages to and fro (`relay.py`), just after the graph whose limit they are."""
+process with clocks on every callback."""
 
 import json
-import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import closed_loop
 import psutil
-import relay
 from clock import Clock
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -30,7 +25,6 @@ from isogal.fields.scenario_map import map_for_scenario
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags import recorder as recorder_module
-from isogal_ros.graph.domain import graph_domain, names_of
 from isogal_ros.graph.plan import CLASSES, Plan
 from isogal_ros.graph.running import run_in_process, run_processes
 from isogal_ros.nodes import base as node_module
@@ -91,25 +85,6 @@ def in_one_process(scenario: Scenario, folder: Path) -> dict[str, float]:
     with interrupts() as interrupt:
         wall = run_in_process(Plan(scenario, folder / "bag"), interrupt)
     return {"wall_s": wall, "rss_mb": psutil.Process().memory_info().rss / 1e6}
-
-
-def limit_of(scenario: Scenario, bag: Path, *processes: Sequence[str]) -> float:
-    """Return the s that bare nodes take for the steps of a bag: the names of those in each
-    process, the simulator's last."""
-    with graph_domain(names_of(scenario)) as domain:
-        started = [
-            subprocess.Popen(
-                [sys.executable, relay.__file__, str(bag), str(domain), *names],
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            for names in processes
-        ]
-        said = started[-1].communicate()[0]
-        for process in started[:-1]:
-            process.terminate()
-            process.communicate()
-    return float(said.split()[0])
 
 
 PUBLISH = "publish: serialise and send"
@@ -175,10 +150,6 @@ def show(result: dict[str, float | Figures]) -> None:
     )
     head = ("run, or process", "s (of processes: CPU)", "x real time", "MB resident at most")
     print(closed_loop.markdown(head, rows))
-    if limits := result.get("limit"):
-        print("\nSteps per second as a share of what bare nodes make:", end="")
-        shares = limits["processes"] / processes["wall_s"], limits["in_process"] / one["wall_s"]
-        print(" {:.2f} in four processes, {:.2f} in one.".format(*shares))
     print(f"\nWhere the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):\n")
     rows = ([row["part"], f"{row['seconds']:.2f}", f"{row['calls']}"] for row in parts["parts"])
     print(closed_loop.markdown(("part", "s", "calls"), rows))
@@ -186,7 +157,6 @@ def show(result: dict[str, float | Figures]) -> None:
 
 def main() -> None:
     parser = closed_loop.parser(__doc__, "duration", "set", "json")
-    parser.add_argument("--limit", action="store_true", help="run bare nodes as well")
     options = parser.parse_args()
     changes = options.set + ([f"route.duration={options.duration}"] if options.duration else [])
     scenario = load_scenario(None, changes)
@@ -195,19 +165,12 @@ def main() -> None:
     load = psutil.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        limits: dict[str, float] = {}
         result = {
             "simulated_s": float(trajectory.time[-1]),
             "load": load,
-            "limit": limits,
             "processes": as_processes(scenario, place),
         }
-        if options.limit:
-            each = [[name] for name in relay.NODES]
-            limits["processes"] = limit_of(scenario, place / "bag", *each)
         result["in_process"] = in_one_process(scenario, place)
-        if options.limit:
-            limits["in_process"] = limit_of(scenario, place / "bag", relay.NODES)
         result["where_time_goes"] = where_time_goes(scenario, place)
     if options.json:
         print(json.dumps(result, indent=2))
