@@ -153,26 +153,25 @@ class BoundModel:
     used: Booleans
     """(S,) whether the navigator gets, after a scan, what all readings so far say."""
 
-    def transitions(self) -> Iterator[tuple[Array, Array]]:
-        """Yield transition and half of the process noise (n, n) of each stretch; see
-        `isogal.evaluation.ins_error_model.transitions`."""
-        for transition, half in transitions(self.segments, self.density, self.states):
+    def transitions(self) -> Iterator[tuple[Array, Array, Array]]:
+        """Yield transition T and noise before and after it, q and r (n, n), of each stretch: a
+        covariance goes over it as T (P + q) T' + r (`isogal.evaluation.ins_error_model`).
+
+        At a scan, map errors that do so go on together (`MapSteps`)."""
+        pairs = transitions(self.segments, self.density, self.states)
+        for stretch, (transition, half) in enumerate(pairs, 1):
             for at, followed in self.lags:
                 transition[at, followed] = 1.0 - transition[at, at]
-            yield transition, half
-
-    def jump(self, P: Array, stretch: int) -> None:
-        """Let map errors go on to a scan at the end of a stretch, counted from 1, in place."""
-        for first, every, steps in self.jumps:
-            own, rest = divmod(stretch, every)
-            if rest or own > len(steps.gain):
-                continue
-            count, size = steps.gain.shape[1:]
-            here, newest = slice(first, first + size), slice(first, first + count)
-            moved = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
-            P[here] = moved @ P[here]
-            P[:, here] = P[:, here] @ moved.T
-            P[newest, newest] += steps.root[own - 1] @ steps.root[own - 1].T
+            over, after = transition, half
+            for first, every, steps in self.jumps:
+                own, rest = divmod(stretch, every)
+                if rest == 0 and own <= len(steps.gain):
+                    jump, (count, size) = np.eye(len(half)), steps.gain.shape[1:]
+                    new, all_ = slice(first, first + count), slice(first, first + size)
+                    jump[all_, all_] = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
+                    over, after = jump @ over, jump @ after @ jump.T
+                    after[new, new] += steps.root[own - 1] @ steps.root[own - 1].T
+            yield over, half, after
 
     def smoothed(self) -> Array:
         """Return (S + 1, 2, 2) the position covariances at the start and after each scan, given
@@ -182,71 +181,53 @@ class BoundModel:
         L P is left (modified Bryson-Frazier; Bierman 1973, docs/mathematics.md, section 11.1).
         Over a transition T, L becomes T' L T; over a reading with row h, gain k and innovation
         variance s, (I - k h')' L (I - k h') + h h' / s."""
-        size, scans = len(self.start), len(self.used)
-        P, kept = self.start.copy(), [self.start.copy()]
-        over, said = [np.eye(size)], [np.zeros((size, size))]
-        for stretch, (transition, half) in enumerate(self.transitions(), 1):
-            moved = transition @ (P + half) @ transition.T + half
-            P[:] = 0.5 * (moved + moved.T)
-            self.jump(P, stretch)
-            A, B = self.jumped(transition @ over[-1], stretch), said[-1]
+        n = len(self.start)
+        P, A, B = self.start, np.eye(n), np.zeros((n, n))
+        scans = [(P, A, B)]
+        for stretch, step in enumerate(self.transitions(), 1):
+            P, A = propagated(P, *step), step[0] @ A
             for sensor in self.measurements:
                 for row, noise in sensor.at(stretch):
                     variance = noise + float(row @ P @ row)
                     gain, seen = condition(P, row, noise), row @ A
                     B += np.outer(seen, seen) / variance
                     A -= np.outer(gain, seen)
-            over[-1] = A
             if stretch % self.segments.per_scan == 0:
-                kept.append(P.copy())
-                over.append(np.eye(size))
-                said.append(np.zeros((size, size)))
-        result, later = np.empty((scans + 1, 2, 2)), np.zeros((size, size))
-        for scan in range(scans, -1, -1):
-            P = kept[scan]
-            result[scan] = P[:2, :2] - P[:2] @ later @ P[:, :2]
-            if scan > 0:
-                A = over[scan - 1]
-                later = A.T @ later @ A + said[scan - 1]
-        return result
-
-    def jumped(self, A: Array, stretch: int) -> Array:
-        """Return a transition (n, n) followed by that of map errors which go on to a scan at the
-        end of a stretch."""
-        for first, every, steps in self.jumps:
-            own, rest = divmod(stretch, every)
-            if not rest and own <= len(steps.gain):
-                count, size = steps.gain.shape[1:]
-                moved = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
-                A[first : first + size] = moved @ A[first : first + size]
-        return A
+                scans.append((P, A, B))
+                A, B = np.eye(n), np.zeros((n, n))
+        result, later = [], np.zeros((n, n))
+        for P, A, B in reversed(scans):
+            result.append(P[:2, :2] - P[:2] @ later @ P[:, :2])
+            later = A.T @ later @ A + B
+        return np.array(result[::-1])
 
     def bound(self) -> Array:
         """Return (S + 1, 2, 2) the position covariances at the start and after each scan.
 
-        `P` is the covariance given all readings so far, `alone` that of the navigator: the same
-        after a scan at which it gets what they say, and only propagated until the next such scan.
+        Where the navigator does not get at once what readings say there are two covariances: given
+        all readings so far, and its own, which is the same after a scan at which it gets that, and
+        only propagated until the next such scan.
         """
-        P = self.start.copy()
-        alone = P if self.used.all() else P.copy()
-        both = [P] if alone is P else [P, alone]
-        result = np.empty((len(self.used) + 1, 2, 2))
-        result[0] = P[:2, :2]
-        for stretch, (transition, half) in enumerate(self.transitions(), 1):
-            for one in both:
-                moved = transition @ (one + half) @ transition.T + half
-                one[:] = 0.5 * (moved + moved.T)
-                self.jump(one, stretch)
+        both = [self.start.copy() for _ in range(1 if self.used.all() else 2)]
+        result = [both[-1][:2, :2]]
+        for stretch, step in enumerate(self.transitions(), 1):
+            both = [propagated(one, *step) for one in both]
             for sensor in self.measurements:
                 for row, noise in sensor.at(stretch):
-                    for one in both if sensor.at_once else [P]:
+                    for one in both if sensor.at_once else both[:1]:
                         condition(one, row, noise)
             scan, rest = divmod(stretch, self.segments.per_scan)
             if rest == 0:
                 if self.used[scan - 1]:
-                    alone[:] = P
-                result[scan] = alone[:2, :2]
-        return result
+                    both = [both[0].copy() for _ in both]
+                result.append(both[-1][:2, :2].copy())
+        return np.array(result)
+
+
+def propagated(P: Array, transition: Array, before: Array, after: Array) -> Array:
+    """Return a covariance (n, n) at the end of a stretch; see `BoundModel.transitions`."""
+    moved = transition @ (P + before) @ transition.T + after
+    return np.asarray(0.5 * (moved + moved.T))
 
 
 def condition(P: Array, row: Array, noise: float) -> Array:
