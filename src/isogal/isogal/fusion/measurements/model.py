@@ -121,6 +121,14 @@ class Rows(NamedTuple):
     """(m, m)."""
 
 
+class Linear(Protocol):
+    """A measurement that is used by its rows."""
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
+        ...
+
+
 def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovation:
     """Update a state with rows, in place, unless they are beyond the gate; see
     `Measurement.update`."""
