@@ -591,7 +591,7 @@ def _of_aid(
     contents = by_auxiliary(model, world.route.height)
     truth = FilterState.start(Estimate(np.zeros(3), np.zeros(3), np.zeros(4)), model)
     found, noise = [], np.empty(0)
-    for k in ends:
+    for k in ends.tolist():
         truth.velocity[:2] = segments.geometry[k, 1:3]
         truth.attitude[:] = from_matrix(segments.rotation[k])
         _, _, H, R = aid.measurements[k % len(aid.measurements)].rows(truth, model)
@@ -600,7 +600,8 @@ def _of_aid(
         found.append(np.hstack([H[:, _OF_FILTER], own, rest]))
         noise = np.diag(R)
     rows = np.array(found)
-    seen = within(aid.available, segments.dt * (ends + 1.0))
+    since = np.asarray(segments.dt * (ends + 1.0), dtype=np.float64)
+    seen = within(aid.available, since)
     seen &= np.hypot(*segments.geometry[ends, 1:3].T) >= aid.slowest
     rows[~seen] = np.nan
     return Measurements(rows, noise / max(1.0, segments.dt / aid.interval), every, at_once=True)
