@@ -108,13 +108,13 @@ class VelocityReading:
         axes = np.flatnonzero(np.isfinite(self.velocity))
         measured = np.asarray(self.velocity, dtype=float)[axes]
         if np.linalg.norm(measured) < self.standstill_speed:
-            H = np.zeros((3, model.states))
-            H[:, 3:6] = np.eye(3)
-            R = np.eye(3) * self.standstill_sigma**2
             if self.at_rest is not None:
                 self.at_rest.update(state, model)
-            rest = Rows(np.zeros(3), state.velocity.copy(), H, R)
-            return update_insistent(state, model, rest, "standstill")
+            # in body axes: a zero in others would measure the heading (`moved`)
+            H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
+            H[:, FILTER_STATES:] = 0.0
+            R = np.eye(3) * self.standstill_sigma**2
+            return update_insistent(state, model, Rows(np.zeros(3), expected, H, R), "standstill")
         H, expected = _through(state, model)
         R = self.covariance[np.ix_(axes, axes)]
         rows = Rows(measured, expected[axes], H[axes], R)
