@@ -175,16 +175,6 @@ def test_correction_within_a_sample_with_unequal_durations():
     assert np.abs(alone - w).max() * duration[1] > 1e-7
 
 
-def test_runs_do_not_depend_on_each_other():
-    random = np.random.default_rng(5)
-    force, rate = random.standard_normal((2, 3, 40, 3))
-    duration, ends = regular(20.0, 2.0)
-    together = preintegrate(force, rate, duration, ends)
-    alone = preintegrate(force[1:2], rate[1:2], duration, ends)
-    assert (together[0][1] == alone[0][0]).all()
-    assert (together[1][1] == alone[1][0]).all()
-
-
 def horizontal(state, start):
     metres = 6.371e6 * np.array([1.0, np.cos(start.position[0, 0])])
     return np.linalg.norm((state.position[0, :2] - start.position[0, :2]) * metres)
