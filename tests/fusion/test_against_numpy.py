@@ -16,7 +16,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial import rotations
-from isogal.inertial.strapdown import NavState
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.strapdown import propagate as propagate_ins
 
 R_E = 6.4e6
@@ -26,7 +26,7 @@ def random_quaternions(random: np.random.Generator, count: int) -> np.ndarray:
     return Rotation.random(count, random).as_quat(scalar_first=True)
 
 
-def random_nav(random: np.random.Generator, count: int) -> NavState:
+def random_nav(random: np.random.Generator, count: int) -> Estimate:
     position = np.stack(
         [
             random.uniform(-1.3, 1.3, count),
@@ -35,17 +35,17 @@ def random_nav(random: np.random.Generator, count: int) -> NavState:
         ],
         axis=-1,
     )
-    return NavState(
+    return Estimate(
         position, random.uniform(-200.0, 200.0, (count, 3)), random_quaternions(random, count)
     )
 
 
-def as_reference(nav: NavState) -> State:
+def as_reference(nav: Estimate) -> State:
     matrices = Rotation.from_quat(nav.attitude, scalar_first=True).as_matrix()
     return State(nav.position, nav.velocity, matrices)
 
 
-def agree(state: State, nav: NavState, metres: float, radians: float) -> None:
+def agree(state: State, nav: Estimate, metres: float, radians: float) -> None:
     """Positions to so many metres, velocities to that per second, attitudes to so many radians."""
     np.testing.assert_allclose(
         nav.position[:, :2], state.position[:, :2], rtol=0, atol=metres / R_E

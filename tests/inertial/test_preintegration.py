@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.preintegration import preintegrate
 from isogal.inertial.rotations import multiply
-from isogal.inertial.strapdown import NavState, propagate
+from isogal.inertial.strapdown import propagate
 from isogal.scenario import Fusion, Imu, Route, Scenario
 from isogal.sensors.imu_truth import true_samples
 from isogal.sensors.trajectory import build_trajectory
@@ -191,7 +192,7 @@ def test_turns_are_as_right_at_1_hz_of_50_hz_samples_as_of_means():
     means_of = truth.specific_force[None], truth.angular_rate[None]
     duration, ends = regular(50.0, len(truth))
     place = np.array([[truth.latitude[0], truth.longitude[0], truth.height[0]]])
-    start = NavState(place, truth.velocity[:1], truth.attitude[:1])
+    start = Estimate(place, truth.velocity[:1], truth.attitude[:1])
     pieces = preintegrate(samples[..., :3], samples[..., 3:], duration, ends)
 
     def tilt(end):
@@ -204,4 +205,4 @@ def test_turns_are_as_right_at_1_hz_of_50_hz_samples_as_of_means():
     assert tilt(slow) < 4e-8
     assert tilt(right) < 6e-8
     assert tilt(wrong) > 4e-7
-    assert horizontal(NavState(right.position, right.velocity, right.attitude), slow) < 0.05
+    assert horizontal(Estimate(right.position, right.velocity, right.attitude), slow) < 0.05
