@@ -77,6 +77,17 @@ def by_covariance(batch, field_map):
     return gain @ residual, batch.prior - gain @ H @ batch.prior, evidence
 
 
+def as_one_covariance(batch, field_map, steps):
+    """Compare both."""
+    found, expected = by_bank(batch, field_map, steps), by_covariance(batch, field_map)
+    scale = np.sqrt(np.diag(batch.prior))
+    np.testing.assert_allclose(found[0] / scale, expected[0] / scale, atol=2e-3)
+    np.testing.assert_allclose(
+        found[1] / np.outer(scale, scale), expected[1] / np.outer(scale, scale), atol=2e-3
+    )
+    assert found[2] == pytest.approx(expected[2], abs=0.1)
+
+
 def covariance_of(batch):
     return noise_covariance(batch.parameters, batch.sigma, batch.time)
 
@@ -108,13 +119,7 @@ def test_as_one_covariance(keys, height, steps):
         states += height_states(told, Slope(), at)
     batch = noisy(replace(batch, velocity=TURNING, parameters=joined(states)))
     field_map = plane(2e-8, -3e-8)
-    found, expected = by_bank(batch, field_map, steps), by_covariance(batch, field_map)
-    scale = np.sqrt(np.diag(batch.prior))
-    np.testing.assert_allclose(found[0] / scale, expected[0] / scale, atol=2e-3)
-    np.testing.assert_allclose(
-        found[1] / np.outer(scale, scale), expected[1] / np.outer(scale, scale), atol=2e-3
-    )
-    assert found[2] == pytest.approx(expected[2], abs=0.1)
+    as_one_covariance(batch, field_map, steps)
 
 
 def test_channels_of_a_scan_with_correlated_noise():
@@ -127,13 +132,7 @@ def test_channels_of_a_scan_with_correlated_noise():
     batch = channel_batch(one, readings, covariance)
     np.testing.assert_allclose(covariance_of(batch)[3:6, 3:6], covariance, atol=1e-16)
     batch = noisy(batch)
-    found, expected = by_bank(batch, maps, (7, 5)), by_covariance(batch, maps)
-    scale = np.sqrt(np.diag(batch.prior))
-    np.testing.assert_allclose(found[0] / scale, expected[0] / scale, atol=2e-3)
-    np.testing.assert_allclose(
-        found[1] / np.outer(scale, scale), expected[1] / np.outer(scale, scale), atol=2e-3
-    )
-    assert found[2] == pytest.approx(expected[2], abs=0.1)
+    as_one_covariance(batch, maps, (7, 5))
 
 
 @pytest.mark.parametrize("velocity", [(14.0, 17.0), (-20.0, 5.0)])

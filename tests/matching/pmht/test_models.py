@@ -17,8 +17,8 @@ from isogal.matching.pmht.models import (
     NAVIGATOR,
     NOISIER,
     NONE,
-    P_WRONG_MAP,
     SHAKEN,
+    UNHEARD_OF,
     Assumed,
     few,
     models_of,
@@ -71,7 +71,7 @@ def test_what_a_grid_leaves_out_is_in_proportion_to_its_roughness():
 def test_a_told_error_may_be_another_one():
     for which, told in ((models(sigma=0.0), 0.0), (TOLD, 3e-5)):
         another = np.abs(np.log2(np.maximum(which.sigma, 1e-9) / max(told, 1e-9))) > 4.0
-        share = probability(which, another) / P_WRONG_MAP
+        share = probability(which, another) / UNHEARD_OF
         assert 0.2 < share < 1.0 + 1e-9
 
 

@@ -14,7 +14,7 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_model import decay
 from isogal.maps.interpolation import Grid, look_up
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
-from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.models import RARE, Models
 from isogal.matching.pmht.rows import Rows, some
 
 FEATURE_M = 2000.0
@@ -24,7 +24,7 @@ CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 PLACES = 600
 """Cells, and then hypotheses, that are followed up, at most."""
-SURE = 0.99
+SURE = 1.0 - RARE
 """Probability of what is taken as certain: that the place is in the first grid and among the cells
 that are followed up, and that a navigator that is reset has diverged."""
 GROUPS = 120

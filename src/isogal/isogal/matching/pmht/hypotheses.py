@@ -183,18 +183,20 @@ class Hypotheses:
         """Return them after what others' readings say of the navigator's error.
 
         Where that is negative they become wider: what others have withdrawn would else be told
-        again, as new, by those who still hold it. A hypothesis that this would make more than
-        twice as wide takes the positive part only. `prior` (7, 7): the navigator's covariance, for
-        scale."""
+        again, as new, by those who still hold it. Of what a Gaussian cannot say of places as far
+        away they take a share: no variance becomes more than `LARGEST_RATIO` times as large.
+        `prior` (7, 7): the navigator's covariance, for scale."""
         if not information.matrix.any():
             return self
         n = BATCH_STATES
         mean, P, across = self.mean[:, :n], self.covariance[:, :n, :n], self.covariance[:, :, :n]
         positive = positive_part(information, np.sqrt(np.diag(prior)))
-        withdrawn = np.einsum("ij,kji->k", positive.matrix - information.matrix, P)
-        all_of_it = withdrawn[:, None] < 1.0 - 1.0 / LARGEST_RATIO  # it is a sum of eigenvalues
-        M = np.where(all_of_it[..., None], information.matrix, positive.matrix)
-        vector = np.where(all_of_it, information.vector, positive.vector)
+        M, vector = information.matrix - positive.matrix, information.vector - positive.vector
+        square = P + mean[:, :, None] * mean[:, None, :]
+        withdrawn = -np.einsum("ij,kij->k", M, square)  # the mean of -x' M x
+        share = 1.0 / np.maximum(withdrawn / (1.0 - 1.0 / LARGEST_RATIO), 1.0)
+        M = positive.matrix + share[:, None, None] * M
+        vector = positive.vector + share[:, None] * vector
         left = vector - np.einsum("kij,kj->ki", M, mean)
         inner = np.eye(n) + M @ P
         less = np.linalg.solve(inner, M)

@@ -21,8 +21,8 @@ from isogal.matching.pmht.rows import Rows
 ITERATIONS = 8
 """Linearisations at most; from the fourth on steps are halved, since a step that has not
 converged by then swings about the mode."""
-SETTLED_M, SETTLED_SHARE = 1.0, 0.1
-"""A mode is found where the last step was shorter than this and this share of its 1-sigma."""
+SETTLED = 0.1
+"""A mode is found where the last step was shorter than this share of its 1-sigma."""
 OUTLIER = (0.003, 1000.0)
 """Probability of an outlier, and the variance, in units of the noise's, of the normal density
 whose peak is that of outliers."""
@@ -262,7 +262,7 @@ def observed(
                     P[i, j] = covariance[k, used[i], used[j]]
             evidence[k] = _filtered(x, P, z, H, R, keep, fresh, step, joined, used, c, PH)
             moved = math.hypot(x[0] - at[0], x[1] - at[1])
-            if not moved > SETTLED_M + SETTLED_SHARE * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
+            if not moved > SETTLED * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
                 break
             share = 1.0 if iteration < 3 else 0.5
             for i in range(c):

@@ -209,7 +209,7 @@ def _observed(
         field = fields[one.field]
         if new is None or field.bank is None:
             continue
-        bank, log = field.bank.informed(shared.total, prior), 0.0
+        bank, log = field.bank.informed(shared.total, prior).normalised(), 0.0
         for part in parts_of(new):
             whole = bank.split(one.field_map.grid, part, curved=curved[one.field])
             seen = whole.observed(one.field_map.grid, part)
@@ -227,6 +227,6 @@ def _observed(
         shared = shared.with_bank(one.field, bank, prior)
     for index, field in fields.items():
         if field.bank is not None:
-            later = field.bank.informed(shared.after(index), prior)
+            later = field.bank.informed(shared.after(index), prior).normalised()
             fields[index] = replace(field, bank=later)
     return replace(memory, fields=fields), shared, evidence

@@ -13,9 +13,6 @@ from isogal.matching.pmht.kernels import predicted
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
 
-MOST_LOOKED_AT = 10
-"""Rows of which it is asked how far they depart from linear."""
-
 
 @kernel(error_model="numpy")
 def curvature(
@@ -38,7 +35,6 @@ def curvature(
     axes : (K, 2, 2) array
         m, north and east of each.
     """
-    stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
     departure, change = np.empty(2), np.empty(2)
     for k in range(which.shape[0]):
         worst[k] = 0.0
@@ -48,7 +44,7 @@ def curvature(
         lag = models.lag[m]
         for axis in range(2):
             departure[axis] = change[axis] = 0.0
-        for t in range(0, rows.level.shape[0], stride):
+        for t in range(rows.level.shape[0]):
             north = east = 0.0
             for i in range(models.sizes[m]):
                 state = models.used[m, i]
@@ -67,8 +63,8 @@ def curvature(
                 departure[axis] += (0.5 * (g1 + g2) - g0) ** 2 / R
                 change[axis] += (0.5 * (g1 - g2)) ** 2 / R
         for axis in range(2):
-            of_change = max(math.sqrt(stride * change[axis]), 1.0)
-            worst[k, axis] = math.sqrt(stride * departure[axis]) / of_change
+            of_change = max(math.sqrt(change[axis]), 1.0)
+            worst[k, axis] = math.sqrt(departure[axis]) / of_change
 
 
 @kernel(error_model="numpy")

@@ -25,8 +25,9 @@ from isogal.matching.pmht.states import (
 )
 
 LENGTH_STEP, LENGTH_FACTOR = 4.0, 2.5
-LEAST_SIGMA, LARGEST_SIGMA = 0.125, 0.5
-"""Of the map's error: least in units of the noise, largest in units of the map's scale."""
+LEAST_SIGMA, OF_SCALE = 0.125, 0.5
+"""Of the map's error: least sigma in units of the noise, largest in units of the map's scale; the
+1-sigma of a bias is as large."""
 SIGMA_STEP = math.sqrt(2.0)
 """From one sigma of the map's error to the next. With steps twice as long, a sigma between two of
 them costs a fault so much evidence that a delay of 20 s is not found."""
@@ -37,13 +38,13 @@ ROUGH_FACTOR = 5.0
 NO_ERROR = 4.0
 """How much more probable it is that the map has no error than one of the least sigma: it stands
 for all sigmas below."""
-P_WRONG_MAP = 1e-3
-"""Probability that the specified map error is wrong altogether."""
-BIAS_SHARE, DRIFT_TIME = 0.5, 10800.0
-"""1-sigma of a bias as a share of the map's scale; of its drift: that in so many s."""
-RARE, WORSE = 0.01, 10.0
-"""Probability of a fault that one has heard of, and the factor of a navigator's covariance from
-one model to the next."""
+DRIFT_TIME = 10800.0
+"""1-sigma of a drift: that of the bias in so many s."""
+RARE, UNHEARD_OF = 0.01, 1e-3
+"""Probability of a fault that one has heard of, and of one that one has not: a specified map error
+that is wrong altogether, a navigator that has diverged."""
+WORSE = 10.0
+"""Factor of a navigator's covariance from one model to the next."""
 UNSURE_LAG = 0.3
 """1-sigma of a low-pass filter's time constant, of itself: half of what is between two models."""
 LATE_S = 20.0
@@ -51,7 +52,7 @@ LATE_S = 20.0
 COUPLING = 1e-3
 """1-sigma of what a gravimeter takes from each horizontal acceleration: 1 mGal from 0.01 m/s²."""
 
-FALSE_SATELLITES = 1e-6
+FALSE_SATELLITES = UNHEARD_OF**2
 """Probability that satellites are wrong, times how likely what they say is then: a voyage in a
 thousand, and as likely anywhere within a kilometre as within metres where they are right."""
 
@@ -234,7 +235,7 @@ def _map_errors(assumed: Assumed, lengths: bool) -> list[tuple[float, float, flo
     specified, usual, trust = assumed.sigma, assumed.length, assumed.trust
     if specified is not None and trust == 1.0:
         return [(specified, usual, 0.0)]
-    least, most = LEAST_SIGMA * assumed.noise, LARGEST_SIGMA * assumed.scale
+    least, most = LEAST_SIGMA * assumed.noise, OF_SCALE * assumed.scale
     if assumed.rough > 0.0:  # readings of much noise make no map worse
         least = min(least, assumed.rough)
     if specified:  # is one of the grid
@@ -258,7 +259,7 @@ def _map_errors(assumed: Assumed, lengths: bool) -> list[tuple[float, float, flo
         if specified > 0.0:
             off = np.log(sigma[1:] / specified)
             right[1:] = -0.5 * (off**2 + longer[1:] ** 2) / math.log(trust) ** 2
-        otherwise = log - np.logaddexp.reduce(log) + math.log(P_WRONG_MAP)
+        otherwise = log - np.logaddexp.reduce(log) + math.log(UNHEARD_OF)
         log = np.logaddexp(right - np.logaddexp.reduce(right), otherwise)
     return list(zip(sigma.tolist(), length.tolist(), log.tolist(), strict=True))
 
@@ -282,7 +283,7 @@ def table_of(
     initial[:, : states.channels] = (sigma > 0.0)[:, None]
     if states.unknown:
         last = initial[:, -states.unknown :]
-        share = BIAS_SHARE * assumed.scale
+        share = OF_SCALE * assumed.scale
         last[:, BIAS] = [max(f.bias * share, assumed.bias) for f in fault]
         last[:, DRIFT] = [max(f.drift * share / DRIFT_TIME, assumed.drift) for f in fault]
         last[:, DELAY] = [max(f.delay, assumed.delay) for f in fault]
