@@ -1,7 +1,6 @@
 """What docs/evidence/real-data.md says of measured lines, with fewer directions."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ from measured_data.scotland import LEAST_SENSOR
 
 from isogal.tracks.map_error import fit_map_error
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "evidence" / "real-data.md"
 DIRECTIONS = ((2598.0, 1500.0), (-1500.0, -2598.0))
 """m north and east, 3 km."""
 
