@@ -594,11 +594,11 @@ def _of_aid(
     for k in ends.tolist():
         truth.velocity[:2] = segments.geometry[k, 1:3]
         truth.attitude[:] = from_matrix(segments.rotation[k])
-        _, _, H, R = aid.measurements[k % len(aid.measurements)].rows(truth, model)
-        own = H[:, FILTER_STATES:] + H[:, 2:3] * contents
-        rest = np.zeros((len(H), size - STATES - own.shape[1]))
-        found.append(np.hstack([H[:, _OF_FILTER], own, rest]))
-        noise = np.diag(R)
+        linear = aid.measurements[k % len(aid.measurements)].rows(truth, model)
+        own = linear.H[:, FILTER_STATES:] + linear.H[:, 2:3] * contents
+        rest = np.zeros((len(own), size - STATES - own.shape[1]))
+        found.append(np.hstack([linear.H[:, _OF_FILTER], own, rest]))
+        noise = np.diag(linear.R)
     rows = np.array(found)
     since = np.asarray(segments.dt * (ends + 1.0), dtype=np.float64)
     seen = within(aid.available, since)

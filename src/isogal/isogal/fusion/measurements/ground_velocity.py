@@ -42,4 +42,4 @@ class GroundVelocity:
         H[:, 3:6], H[:, 6:9] = np.eye(3), -cross_matrix(around)
         R = np.asarray(self.covariance)[np.ix_(axes, axes)]
         expected = (state.velocity + around)[axes]
-        return Rows(self.velocity[axes], expected, H[axes], R)
+        return Rows(self.velocity[axes], expected, H[axes], R, over_ground=True)

@@ -105,16 +105,14 @@ class VelocityReading:
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
-        axes = np.flatnonzero(np.isfinite(self.velocity))
-        measured = np.asarray(self.velocity, dtype=float)[axes]
-        if np.linalg.norm(measured) < self.standstill_speed:
-            H = np.zeros((3, model.states))
-            H[:, 3:6] = np.eye(3)
-            R = np.eye(3) * self.standstill_sigma**2
+        if np.linalg.norm(self.velocity[np.isfinite(self.velocity)]) < self.standstill_speed:
             if self.at_rest is not None:
                 self.at_rest.update(state, model)
-            rest = Rows(np.zeros(3), state.velocity.copy(), H, R)
-            return update_insistent(state, model, rest, "standstill")
+            # in body axes: a zero in others would measure the heading (`moved`)
+            H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
+            H[:, FILTER_STATES:] = 0.0
+            R = np.eye(3) * self.standstill_sigma**2
+            return update_insistent(state, model, Rows(np.zeros(3), expected, H, R), "standstill")
         rows = self.rows(state, model)
         if state.contradicted:
             return update_once_it_agrees(state, model, rows)
