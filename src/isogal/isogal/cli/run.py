@@ -10,14 +10,7 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import (
-    Driver,
-    FilterParameter,
-    Json,
-    Remap,
-    ScenarioChoice,
-    written_folder,
-)
+from isogal.cli.options import Json, ReplayChoice, ScenarioChoice, written_folder
 from isogal.errors import InputError
 
 Domain = Annotated[
@@ -100,7 +93,7 @@ def _check(unused_port: int, respawn_in_process: bool) -> None:
 
 @with_groups
 def replay(
-    chosen: ScenarioChoice,
+    chosen: ReplayChoice,
     bag: Annotated[
         Path,
         typer.Argument(metavar="BAG", help="Folder of a recording or run, or an MCAP file."),
@@ -118,9 +111,6 @@ def replay(
             " anything with --scenario, --set, --parameter, --remap or --driver.",
         ),
     ] = None,
-    parameter: FilterParameter = None,
-    remap: Remap = None,
-    driver: Driver = None,
     domain: Annotated[
         int | None,
         typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),
@@ -133,15 +123,11 @@ def replay(
     Exits with 1 where they differ by too much, no message of a sensor was used, or there was no
     fix. The scenario is the recording's own; --scenario names another, --set changes keys."""
     require_ros()
-    from isogal_ros.bags.remapping import Foreign
-    from isogal_ros.graph.commands import Changes, replay_command
+    from isogal_ros.graph.commands import replay_command
 
     if domain is not None:
         typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
-    bag = bag / "bag" if (bag / "bag").is_dir() else bag
-    foreign = Foreign(remap or (), driver or ())
-    changes = Changes(chosen.scenario, chosen.set_ or (), parameter or (), foreign)
-    raise typer.Exit(replay_command(bag, out, changes, tolerance=tolerance, json=json))
+    raise typer.Exit(replay_command(bag, out, chosen.changes(), tolerance=tolerance, json=json))
 
 
 @with_groups
