@@ -8,7 +8,7 @@ import typer
 
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, TopicChoice, bag_of, written_file, written_folder
-from isogal.cli.tables import print_table
+from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -100,9 +100,7 @@ def compare(
     results = read_results(sources)
     found = comparison(results)
     if json:
-        from json import dumps
-
-        typer.echo(dumps(found.document(), indent=2, allow_nan=False))
+        print_json(found.document())
     else:
         print_table(("", *found.names), found.rows())
     if out is not None:
