@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from helpers.navigators import random_covariance
-from isogal.matrices import eigen, inverse_of_lower, lower, square_root
+from isogal.matrices import inverse_of_lower, lower, square_root
 
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
 
@@ -31,21 +31,9 @@ def symmetric_ones():
 
 
 @pytest.mark.parametrize("matrix", list(symmetric_ones()))
-def test_eigenvalues_and_vectors_are_those_of_numpy(matrix):
-    values, vectors = eigen(matrix)
-    expected = np.linalg.eigvalsh(matrix)
-    size = max(np.abs(expected).max(), 1e-300)
-    np.testing.assert_allclose(values / size, expected / size, atol=1e-14)
-    np.testing.assert_allclose(vectors * values @ vectors.T / size, matrix / size, atol=1e-14)
-    np.testing.assert_allclose(vectors @ vectors.T, np.eye(len(matrix)), atol=1e-14)
+def test_a_square_root_is_that_of_the_positive_part(matrix):
     values, vectors = np.linalg.eigh(matrix)
+    size = max(np.abs(values).max(), 1e-300)
     positive = vectors * np.maximum(values, 0.0) @ vectors.T
     half = square_root(matrix)
     np.testing.assert_allclose(half @ half.T / size, positive / size, atol=1e-14)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
-def test_what_is_not_finite_comes_to_an_end(value):
-    matrix = np.eye(4)
-    matrix[1, 2] = matrix[2, 1] = value
-    assert len(eigen(matrix)[0]) == 4

@@ -169,7 +169,10 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
             "matcher.map_sigma: input should be greater than or equal to 0, not -1",
         ),
         ("seed=-1", "seed: input should be greater than or equal to 0, not -1"),
-        ("route.start=[95, 0]", "route.start.0: input should be less than or equal to 89, not 95"),
+        (
+            "route.start=[95, 0]",
+            "route.start.0: input should be less than or equal to 89.9, not 95",
+        ),
         ("route.start=[-38]", "route.start.1: field required"),
         ("route.start=null", "route: give start and end, or waypoints"),
         ("route.end=[-38.0, 144.5]", "route: start and end must differ"),

@@ -97,8 +97,8 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
     speed = np.where(columns["speed"] < 0.0, np.nan, columns["speed"])
     level, turn = _levelled(force, rate, up)
     turn = np.where((speed < STANDS) & (np.abs(turn) > HANDLED), 0.0, turn)
-    turned = _forward(_means(level), _means(turn[:, None])[:, 0], speed, time < known)
-    down = _means(-np.einsum("ni,ni->n", force, _unit(up))[:, None])
+    turned = _forward(_means(level), _means(turn), speed, time < known)
+    down = _means(-np.einsum("ni,ni->n", force, _unit(up)))
     specific = np.column_stack([turned, down])
     rates = np.column_stack([np.zeros((len(turn), 2)), turn])
     start = begin.timestamp() if hasattr(begin, "timestamp") else 0.0
@@ -107,7 +107,7 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
         start,
         specific,
         _means(rates),
-        _means(np.square(SAMPLED * _second_difference(turn))[:, None])[:, 0],
+        _means(np.square(SAMPLED * np.pad(np.diff(turn, 2), 1))),
         100.0 * columns["pressure"],
         speed,
         np.radians(columns["latitude"]),
@@ -132,8 +132,8 @@ def _filled(vectors: Array) -> Array:
 
 
 def _means(samples: Array) -> Array:
-    """Return the means over each second of samples (N, 3) at its ends."""
-    before = np.vstack([samples[:1], samples[:-1]])
+    """Return the means over each second of samples (N, ...) at its ends."""
+    before = np.concatenate([samples[:1], samples[:-1]])
     return 0.5 * (before + samples)
 
 
@@ -149,11 +149,6 @@ def _levelled(force: Array, rate: Array, up: Array) -> tuple[Array, Array]:
     return level, -np.einsum("ni,ni->n", rate, vertical)
 
 
-def _second_difference(values: Array) -> Array:
-    """Return the second differences of values (N,); zero at the ends."""
-    return np.pad(np.diff(values, 2), 1)
-
-
 def _forward(level: Array, turn: Array, speed: Array, known: Array) -> Array:
     """Return (N, 2) means of the specific force over each second, forward and right, from those
     in axes that turn with the telephone (N, 2), the turn rates (N,) and speeds (N,) at the ends.
@@ -162,7 +157,7 @@ def _forward(level: Array, turn: Array, speed: Array, known: Array) -> Array:
     by what these have told."""
     held = _held(speed)
     acceleration = np.diff(held, prepend=held[0])
-    middle = _means(held[:, None])[:, 0]
+    middle = _means(held)
     expected = acceleration + 1j * middle * turn
     sensed = level[:, 0] + 1j * level[:, 1]
     told = np.where(middle > LEAST_SPEED, np.conj(sensed) * expected, 0.0)

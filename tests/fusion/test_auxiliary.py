@@ -2,7 +2,6 @@
 processes that they stand for."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -62,17 +61,6 @@ def test_every_kind_equals_a_filter_with_sigma_points_for_all_states(count):
     )
 
 
-def test_a_steady_process_keeps_its_variance_and_forgets_its_value():
-    states = (AuxiliaryState("a", "none", 0, 2.0, time=50.0), SPARE)
-    model, flight = with_states(states), fly()
-    state = start(model)
-    state.covariance[15, :] = state.covariance[:, 15] = 0.0
-    state.covariance[15, 15], state.auxiliary[0] = 4.0, 3.0
-    propagate(state, model, *flight.samples(0, 100))
-    assert state.covariance[15, 15] == pytest.approx(4.0)
-    assert state.auxiliary[0] == pytest.approx(3.0 * math.exp(-2.0))
-
-
 @pytest.mark.parametrize("filter_name", ["compiled", "reference"])
 def test_gravity_states_go_by_what_has_been_learnt(filter_name):
     """A navigator whose residual gravity was learnt propagates as under a model that knows it; one
@@ -89,21 +77,3 @@ def test_gravity_states_go_by_what_has_been_learnt(filter_name):
     assert known.covariance[15, 15] > 1.5 * plain.covariance[15, 15]
     np.testing.assert_array_equal(learnt.covariance, known.covariance)
     np.testing.assert_array_equal(learnt.position, known.position)
-
-
-def test_felt_gravity_that_is_known_to_a_state_moves_the_estimate():
-    """A constant residual of 1e-3 m/s² over 100 s: half a t squared, 5 m."""
-    states = (AuxiliaryState("gravity_north", "gravity", 0, 1e-3), SPARE)
-    model, flight = with_states(states), fly()
-    ends = []
-    for value in (0.0, 1e-3):
-        state = dataclasses.replace(
-            flight.start.copy(),
-            auxiliary=np.array([value, 0.0]),
-            covariance=np.diag(np.square([*model.initial_sigma, 1e-3, 1.0])),
-        )
-        propagate(state, model, *flight.samples(0, 100))
-        ends.append(state)
-    moved = error_between(ends[1], ends[0])
-    assert moved[0] == pytest.approx(5.0, rel=0.01)
-    assert moved[3] == pytest.approx(0.1, rel=0.01)

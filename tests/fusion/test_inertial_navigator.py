@@ -164,18 +164,6 @@ def test_information_in_any_order_of_arrival(order, attitude):
     assert close(it.state, expected.state, 1e-4)
 
 
-def test_two_fixes_of_one_stamp_in_either_order():
-    fixes = [position_fix(20), PositionFix(*FLIGHT.fix(20, 5.0, 8.0), np.diag([60.0**2, 100.0]))]
-    ends = []
-    for order in (fixes, fixes[::-1]):
-        it = navigator()
-        advance(it, 30)
-        for one in order:
-            it.measure(20.0, one)
-        ends.append(it.state)
-    assert close(*ends, 1e-4)
-
-
 @pytest.mark.parametrize("at_once", [1, 10])
 @pytest.mark.parametrize("stamp", [19.6, 20.3])
 def test_a_stamp_within_a_sample_divides_it(stamp, at_once):
@@ -236,15 +224,6 @@ def test_refused_information_changes_nothing_nor_does_what_comes_with_it(stamp):
     wrong = InformationUpdate(np.ones(4), np.diag([1.0, 1.0, -1e6, 1.0]))
     assert it.measure(float(stamp), Widening(np.eye(7)), wrong).outcome is Outcome.REFUSED
     assert identical(it.state, before)
-
-
-def test_the_horizon_is_kept():
-    it = navigator(horizon=30.0)
-    advance(it, 100)
-    used = [
-        it.measure(t, PositionFix(*FLIGHT.fix(int(t), 1.0, 1.0), R)).used for t in (71.0, 60.0)
-    ]
-    assert used == [True, False]
 
 
 def test_late_a_fix_is_rejected_as_in_time_and_passes_if_an_older_reset_comes():

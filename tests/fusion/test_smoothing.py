@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 from helpers.navigators import ROUTE, error_between, fly, identical
-from isogal.earth.ellipsoid import radii
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import InformationUpdate, LearntMapError, PositionFix, Widening
 from isogal.fusion.prediction import propagate
 from isogal.fusion.trace import Trace
-from isogal.inertial.error_model import fill_dynamics
 from isogal.inertial.error_state import BATCH, batch_covariance
-from isogal.inertial.rotations import matrix
 from isogal.scenario import Gravity, Height, Velocity
 
 DURATION = 120
@@ -105,28 +102,6 @@ def test_the_trace_reproduces_the_forward_covariance(name) -> None:
         assert np.linalg.eigvalsh(noise).min() > -1e-9
         expected = np.array(flight.model.noise[:3]).min() ** 2
         assert (np.diag(noise)[3:6] * sigma[3:6] ** 2).min() > 0.99 * expected
-
-
-def test_the_trace_has_the_dynamics_of_the_error_model() -> None:
-    """Over a second, of what the linear model without a height channel has."""
-    state, trace = FLIGHT.start.copy(), Trace.of(1, 15 + len(FLIGHT.model.auxiliary))
-    latitude, _, height = state.position
-    rotation = matrix(state.attitude)
-    force = rotation @ FLIGHT.force[0]
-    meridian, normal = radii(latitude)
-    geometry = [latitude, *state.velocity[:2], 1 / (meridian + height), 1 / (normal + height)]
-    dynamics = np.zeros((13, 13))
-    fill_dynamics(dynamics, np.array(geometry), force, rotation)
-    start = state.covariance.copy()
-    propagate(state, FLIGHT.model, *FLIGHT.samples(0, 1), None, trace)
-    F = np.linalg.solve(start, trace.cross[0]).T
-    which = [0, 1, 3, 4, *range(6, 15)]
-    found = F[np.ix_(which, which)]
-    expected = np.eye(13) + dynamics + 0.5 * dynamics @ dynamics
-    scale = np.sqrt(np.diag(start))[which]
-    np.testing.assert_allclose(
-        found * scale / scale[:, None], expected * scale / scale[:, None], atol=2e-4
-    )
 
 
 def free(until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -47,6 +47,22 @@ def test_stops_and_starts_do_not_tell_the_heading():
     assert sigma[-1] > 0.3
 
 
+def test_a_standstill_does_not_tell_the_heading():
+    """Of a vehicle that its accelerometers still have moving at 4 m/s."""
+    start = Estimate(np.array([0.7, -1.3, 0.0]), np.array([4.0, 0.0, 0.0]), np.eye(4)[0])
+    model = filter_model(CAR)
+    state = FilterState.start(start, model)
+    state.covariance[3:6, 3:6] = np.diag([4.0, 0.01, 0.01])
+    across = cross_matrix(state.velocity)  # what a wrong heading does to the velocity
+    state.covariance[3:6] -= across @ state.covariance[6:9]
+    state.covariance[:, 3:6] -= state.covariance[:, 6:9] @ across.T
+    before = state.covariance[8, 8]
+    reading = VelocityReading(np.zeros(3), np.eye(3), math.inf, 0.05)
+    assert reading.update(state, model).used
+    np.testing.assert_allclose(state.velocity, 0.0, atol=0.01)
+    assert state.covariance[8, 8] == pytest.approx(before, rel=0.01)
+
+
 @pytest.mark.parametrize("axis", range(15))
 def test_zero_rotation_is_linear_in_the_error(axis):
     rng = np.random.default_rng(1)

@@ -7,31 +7,32 @@ from scipy.spatial.transform import Rotation
 
 from isogal.earth.ellipsoid import radii
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.inertial.strapdown import NavState, propagate
+from isogal.inertial.error_state import Estimate
+from isogal.inertial.strapdown import propagate
 
 R, W = 6.38e6, 1.24e-3  # radius and Schuler rate bring all states to one size
 SIZE = np.array([R, R, R * W, R * W, 1.0, 1.0, 1.0, 9.8, 9.8, 9.8, W, W, W])
 DT = 0.1
 
 
-def metres(nav: NavState) -> np.ndarray:
+def metres(nav: Estimate) -> np.ndarray:
     latitude, _, height = nav.position[0]
     meridian, normal = radii(latitude)
     return np.array([meridian + height, (normal + height) * np.cos(latitude)])
 
 
-def moved(nav: NavState, error: np.ndarray) -> NavState:
+def moved(nav: Estimate, error: np.ndarray) -> Estimate:
     attitude = Rotation.from_rotvec(error[4:7]) * Rotation.from_quat(
         nav.attitude[0], scalar_first=True
     )
-    return NavState(
+    return Estimate(
         nav.position + np.append(error[:2] / metres(nav), 0.0),
         nav.velocity + np.append(error[2:4], 0.0),
         attitude.as_quat(scalar_first=True)[None],
     )
 
 
-def difference(a: NavState, b: NavState, middle: NavState) -> np.ndarray:
+def difference(a: Estimate, b: Estimate, middle: Estimate) -> np.ndarray:
     turn = (
         Rotation.from_quat(a.attitude[0], scalar_first=True)
         * Rotation.from_quat(b.attitude[0], scalar_first=True).inv()
@@ -50,7 +51,7 @@ def difference(a: NavState, b: NavState, middle: NavState) -> np.ndarray:
 def test_dynamics_are_those_of_the_strapdown(latitude, velocity):
     random = np.random.default_rng(7)
     body = Rotation.random(None, random)
-    nav = NavState(
+    nav = Estimate(
         np.array([[latitude, 2.5, 3000.0]]),
         np.array([[*velocity, 0.0]]),
         body.as_quat(scalar_first=True)[None],
@@ -58,7 +59,7 @@ def test_dynamics_are_those_of_the_strapdown(latitude, velocity):
     force, rate = body.inv().apply([1.5, -2.0, -9.8]), np.array([1e-4, -2e-4, 1e-4])
     height = np.full(2, 3000.0)
 
-    def run(error: np.ndarray) -> NavState:
+    def run(error: np.ndarray) -> Estimate:
         f, w = force + error[7:10], rate + error[10:13]
         return propagate(moved(nav, error), f[None, None], w[None, None], DT, height)[0]
 

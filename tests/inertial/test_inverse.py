@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isogal.earth.frames import horizontal_difference
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.inverse import (
     InverseStrapdown,
     NothingFeltError,
@@ -16,23 +17,23 @@ from isogal.inertial.inverse import (
     level_attitude,
 )
 from isogal.inertial.rotations import from_heading, from_rotation_vector, multiply
-from isogal.inertial.strapdown import NavState, propagate
+from isogal.inertial.strapdown import propagate
 from isogal.scenario import Imu, Route, Scenario
 from isogal.sensors.trajectory import build_trajectory
 
 CORNERS = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 30.0), (-37.9, 144.8, 22.0), (-37.5, 144.9, 22.0))
 
 
-def whole(start: NavState, track) -> np.ndarray:
+def whole(start: Estimate, track) -> np.ndarray:
     first = np.concatenate([start.position, start.velocity, start.attitude], axis=1)
     return np.concatenate([first[:, None], track], axis=1)
 
 
-def state_of(row) -> NavState:
-    return NavState(row[None, :3].copy(), row[None, 3:6].copy(), row[None, 6:].copy())
+def state_of(row) -> Estimate:
+    return Estimate(row[None, :3].copy(), row[None, 3:6].copy(), row[None, 6:].copy())
 
 
-def distance(end: NavState, row) -> float:
+def distance(end: Estimate, row) -> float:
     """Return how far a state is from a solution, m, horizontal."""
     return float(np.hypot(*horizontal_difference(*end.position[0, :2], *row[:2])))
 
@@ -52,7 +53,7 @@ def test_the_strapdown_gives_the_solution_again(
 ):
     draw = np.random.default_rng(seed)
     course = draw.uniform(-np.pi, np.pi)
-    start = NavState(
+    start = Estimate(
         np.array([[np.radians(latitude), np.radians(longitude), draw.uniform(-100.0, 9000.0)]]),
         np.array([[speed * np.cos(course), speed * np.sin(course), draw.uniform(-3.0, 3.0)]]),
         np.array([from_rotation_vector(*draw.uniform(-2.0, 2.0, 3))]),
@@ -85,7 +86,7 @@ def voyage():
     force = trajectory.specific_force + 1e-5 + draw.normal(0.0, 1e-4, (2400, 3))
     rate = trajectory.angular_rate + 1e-8 + draw.normal(0.0, 1e-6, (2400, 3))
     tilted = multiply(*from_rotation_vector(1e-4, -2e-4, 1e-3), *trajectory.attitude[0])
-    start = NavState(
+    start = Estimate(
         np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]]),
         trajectory.velocity[:1] + np.array([0.1, -0.1, 0.0]),
         np.array([tilted]),

@@ -7,8 +7,9 @@ import pytest
 from isogal.earth.ellipsoid import EARTH_RATE, radii
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_heading
-from isogal.inertial.strapdown import NavState, propagate
+from isogal.inertial.strapdown import propagate
 from isogal.scenario import Imu, Route, Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -24,9 +25,9 @@ SCHULER = 84.4 * 60.0
 Groves 2013, section 5.7.2)."""
 
 
-def start_of(trajectory: Trajectory) -> NavState:
+def start_of(trajectory: Trajectory) -> Estimate:
     position = np.array([[trajectory.latitude[0], trajectory.longitude[0], trajectory.height[0]]])
-    return NavState(position, trajectory.velocity[:1].copy(), trajectory.attitude[:1].copy())
+    return Estimate(position, trajectory.velocity[:1].copy(), trajectory.attitude[:1].copy())
 
 
 @pytest.mark.parametrize(
@@ -64,11 +65,11 @@ def test_without_noise_it_stays_on_the_route(route, rate, metres):
     assert abs(end.attitude[0] @ trajectory.attitude[-1]) > 1.0 - 1e-12
 
 
-def standing(latitude: float, seconds: int) -> tuple[NavState, np.ndarray, np.ndarray, np.ndarray]:
+def standing(latitude: float, seconds: int) -> tuple[Estimate, np.ndarray, np.ndarray, np.ndarray]:
     """A vehicle at rest, its nose to the north, and what it senses."""
     rate = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
     force = np.array([0.0, 0.0, -float(normal_gravity(latitude))])
-    nav = NavState(np.array([[latitude, 2.0, 0.0]]), np.zeros((1, 3)), from_heading(np.zeros(1)))
+    nav = Estimate(np.array([[latitude, 2.0, 0.0]]), np.zeros((1, 3)), from_heading(np.zeros(1)))
     return (
         nav,
         np.tile(force, (1, seconds, 1)),
@@ -78,7 +79,7 @@ def standing(latitude: float, seconds: int) -> tuple[NavState, np.ndarray, np.nd
 
 
 def east_error(
-    nav: NavState, force: np.ndarray, rate: np.ndarray, height: np.ndarray
+    nav: Estimate, force: np.ndarray, rate: np.ndarray, height: np.ndarray
 ) -> np.ndarray:
     _, track = propagate(nav, force, rate, 1.0, height, history=True)
     return horizontal_difference(
@@ -123,21 +124,20 @@ def test_known_height_is_followed():
 def test_start_is_unchanged_and_runs_are_independent():
     random = np.random.default_rng(2)
     runs = 5
-    nav = NavState(
+    nav = Estimate(
         np.column_stack([random.uniform(-1.0, 1.0, (runs, 2)), random.uniform(0.0, 1e3, runs)]),
         random.normal(0.0, 20.0, (runs, 3)),
         from_heading(random.uniform(0.0, 6.0, runs)),
     )
-    before = nav.copy()
+    before = Estimate(*(part.copy() for part in nav))
     force, rate = random.normal(0.0, 10.0, (runs, 50, 3)), random.normal(0.0, 0.1, (runs, 50, 3))
     end, track = propagate(nav, force, rate, 0.5, history=True)
     for r in range(runs):
-        one = NavState(nav.position[r : r + 1], nav.velocity[r : r + 1], nav.attitude[r : r + 1])
+        one = Estimate(nav.position[r : r + 1], nav.velocity[r : r + 1], nav.attitude[r : r + 1])
         alone, alone_track = propagate(one, force[r : r + 1], rate[r : r + 1], 0.5, history=True)
         for name in ("position", "velocity", "attitude"):
             assert (getattr(alone, name)[0] == getattr(end, name)[r]).all()
             assert (getattr(nav, name) == getattr(before, name)).all()
         assert (alone_track[0] == track[r]).all()
     np.testing.assert_allclose(np.linalg.norm(end.attitude, axis=1), 1.0, atol=1e-15)
-    assert len(nav) == runs
     assert propagate(nav, force, rate, 0.5)[1].shape == (runs, 0, 2)

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from helpers.navigators import ROUTE, random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
-from isogal.inertial.strapdown import NavState, propagate
+from isogal.inertial.error_state import Estimate
+from isogal.inertial.strapdown import propagate
 from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.expansion import Soundings
 from isogal.matching.transitions import carried
@@ -52,7 +53,7 @@ def flown(trajectory, error=(0.0,) * 7, scans=SCANS):
     attitude = Rotation.from_rotvec(error[4:]) * Rotation.from_quat(
         trajectory.attitude[0], scalar_first=True
     )
-    nav = NavState(
+    nav = Estimate(
         np.array([[trajectory.latitude[0], trajectory.longitude[0], 100.0]])
         + np.append(error[:2], 0.0) / metres,
         trajectory.velocity[:1] + np.append(error[2:4], 0.0),

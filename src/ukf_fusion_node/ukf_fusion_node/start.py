@@ -49,7 +49,7 @@ def with_given(settings: UkfFusionSettings, state: Estimate) -> Estimate:
     state = Estimate(*(part.copy() for part in state))
     if "start_position" in given:
         latitude, longitude, height = given["start_position"]
-        if not (abs(latitude) <= 89.0 and abs(longitude) <= 360.0 and math.isfinite(height)):
+        if not (abs(latitude) <= 89.9 and abs(longitude) <= 360.0 and math.isfinite(height)):
             raise InputError(
                 f"start_position: no such place: {latitude}, {longitude} deg, {height} m"
             )

@@ -19,7 +19,7 @@ from isogal.fusion.measurements import Innovation, Measurement
 from isogal.fusion.measurements.satellites import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
-from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going, steady_sample
+from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
 from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.smoothing import smoothed
@@ -466,29 +466,12 @@ class InertialNavigator:
         """Return what is known after a segment's samples, and the track over them."""
         after = before.copy()
         if segment.change is not None:
-            after = self._bridged(after, segment.missing, segment.change, segment.height[0])
+            after, motions = segment.bridged(after, self.model, self.motion)
+            for state, motion in zip(after.states, motions, strict=True):
+                grow(state, segment.missing, motion)
         samples = segment.force, segment.rate, segment.height
         tracks = [propagate(state, self.model, *samples, segment.dt) for state in after.states]
         return after, tracks[int(np.argmax(after.log_weights))]
-
-    def _bridged(
-        self, before: Mixture, missing: float, change: tuple[Array, Array], height: float
-    ) -> Mixture:
-        """Return what is known after a time (s) without samples, in which specific force and
-        angular rate have changed."""
-        motions = self.motion.possible(missing, change)
-        if missing <= HELD:
-            for state in before.states:
-                grow(state, missing, motions[0][1])
-            return before
-        one = before.merged.copy()
-        keep_going(one, self.model, missing, float(height))
-        after = Mixture.of(one)
-        if len(motions) > 1:
-            after = after.divided([probability for probability, _ in motions])
-        for state, (_, motion) in zip(after.states, motions, strict=True):
-            grow(state, missing, motion)
-        return after
 
 
 _EMPTY = np.empty((0, TRACK_COLUMNS))

@@ -54,35 +54,31 @@ class Mixture:
         """One state for others, see the module; shared where there is one."""
         if len(self.states) == 1:
             return self.states[0]
-        weights = np.exp(self.log_weights - np.logaddexp.reduce(self.log_weights))
-        one = self.states[0].copy()
-        apart = np.array([error_between(state.nominal, one.nominal) for state in self.states])
-        mean = weights @ apart
-        away = apart - mean
-        about = [
-            state.covariance + np.outer(by, by)
-            for state, by in zip(self.states, away, strict=True)
-        ]
-        spread = [P[0, 0] + P[1, 1] for P in about]
-        widest = int(np.argmax(np.where(weights > COVERED, spread, 0.0)))
-        mixed = sum(weight * P for weight, P in zip(weights, about, strict=True))
-        one.covariance[:] = about[widest] if weights.max() < 1.0 - COVERED else mixed
-        move(one.nominal, mean)
+        one, weights, about = self._about_the_mean()
+        if weights.max() < 1.0 - COVERED:
+            spread = [P[0, 0] + P[1, 1] for P in about]
+            one.covariance[:] = about[int(np.argmax(np.where(weights > COVERED, spread, 0.0)))]
         return one
 
     @property
     def moments(self) -> FilterState:
         """One state with the mean and the covariance of all."""
+        return self._about_the_mean()[0]
+
+    def _about_the_mean(self) -> tuple[FilterState, Array, list[Array]]:
+        """Return `moments`, and of each state the probability and the second moment (N, N) about
+        that mean."""
         weights = np.exp(self.log_weights - np.logaddexp.reduce(self.log_weights))
         one = self.states[int(np.argmax(weights))].copy()
         apart = np.array([error_between(state.nominal, one.nominal) for state in self.states])
-        away = apart - weights @ apart
-        one.covariance[:] = sum(
-            weight * (state.covariance + np.outer(by, by))
-            for weight, state, by in zip(weights, self.states, away, strict=True)
-        )
-        move(one.nominal, weights @ apart)
-        return one
+        mean = weights @ apart
+        about = [
+            state.covariance + np.outer(by, by)
+            for state, by in zip(self.states, apart - mean, strict=True)
+        ]
+        one.covariance[:] = sum(weight * P for weight, P in zip(weights, about, strict=True))
+        move(one.nominal, mean)
+        return one, weights, about
 
     def update(self, measurement: Measurement, model: FilterModel) -> Innovation:
         """Update all states in place, and drop what has become improbable; return what became of

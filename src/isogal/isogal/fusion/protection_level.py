@@ -36,41 +36,6 @@ _ROUNDING = 1e-9
 """Negative eigenvalue, in shares of the other one, that rounding may leave."""
 
 
-def exceedance_probability(
-    covariance: ArrayLike,
-    radius: ArrayLike,
-    inflation: float = INFLATION,
-    freedom: float = FREEDOM,
-) -> Array:
-    """Return the probability that the horizontal error is longer than a radius.
-
-    Parameters
-    ----------
-    covariance : (..., 2, 2) array
-        m².
-    radius : (...) array
-        m, at least 0; broadcasts against the covariance.
-    inflation, freedom : float
-        Of the t distribution; infinite freedom is a Gaussian.
-    """
-    rho = _scaled(covariance, radius, inflation)
-    return cast(Array, np.exp(-_energy(rho, freedom)).mean(axis=-1))
-
-
-def exceedance_rate(
-    covariance: ArrayLike,
-    radius: ArrayLike,
-    correlation_time: float,
-    inflation: float = INFLATION,
-    freedom: float = FREEDOM,
-) -> Array:
-    """Return how many times per hour the horizontal error becomes longer than a radius, for radii
-    that it seldom reaches. Parameters as for `exceedance_probability`, and the time (s) after
-    which the error has forgotten all but 1/e of itself."""
-    rho = _scaled(covariance, radius, inflation)
-    return HOUR / correlation_time * _crossings(rho, freedom)
-
-
 def protection_level(covariance: ArrayLike, risk: float, correlation_time: float) -> Array:
     """Return the radius that the horizontal error exceeds `risk` times per hour.
 
@@ -136,16 +101,9 @@ def _level_of_ratio(per_time: float) -> Array:
     low, high = np.full(nodes.size, np.sqrt(2.0 * INFLATION)), np.full(nodes.size, 30.0)
     for _ in range(45):
         middle = 0.5 * (low + high)
-        over = _crossings(middle[:, None] ** 2 / spread, FREEDOM) > per_time
+        over = _crossings(middle[:, None] ** 2 / spread) > per_time
         low, high = np.where(over, middle, low), np.where(over, high, middle)
     return chebyshev.chebfit(2.0 * nodes - 1.0, 0.5 * (low + high), _DEGREE)
-
-
-def _scaled(covariance: ArrayLike, radius: ArrayLike, inflation: float) -> Array:
-    """Return rho² (..., directions) of the module's head; infinite where there is no spread."""
-    squared = np.asarray(radius, dtype=np.float64)[..., None] ** 2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return cast(Array, squared / (inflation * _spread(*axes(covariance))))
 
 
 def _spread(major: Array, minor: Array) -> Array:
@@ -155,14 +113,7 @@ def _spread(major: Array, minor: Array) -> Array:
     return cast(Array, spread + np.multiply.outer(minor**2, np.sin(phi) ** 2))
 
 
-def _energy(rho: Array, freedom: float) -> Array:
-    """Return -log((1 + rho² / nu)^(-nu / 2)); rho is rho²."""
-    if np.isinf(freedom):
-        return 0.5 * rho
-    return 0.5 * freedom * np.log1p(rho / freedom)
-
-
-def _crossings(rho: Array, freedom: float) -> Array:
-    """Return h f(h), the exceedances per correlation time; rho is rho²."""
-    log_density = _energy(rho, freedom) + np.log1p(rho / freedom)
-    return cast(Array, (rho * np.exp(-log_density)).mean(axis=-1))
+def _crossings(rho: Array) -> Array:
+    """Return h f(h), the exceedances per correlation time; rho is rho² (..., directions)."""
+    log_density = -(0.5 * FREEDOM + 1.0) * np.log1p(rho / FREEDOM)
+    return cast(Array, (rho * np.exp(log_density)).mean(axis=-1))

@@ -7,6 +7,9 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fusion.measurements import Measurement
 from isogal.fusion.mixture import Mixture
+from isogal.fusion.model import FilterModel
+from isogal.fusion.outage import HELD, UnknownMotion, keep_going
+from isogal.fusion.trace import Trace
 
 AT_ONCE = 1e-6
 """s by which two stamps may differ that are the same time."""
@@ -44,6 +47,27 @@ class Segment:
     def goes_on(self, later: "Segment") -> bool:
         """Whether a later segment's samples follow on this one's as if of the same segment."""
         return later.change is None and abs(later.dt - self.dt) < AT_ONCE
+
+    def bridged(
+        self,
+        before: Mixture,
+        model: FilterModel,
+        motion: UnknownMotion,
+        traces: list[Trace] | None = None,
+    ) -> tuple[Mixture, list[UnknownMotion]]:
+        """Return what is known after the time without samples before it, and of each state how the
+        vehicle may have moved meanwhile, by which it is still to grow; `before` may be changed.
+        `traces` receives those of the steps, as of `keep_going`."""
+        assert self.change is not None
+        motions = motion.possible(self.missing, self.change)
+        if self.missing <= HELD:
+            return before, [motions[0][1]] * len(before.states)
+        one = before.merged.copy()
+        keep_going(one, model, self.missing, float(self.height[0]), traces)
+        after = Mixture.of(one)
+        if len(motions) > 1:
+            after = after.divided([probability for probability, _ in motions])
+        return after, [seen for _, seen in motions]
 
     def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "Segment":
         """Return the samples from one to before another, less two times (s) at the beginning and

@@ -29,7 +29,7 @@ from isogal.fusion.measurements import Measurement, Widening
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
-from isogal.fusion.outage import HELD, UnknownMotion, grow, keep_going
+from isogal.fusion.outage import UnknownMotion, grow
 from isogal.fusion.prediction import propagate
 from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.state import FilterState
@@ -130,28 +130,16 @@ def smoothed(
     asked = set(wanted.tolist())
     for k in range(len(segments) - 1, first - 1, -1):
         if k in asked:
-            found[k] = _one(segments[k].after, hindsight)
+            states = [
+                one.of(state)
+                for one, state in zip(hindsight, segments[k].after.states, strict=True)
+            ]
+            weights = np.array([one.log_weight for one in hindsight])
+            found[k] = Mixture(states, weights).moments if len(states) > 1 else states[0]
         if k > first:
             for stage in reversed(stages(segments[k - 1].after, segments[k], model, motion)):
                 hindsight = stage.back(hindsight)
     return [found[k] for k in wanted.tolist()]
-
-
-def _one(mixture: Mixture, hindsight: Sequence[Hindsight]) -> FilterState:
-    """Return one state: the mean and the covariance of several."""
-    states = [one.of(state) for one, state in zip(hindsight, mixture.states, strict=True)]
-    if len(states) == 1:
-        return states[0]
-    origin = states[int(np.argmax([one.log_weight for one in hindsight]))]
-    apart = [
-        Hindsight(
-            error_between(state.nominal, origin.nominal),
-            state.covariance - origin.covariance,
-            one.log_weight,
-        )
-        for one, state in zip(hindsight, states, strict=True)
-    ]
-    return _together(apart, len(origin.covariance)).of(origin)
 
 
 def _together(parts: Sequence[Hindsight], states: int) -> Hindsight:
@@ -274,31 +262,18 @@ def _over_gap(
 ) -> tuple[Mixture, list[_Stage]]:
     """Carry a mixture over the time without samples before a segment, and return it and what
     happened."""
-    assert segment.change is not None
-    missing = segment.missing
-    motions = motion.possible(missing, segment.change)
-    found: list[_Stage] = []
-    if missing > HELD:
-        before = tuple(state.copy() for state in now.states)
-        one = now.merged.copy()
-        merged = one.copy() if len(before) > 1 else None
-        traces: list[Trace] = []
-        keep_going(one, model, missing, float(segment.height[0]), traces)
-        found.append(_Stage(before, ((0, _way_back(traces)),), merged))
-        now = Mixture.of(one)
-        if len(motions) > 1:
-            now = now.divided([probability for probability, _ in motions])
-        origin = [0] * len(now.states)
-        each = [seen for _, seen in motions]
-    else:
-        origin = list(range(len(now.states)))
-        each = [motions[0][1]] * len(now.states)
-    apart = len(set(origin))
-    before = tuple(state.copy() for state in now.states[:apart])
+    several = tuple(state.copy() for state in now.states)
+    traces: list[Trace] = []
+    after, motions = segment.bridged(now, model, motion, traces)
+    found, before = [], several
+    if traces:
+        merged = now.merged.copy() if len(several) > 1 else None
+        found.append(_Stage(several, ((0, _way_back(traces)),), merged))
+        before = (after.states[0].copy(),)  # they are still the same
     ways = []
-    for index, state, seen in zip(origin, now.states, each, strict=True):
+    for index, (state, seen) in enumerate(zip(after.states, motions, strict=True)):
         was = state.covariance.copy()
-        grow(state, missing, seen)
-        ways.append((index, _widened(was, state.covariance)))
+        grow(state, segment.missing, seen)
+        ways.append((0 if traces else index, _widened(was, state.covariance)))
     found.append(_Stage(before, tuple(ways)))
-    return now, found
+    return after, found

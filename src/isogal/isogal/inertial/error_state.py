@@ -35,7 +35,8 @@ HORIZONTAL_STATES = 4
 
 
 class Estimate(NamedTuple):
-    """What one navigator takes as its position, velocity and attitude."""
+    """What one navigator takes as its position, velocity and attitude; or R of them, with an axis
+    of runs before each."""
 
     position: Array
     """(3,) latitude rad, longitude rad, height m."""

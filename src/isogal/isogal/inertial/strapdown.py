@@ -7,7 +7,6 @@ attitude, velocity with its rotation correction, gravity and Coriolis at the int
 trapezoid for the position (docs/mathematics.md, section 3.1; Titterton & Weston 2004, ch. 11;
 Groves 2013, ch. 5.4)."""
 
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A, F
 from isogal.earth.gravity import GAMMA_EQUATOR, GRAVITY_RATIO, SOMIGLIANA_K
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation, horizontal_gravity, no_compensation
 from isogal.inertial.rotations import (
     INLINE,
@@ -32,30 +32,6 @@ the navigation frame by z in it. A mean angular rate holds the mean of z, which 
 body: z - a x z / 2 + a x (a x z) / 6. The rotation vector of the whole interval, as of
 `preintegration`, holds it as rotations compose, by the series of Baker, Campbell and Hausdorff to
 first order in z: z - a x z / 2 + a x (a x z) / 12."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NavState:
-    """Position, velocity and attitude of R runs."""
-
-    position: Array
-    """(R, 3) latitude rad, longitude rad, height m."""
-    velocity: Array
-    """(R, 3) m/s, north, east, down."""
-    attitude: Array
-    """(R, 4) quaternion body to NED."""
-
-    def __len__(self) -> int:
-        return self.position.shape[0]
-
-    def copy(self) -> "NavState":
-        """Return a state that shares nothing with this one."""
-        return replace(
-            self,
-            position=self.position.copy(),
-            velocity=self.velocity.copy(),
-            attitude=self.attitude.copy(),
-        )
 
 
 @kernel(**INLINE)
@@ -238,7 +214,7 @@ def _propagate(
 
 
 def propagate(
-    state: NavState,
+    state: Estimate,
     specific_force: Array,
     angular_rate: Array,
     dt: float,
@@ -246,13 +222,13 @@ def propagate(
     compensation: Compensation | None = None,
     history: bool | Literal["whole"] = False,
     preintegrated: bool = False,
-) -> tuple[NavState, Array]:
+) -> tuple[Estimate, Array]:
     """Run the strapdown over S intervals for R runs.
 
     Parameters
     ----------
-    state : NavState
-        Start; not changed.
+    state : Estimate
+        Start of all runs, (R, 3), (R, 3), (R, 4); not changed.
     specific_force, angular_rate : (R, S, 3) arrays
         Means over each interval, body axes, m/s² and rad/s.
     dt : float
@@ -270,16 +246,15 @@ def propagate(
 
     Returns
     -------
-    NavState, (R, S, 2) or (R, S, 10) array (S = 0 without history)
+    Estimate, (R, S, 2) or (R, S, 10) array (S = 0 without history)
     """
-    end = state.copy()
+    end = Estimate(*(part.copy() for part in state))
     runs, steps = specific_force.shape[:2]
     track = np.empty((runs, steps if history else 0, 10 if history == "whole" else 2))
     height = (
         np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
     )
-    arrays = end.position, end.velocity, end.attitude
     compensation = compensation or no_compensation()
     coning = ROTATIONS if preintegrated else MEANS
-    _propagate(arrays, specific_force, angular_rate, dt, height, compensation, coning, track)
+    _propagate(tuple(end), specific_force, angular_rate, dt, height, compensation, coning, track)
     return end, track

@@ -29,7 +29,6 @@ from isogal.fusion.measurements import (
 )
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
-from isogal.inertial.strapdown import NavState
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
@@ -174,7 +173,7 @@ class Simulation:
             solution = simulate_solution(truth, trajectory, runs, self._imu)
             self.unaided = _errors(trajectory, solution[:, self.index], self.index)
             self._imu = felt(truth, solution, trajectory.dt)
-            self._start = NavState(*np.split(solution[:, 0], [3, 6], axis=1))
+            self._start = Estimate(*np.split(solution[:, 0], [3, 6], axis=1))
         else:
             compensation = self._known.compensation
             self.unaided = simulate_unaided(truth, runs, trajectory, self._imu, compensation)

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from isogal.errors import InputError
 
-LatitudeDeg = Annotated[float, Field(ge=-89.0, le=89.0)]
+LatitudeDeg = Annotated[float, Field(ge=-89.9, le=89.9)]
 LongitudeDeg = Annotated[float, Field(ge=-180.0, le=360.0)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]

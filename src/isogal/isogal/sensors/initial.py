@@ -6,14 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_rotation_vector, multiply
-from isogal.inertial.strapdown import NavState
 from isogal.scenario import Truth
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
 
 
-def draw_initial_state(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> NavState:
+def draw_initial_state(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Estimate:
     """Return the navigators' first states, with errors of horizontal position and velocity (the
     height is known), tilt and heading."""
     sigma = truth.initial_error
@@ -36,4 +36,4 @@ def draw_initial_state(truth: Truth, trajectory: Trajectory, runs: Sequence[int]
             sigma.tilt * draw[4], sigma.tilt * draw[5], sigma.heading * draw[6]
         )
         attitude[i] = multiply(*rotation, *trajectory.attitude[0])
-    return NavState(position, velocity, attitude)
+    return Estimate(position, velocity, attitude)

@@ -17,9 +17,10 @@ import numpy as np
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.inverse import NO_COURSE, inverse
 from isogal.inertial.rotations import from_heading
-from isogal.inertial.strapdown import NavState, propagate
+from isogal.inertial.strapdown import propagate
 from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, TIME, Column, one_line, read_rows
 from isogal.scenario import Route
 
@@ -141,7 +142,7 @@ def follow(route: Route, rate: float, samples: int, use_height: bool) -> Followe
     times = np.arange(steps * samples + 1, dtype=np.float64) * dt
     path = _path(positions, times, route.height, use_height)
     force, turn = inverse(path[None], dt)
-    begin = NavState(*(np.array(part) for part in np.split(path[:1], [3, 6], axis=1)))
+    begin = Estimate(*(np.array(part) for part in np.split(path[:1], [3, 6], axis=1)))
     _, states = propagate(begin, force, turn, dt, path[:, 2], history="whole")
     states = np.concatenate([path[:1], states[0]])
     return Followed(float(positions.time[0]), states, np.concatenate([force[0], turn[0]], axis=1))

@@ -19,7 +19,7 @@ height           a height sensor, with its errors as auxiliary states
 velocity         a velocity aid, with its errors and the current or wind; standstill
 rest             means of the inertial data of a vehicle at rest
 sample_noise     what an inertial sample says of its own noise
-rotation         what the gyroscopes of a vehicle read that does not turn
+map_reading      a reading of a map by itself, linear about a place
 fix              the measurements that a fix consists of
 trust            how an aid that was beyond the gate, or contradicted, is used again
 """

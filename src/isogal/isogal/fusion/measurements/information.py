@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
-from isogal.compiled import kernel
+from isogal.arrays import Array
 from isogal.fusion.measurements.model import Innovation, moved
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, Estimate, batch_difference
-from isogal.matrices import eigen, inverse_of_lower, lower, product
+from isogal.matrices import symmetric
 
 LEAST_INFORMATION = -4.0
 """Least eigenvalue of a likelihood's information, in units of the navigator's own, that is
@@ -85,16 +84,23 @@ def update_information(
     if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
         raise ValueError("information is not finite")
     which, gate = BATCH[: len(vector)], model.gate(len(vector))
-    error, reduced, values, pull = _informed(
-        state.covariance, which, np.ascontiguousarray(vector), np.ascontiguousarray(matrix)
-    )
-    if not np.isfinite(values[0]):
-        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    P = state.covariance
+    # axes A in which the navigator's own information is 1: matrix = A^-T diag(values) A^-1
+    scale = np.sqrt(P[which, which])
+    own = P[which[:, None], which] / np.outer(scale, scale)
+    factor = np.linalg.cholesky(own) * scale[:, None]
+    values, turn = np.linalg.eigh(factor.T @ matrix @ factor)
+    pull = turn.T @ (factor.T @ vector)
+    pull[np.abs(values) <= 1e-12 * np.abs(values).max()] = 0.0
+    spread = P[:, which] @ np.linalg.solve(factor.T, turn)
     if values[0] < LEAST_INFORMATION:
         raise ValueError("information matrix is too negative")
-    size = float(((pull / (1.0 + np.maximum(values, LEAST_APPLIED))) ** 2).sum())
+    applied = np.maximum(values, LEAST_APPLIED)
+    size = float(((pull / (1.0 + applied)) ** 2).sum())
+    error = -spread @ (pull / (1.0 + applied))  # x is estimate minus truth
     if size > gate:
         return Innovation.of(error[:2], size, gate).far_away()
+    reduced = symmetric(P - (spread * (applied / (1.0 + applied))) @ spread.T)
     moved(state, model, reduced, error)
     up = (values > 0.0) & (pull != 0.0)
     nis = float((pull[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
@@ -102,49 +108,3 @@ def update_information(
     gained = pull[up] ** 2 / (1.0 + values[up]) - np.log1p(values[up])
     result.log_likelihood = 0.5 * float(gained.sum())
     return result
-
-
-@kernel
-def _informed(
-    P: Array, which: Integers, vector: Array, matrix: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return what `update_information` adds to the state (N,), the covariance (N, N) after it, and
-    in the directions in which the navigator's own information is 1 that of the measurements, in
-    rising order, and their vector, (n,) each. NaN where P is not positive definite."""
-    n, size = vector.shape[0], P.shape[0]
-    scale, scaled = np.empty(n), np.empty((n, n))
-    for i in range(n):
-        scale[i] = math.sqrt(P[which[i], which[i]])
-    for i in range(n):
-        for j in range(n):
-            scaled[i, j] = P[which[i], which[j]] / (scale[i] * scale[j])
-    factor = lower(scaled)
-    for i in range(n):
-        for j in range(n):
-            factor[i, j] *= scale[i]
-    # columns A of these directions: matrix = A diag(values) A', A' own A = 1
-    values, turn = eigen(product(product(factor.T, matrix), factor))
-    back = inverse_of_lower(factor)
-    largest = max(abs(values[0]), abs(values[n - 1]))
-    pull, spread = np.zeros(n), np.zeros((size, n))
-    error, reduced = np.zeros(size), P.copy()
-    for k in range(n):
-        if abs(values[k]) > 1e-12 * largest:
-            for i in range(n):
-                for j in range(n):
-                    pull[k] += turn[j, k] * factor[i, j] * vector[i]
-        for i in range(n):
-            along = 0.0
-            for j in range(n):
-                along += back[j, i] * turn[j, k]
-            for s in range(size):
-                spread[s, k] += P[s, which[i]] * along
-        applied = max(values[k], LEAST_APPLIED)
-        for s in range(size):
-            error[s] -= spread[s, k] * pull[k] / (1.0 + applied)  # x is estimate minus truth
-            for t in range(s + 1):
-                reduced[s, t] -= spread[s, k] * spread[t, k] * applied / (1.0 + applied)
-    for s in range(size):
-        for t in range(s):
-            reduced[t, s] = reduced[s, t]
-    return error, reduced, values, pull

@@ -175,6 +175,16 @@ def moved(
     P[:, 3:6] -= P[:, 6:9] @ turn.T
 
 
+def stated(assumed: Array, covariance: Array | None) -> Array:
+    """Return the covariance (n, n) of a reading's noise: what its message states, and what the
+    scenario assumes where that is nothing (a variance that is not positive)."""
+    result = np.array(assumed)
+    if covariance is not None:
+        known = np.flatnonzero(np.diag(covariance) > 0.0)
+        result[np.ix_(known, known)] = np.asarray(covariance)[np.ix_(known, known)]
+    return result
+
+
 @kernel(error_model="numpy")
 def _posterior(
     P: Array, H: Array, R: Array, innovation: Array

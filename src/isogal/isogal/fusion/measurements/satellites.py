@@ -5,6 +5,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.measurements.ground_velocity import GroundVelocity
+from isogal.fusion.measurements.model import stated
 from isogal.fusion.measurements.position import PositionFix
 from isogal.fusion.measurements.position_aid import position_fix
 from isogal.scenario import Gnss
@@ -39,8 +40,5 @@ def satellite_velocity(
     if not np.isfinite(velocity).any():
         return None
     sigma = gnss.velocity_sigma or Gnss().velocity_sigma or 0.0
-    R = np.diag(np.square([1.0, 1.0, VERTICAL]) * sigma**2)
-    if covariance is not None:
-        known = np.flatnonzero(np.diag(covariance) > 0.0)
-        R[np.ix_(known, known)] = np.asarray(covariance)[np.ix_(known, known)]
+    R = stated(np.diag(np.square([1.0, 1.0, VERTICAL]) * sigma**2), covariance)
     return GroundVelocity(velocity, R, np.cross(turn_rate, gnss.lever_arm), GNSS)

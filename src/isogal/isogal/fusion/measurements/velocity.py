@@ -12,7 +12,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows
+from isogal.fusion.measurements.model import Innovation, Rows, stated
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.trust import update_insistent, update_once_it_agrees
 from isogal.fusion.model import FilterModel
@@ -94,10 +94,7 @@ class VelocityReading:
             return None
         if settings.kind == "wheels" and np.isnan(velocity[1]):
             velocity = np.array([velocity[0], 0.0, velocity[2]])
-        R = np.eye(3) * settings.number("sigma") ** 2
-        if covariance is not None:
-            known = np.flatnonzero(np.diag(covariance) > 0.0)
-            R[np.ix_(known, known)] = np.asarray(covariance)[np.ix_(known, known)]
+        R = stated(np.eye(3) * settings.number("sigma") ** 2, covariance)
         rest = settings.standstill_speed, settings.standstill_sigma
         if rate is None or settings.standstill_rate is None:
             return cls(velocity, R, *rest)
