@@ -2,16 +2,21 @@
 fresh nodes."""
 
 import sys
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, ReplayChoice, ScenarioChoice, written_folder
+from isogal.cli.options import Json, ScenarioChoice, written_folder
 from isogal.errors import InputError
+
+if TYPE_CHECKING:
+    from isogal_ros.bags.remapping import Foreign
+    from isogal_ros.graph.commands import Changes
 
 Domain = Annotated[
     int | None,
@@ -24,6 +29,61 @@ Domain = Annotated[
         " its topics there. Default: ROS_DOMAIN_ID if none do, else one that is free.",
     ),
 ]
+
+
+@dataclass(frozen=True)
+class TopicChoice:
+    """How the recordings of other software are taken for the graph's."""
+
+    remap: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FROM:=TO",
+            help="A recorded topic that stands for one of the graph's, e.g."
+            " /sbg/imu:=imu/data_raw; repeatable.",
+        ),
+    ] = None
+    driver: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TOPIC.KEY=VALUE",
+            help="How messages of a sensor come: frame, rotation or unit, e.g."
+            " gravimeter/data_raw.unit=mGal; repeatable.",
+        ),
+    ] = None
+
+    def foreign(self) -> "Foreign":
+        """Return the same as `isogal_ros` takes it; raises InputError."""
+        from isogal_ros.bags.remapping import Foreign
+
+        return Foreign(self.remap or (), self.driver or ())
+
+
+@dataclass(frozen=True)
+class ReplayChoice(ScenarioChoice, TopicChoice):
+    """What is not as it was recorded."""
+
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
+        ),
+    ] = None
+
+    def changes(self) -> "Changes":
+        """Return the same as `isogal_ros` takes it; raises InputError."""
+        from isogal_ros.graph.commands import Changes
+
+        return Changes(self.scenario, self.set_ or (), self.parameter or (), self.foreign())
+
+
+def bag_of(source: Path) -> Path:
+    """Return the recording of a run, by its folder, or what is a recording itself; raises
+    InputError where there is nothing."""
+    if not source.exists():
+        raise InputError(f"{source}: no such recording or folder")
+    return source / "bag" if (source / "bag").is_dir() else source
 
 
 @with_groups

@@ -7,7 +7,8 @@ import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, ReplayChoice, bag_of, written_folder
+from isogal.cli.options import Json, written_folder
+from isogal.cli.run import ReplayChoice, bag_of, require_ros
 from isogal.errors import InputError
 
 
@@ -47,8 +48,6 @@ def smooth(
 def _recording(source: Path) -> Path:
     """Return the recording of a run; raises InputError where there is none, or it cannot be
     read."""
-    from isogal.cli.run import require_ros
-
     bag = bag_of(source)
     if bag.is_dir() and (source / "results.json").is_file() and not any(bag.glob("*.mcap*")):
         raise InputError(

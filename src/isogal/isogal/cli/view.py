@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, TopicChoice, bag_of, written_file, written_folder
+from isogal.cli.options import Json, written_file, written_folder
+from isogal.cli.run import TopicChoice, bag_of, require_ros
 from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
 
@@ -58,8 +59,6 @@ def _opened(
     if bag.is_file() or any(bag.glob("*.mcap*")):
         if run:
             raise InputError(f"--run: {source} is one run, not a study")
-        from isogal.cli.run import require_ros
-
         require_ros("view of a recording")
         from isogal.scenario import load_scenario
         from isogal_ros.bags.viewing import open_bag
