@@ -1,21 +1,21 @@
 """How often the error exceeds the protection level at 0.1, 0.01 and 0.001 per hour.
 
     python benchmarks/integrity.py --data DIR [--out DIR] [--run-hours 20000] [--mismatch]
-        [--rows TEXT ...] [--runs 24] [--told-runs 100] [--map-errors 3e-5 0] [--present]
+        [--rows TEXT ...] [--runs 24] [--told-runs 100] [--map-errors 3e-5 0]
         [--workers 2] [--page docs/evidence/protection-level.md]
         [--figure docs/figures/stanford.png]
 
 Run-hours are of the row "nothing" of `mismatch.py` (a map 3 mGal wrong, told), in runs of 3.6 h;
 `--mismatch` adds its other rows, told and untold. Parts of ten runs are taken from its folder
-`--out` where they are there, else computed; what integrity needs of them is kept in
-`--out`/integrity and not computed again. `--present` computes nothing: it counts what is there.
-After a change of the library, begin with an empty folder."""
+`--out` where they are there, else computed. After a change of the library, begin with an empty
+folder."""
 
 import argparse
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -30,9 +30,7 @@ from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.integrity import RISKS, Rate, Solution, correlation_time, exceedances
-from isogal.evaluation.records import Runs
-from isogal.files import atomic_path, write_atomic
-from isogal.montecarlo.engine import simulate
+from isogal.files import write_atomic
 from isogal.scenario import Integrity, Scenario
 
 MARKS = closed_loop.marks_of(__file__)
@@ -126,46 +124,11 @@ def cell(rate: Rate, allowed: float) -> str:
     return f"**{text}**" if rate.verdict(allowed) == "more often" else text
 
 
-def some(scenario: Scenario, runs: range, full: Path, path: Path, present: bool) -> Path | None:
-    """Make the file of a part that integrity needs, if it is not there, or older than the part;
-    return it, or None where it would have to be computed and is not to be."""
-    if path.exists() and not (full.exists() and full.stat().st_mtime > path.stat().st_mtime):
-        return path
-    if not full.exists() and present:
-        return None
-    record = Runs.load(full) if full.exists() else simulate(scenario, runs)
-    covariance = record.covariance[..., [0, 0, 1], [0, 1, 1]]
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(
-            stream,
-            time=record.time,
-            error=record.error.astype(np.float32),
-            covariance=covariance.astype(np.float32),
-        )
-    return path
-
-
-def load(path: Path) -> Solution:
-    """Read the file of a part."""
-    with np.load(path) as stored:
-        time, error, three = (stored[name] for name in ("time", "error", "covariance"))
-    covariance = three.astype(np.float64)[..., [0, 1, 1, 2]].reshape(*three.shape[:-1], 2, 2)
-    return Solution(time, error.astype(np.float64), covariance)
-
-
-def parts_of(
-    scenario: Scenario, runs: int, options: argparse.Namespace, pool: Executor
-) -> Iterator[Solution]:
-    """Yield so many runs of a scenario in parts, or those that are there."""
-    jobs = [
-        pool.submit(
-            some, scenario, which, full, options.out / "integrity" / full.name, options.present
-        )
-        for which, full in closed_loop.parts_of(scenario, runs, options.out / "parts")
-    ]
-    for job in jobs:
-        if (path := job.result()) is not None:
-            yield load(path)
+def parts_of(scenario: Scenario, runs: int, folder: Path, pool: Executor) -> Iterator[Solution]:
+    """Yield so many runs of a scenario in parts; those in the folder are not computed again."""
+    ranges, paths = zip(*closed_loop.parts_of(scenario, runs, folder / "parts"), strict=True)
+    for record in pool.map(partial(closed_loop.some_runs, scenario), ranges, paths):
+        yield Solution.of(record)
 
 
 def cases(options: argparse.Namespace) -> Iterator[mismatch.Case]:
@@ -182,7 +145,6 @@ def main() -> None:
     parser = mismatch.parser_of(__doc__)
     parser.add_argument("--run-hours", type=float, default=360.0)
     parser.add_argument("--mismatch", action="store_true", help="the other rows, too")
-    parser.add_argument("--present", action="store_true", help="compute nothing")
     parser.add_argument("--figure", type=Path, help="PNG file for the first row's diagram")
     options = parser.parse_args()
     maps = coarse_map(options.data, options.out)
@@ -193,11 +155,9 @@ def main() -> None:
     with ProcessPoolExecutor(options.workers) as pool:
         for case in cases(options):
             scenario, shown, counts = case.scenario(maps), [], []
-            for part in parts_of(scenario, case.runs, options, pool):
+            for part in parts_of(scenario, case.runs, options.out, pool):
                 counts.append(Count.of(part, scenario.integrity))
                 shown += [part] if len(shown) < SHOWN else []
-            if not counts:
-                continue
             if options.figure and case.kind == "told" and case.row is ROWS[0]:
                 write_atomic(options.figure, picture(shown, scenario.integrity))
             if scenario not in seen:  # "map 3 mGal wrong", told, is "nothing" once more

@@ -1,4 +1,4 @@
-"""Files from strangers are read or refused in one line; `benchmarks/hostile_files.py` has more."""
+"""Files from strangers are read or refused in one line."""
 
 from pathlib import Path
 

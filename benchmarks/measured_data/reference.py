@@ -14,6 +14,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.maps.error_ellipses import mean_length
 from isogal.maps.error_model import displacements
 from isogal.maps.field_map import FieldMap
 from isogal.matching.information import measurement_only
@@ -98,7 +99,9 @@ def _factors(
     apart = displacements(latitude, longitude)
     metres = np.hypot(apart[..., 0], apart[..., 1])
     where = line.latitude, line.longitude
-    length = float(np.nanmedian(field_map.correlation_length_at(*where)))
+    usual = field_map.correlation_length or math.nan
+    lengths = mean_length(field_map.error_ellipse_at(*where))
+    length = float(np.nanmedian(np.where(np.isfinite(lengths), lengths, usual)))
     typical = float(np.nanmedian(field_map.sigma_at(*where)))
     white = (sigma / typical) ** 2 * np.eye(len(metres))
     factors = []

@@ -1,8 +1,6 @@
 """`benchmarks/integrity.py`: parts are taken, made and counted once."""
 
-import argparse
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import closed_loop
 import integrity
@@ -40,38 +38,17 @@ def part(runs: int) -> Runs:
     )
 
 
-def count(folder: Path, runs: int, present: bool = False) -> tuple[float, dict[float, int]]:
-    """Hours and events of runs."""
-    options = argparse.Namespace(out=folder, present=present)
-    with ThreadPoolExecutor(1) as pool:
-        parts = integrity.parts_of(Scenario(), runs, options, pool)
-        counts = [integrity.Count.of(one, Integrity()) for one in parts]
-    events = {risk: sum(one.events[risk] for one in counts) for risk in RISKS}
-    return sum(one.hours for one in counts), events
-
-
 def test_parts_that_are_there_are_counted(tmp_path, monkeypatch):
-    (_, first), (_, _) = closed_loop.parts_of(Scenario(), 12, tmp_path / "parts")
-    part(10).save(first)
-    monkeypatch.setattr(integrity, "simulate", lambda *_: pytest.fail("is to compute nothing"))
-    found = count(tmp_path, 12, present=True)
-    assert found == (pytest.approx(10.0), dict.fromkeys(RISKS, 1))
-    first.unlink()  # what integrity needs has been kept
-    assert count(tmp_path, 12, present=True) == found
-    monkeypatch.setattr(integrity, "simulate", lambda _, runs: part(len(runs)))
-    assert count(tmp_path, 12) == (pytest.approx(12.0), dict.fromkeys(RISKS, 2))
-
-
-def test_what_is_kept_is_the_record(tmp_path):
-    record = part(2)
-    path = integrity.some(Scenario(), range(2), tmp_path / "none", tmp_path / "kept", True)
-    assert path is None
-    record.save(tmp_path / "full")
-    path = integrity.some(Scenario(), range(2), tmp_path / "full", tmp_path / "kept", True)
-    solution = integrity.load(path)
-    np.testing.assert_array_equal(solution.error, record.error)
-    np.testing.assert_array_equal(solution.covariance, record.covariance)
-    np.testing.assert_array_equal(solution.time, record.time)
+    for runs, path in closed_loop.parts_of(Scenario(), 12, tmp_path / "parts"):
+        part(len(runs)).save(path)
+    monkeypatch.setattr(closed_loop, "simulate", lambda *_: pytest.fail("is to compute nothing"))
+    with ThreadPoolExecutor(1) as pool:
+        parts = list(integrity.parts_of(Scenario(), 12, tmp_path, pool))
+    counts = [integrity.Count.of(one, Integrity()) for one in parts]
+    assert sum(one.hours for one in counts) == pytest.approx(12.0)
+    assert {risk: sum(one.events[risk] for one in counts) for risk in RISKS} == dict.fromkeys(
+        RISKS, 2
+    )
 
 
 def test_a_line_of_the_table(tmp_path):

@@ -13,27 +13,11 @@ import pytest
 from helpers.command_line import answer, refusal
 from helpers.studies import wavy_map
 from isogal.evaluation.figures import style
+from isogal.evaluation.results import Summary
 from isogal.maps.formats.netcdf_writing import write_netcdf
 
 ISOGAL = Path(sys.executable).with_name("isogal")
-KEYS = [
-    *(
-        "scenario",
-        "matcher",
-        "runs",
-        "diverged",
-        "position_error",
-        "unaided",
-        "bound",
-        "nees_per_axis",
-        "nees_all_scans",
-        "judgement",
-        "integrity",
-        "fixes",
-        "time",
-    ),
-    "rms_over_time",
-]
+KEYS = [key for key in Summary.__annotations__ if key != "smoothed"]
 
 
 @pytest.fixture(scope="module")

@@ -143,15 +143,6 @@ def test_only_what_has_changed_is_installed_and_only_once(installed: Clone, what
     assert installed.calls() == (["get uv", f"uv {TOOLS}"] if calls == EVERYTHING else [])
 
 
-def test_development_tools_are_added_once(installed: Clone) -> None:
-    assert installed.install("development").returncode == 0
-    assert installed.calls() == ["get uv", f"uv {TOOLS}"]
-    for words in ([], ["development"]):
-        done = installed.install(*words)
-        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-        assert installed.calls() == []
-
-
 def test_a_first_call_with_development_tools_installs_all_at_once(clone: Clone) -> None:
     assert clone.install("development").returncode == 0
     assert clone.calls() == ["venv", "get uv", f"uv {LOCK} {TOOLS}", f"uv {PACKAGES}"]
@@ -177,22 +168,16 @@ def test_an_unknown_word_is_one_clear_line(clone: Clone) -> None:
     assert clone.calls() == []
 
 
-def test_pip_installs_where_uv_cannot_be_had(clone: Clone) -> None:
-    (clone.state / "no uv").touch()
+@pytest.mark.parametrize(("state", "calls"), [("no uv", []), ("bad uv", [f"uv {LOCK} {TOOLS}"])])
+def test_pip_installs_where_uv_does_not(clone: Clone, state: str, calls: list[str]) -> None:
+    (clone.state / state).touch()
     done = clone.install("development")
     assert (done.returncode, done.stderr) == (0, "")
-    assert clone.calls() == ["venv", "get uv", f"pip {LOCK} {TOOLS}", f"pip {PACKAGES}"]
+    pip = [f"pip {LOCK} {TOOLS}", f"pip {PACKAGES}"]
+    assert clone.calls() == ["venv", "get uv", *calls, *pip]
     assert done.stdout.count("pip") == 1
     clone.install("development")
     assert clone.calls() == []
-
-
-def test_pip_installs_where_uv_fails(clone: Clone) -> None:
-    (clone.state / "bad uv").touch()
-    done = clone.install()
-    assert (done.returncode, done.stderr) == (0, "")
-    assert clone.calls() == ["venv", "get uv", f"uv {LOCK}", f"pip {LOCK}", f"pip {PACKAGES}"]
-    assert done.stdout.count("pip") == 1
 
 
 def test_an_interrupted_first_install_is_made_anew(clone: Clone) -> None:
@@ -239,19 +224,17 @@ def test_two_calls_at_once_wait_for_each_other(clone: Clone) -> None:
     assert clone.calls() == EVERYTHING
 
 
-@pytest.mark.parametrize("version", ["3.10.13", "3.13.0", "2.7.18"])
-def test_an_unsupported_interpreter_is_one_clear_line(clone: Clone, version: str) -> None:
-    clone.version(version)
+@pytest.mark.parametrize("version", ["3.10.13", "3.13.0", "2.7.18", None])
+def test_an_interpreter_that_will_not_do_is_one_clear_line(
+    clone: Clone, version: str | None
+) -> None:
+    if version is None:
+        clone.python, what = Path("no-such-python"), "not found"
+    else:
+        clone.version(version)
+        what = f"Python {version}"
     done = clone.install()
     needs = "isogal: Isogal needs Python 3.11 or 3.12"
     assert done.returncode == 1
-    assert done.stderr == f"{needs}; PYTHON={clone.python} is Python {version}\n"
+    assert done.stderr == f"{needs}; PYTHON={clone.python} is {what}\n"
     assert clone.calls() == []
-
-
-def test_a_missing_interpreter_is_one_clear_line(clone: Clone) -> None:
-    clone.python = Path("no-such-python")
-    done = clone.install()
-    needs = "isogal: Isogal needs Python 3.11 or 3.12"
-    assert done.returncode == 1
-    assert done.stderr == f"{needs}; PYTHON=no-such-python is not found\n"

@@ -21,30 +21,6 @@ Json = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON.", rich_help_panel=RESULTS)
 ]
 
-Remap = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="FROM:=TO",
-        help="A recorded topic that stands for one of the graph's, e.g."
-        " /sbg/imu:=imu/data_raw; repeatable.",
-    ),
-]
-Driver = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="TOPIC.KEY=VALUE",
-        help="How messages of a sensor come: frame, rotation or unit, e.g."
-        " gravimeter/data_raw.unit=mGal; repeatable.",
-    ),
-]
-FilterParameter = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=VALUE",
-        help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
-    ),
-]
-
 
 def number(
     help_: str,

@@ -11,7 +11,7 @@ from isogal.cli.checks import positive
 from isogal.cli.map_choice import MapOption
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json, ScenarioChoice, written_file
-from isogal.cli.tables import print_json
+from isogal.cli.tables import print_result
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -171,19 +171,14 @@ def _show(found: "Plan", files: list[str], as_json: bool) -> None:
         and {"length_m": straight.length, "error_on_arrival_m": straight.error},
         "files": files,
     }
-    if as_json:
-        print_json(result)
-        return
-    typer.echo(
+    lines = [
         f"{route.length / 1e3:.1f} km with {len(route.waypoints)} waypoints, expected error on"
-        f" arrival {route.error:.0f} m"
-    )
-    if straight is None:
-        typer.echo("the straight way is not free")
-    else:
-        typer.echo(
+        f" arrival {route.error:.0f} m",
+        "the straight way is not free",
+    ]
+    if straight is not None:
+        lines[1] = (
             f"straight: {straight.length / 1e3:.1f} km, {straight.error:.0f} m; detour"
             f" {100.0 * (route.length / straight.length - 1.0):.1f} %"
         )
-    for name in files:
-        typer.echo(name)
+    print_result(result, as_json, *lines, *files)

@@ -2,23 +2,21 @@
 fresh nodes."""
 
 import sys
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import (
-    Driver,
-    FilterParameter,
-    Json,
-    Remap,
-    ScenarioChoice,
-    written_folder,
-)
+from isogal.cli.options import Json, ScenarioChoice, written_folder
 from isogal.errors import InputError
+
+if TYPE_CHECKING:
+    from isogal_ros.bags.remapping import Foreign
+    from isogal_ros.graph.commands import Changes
 
 Domain = Annotated[
     int | None,
@@ -31,6 +29,61 @@ Domain = Annotated[
         " its topics there. Default: ROS_DOMAIN_ID if none do, else one that is free.",
     ),
 ]
+
+
+@dataclass(frozen=True)
+class TopicChoice:
+    """How the recordings of other software are taken for the graph's."""
+
+    remap: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FROM:=TO",
+            help="A recorded topic that stands for one of the graph's, e.g."
+            " /sbg/imu:=imu/data_raw; repeatable.",
+        ),
+    ] = None
+    driver: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TOPIC.KEY=VALUE",
+            help="How messages of a sensor come: frame, rotation or unit, e.g."
+            " gravimeter/data_raw.unit=mGal; repeatable.",
+        ),
+    ] = None
+
+    def foreign(self) -> "Foreign":
+        """Return the same as `isogal_ros` takes it; raises InputError."""
+        from isogal_ros.bags.remapping import Foreign
+
+        return Foreign(self.remap or (), self.driver or ())
+
+
+@dataclass(frozen=True)
+class ReplayChoice(ScenarioChoice, TopicChoice):
+    """What is not as it was recorded."""
+
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
+        ),
+    ] = None
+
+    def changes(self) -> "Changes":
+        """Return the same as `isogal_ros` takes it; raises InputError."""
+        from isogal_ros.graph.commands import Changes
+
+        return Changes(self.scenario, self.set_ or (), self.parameter or (), self.foreign())
+
+
+def bag_of(source: Path) -> Path:
+    """Return the recording of a run, by its folder, or what is a recording itself; raises
+    InputError where there is nothing."""
+    if not source.exists():
+        raise InputError(f"{source}: no such recording or folder")
+    return source / "bag" if (source / "bag").is_dir() else source
 
 
 @with_groups
@@ -100,7 +153,7 @@ def _check(unused_port: int, respawn_in_process: bool) -> None:
 
 @with_groups
 def replay(
-    chosen: ScenarioChoice,
+    chosen: ReplayChoice,
     bag: Annotated[
         Path,
         typer.Argument(metavar="BAG", help="Folder of a recording or run, or an MCAP file."),
@@ -118,9 +171,6 @@ def replay(
             " anything with --scenario, --set, --parameter, --remap or --driver.",
         ),
     ] = None,
-    parameter: FilterParameter = None,
-    remap: Remap = None,
-    driver: Driver = None,
     domain: Annotated[
         int | None,
         typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),
@@ -133,15 +183,11 @@ def replay(
     Exits with 1 where they differ by too much, no message of a sensor was used, or there was no
     fix. The scenario is the recording's own; --scenario names another, --set changes keys."""
     require_ros()
-    from isogal_ros.bags.remapping import Foreign
-    from isogal_ros.graph.commands import Changes, replay_command
+    from isogal_ros.graph.commands import replay_command
 
     if domain is not None:
         typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
-    bag = bag / "bag" if (bag / "bag").is_dir() else bag
-    foreign = Foreign(remap or (), driver or ())
-    changes = Changes(chosen.scenario, chosen.set_ or (), parameter or (), foreign)
-    raise typer.Exit(replay_command(bag, out, changes, tolerance=tolerance, json=json))
+    raise typer.Exit(replay_command(bag, out, chosen.changes(), tolerance=tolerance, json=json))
 
 
 @with_groups

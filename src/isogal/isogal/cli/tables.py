@@ -2,12 +2,8 @@
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import typer
-
-if TYPE_CHECKING:
-    from pydantic import JsonValue
 
 
 def print_table(
@@ -55,7 +51,7 @@ def print_json(found: Mapping[str, object]) -> None:
     typer.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
 
 
-def print_result(found: "Mapping[str, JsonValue]", as_json: bool, *lines: str) -> None:
+def print_result(found: Mapping[str, object], as_json: bool, *lines: str) -> None:
     """Print a result: as JSON, or in some lines."""
     if as_json:
         print_json(found)

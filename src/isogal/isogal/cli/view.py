@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Driver, Json, Remap, written_file, written_folder
-from isogal.cli.tables import print_table
+from isogal.cli.options import Json, written_file, written_folder
+from isogal.cli.run import TopicChoice, bag_of, require_ros
+from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ def view(
             help="A recording, or the folder of a run or of a study (--out of the command).",
         ),
     ],
+    topics: TopicChoice,
     out: Annotated[Path, written_file("FILE.html", "The page.")] = Path("out/view.html"),
     run: Annotated[
         int, typer.Option("--run", metavar="N", min=0, help="Which run of a study.")
@@ -36,8 +38,6 @@ def view(
             help="Scenario of a recording that does not hold its own: which map, sensors, route.",
         ),
     ] = None,
-    remap: Remap = None,
-    driver: Driver = None,
 ) -> None:
     """Write one page to look through a run: tracks on the map, fixes, candidates, errors and what
     was claimed of them, readings and messages, under a slider of time.
@@ -46,31 +46,26 @@ def view(
     from isogal.evaluation.view.page import require_bokeh, write_view
 
     require_bokeh()
-    viewed, field_map = _opened(source, run, scenario, (remap or [], driver or []))
+    viewed, field_map = _opened(source, run, scenario, topics)
     path = write_view(out, viewed, field_map)
     typer.echo(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
 def _opened(
-    source: Path, run: int, scenario: Path | None, said: tuple[list[str], list[str]]
+    source: Path, run: int, scenario: Path | None, topics: TopicChoice
 ) -> "tuple[ViewedRun, RouteMap]":
     """Return what to show, from whatever was given."""
-    if not source.exists():
-        raise InputError(f"{source}: no such recording or folder")
-    bag = source / "bag" if (source / "bag").is_dir() else source
+    bag = bag_of(source)
     if bag.is_file() or any(bag.glob("*.mcap*")):
         if run:
             raise InputError(f"--run: {source} is one run, not a study")
-        from isogal.cli.run import require_ros
-
         require_ros("view of a recording")
         from isogal.scenario import load_scenario
-        from isogal_ros.bags.remapping import Foreign
         from isogal_ros.bags.viewing import open_bag
 
         told = None if scenario is None else load_scenario(scenario)
-        return open_bag(bag, told, Foreign(*said))
-    if scenario is not None or any(said):
+        return open_bag(bag, told, topics.foreign())
+    if scenario is not None or topics.remap or topics.driver:
         raise InputError(
             "--scenario, --remap, --driver: are for recordings; a study holds its own"
         )
@@ -104,9 +99,7 @@ def compare(
     results = read_results(sources)
     found = comparison(results)
     if json:
-        from json import dumps
-
-        typer.echo(dumps(found.document(), indent=2, allow_nan=False))
+        print_json(found.document())
     else:
         print_table(("", *found.names), found.rows())
     if out is not None:

@@ -173,8 +173,8 @@ class BoundModel:
                 own, rest = divmod(stretch, every)
                 if rest == 0 and own <= len(steps.gain):
                     jump, (count, size) = np.eye(len(half)), steps.gain.shape[1:]
-                    new, all_ = slice(first, first + count), slice(first, first + size)
-                    jump[all_, all_] = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
+                    new, here = slice(first, first + count), slice(first, first + size)
+                    jump[here, here] = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
                     over, after = jump @ over, jump @ after @ jump.T
                     after[new, new] += steps.root[own - 1] @ steps.root[own - 1].T
             yield over, half, after

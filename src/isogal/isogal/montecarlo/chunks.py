@@ -148,27 +148,22 @@ class WorkerError(RuntimeError):
     """A chunk cannot be computed; one line says which and why."""
 
 
-class Failure(NamedTuple):
-    """What a worker says where it has no runs."""
-
-    text: str
-    trace: str | None = None
-    """Of a defect; None = the scenario cannot be used."""
-
-
-Answer = Runs | Failure
+Answer = Runs | InputError | WorkerError
+"""Of a worker."""
 
 
 def attempt(task: Task, field_map: RunMap, progress: Progress) -> Answer:
-    """Compute a task in a worker."""
+    """Compute a task in a worker; a note of an error that is a defect holds its traceback."""
     try:
         return task.compute(field_map, progress)
     except ConnectionError:  # nobody waits for it any more
         raise
     except InputError as error:
-        return Failure(str(error))
+        return error
     except Exception as error:
-        return Failure(f"{type(error).__name__}: {error}", traceback.format_exc())
+        defect = WorkerError(f"{type(error).__name__}: {error}")
+        defect.add_note(traceback.format_exc())
+        return defect
 
 
 def runs_of(answer: Answer, chunk: Chunk) -> Runs:
@@ -179,15 +174,13 @@ def runs_of(answer: Answer, chunk: Chunk) -> Runs:
     InputError
         Its scenario cannot be used.
     WorkerError
-        Anything else has gone wrong; a note holds the worker's traceback.
+        Anything else has gone wrong.
     """
-    if isinstance(answer, Runs):
-        return answer
-    if answer.trace is None:
-        raise InputError(answer.text)
-    error = WorkerError(f"{chunk}: {answer.text}")
-    error.add_note(answer.trace)
-    raise error
+    if isinstance(answer, WorkerError):
+        answer.args = (f"{chunk}: {answer}",)
+    if not isinstance(answer, Runs):
+        raise answer
+    return answer
 
 
 def throttled(send: Progress) -> Progress:

@@ -9,8 +9,8 @@ from isogal.maps.several import RunMap
 from isogal.montecarlo.chunks import (
     Answer,
     Chunk,
-    Failure,
     Task,
+    WorkerError,
     attempt,
     source_digest,
     throttled,
@@ -117,9 +117,9 @@ def _answer(future: "Future") -> Answer:
     try:
         answer: Answer = future.result()
     except KilledWorker as error:
-        return Failure(f"its workers died too often ({error})", str(error))
+        return WorkerError(f"its workers died too often ({error})")
     except Exception as error:  # the cluster's own
-        return Failure(f"{type(error).__name__}: {error}", str(error))
+        return WorkerError(f"{type(error).__name__}: {error}")
     finally:
         future.release()
     return answer

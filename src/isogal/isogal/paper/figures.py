@@ -10,6 +10,7 @@ from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.close_up import surroundings
 from isogal.evaluation.figures.ensemble import Curve, draw_curves, rms_figure
+from isogal.evaluation.figures.signal import variability_along
 from isogal.evaluation.figures.track import Frame
 from isogal.maps.field_map import FieldMap
 from isogal.paper.cases import DEFAULT, MATCHERS, PAPER, SWEEPS, Plan, Setting
@@ -276,20 +277,11 @@ def readings_figure(results: Results) -> "Figure":
 def variability_figure(results: Results) -> "Figure":
     """Noiseless gravity disturbance along the track and the map feature variability there
     (fig-60)."""
-    scale = style.field_scale(results.plan.field_map(Setting(quantity="disturbance")))
+    field_map = results.plan.field_map(Setting(quantity="disturbance"))
     signal = results.signal["disturbance"]
-    time, deviation = style.hours(signal.time), np.sqrt(signal.variability) / scale.unit
-    figure = style.new_figure(4.2)
-    panels = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
-    panels[0].plot(time, scale(signal.signal), **style.TRUTH.options())
-    panels[0].set_ylabel(scale.two_lines)
-    panels[1].plot(time, deviation, **style.AIDED.options())
-    panels[1].set_ylabel(r"$\sqrt{C_i}$" + "\n" + scale.unit_label)
-    panels[2].plot(time, signal.normalised, **style.SERIES[2].options())
-    panels[2].set_ylabel("normalised\n$C_i$ (1)")
-    for panel in panels[1:]:
-        panel.set_ylim(bottom=0.0)
-    style.time_axis(panels[2], float(time[-1]))
+    time, curves = style.hours(signal.time), (signal.variability, signal.normalised)
+    figure = variability_along(field_map, time, signal.signal, *curves)
+    style.time_axis(figure.axes[-1], float(time[-1]))
     return figure
 
 

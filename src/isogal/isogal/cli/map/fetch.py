@@ -10,7 +10,7 @@ from isogal.cli.map_choice import MAP
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, number, written_folder
 from isogal.cli.progress import Bars
-from isogal.cli.tables import print_json
+from isogal.cli.tables import print_result
 
 
 @with_groups
@@ -55,13 +55,11 @@ def fetch(
     with Bars("bytes") as bars:
         patience = Patience(timeout, tries)
         fetched = fetch_tiles(names, base_url, out, patience=patience, progress=bars)
-    if json:
-        print_json(vars(fetched))
-        return
+    lines = []
     for name in names:
         state = "not on the server (open sea?)"
         if name not in fetched.absent:
             state = "fetched" if name in fetched.downloaded else "there already"
         trusted = ", trusted on first use" if name in fetched.trusted else ""
-        typer.echo(f"{name}  {state}{trusted}")
-    typer.echo(f"map.source: {out}")
+        lines.append(f"{name}  {state}{trusted}")
+    print_result(vars(fetched), json, *lines, f"map.source: {out}")

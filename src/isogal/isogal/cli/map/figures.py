@@ -1,4 +1,4 @@
-"""Figures of maps: values, gradient, the expected accuracy of fixes along a track, variability and
+"""Figures of maps: values, gradient, the expected accuracy of fixes along a track, and
 navigability."""
 
 from typing import TYPE_CHECKING
@@ -191,42 +191,6 @@ def _accuracy(axes: "Axes", stretches: "Stretches") -> None:
     if np.isfinite(worst).any():
         style.logarithmic(axes)
     style.legend_below(axes.figure, 2)
-
-
-@style.journal
-def variability_figure(
-    field_map: "ScalarMap", distance: Array, value: Array, variability: Array, normalised: Array
-) -> "Figure":
-    """Draw the map's values along a track, and below them the map feature variability (paper fig.
-    60).
-
-    Parameters
-    ----------
-    distance : (K,) m
-        Along the track.
-    value : (K,)
-        Of the map.
-    variability : (K,)
-        C, unit squared; drawn as its root.
-    normalised : (K,)
-        C normalised.
-    """
-    scale = style.field_scale(field_map)
-    figure = style.new_figure(4.6)
-    panels = figure.subplots(3, 1, sharex=True)
-    root = np.sqrt(variability) / scale.unit
-    for axes, curve, label, line in (
-        (panels[0], scale(value), scale.two_lines, style.SERIES[0]),
-        (panels[1], root, f"root of the feature\nvariability {scale.unit_label}", style.SERIES[1]),
-        (panels[2], normalised, "normalised\nvariability", style.SERIES[2]),
-    ):
-        axes.plot(distance / 1e3, curve, color=line.colour, linewidth=1.0)
-        axes.set_ylabel(label)
-    panels[2].axhline(1.0, color="0.4", linewidth=0.8)
-    panels[2].set_xlabel("distance along the track (km)")
-    panels[2].set_xlim(0.0, float(distance[-1]) / 1e3)
-    figure.align_ylabels(panels)
-    return figure
 
 
 @style.journal

@@ -26,6 +26,8 @@ from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from isogal.arrays import Array
     from isogal.maps.expected_accuracy import Stretches
     from isogal.maps.tiled_map import ScalarMap
@@ -168,16 +170,22 @@ def variability(
     field_map = map_.load_along(route.around(where.margin), route.measured)
     found = template.along(field_map, route.readings_on(field_map))
     if figure is not None:
-        from isogal.cli.map.figures import variability_figure
-
-        value = field_map.value(found.latitude, found.longitude)
-        curves = value, found.variability, found.normalised
-        draw(figure, variability_figure(field_map, found.distance, *curves))
+        draw(figure, _drawn(field_map, found))
     if json:
         units = {"quantity": field_map.quantity, "unit": f"({field_map.unit})²"}
         print_json(units | vars(template) | {"places": _places(found)})
     else:
         _print(field_map, found, figure)
+
+
+def _drawn(field_map: "ScalarMap", found: _Along) -> "Figure":
+    from isogal.evaluation.figures.signal import variability_along
+
+    value = field_map.value(found.latitude, found.longitude)
+    curves = value, found.variability, found.normalised
+    picture = variability_along(field_map, found.distance / 1e3, *curves)
+    picture.axes[-1].set_xlabel("distance along the track (km)")
+    return picture
 
 
 def _places(found: _Along) -> list[dict[str, float | None]]:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.evaluation.figures import style
 from isogal.evaluation.records import Runs
 
@@ -95,4 +96,43 @@ def variability_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
     bottom.set_ylabel("map feature\nvariability (1)")
     style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
     style.legend_below(figure)
+    return figure
+
+
+@style.journal
+def variability_along(
+    field_map: "ScalarMap", along: Array, value: Array, variability: Array, normalised: Array
+) -> "Figure":
+    """Draw the map's values along a track, and below them the map feature variability (paper fig.
+    60). What the horizontal axis says is left to the caller.
+
+    Parameters
+    ----------
+    field_map : ScalarMap
+        Gives unit and name of the field.
+    along : (K,) array
+        On the horizontal axis.
+    value : (K,) array
+        Of the map.
+    variability : (K,) array
+        C, unit squared; drawn as its root.
+    normalised : (K,) array
+        C normalised.
+    """
+    scale = style.field_scale(field_map)
+    figure = style.new_figure(4.4)
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
+    root = np.sqrt(variability) / scale.unit
+    for panel, curve, label, line in (
+        (panels[0], scale(value), scale.two_lines, style.TRUTH),
+        (panels[1], root, f"root of the feature\nvariability {scale.unit_label}", style.AIDED),
+        (panels[2], normalised, "normalised\nvariability (1)", style.SERIES[2]),
+    ):
+        panel.plot(along, curve, **line.options())
+        panel.set_ylabel(label)
+    for panel in panels[1:]:
+        panel.set_ylim(bottom=0.0)
+    panels[2].axhline(1.0, color="0.4", linewidth=0.8)
+    panels[2].set_xlim(float(along[0]), float(along[-1]))
+    figure.align_ylabels(panels)
     return figure

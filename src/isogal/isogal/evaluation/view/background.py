@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Booleans
 from isogal.evaluation.figures.style import FieldScale, nice_limit
 from isogal.evaluation.view.projection import Projection
-from isogal.maps.axes import Window
+from isogal.maps.corridor import corridor_of
 
 if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
@@ -73,10 +73,7 @@ def background(
     """
     x, y = projection(latitude, longitude)
     margin = max(10.0, 0.15 * math.hypot(np.ptp(x), np.ptp(y)))
-    window = Window(
-        float(latitude.min()), float(latitude.max()), float(longitude.min()),
-        float(longitude.max()),
-    ).grown(1e3 * margin)  # fmt: skip
+    window = corridor_of(latitude, longitude, 1e3 * margin).window
     part = field_map.overview(DOTS, window)
     east, north = projection.axes(part.latitude, part.longitude)
     values = scale(part.values)
@@ -94,7 +91,7 @@ def background(
         low,
         high,
         _lines(east, north, values, step),
-        _near_lines(field_map, projection, scale, (x, y), step),
+        _near_lines(field_map, projection, scale, (latitude, longitude), step),
     )
 
 
@@ -141,43 +138,27 @@ def _near_lines(
 
     if not isinstance(field_map, FieldMap):
         return Lines(np.empty(0), np.empty(0), step)
-    east, north = projection.axes(field_map.latitude, field_map.longitude)
-    rows = _about(north, route[1])
-    columns = _about(east, route[0])
-    values = scale(field_map.values[rows, columns])
-    east, north = east[columns], north[rows]
-    values = np.where(_near(east, north, route), values, np.nan)
+    part = field_map.window(*corridor_of(*route, 1e3 * NEAR).window[:4])
+    east, north = projection.axes(part.latitude, part.longitude)
+    values = np.where(_near(east, north, projection(*route)), scale(part.values), np.nan)
     slope = np.hypot(*np.gradient(values, north, east))
     usual = float(np.nanmedian(slope)) if np.isfinite(slope).any() else 0.0
     step = min(step, nice_limit(APART * usual)) if usual > 0.0 else step
     return _lines(east, north, values, step)
 
 
-def _about(axis: Array, route: Array) -> slice:
-    first, last = np.searchsorted(axis, [route.min() - NEAR, route.max() + NEAR])
-    return slice(max(0, int(first) - 1), int(last) + 1)
-
-
 def _near(east: Array, north: Array, route: tuple[Array, Array]) -> Booleans:
-    """Return which nodes lie within `NEAR` of the route."""
+    """Return which nodes lie within `NEAR` of the places of a route."""
     from scipy.ndimage import distance_transform_edt
 
     step = east[1] - east[0], north[1] - north[0]
-    x, y = _dense(route, min(step))
+    x, y = route
     away = np.ones((north.size, east.size), dtype=np.bool_)
     columns = np.clip(np.round((x - east[0]) / step[0]).astype(int), 0, east.size - 1)
     rows = np.clip(np.round((y - north[0]) / step[1]).astype(int), 0, north.size - 1)
     away[rows, columns] = False
     near: Booleans = distance_transform_edt(away, sampling=(step[1], step[0])) <= NEAR
     return near
-
-
-def _dense(route: tuple[Array, Array], step: float) -> tuple[Array, Array]:
-    """Return the route with points between, no further apart than a step."""
-    x, y = route
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    places = np.linspace(0.0, along[-1], max(2, int(along[-1] / step) + 1))
-    return np.interp(places, along, x), np.interp(places, along, y)
 
 
 def _lines(east: Array, north: Array, values: Array, step: float) -> Lines:
