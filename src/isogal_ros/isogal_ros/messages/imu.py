@@ -1,7 +1,6 @@
 """Inertial samples as Imu messages."""
 
 import math
-from typing import Literal
 
 import numpy as np
 from sensor_msgs.msg import Imu
@@ -15,7 +14,7 @@ from isogal_ros.messages.stamps import set_stamp
 
 _TEXT, _COUNT = 16, 37
 """Where the text of the frame begins in a serialised message, and how many numbers follow it."""
-_RATE, _RATE_COVARIANCE, _FORCE = slice(13, 16), slice(16, 25), slice(25, 28)
+_RATE, _FORCE = slice(13, 16), slice(25, 28)
 _VARIANCES = [28, 32, 36, 16, 20, 24]
 """Of the specific force, then of the angular rate."""
 LARGEST_FORCE, LARGEST_RATE = 1000.0, 100.0
@@ -48,7 +47,7 @@ def fill_noise(message: Imu, errors: ImuErrors, interval: float) -> None:
 def declared_variance(data: bytes) -> Array | None:
     """Return the variance of the angular rate (3,), (rad/s)², that a serialised Imu message
     declares; None where it declares none."""
-    variance = _numbers(data)[_RATE_COVARIANCE][::4]
+    variance = _content(data)[1][_VARIANCES[3:]]
     return variance if variance.max() > 0.0 else None
 
 
@@ -63,8 +62,8 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array]:
         The message is of another frame, not finite, beyond any vehicle, or says that it has no
         specific force or angular rate.
     """
-    require_frame(_frame(data), frame, "imu_frame")
-    numbers = _numbers(data)
+    own, numbers = _content(data)
+    require_frame(own, frame, "imu_frame")
     force, rate = numbers[_FORCE] * FRD_FLU, numbers[_RATE] * FRD_FLU
     largest = float(np.abs(force).max()), float(np.abs(rate).max())
     if not (math.isfinite(largest[0]) and math.isfinite(largest[1])):
@@ -82,20 +81,12 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array]:
     return force, rate
 
 
-def _frame(data: bytes) -> str:
-    """Return the frame of a serialised message that begins with a header."""
-    length = int.from_bytes(data[_TEXT - 4 : _TEXT], _order(data))
-    return data[_TEXT : _TEXT + length - 1].decode()
-
-
-def _numbers(data: bytes) -> Array:
-    """Return the numbers (37,) that a serialised Imu has after its header: orientation, angular
-    velocity and linear acceleration, each with its covariance. CDR aligns them to eight bytes from
-    where the message begins, behind four that say how it is represented."""
-    length = int.from_bytes(data[_TEXT - 4 : _TEXT], _order(data))
+def _content(data: bytes) -> tuple[str, Array]:
+    """Return the frame of a serialised Imu and the numbers (37,) after its header: orientation,
+    angular velocity and linear acceleration, each with its covariance. CDR aligns them to eight
+    bytes from where the message begins, behind four that say how it is represented."""
+    order = "<" if data[1] & 1 else ">"
+    length = int(np.frombuffer(data, f"{order}u4", 1, _TEXT - 4)[0])
     start = 4 + -(-(_TEXT - 4 + length) // 8) * 8
-    return np.frombuffer(data, "<f8" if data[1] & 1 else ">f8", _COUNT, start).astype(float)
-
-
-def _order(data: bytes) -> Literal["little", "big"]:
-    return "little" if data[1] & 1 else "big"
+    numbers = np.frombuffer(data, f"{order}f8", _COUNT, start).astype(float)
+    return data[_TEXT : _TEXT + length - 1].decode(), numbers
