@@ -47,7 +47,7 @@ class UkfFusionNode(GraphNode):
         """Fixes that were applied or dropped."""
         self._navigation = Navigation(self)
         self._aids = Aids(self, self._go_on)
-        self._held: deque[tuple[int, bytes | Solution]] = deque()
+        self._held: deque[tuple[int, topics.Message]] = deque()
         """Stamps (ns) of IMU samples (serialised), or of solutions of an INS, that wait for other
         sensors, and these."""
         self.outputs, self._smoothed = Outputs(self), Smoothed(self)
@@ -79,7 +79,7 @@ class UkfFusionNode(GraphNode):
         self.outputs.newest, self._pose = -1, None
         return self._navigation.reset()
 
-    def _hold(self, ns: int, message: bytes | Solution) -> None:
+    def _hold(self, ns: int, message: topics.Message) -> None:
         self._held.append((ns, message))
         self._go_on()
 
@@ -89,7 +89,7 @@ class UkfFusionNode(GraphNode):
         while self._held and not self._aids.are_due(self._held[0][0], self._held[-1][0]):
             self.guard(self._inertial, self._take_inertial, *self._held.popleft())
 
-    def _take_inertial(self, ns: int, message: bytes | Solution) -> None:
+    def _take_inertial(self, ns: int, message: topics.Message) -> None:
         self.samples += 1
         if self._solutions is not None:
             self._take_solution(ns, message, self._solutions)
