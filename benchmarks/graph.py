@@ -5,7 +5,8 @@
 
 Runs the scenario as four node processes and a recorder, then in one process, then once more in one
 process with clocks on every callback. With --limit also bare nodes that only send the same
-messages to and fro (`relay.py`), just after the graph whose limit they are."""
+messages to and fro (`relay.py`), just after the graph whose limit they are, and the same run
+without nodes: the graph takes as long as both and what its nodes do with the messages."""
 
 import json
 import subprocess
@@ -27,6 +28,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from isogal.fields.scenario_map import map_for_scenario
+from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags import recorder as recorder_module
@@ -145,6 +147,22 @@ def limit_of(scenario: Scenario, bag: Path, *processes: Sequence[str]) -> Figure
     return {"wall_s": wall, "ms_per_step": usage.per_step}
 
 
+def arithmetic(scenario: Scenario) -> float:
+    """Return the processor time, ms a step, of the same run without nodes: simulation,
+    readings, filter, matching. What does not grow with the route is not counted."""
+    whole = scenario.route.duration
+
+    def seconds(duration: float) -> float:
+        route = scenario.route.model_copy(update={"duration": duration})
+        begun = time.process_time()
+        simulate(scenario.model_copy(update={"route": route}), range(1))
+        return time.process_time() - begun
+
+    seconds(0.3 * whole)  # compiles, and makes the map
+    short, long = seconds(0.2 * whole), seconds(whole)
+    return 1e3 * (long - short) / (0.8 * whole * scenario.navigation_rate)
+
+
 PUBLISH = "publish: serialise and send"
 
 
@@ -214,6 +232,7 @@ def show(result: dict[str, float | Figures]) -> None:
         print("\nSteps per second as a share of what bare nodes make:", end="")
         shares = (limits[k]["wall_s"] / result[k]["wall_s"] for k in ("processes", "in_process"))
         print(" {:.2f} in four processes, {:.2f} in one.".format(*shares))
+        print(f"Without nodes a step takes {limits['arithmetic_ms_per_step']:.2f} ms of CPU.")
     print(f"\nWhere the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):\n")
     rows = ([row["part"], f"{row['seconds']:.2f}", f"{row['calls']}"] for row in parts["parts"])
     print(closed_loop.markdown(("part", "s", "calls"), rows))
@@ -234,7 +253,7 @@ def main() -> None:
     load = psutil.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        limits: dict[str, Figures] = {}
+        limits: dict[str, float | Figures] = {}
         result = {
             "simulated_s": float(trajectory.time[-1]),
             "load": load,
@@ -247,6 +266,7 @@ def main() -> None:
         result["in_process"] = in_one_process(scenario, place)
         if options.limit:
             limits["in_process"] = limit_of(scenario, place / "bag", relay.NODES)
+            limits["arithmetic_ms_per_step"] = arithmetic(scenario)
         result["where_time_goes"] = where_time_goes(scenario, place)
     if options.json:
         print(json.dumps(result, indent=2))

@@ -30,12 +30,13 @@ from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample
+from isogal_ros.nodes.resting import Resting
 from isogal_ros.nodes.spin import main_of
 
 STUCK = 6
 """Readings of exactly the same value, one after the other, after which the instrument of a vehicle
-that moves counts as stuck; or four times as many as the value has come at most before another one
-came: of an instrument of coarse steps, or over a plain, the same value comes again and again."""
+that moves counts as stuck, at least (`Resting`): where steps are coarse, or the land is flat, the
+same value comes again and again."""
 MOVES = 0.5
 """m/s: what a slower vehicle reads may well be the same once more."""
 
@@ -72,8 +73,7 @@ class GravimeterNode(GraphNode):
         self._variance: Reading = (
             self.scenario.gravimeter.sigma**2 if covariance is None else covariance
         )
-        self._newest, self._same, self._longest = -1, 0, 0
-        self._last: Reading = math.nan
+        self._newest, self._resting = -1, Resting(STUCK)
         self._adapter = adapter_of(self.scenario)
         is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
         self._vehicle = Vehicle(self, self._enqueue) if is_magnetic else None
@@ -166,15 +166,9 @@ class GravimeterNode(GraphNode):
 
     def _judge(self, sensed: Reading) -> None:
         """Say whether the instrument of a vehicle that moves is stuck."""
-        limit = max(STUCK, 4 * (self._longest + 1))
-        if np.array_equal(sensed, self._last):
-            self._same += 1
-        else:
-            self._longest = max(self._longest, self._same) if self._same < limit else self._longest
-            self._same = 0
-        self._last = sensed
-        text = f"stuck: {self._same + 1} readings of the same value"
-        self.health.concern("stuck", text if self._same >= limit else None)
+        self._resting.take(np.ravel(sensed).tolist())
+        text = f"stuck: {self._resting.count + 1} readings of the same value"
+        self.health.concern("stuck", None if self._resting.beyond is None else text)
 
 
 def simulated_readings(

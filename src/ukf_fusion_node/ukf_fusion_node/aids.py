@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -150,10 +150,9 @@ class Aids:
 
         node.create_service(SetBool, f"toggle/{name}", toggle)
 
-    def are_due(self, held: Sequence[topics.Message]) -> bool:
-        """Whether readings of stamps up to that of the first of the IMU samples that wait are
-        still to come."""
-        ns, now = (to_ns(one.header.stamp) for one in (held[0], held[-1]))
+    def are_due(self, ns: int, now: int) -> bool:
+        """Whether readings of stamps up to `ns`, that of the first of the IMU samples that wait,
+        are still to come; `now` is the stamp of the last."""
         self._first = min(ns, self._first)
         begin = self._first - from_seconds(1.0 / self._scenario.imu.rate)
         return any(source.is_due(ns, now, begin) for source in self._sources)

@@ -6,14 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import Imu
 
 from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.imu import declared_variance, read_imu
-from isogal_ros.messages.stamps import to_ns
+from isogal_ros.messages.stamps import peek_ns, to_ns
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
@@ -48,18 +47,21 @@ class UkfFusionNode(GraphNode):
         """Fixes that were applied or dropped."""
         self._navigation = Navigation(self)
         self._aids = Aids(self, self._go_on)
-        self._held: deque[Imu | Solution] = deque()
-        """IMU samples, or solutions of an INS, that wait for other sensors."""
+        self._held: deque[tuple[int, topics.Message]] = deque()
+        """Stamps (ns) of IMU samples (serialised), or of solutions of an INS, that wait for other
+        sensors, and these."""
         self.outputs, self._smoothed = Outputs(self), Smoothed(self)
         self._frame = map_frame(self.scenario)
         self._solutions: Solutions | None = None
         self._inertial = topics.IMU
         if self.scenario.ins.gives_solution:
             preintegrated = self._navigation.model.preintegrated
-            self._solutions = Solutions(self, preintegrated, self._hold)
+            self._solutions = Solutions(
+                self, preintegrated, lambda one: self._hold(to_ns(one.header.stamp), one)
+            )
             self._inertial = self._solutions.topic
         else:
-            self.listen(topics.IMU, self._hold)
+            self.listen(topics.IMU, lambda data: self._hold(peek_ns(data), data), raw=True)
         self._checks = SampleChecks(self, self._navigation, self._inertial)
         self.listen(topics.INITIAL_POSE, self._take_pose)
         self._fixes = Fixes(self, self._navigation, lambda: self._within, self._answer)
@@ -77,19 +79,18 @@ class UkfFusionNode(GraphNode):
         self.outputs.newest, self._pose = -1, None
         return self._navigation.reset()
 
-    def _hold(self, message: Imu | Solution) -> None:
-        self._held.append(message)
+    def _hold(self, ns: int, message: topics.Message) -> None:
+        self._held.append((ns, message))
         self._go_on()
 
     def _go_on(self) -> None:
         """Take the IMU samples that need not wait for other sensors."""
         self._aids.apply(self._navigation.navigator, self._navigation.ns)
-        while self._held and not self._aids.are_due(self._held):
-            self.guard(self._inertial, self._take_inertial, self._held.popleft())
+        while self._held and not self._aids.are_due(self._held[0][0], self._held[-1][0]):
+            self.guard(self._inertial, self._take_inertial, *self._held.popleft())
 
-    def _take_inertial(self, message: Imu | Solution) -> None:
+    def _take_inertial(self, ns: int, message: topics.Message) -> None:
         self.samples += 1
-        ns = to_ns(message.header.stamp)
         if self._solutions is not None:
             self._take_solution(ns, message, self._solutions)
             return

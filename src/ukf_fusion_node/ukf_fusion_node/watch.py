@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from isogal.arrays import Array, Booleans
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.nodes.resting import Resting
 
 AXES = (
     "accelerometer x", "accelerometer y", "accelerometer z",
@@ -18,10 +19,7 @@ LEARNT = 60
 """Changes of an axis after which it is known how long it rests: of one that counts in coarse steps
 the same value may come several times."""
 LEAST = 5
-"""Repetitions that are taken for noise of coarse steps at any rate; of an axis that has rested as
-often as n times four times as many, and four: of steps so coarse that a value is repeated with
-probability p, the longest of 60 rests was about log 60 / log(1/p) samples, and one rest in 60**4
-is four times as long."""
+"""Repetitions that are taken for noise of coarse steps at any rate (`Resting`)."""
 SILENT = 10.0
 """s of wall time without a sample that are an error."""
 GRAVITY = 9.81
@@ -77,24 +75,16 @@ class Watch:
     ) -> None:
         self._acceleration, self._turn_rate, self._clock = acceleration, turn_rate, clock
         self._noisy = [True] * 6 if noisy is None else noisy.tolist()
-        self._last = [math.nan] * 6
-        self._same, self._changes, self._longest = ([0] * 6 for _ in range(3))
+        self._axes = [Resting(LEAST, LEARNT) for _ in AXES]
         self._heard: float | None = None
 
     def take(self, force: Array, rate: Array) -> None:
         """Look at a sample (3,), (3,); raises BadMessageError where it cannot be true."""
         self._heard = self._clock()
-        # of six numbers, lists are faster than arrays
         values = force.tolist() + rate.tolist()
-        self._count(values)
-        stuck = [axis for axis in range(6) if self._is_stuck(axis)]
-        if stuck:
-            same = [self._same[axis] for axis in stuck]
-            new = all(self._same[axis] == self._limit(axis) for axis in stuck)
-            raise StuckError(
-                f"{_names(stuck)} stuck for {same[0] + 1} samples: taken as missing",
-                max(same) if new else 0,
-            )
+        for axis, value in zip(self._axes, values, strict=True):
+            axis.take(value)
+        self._refuse_stuck()
         beyond = abs(math.hypot(*values[:3]) - GRAVITY)
         if beyond > self._acceleration:
             raise BadMessageError(
@@ -107,42 +97,30 @@ class Watch:
                 f"angular rate {turn:.2g} rad/s; max_turn_rate is {self._turn_rate:g} rad/s"
             )
 
-    def _count(self, values: list[float]) -> None:
-        """Count changes of each axis, and how often its value has come again."""
-        for axis, value in enumerate(values):
-            if value == self._last[axis]:
-                self._same[axis] += 1
-                continue
-            rested = self._same[axis]
-            if rested < self._limit(axis):
-                self._longest[axis] = max(self._longest[axis], rested)
-            self._changes[axis] += 1
-            self._same[axis] = 0
-        self._last = values
-
-    def _limit(self, axis: int) -> int:
-        """Return the repetitions after which an axis is stuck."""
-        return max(LEAST, 4 * (self._longest[axis] + 1))
-
-    def _is_stuck(self, axis: int) -> bool:
-        known = self._noisy[axis] and self._changes[axis] >= LEARNT
-        return known and self._same[axis] >= self._limit(axis)
+    def _refuse_stuck(self) -> None:
+        found = {
+            name: axis
+            for name, axis, noisy in zip(AXES, self._axes, self._noisy, strict=True)
+            if noisy and axis.beyond is not None
+        }
+        if found:
+            counts = [axis.count for axis in found.values()]
+            raise StuckError(
+                f"{', '.join(found)} stuck for {counts[0] + 1} samples: taken as missing",
+                0 if any(axis.beyond for axis in found.values()) else max(counts),
+            )
 
     @property
     def stuck(self) -> str | None:
         """Which axes have not moved for long; None = all have."""
-        resting = [axis for axis in range(6) if self._same[axis] >= STUCK]
-        return f"stuck: {_names(resting)}" if resting else None
+        names = [name for name, axis in zip(AXES, self._axes, strict=True) if axis.count >= STUCK]
+        return f"stuck: {', '.join(names)}" if names else None
 
     @property
     def silent(self) -> str | None:
         """That there has been no sample for long; None = there has."""
         gone = 0.0 if self._heard is None else self._clock() - self._heard
         return f"no IMU samples for {gone:.0f} s of wall time" if gone > SILENT else None
-
-
-def _names(axes: list[int]) -> str:
-    return ", ".join(AXES[axis] for axis in axes)
 
 
 class Leaps:

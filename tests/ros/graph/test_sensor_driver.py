@@ -70,7 +70,10 @@ def test_its_messages_are_those_of_the_simulated_vehicle(folder) -> None:
     """The nodes' own way to write and to read what both have been made from."""
     driver, scenario = import_module("driver"), import_module("make_logs").vehicle_scenario()
     samples = simulate_vehicle(scenario, 0).imu
-    read = [read_imu(message) for _, _, message in driver.imu_samples(folder / "imu.csv")]
+    read = [
+        read_imu(serialize_message(message))
+        for _, _, message in driver.imu_samples(folder / "imu.csv")
+    ]
     force, rate = (np.array(column) for column in zip(*read, strict=True))
     np.testing.assert_allclose(force, samples.specific_force[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(rate, samples.angular_rate[0], rtol=1e-9, atol=1e-12)

@@ -6,23 +6,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
 from isogal.scenario import load_scenario
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.imu import fill_imu, fill_noise, read_imu
+from isogal_ros.messages.imu import declared_variance, fill_imu, fill_noise, read_imu
 
 finite = st.floats(-50.0, 50.0)
 vectors = st.tuples(finite, finite, finite).map(np.array)
 
 
-@given(vectors, vectors)
-def test_both_ways(force, rate) -> None:
+@given(vectors, vectors, st.text("abc/_", max_size=20))
+def test_both_ways(force, rate, frame) -> None:
     message = Imu()
-    message.header.frame_id = "base_link"
+    message.header.frame_id = frame
     fill_imu(message, 5, force, rate)
-    got = read_imu(deserialize_message(serialize_message(message), Imu))
+    message.angular_velocity_covariance = np.diag([0.0, 2.0, 0.0]).ravel()
+    got = read_imu(serialize_message(message), frame)
+    assert declared_variance(serialize_message(message)).tolist() == [0.0, 2.0, 0.0]
     np.testing.assert_array_equal(got, [force, rate])
 
 
@@ -57,7 +59,7 @@ def bad_imu(**changes) -> Imu:
 )
 def test_samples_that_cannot_be_used(message, words) -> None:
     with pytest.raises(BadMessageError, match=words):
-        read_imu(message)
+        read_imu(serialize_message(message))
 
 
 def test_the_covariance_is_the_white_noise_of_a_sample() -> None:

@@ -24,12 +24,13 @@ def require_later(ns: int, last: int) -> None:
         )
 
 
-def require_frame(message: Message, frame: str, parameter: str = "") -> None:
+def require_frame(message: Message | str, frame: str, parameter: str = "") -> None:
     """Raise BadMessageError, which names the parameter that sets the frame if there is one, unless
-    the message is in the frame; an empty frame takes any."""
-    if frame and message.header.frame_id != frame:
+    a message (or its frame) is in the frame; an empty frame takes any."""
+    own = message if isinstance(message, str) else message.header.frame_id
+    if frame and own != frame:
         key = f" (parameter {parameter})" if parameter else " (parameter drivers)"
-        raise BadMessageError(f"frame_id must be '{frame}', is '{message.header.frame_id}'{key}")
+        raise BadMessageError(f"frame_id must be '{frame}', is '{own}'{key}")
 
 
 def require_covariance(covariance: Array) -> None:

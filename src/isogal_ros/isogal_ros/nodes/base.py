@@ -269,19 +269,20 @@ class GraphNode(LifecycleNode):
         def enter(message: topics.Message) -> None:
             now = self.get_clock().now().nanoseconds
             if raw:
-                own = topics.type_name(topic.type)
-                handler(self._entrance.take_serialised(topic, message, own, now))
+                given = topics.type_name(listening.type)
+                handler(self._entrance.take_serialised(topic, message, given, now))
             else:
                 handler(self._entrance.take(topic, message, now))
 
-        plain = not (self._entrance.changes(topic))
+        plain = not self._entrance.changes(topic)
 
         def guarded(message: topics.Message) -> None:
             if self.active:
-                as_it_is = plain and (raw or type(message) is topic.type)
+                as_it_is = plain and listening.type is topic.type
                 self.guard(topic, handler if as_it_is else enter, message)
 
-        return self.hear(topic, guarded, raw, topic.single)
+        listening = self.hear(topic, guarded, raw, topic.single)
+        return listening
 
     def hear(self, topic: Topic, take: Take, raw: bool = False, single: bool = False) -> Listening:
         """Subscribe; what `take` raises is raised, and it has to look whether the node is active
