@@ -8,7 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.error_ellipses import ellipses_of, joint
+from isogal.maps.error_ellipses import ellipses_of, joint, mean_length
 from isogal.maps.error_model import displacements
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.gridder import GridSettings, Model, grid_survey
@@ -55,12 +55,13 @@ def shapes(field_map: FieldMap, model: Model, line: Line) -> dict[str, float]:
     known = np.flatnonzero(np.isfinite(error))
     known = known[:: math.ceil(known.size / ROWS)]
     at = line.latitude[known], line.longitude[known]
-    length, sigma = field_map.correlation_length_at(*at), field_map.sigma_at(*at)
+    ellipses, sigma = field_map.error_ellipse_at(*at), field_map.sigma_at(*at)
+    length = mean_length(ellipses)
     apart = displacements(*at)
     usual, metres = float(np.median(length)), np.hypot(apart[..., 0], apart[..., 1])
     _, posterior = model.kriging.together(model.places(*at))
     deviation = np.sqrt(np.diag(posterior))
-    directed, alike = joint(apart, field_map.error_ellipse_at(*at))
+    directed, alike = joint(apart, ellipses)
     round_ones = ellipses_of(length, length, np.zeros(known.size))
     alone, alike_alone = joint(apart, round_ones)
     kinds = {f"exp, {f:g} L": np.exp(-metres / usual / f) for f in (0.5, 1.0, 2.0, 4.0, 8.0)}

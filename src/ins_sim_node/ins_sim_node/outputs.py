@@ -23,7 +23,7 @@ from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
-COMPARE_EVERY = 0.1
+COMPARE_EVERY = 0.5
 """s of wall time between comparisons of navigator and truth."""
 
 

@@ -20,8 +20,7 @@ from isogal.errors import InputError
 from isogal.inertial.inverse import NO_COURSE, inverse
 from isogal.inertial.rotations import from_heading
 from isogal.inertial.strapdown import NavState, propagate
-from isogal.maps.gridding.netcdf_rows import rows_of
-from isogal.maps.gridding.text_rows import LATITUDE, LONGITUDE, TIME, Column, one_line
+from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, TIME, Column, one_line, read_rows
 from isogal.scenario import Route
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def read_positions(path: str, line: str | None = None) -> Positions:
         It cannot be read, lacks a column, has a cell that cannot be, or too few rows; times do not
         increase, or a position cannot be reached from the one before.
     """
-    rows = one_line(rows_of(path, "time, latitude, longitude"), line, "route.track_line")
+    rows = one_line(read_rows(path, "time, latitude, longitude"), line, "route.track_line")
     columns = rows.read(_COLUMNS, ("time", "latitude", "longitude"))
     time = columns["time"]
     place = np.radians(np.column_stack([columns["latitude"], columns["longitude"]]))

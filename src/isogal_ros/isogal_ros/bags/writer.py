@@ -244,7 +244,7 @@ class _Stream:
     Given a raw file, mcap's writer would put a buffer of its own around it."""
 
     def __init__(self, path: Path) -> None:
-        self.file = path.open("wb", buffering=0)
+        self.file, self._end = path.open("wb", buffering=0), 0
         self.broken = False
         """Whether a write has failed: what follows would not belong to what is there."""
 
@@ -259,17 +259,18 @@ class _Stream:
         except OSError:
             self.broken = True
             raise
+        self._end += len(data)
         return len(data)
 
     def cut(self, position: int) -> None:
         """Go on at an earlier position, behind which the file is cut off."""
         self.file.truncate(position)
         self.file.seek(position)
-        self.broken = False
+        self._end, self.broken = position, False
 
     def tell(self) -> int:
         """Return the position."""
-        return self.file.tell()
+        return self._end  # without asking the system: with each message it is looked at
 
     def flush(self) -> None:
         """Do nothing: there is no buffer."""
