@@ -9,9 +9,11 @@ from pathlib import Path
 import psutil
 import pytest
 
+from helpers.batches import field_map_of, wavy
 from helpers.commands import PATIENCE, command, sets
 from helpers.own_memory import left_of, own_memory
 from helpers.small_graph import nodes_of
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,15 @@ def listens_by(pid: int) -> set[str]:
         except OSError:  # it has just ended
             continue
     return {match[1] for match in found if match}
+
+
+@pytest.fixture(scope="session")
+def magnetic_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map of the magnetic anomaly beside that of `map_file`, turned by a right angle."""
+    path = tmp_path_factory.mktemp("maps") / "magnetic.nc"
+    turned = field_map_of(lambda north, east: 1e6 * wavy(-east + 7e3, north), step=500.0)
+    write_netcdf(replace(turned, unit="nT", quantity="magnetic_anomaly"), path)
+    return path
 
 
 @pytest.fixture(scope="session")
