@@ -69,9 +69,10 @@ def magnetic_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def finished(
-    tmp_path_factory: pytest.TempPathFactory, settings: Callable[..., list[str]]
+    tmp_path_factory: pytest.TempPathFactory, settings: Callable[..., list[str]], recording: Path
 ) -> Finished:
-    """A whole run in processes."""
+    """A whole run in processes; after one in this process, so that no node compiles anything,
+    which takes memory."""
     made = Finished(tmp_path_factory.mktemp("processes"))
     words = command("run", *sets(settings()), "--out", made.out)
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
