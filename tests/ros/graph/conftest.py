@@ -25,7 +25,7 @@ class Finished:
     mapped: set[Path] = field(default_factory=set)
     """Shared memory files that its processes used."""
     memory: dict[str, int] = field(default_factory=dict)
-    """Most bytes that each node had while it was looked at."""
+    """Bytes that each node had when it was looked at last."""
     transports: dict[str, set[str]] = field(default_factory=dict)
     """By which of Fast DDS's transports each node listened."""
 
@@ -34,10 +34,9 @@ class Finished:
         self.mapped.update(own_memory(pid))
         for name, node in nodes_of(pid).items():
             try:
-                size = node.memory_info().rss
+                self.memory[name] = node.memory_info().rss
             except psutil.Error:  # it has just ended
                 continue
-            self.memory[name] = max(size, self.memory.get(name, 0))
             self.transports.setdefault(name, set()).update(listens_by(node.pid))
 
     @property
