@@ -13,7 +13,7 @@ from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import RunMap
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
 from isogal_ros.bags.writer import BagWriter
@@ -63,6 +63,14 @@ def collect(bag: Path) -> Collector:
     collector.take_bag(reader)
     assert reader.cut is None
     return collector
+
+
+def messages_of(bag: Path, *wanted: Topic) -> dict[str, list]:
+    """The messages of a bag by topic."""
+    found: dict[str, list] = {topic.name: [] for topic in wanted}
+    for topic, data in wanted_messages(BagReader(bag), wanted):
+        found[topic.name].append(deserialize_message(data, topic.type))
+    return found
 
 
 def nav_positions(collector: Collector) -> np.ndarray:

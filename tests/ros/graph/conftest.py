@@ -9,9 +9,11 @@ from pathlib import Path
 import psutil
 import pytest
 
+from helpers.batches import field_map_of, wavy
 from helpers.commands import PATIENCE, command, sets
 from helpers.own_memory import left_of, own_memory
 from helpers.small_graph import nodes_of
+from isogal.maps.formats.netcdf_writing import write_netcdf
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Finished:
     mapped: set[Path] = field(default_factory=set)
     """Shared memory files that its processes used."""
     memory: dict[str, int] = field(default_factory=dict)
-    """Most bytes that each node had while it was looked at."""
+    """Bytes that each node had when it was looked at last."""
     transports: dict[str, set[str]] = field(default_factory=dict)
     """By which of Fast DDS's transports each node listened."""
 
@@ -32,10 +34,9 @@ class Finished:
         self.mapped.update(own_memory(pid))
         for name, node in nodes_of(pid).items():
             try:
-                size = node.memory_info().rss
+                self.memory[name] = node.memory_info().rss
             except psutil.Error:  # it has just ended
                 continue
-            self.memory[name] = max(size, self.memory.get(name, 0))
             self.transports.setdefault(name, set()).update(listens_by(node.pid))
 
     @property
@@ -57,10 +58,20 @@ def listens_by(pid: int) -> set[str]:
 
 
 @pytest.fixture(scope="session")
+def magnetic_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map of the magnetic anomaly beside that of `map_file`, turned by a right angle."""
+    path = tmp_path_factory.mktemp("maps") / "magnetic.nc"
+    turned = field_map_of(lambda north, east: 1e6 * wavy(-east + 7e3, north), step=500.0)
+    write_netcdf(replace(turned, unit="nT", quantity="magnetic_anomaly"), path)
+    return path
+
+
+@pytest.fixture(scope="session")
 def finished(
-    tmp_path_factory: pytest.TempPathFactory, settings: Callable[..., list[str]]
+    tmp_path_factory: pytest.TempPathFactory, settings: Callable[..., list[str]], recording: Path
 ) -> Finished:
-    """A whole run in processes."""
+    """A whole run in processes; after one in this process, so that no node compiles anything,
+    which takes memory."""
     made = Finished(tmp_path_factory.mktemp("processes"))
     words = command("run", *sets(settings()), "--out", made.out)
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

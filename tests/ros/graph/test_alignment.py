@@ -5,14 +5,11 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
 from helpers.node_bench import run_here
-from helpers.recordings import assert_closed_loop, assert_replayed
+from helpers.recordings import assert_closed_loop, assert_replayed, messages_of
 from isogal_ros import topics
-from isogal_ros.bags.collect import wanted_messages
-from isogal_ros.bags.reader import BagReader
 from isogal_ros.messages.stamps import to_ns
 from isogal_ros.nodes.health import figures_of
 
@@ -22,14 +19,6 @@ _TURNS = (
     "route.turn_rate=0.05",
     "route.acceleration=0.5",
 )
-
-
-def read(bag, *wanted) -> dict[str, list]:
-    """Messages by topic."""
-    found: dict[str, list] = {topic.name: [] for topic in wanted}
-    for topic, data in wanted_messages(BagReader(bag), wanted):
-        found[topic.name].append(deserialize_message(data, topic.type))
-    return found
 
 
 def said(messages: Iterable, name: str) -> list:
@@ -57,7 +46,7 @@ def test_aligned_graph_is_the_library(scenario, tmp_path, changes, first, last) 
     assert graph.published.any()
     assert np.hypot(*graph.error[0, -1]) < 200.0
     wanted = topics.NAV_FIX, topics.PROTECTION_LEVEL, topics.DIAGNOSTICS
-    found = read(tmp_path / "bag", *wanted)
+    found = messages_of(tmp_path / "bag", *wanted)
     none = {
         to_ns(fix.header.stamp) // 10**9
         for fix in found["nav/fix"]
@@ -78,7 +67,9 @@ def test_gyroscopes_that_cannot_find_north_say_so(scenario, tmp_path) -> None:
     poor = scenario("route.duration=40.0", "route.at_rest=40", "imu.gyroscope.bias=0.3deg/s",
                     "fusion.start=align", "imu.grade=tactical")  # fmt: skip
     run_here(poor, tmp_path / "bag")
-    found = read(tmp_path / "bag", topics.NAV_FIX, topics.PROTECTION_LEVEL, topics.DIAGNOSTICS)
+    found = messages_of(
+        tmp_path / "bag", topics.NAV_FIX, topics.PROTECTION_LEVEL, topics.DIAGNOSTICS
+    )
     assert not found["nav/protection_level"]
     assert {fix.status.status for fix in found["nav/fix"]} == {NavSatStatus.STATUS_NO_FIX}
     text = said(found["/diagnostics"], "ukf_fusion_node")[-1].message

@@ -6,7 +6,6 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
 from helpers.magnetics import aircraft
@@ -15,6 +14,7 @@ from helpers.recordings import (
     assert_closed_loop,
     assert_replayed,
     assert_replayed_as_run,
+    messages_of,
     record,
 )
 from helpers.sea_floor import DVL, SOUNDING, sea_floor
@@ -22,7 +22,6 @@ from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import changed_scenario, load_scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.running import run_in_process
@@ -107,10 +106,7 @@ def test_satellites_lost_and_back(scenario, tmp_path, more) -> None:
     short = scenario("route.duration=130.0", "gnss.correlated_sigma=0.5", *there, *more)
     run_here(short, tmp_path / "bag")
     assert_closed_loop(tmp_path / "bag", short)
-    wanted = topics.GNSS_FIX, topics.NAV_AIDS
-    found: dict[str, list] = {topic.name: [] for topic in wanted}
-    for topic, data in wanted_messages(BagReader(tmp_path / "bag"), wanted):
-        found[topic.name].append(deserialize_message(data, topic.type))
+    found = messages_of(tmp_path / "bag", topics.GNSS_FIX, topics.NAV_AIDS)
     status = [message.status.status for message in found["gnss/fix"]]
     assert len(status) == (128 if more else 130)
     assert status.count(NavSatStatus.STATUS_NO_FIX) == 59
@@ -261,19 +257,13 @@ def test_positions_and_headings_by_name(scenario, tmp_path) -> None:
     )
     run_here(short, tmp_path / "bag")
     assert_closed_loop(tmp_path / "bag", short)
-    found = Counter()
-    wanted = topics.NAV_AIDS, *aids_of(short)
-    for topic, data in wanted_messages(BagReader(tmp_path / "bag"), wanted):
-        found[topic.name] += 1
-        if topic is topics.NAV_AIDS:
-            said = {
-                item.name: item.message for item in deserialize_message(data, topic.type).status
-            }
+    found = messages_of(tmp_path / "bag", topics.NAV_AIDS, *aids_of(short))
+    said = {item.name: item.message for item in found["nav/aids"][-1].status}
     # those of the last 3 s and 1 s have not come
-    assert found["position/fix"] == 13
-    assert found["position/usbl/fix"] == 25
-    assert found["heading/data_raw"] == 130
-    assert found["heading/mag/data_raw"] == 64
+    assert len(found["position/fix"]) == 13
+    assert len(found["position/usbl/fix"]) == 25
+    assert len(found["heading/data_raw"]) == 130
+    assert len(found["heading/mag/data_raw"]) == 64
     assert (
         said["position/fix"] == said["heading/data_raw"] == said["heading/mag/data_raw"] == "used"
     )

@@ -89,7 +89,8 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert "RMS position error (m)" in result.stdout
     assert "Traceback" not in result.stderr
     assert set(finished.memory) == {*topics.NODES, RECORDER}
-    assert max(finished.memory.values()) < 300e6, finished.memory
+    # 310 MB with all functions of the matcher loaded; a plotting package would be 60 MB more
+    assert max(finished.memory.values()) < 330e6, finished.memory
     assert all(one == {"udp"} for one in finished.transports.values())
 
 

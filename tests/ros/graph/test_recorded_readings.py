@@ -1,15 +1,11 @@
 """A graph along a recorded track with recorded readings: the numbers of the library's closed
 loop."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from helpers.batches import field_map_of, wavy
 from helpers.node_bench import run_here
 from helpers.recordings import assert_replayed, record
-from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
@@ -20,18 +16,15 @@ MGAL = 1e-5
 
 
 @pytest.fixture
-def scenario(map_file, tmp_path) -> Scenario:
+def scenario(map_file, magnetic_map, tmp_path) -> Scenario:
     """Gravity and magnetics, read every 10 s, one of them 3.5 s later, along a bent track."""
-    magnetic = tmp_path / "magnetic.nc"
-    turned = field_map_of(lambda north, east: 1e6 * wavy(-east + 7e3, north), step=500.0)
-    write_netcdf(replace(turned, unit="nT", quantity="magnetic_anomaly"), magnetic)
     time = np.arange(0.0, 361.0, 5.0)
     latitude = -36.6 + 1.4e-4 * time
     longitude = 146.9 + 1.6e-4 * time + 2e-7 * time**2
     rng, rows = np.random.default_rng(3), ["time,latitude,longitude,free_air_anomaly,residual"]
     place = np.radians(latitude), np.radians(longitude)
     gravity = load_map(map_file).value(*place) / MGAL + rng.normal(0.0, 1.0, len(time))
-    anomaly = load_map(magnetic).value(*place) + rng.normal(0.0, 5.0, len(time))
+    anomaly = load_map(magnetic_map).value(*place) + rng.normal(0.0, 5.0, len(time))
     for k, t in enumerate(time):
         value = f"{gravity[k]:.4f}" if k % 2 == 0 and k not in (10, 12) else ""
         rows.append(f"{1e9 + t},{latitude[k]:.8f},{longitude[k]:.8f},{value},{anomaly[k]:.3f}")
@@ -53,7 +46,7 @@ def scenario(map_file, tmp_path) -> Scenario:
                 {
                     "field": "magnetic",
                     "sigma": 5.0,
-                    "map": {"source": str(magnetic)},
+                    "map": {"source": str(magnetic_map)},
                     "readings": {"source": str(late), "column": "mag"},
                 },
             ],

@@ -2,7 +2,6 @@
 library's closed loop."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
-from helpers.batches import field_map_of, wavy
 from helpers.node_bench import run_here
 from helpers.recordings import assert_replayed, assert_replayed_as_run, record, replayed
 from isogal.errors import InputError
-from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
 from isogal_ros import topics
@@ -38,15 +35,13 @@ SECOND: dict[str, dict[str, Any]] = {
 
 
 @pytest.fixture(scope="module")
-def two(map_file, tmp_path_factory) -> Callable[..., Scenario]:
+def two(map_file, magnetic_map) -> Callable[..., Scenario]:
     """Scenarios of gravity and magnetics over made-up maps; keys of the second entry."""
-    path = tmp_path_factory.mktemp("maps") / "magnetic.nc"
-    turned = field_map_of(lambda north, east: 1e6 * wavy(-east + 7e3, north), step=500.0)
-    write_netcdf(replace(turned, unit="nT", quantity="magnetic_anomaly"), path)
 
     def make(first: dict | None = None, **second) -> Scenario:
         gravity = {"field": "disturbance", "map": {"source": str(map_file)}} | (first or {})
-        magnetic = {"field": "magnetic", "sigma": 5.0, "map": {"source": str(path)}} | second
+        source = {"source": str(magnetic_map)}
+        magnetic = {"field": "magnetic", "sigma": 5.0, "map": source} | second
         return validate_scenario(PLACE | {"fields": [gravity, magnetic]})
 
     return make

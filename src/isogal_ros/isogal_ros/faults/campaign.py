@@ -126,7 +126,7 @@ def _read(path: Path) -> dict[tuple[str, int], Outcome]:
     """Return the outcomes on disk, without a line that is cut off or of an earlier version."""
     found: dict[tuple[str, int], Outcome] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        with suppress(ValueError, TypeError):
+        with suppress(ValueError, TypeError, AttributeError):
             outcome = json.loads(line)
             if outcome.keys() >= Outcome.__annotations__.keys():
                 found[outcome["fault"], outcome["trial"]] = outcome

@@ -220,10 +220,8 @@ def smooth_command(bag: Path, out: Path, changes: Changes, *, interval: float, j
     of_filter = filter_parameters(changes.parameters)
     reader, scenario = changes.of(bag)
     make_folder(out)
-    # another scenario is compared with the recorded one
-    again = bool(changes.overrides or changes.parameters or any(changes.foreign))
     with interrupts() as interrupt, watching() as report:
-        found = smoothed_bag(reader, interrupt, report, scenario, of_filter, again=again)
+        found = smoothed_bag(reader, interrupt, report, scenario, of_filter)
     played = found.played
     if played.interrupted:
         note(f"interrupted; nothing is written of {bag}")

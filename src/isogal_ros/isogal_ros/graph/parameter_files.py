@@ -17,7 +17,7 @@ from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import node_class
 from isogal_ros.nodes.base import NodeSettings
 from isogal_ros.parameters.declaration import OF_RCLPY
-from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
+from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs, yaml_line
 from isogal_ros.parameters.values import scenario_from, settings_from
 
 Document = dict[str, dict[str, JsonValue]]
@@ -90,10 +90,13 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
     where : str
         What the line begins with.
     """
-    bus = Bus()
+    values: dict[str, JsonValue] = {
+        key: yaml_line(value) if isinstance(value, dict) else value
+        for key, value in values_of(document, full).items()
+    }
     try:
-        bus.add(name, values_of(document, full) | {"autostart": False}).destroy_node()
-    except InputError as error:
+        Bus().add(name, values | {"autostart": False}).destroy_node()
+    except (InputError, TypeError) as error:  # the latter of what no parameter can hold
         raise InputError(f"{where}: {error}") from None
 
 

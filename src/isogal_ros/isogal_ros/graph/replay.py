@@ -76,8 +76,6 @@ def replay(
     report: Report = no_report,
     scenario: Scenario | None = None,
     parameters: Mapping[str, JsonValue] | None = None,
-    *,
-    again: bool | None = None,
 ) -> Replay:
     """Replay a bag as fast as the nodes can.
 
@@ -88,9 +86,6 @@ def replay(
         where the bag has them.
     parameters : mapping, optional
         Own parameters of the filter's node by name (`isogal_ros.graph.parameter_files`).
-    again : bool, optional
-        Whether the nodes do otherwise than the recorded ones, whatever the scenario says; default:
-        where there are parameters.
 
     Raises
     ------
@@ -103,7 +98,9 @@ def replay(
             f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
             " --scenario which one was run"
         )
-    recorded = load(reader, scenario, changed=bool(parameters) if again is None else again)
+    # how long the filter keeps its history changes no state
+    changed = (parameters or {}).keys() - {"horizon"}
+    recorded = load(reader, scenario, changed=bool(changed))
     begun = time.monotonic()
     # a simulated run that is recorded from its start on begins as the scenario says
     whole = bool(recorded.collector.truth) and recorded.first <= LATE

@@ -61,8 +61,6 @@ def smoothed_bag(
     report: Report = no_report,
     scenario: Scenario | None = None,
     parameters: Mapping[str, JsonValue] | None = None,
-    *,
-    again: bool,
 ) -> SmoothedBag:
     """Smooth a recorded voyage; the arguments are those of `isogal_ros.graph.replay.replay`.
 
@@ -71,9 +69,8 @@ def smoothed_bag(
     InputError
         The bag cannot be replayed, or the filter has begun nowhere in it.
     """
-    played = replay(
-        reader, interrupt, report, scenario, {"horizon": WHOLE, **(parameters or {})}, again=again
-    )
+    whole = {"horizon": WHOLE, **(parameters or {})}
+    played = replay(reader, interrupt, report, scenario, whole)
     navigator = played.filter
     if navigator is None:
         raise InputError(f"{reader.path}: the filter has no start: {'; '.join(played.failures)}")
