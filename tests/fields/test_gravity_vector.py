@@ -17,7 +17,6 @@ from isogal.maps import tiled_map
 from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.potential import disturbance_of
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_imu
@@ -114,19 +113,6 @@ def test_normal_gravity_is_no_vector(world):
 def test_other_fields_have_normal_gravity(world):
     scenario = changed(world, field="magnetic", gravimeter={"sigma": 1.0})
     assert gravity_vector(scenario, build_trajectory(scenario)) is None
-
-
-def test_a_gravity_map_is_a_disturbance_map_with_normal_gravity(world):
-    trajectory = build_trajectory(world)
-    dg = gravity_vector(world, trajectory).disturbance
-    total = FieldMap(
-        dg.latitude,
-        dg.longitude,
-        dg.values + normal_gravity(dg.latitude)[:, None],
-        "m/s²",
-        "gravity",
-    )
-    np.testing.assert_allclose(disturbance_of(total).values, dg.values, atol=1e-12)
 
 
 def test_averaging_keeps_means_and_places():

@@ -189,8 +189,3 @@ def test_a_route_below_the_terrain_is_refused():
         InputError, match=r"route\.height: the vehicle is \d+ m below the terrain at latitude -36"
     ):
         clearance([0], 300.0, hills())
-
-
-def test_a_map_that_the_instrument_does_not_measure_is_refused():
-    with pytest.raises(InputError, match="an altimeter does not measure disturbance; give height"):
-        clearance([0], 900.0, field_map_of(wavy))

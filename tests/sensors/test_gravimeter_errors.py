@@ -44,33 +44,6 @@ def test_time_correlated_noise_has_the_autocorrelation_of_a_gauss_markov_process
         assert abs(products.mean() - expected) < 4.0 * np.sqrt(2.0 / 12e3), lag
 
 
-def test_time_correlated_noise_has_the_allan_deviation_of_ieee_952():
-    # IEEE Std 952-1997, eq. C.18: (q T)² / t (1 - T / 2t (3 - 4 exp(-t / T) + exp(-2t / T))) with
-    # q² T / 2 = sigma²
-    error = errors_of(40, correlated_sigma=1e-5, correlation_time=60.0) / 1e-5
-    for count in (1, 6, 12, 60):
-        tau, T = 10.0 * count, 60.0
-        # of means over tau; the formula is of a continuous process, a mean of samples every 10 s
-        # is 1 % from it
-        x = tau / T
-        expected = 2.0 * T / tau * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))
-        usable = error.shape[1] // count * count
-        mean = error[:, :usable].reshape(40, -1, count).mean(axis=2)
-        variance = 0.5 * (np.diff(mean, axis=1) ** 2).mean()
-        chance = 4.0 * np.sqrt(3.0 / (mean.size - 40))
-        discrete = 0.5 * _variance_of_difference(count, T)
-        assert abs(variance / discrete - 1.0) < chance, tau
-        if count >= 6:
-            assert abs(variance / expected - 1.0) < chance + 0.02, tau
-
-
-def _variance_of_difference(count, T):
-    """Return the variance of the difference of successive means of `count` samples."""
-    lag = 10.0 * np.abs(np.arange(2 * count)[:, None] - np.arange(2 * count))
-    weight = np.concatenate([-np.ones(count), np.ones(count)]) / count
-    return weight @ np.exp(-lag / T) @ weight
-
-
 def test_a_walk_of_the_bias_has_the_allan_deviation_of_a_random_walk():
     # K sqrt(t / 3) for a continuous rate (IEEE Std 952-1997, eq. C.16); here of means over t of
     # samples

@@ -12,11 +12,10 @@ import numpy as np
 from isogal import plugins
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
-from isogal.fields.recorded_readings import AsRecorded
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, Settings, Truth
-from isogal.sensors.reduction import Reduction
+from isogal.sensors.reduction import AsRead, Reduction
 from isogal.sensors.trajectory import Trajectory
 
 OF_ONE_NUMBER = (
@@ -132,7 +131,7 @@ def measured_field(scenario: Settings) -> MeasuredField:
             f" {field.least_sigma:g}; is {sigma:g}"
         )
     if scenario.readings.reduced:
-        return replace(field, sign=1.0, reduction=lambda _: AsRecorded())
+        return replace(field, sign=1.0, reduction=lambda _: AsRead())
     return field
 
 
