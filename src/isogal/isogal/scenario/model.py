@@ -97,6 +97,15 @@ class Settings(Section):
         return self
 
     @model_validator(mode="after")
+    def _tails_of_one_number(self) -> Self:
+        of_potential = self.field == "gradient" and self.gradiometer.of_one_potential
+        if self.map_error.tails is not None and of_potential:
+            raise ValueError(
+                "map_error.tails: errors of one potential (gradiometer.map_errors) are Gaussian"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _readings_of_a_track(self) -> Self:
         if not self.readings.recorded:
             return self

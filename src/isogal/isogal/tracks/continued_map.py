@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
-from isogal.matching.pmht.loads import stated_sigma
+from isogal.matching.pmht.rows import stated_sigma
 from isogal.tracks.map_error import rms_gradient
 
 

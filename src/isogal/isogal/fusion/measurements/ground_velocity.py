@@ -38,4 +38,5 @@ class GroundVelocity:
         H[:, 3:6], H[:, 6:9] = np.eye(3), -cross_matrix(around)
         R = np.asarray(self.covariance)[np.ix_(axes, axes)]
         expected = (state.velocity + around)[axes]
-        return update_linear(state, model, Rows(self.velocity[axes], expected, H[axes], R))
+        rows = Rows(self.velocity[axes], expected, H[axes], R, over_ground=True)
+        return update_linear(state, model, rows)
