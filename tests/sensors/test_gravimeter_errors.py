@@ -15,7 +15,7 @@ from isogal.sensors.gravimeter_errors import (
     reading_errors,
     without_readings,
 )
-from isogal.sensors.noise import gauss_markov
+from isogal.sensors.noise import RunScans, gauss_markov
 from isogal.sensors.trajectory import build_trajectory
 
 TURNS = [[-37.9, 144.8, 22], [-37.75, 145.0, 22], [-37.8, 145.3, 22], [-37.4, 145.5, 22]]
@@ -82,7 +82,9 @@ def test_cross_coupling_acts_in_turns_only():
     trajectory = trajectory_of(waypoints=TURNS, duration=None)
     index = scans(trajectory)
     settings = Gravimeter(sigma=1e-12, cross_coupling=1e-3)
-    error = np.stack([reading_errors(settings, 0, run, trajectory, index) for run in range(200)])
+    error = np.stack(
+        [reading_errors(settings, RunScans(0, run, trajectory, index)) for run in range(200)]
+    )
     velocity = trajectory.velocity[index]
     heading = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
     turned = np.abs(np.diff(heading, prepend=heading[0]))  # in the interval before each
@@ -97,8 +99,9 @@ def test_missing_readings_by_chance_in_gaps_and_in_turns():
     trajectory = trajectory_of(waypoints=TURNS, duration=None)
     index = scans(trajectory)
     time = trajectory.time[index]
-    assert not missing(Gravimeter(), 0, 0, trajectory, index).any()
-    share = missing(Gravimeter(missing_fraction=0.4), 0, 0, trajectory, index).mean()
+    some = RunScans(0, 0, trajectory, index)
+    assert not missing(Gravimeter(), some).any()
+    share = missing(Gravimeter(missing_fraction=0.4), some).mean()
     assert abs(share - 0.4) < 4.0 * np.sqrt(0.24 / len(index))
     gaps = without_readings(Gravimeter(gaps=((100.0, 50.0), (300.0, 10.0))), trajectory, index)
     np.testing.assert_array_equal(time[gaps], [100.0, 110.0, 120.0, 130.0, 140.0, 300.0])

@@ -25,6 +25,7 @@ from isogal.maps.channels import RouteMap
 from isogal.scenario import Assumed, Scenario, Settings, Truth
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
+from isogal.sensors.noise import RunScans
 from isogal.sensors.reduction import State
 from isogal.sensors.satellites import turn_rates
 from isogal.sensors.trajectory import Trajectory
@@ -67,7 +68,8 @@ class ReadingSimulator:
         else:
             sensed = self._simulated(_measured(truth, field_map))
         for row, run in enumerate(runs):
-            sensed[row, missing(truth.gravimeter, truth.seed, run, trajectory, i)] = np.nan
+            scans = RunScans(truth.seed, run, trajectory, i)
+            sensed[row, missing(truth.gravimeter, scans)] = np.nan
         self.raw = sensed
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels, (R,
         scans, B, 3) of an altimeter with B beams."""
@@ -90,11 +92,12 @@ class ReadingSimulator:
         if Lag.of(truth.gravimeter).mean > 0.0:
             sensed = _late(map_error, self._map, sensed)
         sensed = sensed + field.sign * map_error.of_datum(size)
+        scans = [RunScans(truth.seed, run, trajectory, i) for run in runs]
         errors = [
-            reading_errors(truth.gravimeter, truth.seed, run, trajectory, i)
+            reading_errors(truth.gravimeter, one)
             if field.channels is None
-            else field.channels.errors(truth, run, trajectory, i, sensed[row])
-            for row, run in enumerate(runs)
+            else field.channels.errors(truth, one, felt)
+            for one, felt in zip(scans, sensed, strict=True)
         ]
         sensed = sensed + np.stack(errors)
         if field.instrument == MAGNETOMETER and truth.magnetometer.aircraft.magnetic:
@@ -104,7 +107,7 @@ class ReadingSimulator:
     def _soundings(self) -> Array:
         truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
         slow = truth.gravimeter.model_copy(update={"sigma": 0.0})
-        errors = [reading_errors(slow, truth.seed, run, trajectory, i) for run in runs]
+        errors = [reading_errors(slow, RunScans(truth.seed, run, trajectory, i)) for run in runs]
         map_error = TrueMapError(truth, trajectory, i, runs)
         return simulate_soundings(map_error, self._map, np.stack(errors) - map_error.of_datum())
 
