@@ -49,7 +49,7 @@ def tilt_errors(settings: Gradiometer, scans: RunScans, sensed: Array) -> Array:
     if settings.platform_tilt == 0.0:
         return np.zeros(sensed.shape)
     tilt = scans.tilts("gradiometer", settings.platform_tilt, settings.platform_time, 3)
-    _, _, trajectory, index = scans
+    trajectory, index = scans.trajectory, scans.index
     latitude, height = trajectory.latitude[index], trajectory.height[index]
     tensor = _whole(settings.components, sensed, normal_gradient(latitude, height))
     return np.asarray(tilted(tensor, tilt.T)[..., *places_in_tensor(settings.components)] - sensed)

@@ -31,11 +31,10 @@ def noise_of(settings: Gravimeter) -> Noise:
 def reading_errors(settings: Gravimeter, scans: RunScans) -> Array:
     """Return (scans,) what noise, the vehicle's accelerations and the platform's tilt add to the
     readings of a run, in their unit; `settings` is what is true of it."""
-    seed, run, trajectory, index = scans
-    error = noise_of(settings).draw(seed, run, scans.time)
+    error = noise_of(settings).draw(scans.seed, scans.run, scans.time)
     if settings.cross_coupling > 0.0:
-        share = generator(seed, run, "gravimeter_coupling").standard_normal(2)
-        before = np.concatenate([[0], index])
+        share = generator(scans.seed, scans.run, "gravimeter_coupling").standard_normal(2)
+        trajectory, before = scans.trajectory, np.concatenate([[0], scans.index])
         moving = accelerations(trajectory.time[before], trajectory.velocity[before, :2])[1:]
         error += settings.cross_coupling * (moving @ share)
     return error + levelling_error(settings, scans)

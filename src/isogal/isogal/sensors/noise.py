@@ -7,7 +7,6 @@ instrument does not have is not drawn, and each error has a random stream of its
 more error leaves the others as they were."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -79,7 +78,8 @@ class Noise:
         return np.asarray(error)
 
 
-class RunScans(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class RunScans:
     """The scans of a run, at which an instrument's errors are drawn."""
 
     seed: int
