@@ -145,7 +145,7 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
 def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return (n, n) the Cholesky factor of a prior, and eigenvalues and vectors of the posterior
     covariance in prior units; raises LinAlgError where the prior is not positive definite."""
-    factor = np.linalg.cholesky(prior)
+    factor = np.asarray(np.linalg.cholesky(prior))
     inner = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
     values, vectors = np.linalg.eigh(inner)
-    return factor, np.maximum(values, 1e-12), vectors
+    return factor, np.maximum(values, 1e-12), np.asarray(vectors)

@@ -123,6 +123,14 @@ class Rows(NamedTuple):
     """Whether they are of the velocity in the navigation frame (`moved`)."""
 
 
+class Linear(Protocol):
+    """A measurement that is used by its rows."""
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
+        ...
+
+
 def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovation:
     """Update a state with rows, in place, unless they are beyond the gate; see
     `Measurement.update`."""
