@@ -123,7 +123,6 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
         ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
         ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.grades, imu.rate, "),
         ("gravimeter.sigma=-1", "gravimeter.sigma: input should be greater than 0, not -1"),
-        ("gravimeter.sigma=.nan", "gravimeter.sigma: input should be "),
         ("gravimeter.sigma=.inf", "gravimeter.sigma: input should be a finite number, not inf"),
         (
             "gravimeter.sigma=much",
@@ -134,7 +133,6 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
             "gravimeter.interval=10.5",
             "gravimeter.interval (10.5 s) must be a whole number of IMU samples (1/1.0 s)",
         ),
-        ("gravimeter.interval=1e-12", "gravimeter.interval"),
         (
             "gravimeter.quantity=magnetic",
             "gravimeter.quantity: input should be 'gravity' or 'disturbance', not 'magnetic'",
@@ -158,16 +156,7 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
         ),
         ("matcher.name=5", "matcher.name: input should be a valid string, not 5"),
         ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
-        ("matcher.stride=0", "matcher.stride: input should be greater than or equal to 1, not 0"),
-        (
-            "matcher.batch_length=1",
-            "matcher.batch_length: input should be greater than or equal to 2, not 1",
-        ),
         ("matcher.batch_length=15.5", "matcher.batch_length: input should be a valid integer"),
-        (
-            "matcher.map_sigma=-1",
-            "matcher.map_sigma: input should be greater than or equal to 0, not -1",
-        ),
         ("seed=-1", "seed: input should be greater than or equal to 0, not -1"),
         (
             "route.start=[95, 0]",
@@ -182,14 +171,6 @@ def test_map_sigma_may_be_auto_or_a_number_with_or_without_a_dot():
             "route.waypoints.1.2: input should be greater than 0, not 0",
         ),
         ("route=5", "route: input should be a valid dictionary or instance of Route, not 5"),
-        (
-            "initial_error.position=-1",
-            "initial_error.position: input should be greater than or equal to 0, not -1",
-        ),
-        (
-            "map_error.correlation_length=0",
-            "map_error.correlation_length: input should be greater than 0, not 0",
-        ),
     ],
 )
 def test_bad_values_give_one_line_that_names_the_key(override, message):

@@ -23,6 +23,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, validate_scenario
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.gravimeter_errors import missing
+from isogal.sensors.noise import RunScans
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 WAVES = field(waves)
@@ -338,7 +339,7 @@ def test_readings_missing_by_chance_count_by_pattern():
     index = np.arange(10, len(trajectory) + 1, 10)
     each = []
     for run in range(PATTERNS):
-        absent = missing(half.gravimeter, half.seed, run, trajectory, index)
+        absent = missing(half.gravimeter, RunScans(half.seed, run, trajectory, index))
         gaps = [[float(trajectory.time[k]) - 1.0, 2.0] for k in index[absent]]
         each.append(bound(gravimeter={"gaps": gaps}, **error).covariance[-1])
     np.testing.assert_allclose(mean, np.mean(each, axis=0), rtol=1e-9)

@@ -6,7 +6,7 @@ import pytest
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.fields.map_error import draw_datum_error
+from isogal.fields.map_error import TrueMapError
 from isogal.fields.scenario_map import true_map
 from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -41,7 +41,7 @@ def drawn(runs=RUNS, channels=(), **datum):
         trajectory.latitude[0],
         trajectory.longitude[0],
     ).T
-    return draw_datum_error(it.true, trajectory, index, runs, channels), north, east
+    return TrueMapError(it.true, trajectory, index, runs).of_datum(channels), north, east
 
 
 def test_none_is_none():

@@ -1,6 +1,7 @@
 """Gravity that the vehicle feels, its errors, and what a navigator knows of it."""
 
 from collections import OrderedDict
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,13 +12,12 @@ from isogal.earth.gravity import normal_gravity
 from isogal.fields import gravity_vector as vector
 from isogal.fields.gravity_vector import averaged, gravity_vector, sensed_gravity
 from isogal.fields.known_gravity import known_gravity, true_residual_gravity
-from isogal.fields.map_error import draw_horizontal_error, draw_map_error
+from isogal.fields.map_error import TrueMapError
 from isogal.fields.simulator import scan_index
 from isogal.maps import tiled_map
 from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.potential import disturbance_of
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_imu
@@ -116,19 +116,6 @@ def test_other_fields_have_normal_gravity(world):
     assert gravity_vector(scenario, build_trajectory(scenario)) is None
 
 
-def test_a_gravity_map_is_a_disturbance_map_with_normal_gravity(world):
-    trajectory = build_trajectory(world)
-    dg = gravity_vector(world, trajectory).disturbance
-    total = FieldMap(
-        dg.latitude,
-        dg.longitude,
-        dg.values + normal_gravity(dg.latitude)[:, None],
-        "m/s²",
-        "gravity",
-    )
-    np.testing.assert_allclose(disturbance_of(total).values, dg.values, atol=1e-12)
-
-
 def test_averaging_keeps_means_and_places():
     latitude, longitude = 0.6 + 1e-5 * np.arange(30), 2.5 + 1e-5 * np.arange(40)
     values = latitude[:, None] + 2.0 * longitude
@@ -170,8 +157,9 @@ def test_drawn_errors_have_these_covariances(world):
     scenario = changed(world, map_error={"sigma": 3e-5})
     trajectory = build_trajectory(scenario)
     index, runs = scan_index(scenario, trajectory), range(400)
-    vertical = draw_map_error(scenario.true, trajectory, index, runs)
-    stations, errors = draw_horizontal_error(scenario.true, trajectory, index, runs, vertical)
+    drawn = TrueMapError(scenario.true, trajectory, index, runs)
+    vertical = drawn.at_scans()
+    stations, errors = drawn.horizontal(vertical)
     variance = (errors**2).mean(axis=(0, 1)) / 3e-5**2
     np.testing.assert_allclose(variance, 0.5, atol=0.06)
     # that of the disturbance six scans, 1.3 km, after the stations, by the model for all tensors
@@ -183,7 +171,7 @@ def test_drawn_errors_have_these_covariances(world):
     expected = tensor_covariance(("dd", "nd", "ed"), channels[0], apart, 4e3, channels[1])
     np.testing.assert_allclose(found, expected[0], atol=0.03)
     assert np.abs(expected).max() > 0.15
-    alone = draw_horizontal_error(scenario.true, trajectory, index, [7], vertical[[7]])[1]
+    alone = replace(drawn, runs=[7]).horizontal(vertical[[7]])[1]
     np.testing.assert_array_equal(alone[0], errors[7])
     assert stations[-1] == index[-1]
 

@@ -12,7 +12,7 @@ from helpers.statistics import within_chi_square
 from isogal.earth.frames import horizontal_difference
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
-from isogal.fields.map_error import draw_map_error
+from isogal.fields.map_error import TrueMapError
 from isogal.fields.simulator import ReadingSimulator
 from isogal.scenario import Altimeter, Gravimeter, MapError, Route, Scenario
 from isogal.sensors.gravimeter import GravityReduction
@@ -93,7 +93,7 @@ def test_map_error_has_the_stated_covariance():
     trajectory = build_trajectory(it)
     index = np.arange(10, 601, 10)
     runs = 600
-    error = draw_map_error(it.true, trajectory, index, range(runs))
+    error = TrueMapError(it.true, trajectory, index, range(runs)).at_scans()
     apart = horizontal_difference(
         trajectory.latitude[index][:, None],
         trajectory.longitude[index][:, None],
@@ -107,7 +107,7 @@ def test_map_error_has_the_stated_covariance():
     )  # variance and correlation at once, every length scale
     measured = error.T @ error / runs
     np.testing.assert_allclose(measured, covariance, atol=4.5 * 3e-5**2 * np.sqrt(2.0 / runs))
-    assert not draw_map_error(scenario().true, trajectory, index, [0, 1]).any()
+    assert not TrueMapError(scenario().true, trajectory, index, [0, 1]).at_scans().any()
 
 
 def test_map_error_with_tails_has_students_distribution_and_the_same_sigma():
@@ -116,7 +116,7 @@ def test_map_error_with_tails_has_students_distribution_and_the_same_sigma():
     trajectory = build_trajectory(it)
     index = np.arange(10, 601, 100)  # 2.2 km apart: as good as independent
     error, normal = (
-        draw_map_error(one.true, trajectory, index, range(1000)) for one in (it, gaussian)
+        TrueMapError(one.true, trajectory, index, range(1000)).at_scans() for one in (it, gaussian)
     )
     freedom = error / 3e-5 * np.sqrt(3.0)
     assert kstest(freedom.ravel(), student_t(3.0).cdf).pvalue > 0.01
@@ -189,7 +189,7 @@ def test_a_map_error_lifts_the_ground():
     exact, _ = clearance([0], 900.0, hills())
     wrong, _ = clearance([0], 900.0, hills(), map_error=MapError(sigma=20.0))
     it = over_hills(900.0, map_error=MapError(sigma=20.0))
-    error = draw_map_error(it.true, build_trajectory(it), np.arange(10, 601, 10), [0])
+    error = TrueMapError(it.true, build_trajectory(it), np.arange(10, 601, 10), [0]).at_scans()
     np.testing.assert_allclose(exact - wrong, error, atol=1e-3)
 
 
@@ -211,8 +211,3 @@ def test_a_route_below_the_terrain_is_refused():
         InputError, match=r"route\.height: the vehicle is \d+ m below the terrain at latitude -36"
     ):
         clearance([0], 300.0, hills())
-
-
-def test_a_map_that_the_instrument_does_not_measure_is_refused():
-    with pytest.raises(InputError, match="an altimeter does not measure disturbance; give height"):
-        clearance([0], 900.0, field_map_of(wavy))

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import netCDF4
 import numpy as np
 import pytest
 
 from isogal.errors import InputError
-from isogal.maps.error_ellipses import axes_of, ellipses_of, impossible, joint
+from isogal.maps.error_ellipses import axes_of, ellipses_of, impossible, joint, mean_length
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 
@@ -78,3 +79,13 @@ def test_a_map_keeps_them_in_windows_and_files(small_map, tmp_path):
     for wrong in (ellipses[1:], -ellipses):
         with pytest.raises(InputError, match=r"error_ellipses has shape|lengths must be > 0 m"):
             replace(small_map, error_ellipses=wrong)
+
+
+def test_one_length_at_each_node_is_that_of_all_directions(small_map, tmp_path):
+    write_netcdf(small_map, tmp_path / "map.nc", "dg")
+    length = np.linspace(2e3, 6e3, small_map.values.size).reshape(small_map.shape)
+    with netCDF4.Dataset(tmp_path / "map.nc", "a") as dataset:
+        dataset.createVariable("dg_error_length", "f8", ("lat", "lon"))[:] = length
+    found = load_map(tmp_path / "map.nc", "dg").error_ellipses
+    np.testing.assert_allclose(mean_length(found), length)
+    np.testing.assert_allclose(found[..., 1], 0.0, atol=1e-6)

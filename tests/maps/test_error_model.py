@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from isogal.fields.map_error import draw_potential_error
+from isogal.fields.map_error import TrueMapError
 from isogal.maps.error_model import displacements, shares, tensor_covariance
 from isogal.maps.potential import COMPONENTS, operator
 from isogal.maps.spectral import waves_of
@@ -93,7 +93,7 @@ def test_drawn_fields_have_this_covariance():
     )  # fmt: skip
     trajectory = build_trajectory(settings)
     index = np.arange(15, len(trajectory), 15)
-    drawn = draw_potential_error(settings, trajectory, index, range(400))
+    drawn = TrueMapError(settings, trajectory, index, range(400)).of_one_potential()
     assert drawn.shape == (400, len(index), 5)
     flat = drawn.reshape(400, -1) / 2e-9
     found = flat.T @ flat / 400
@@ -107,5 +107,5 @@ def test_drawn_fields_have_this_covariance():
     # and on the mean over elements there is no difference
     off = (found - expected) / np.outer(scale, scale)
     assert np.abs(off).mean() < 0.05
-    alone = draw_potential_error(settings, trajectory, index, [3])
+    alone = TrueMapError(settings, trajectory, index, [3]).of_one_potential()
     np.testing.assert_array_equal(alone[0], drawn[3])

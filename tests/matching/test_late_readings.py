@@ -8,7 +8,7 @@ import pytest
 from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.earth.frames import horizontal_difference
 from isogal.fields.gravity import DISTURBANCE
-from isogal.fields.map_error import between_scans
+from isogal.fields.map_error import TrueMapError
 from isogal.fields.simulator import ReadingSimulator
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.path import Path
@@ -143,7 +143,8 @@ def test_map_error_between_scans_is_a_gauss_markov_process():
     for k in range(1, 20):
         fresh = np.sqrt(1.0 - step**2) * random.standard_normal(runs)
         at_scans[:, k] = step * at_scans[:, k - 1] + fresh
-    error = between_scans(it, trajectory, at_scans, range(runs))
+    drawn = TrueMapError(it, trajectory, np.arange(10, 201, 10), range(runs))
+    error = drawn.between(at_scans)
     np.testing.assert_array_equal(error[:, 10:201:10], at_scans)
     which = [0, 3, 10, 14, 17, 25, 61]
     distance = 22.0 * np.abs(np.subtract.outer(which, which))

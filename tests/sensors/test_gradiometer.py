@@ -12,7 +12,7 @@ from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.errors import InputError
 from isogal.fields.gradient import GRADIENT
-from isogal.fields.map_error import draw_map_error
+from isogal.fields.map_error import TrueMapError
 from isogal.fields.measured import measured_field, reading_sigma
 from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.potential import tensor_maps
@@ -115,7 +115,7 @@ def test_each_channel_has_a_map_error_of_its_own():
         update={"map_error": MapError(sigma=5e-9, correlation_length=3000.0)}
     )
     trajectory = build_trajectory(it)
-    errors = draw_map_error(it.true, trajectory, np.arange(10, 601, 10), range(40), (2,))
+    errors = TrueMapError(it.true, trajectory, np.arange(10, 601, 10), range(40)).at_scans((2,))
     assert errors.shape == (40, 60, 2)
     assert errors.std() == pytest.approx(5e-9, rel=0.2)
     assert abs(np.mean(errors[..., 0] * errors[..., 1])) < 0.2 * 25e-18
@@ -151,10 +151,6 @@ def test_a_map_of_another_quantity_is_refused():
             "gradiometer.components: tuple should have at most 5 items",
         ),
         ("gradiometer.sigma_eotvos=0", "gradiometer.sigma_eotvos: input should be greater than 0"),
-        (
-            "gradiometer.sigma_eotvos=-1",
-            "gradiometer.sigma_eotvos: input should be greater than 0",
-        ),
         (
             "gradiometer.sigma=1",
             "unknown key 'gradiometer.sigma', did you mean 'gradiometer.sigma_eotvos'",

@@ -10,6 +10,7 @@ from isogal.errors import InputError
 from isogal.matching.batching import BatchBuilder
 from isogal.scenario import TENSOR_COMPONENTS, Gradiometer, Gravimeter, load_scenario
 from isogal.sensors.gradiometer_errors import EOTVOS, noise_of, tilt_effect, tilt_errors, tilted
+from isogal.sensors.noise import RunScans
 from isogal.sensors.trajectory import build_trajectory
 
 LATITUDE = -0.64
@@ -22,7 +23,7 @@ def errors(run=0, felt=None, **settings):
     felt = np.zeros((len(INDEX), len(told.components))) if felt is None else felt
     slow = replace(noise_of(told, Gravimeter()), white=0.0)
     noise = slow.draw(1, run, ROUTE.time[INDEX], felt.shape[1:])
-    return noise + tilt_errors(told, 1, run, ROUTE, INDEX, felt)
+    return noise + tilt_errors(told, RunScans(1, run, ROUTE, INDEX), felt)
 
 
 def test_a_turned_tensor_has_the_same_invariants():

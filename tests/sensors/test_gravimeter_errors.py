@@ -15,7 +15,7 @@ from isogal.sensors.gravimeter_errors import (
     reading_errors,
     without_readings,
 )
-from isogal.sensors.noise import gauss_markov
+from isogal.sensors.noise import RunScans, gauss_markov
 from isogal.sensors.trajectory import build_trajectory
 
 TURNS = [[-37.9, 144.8, 22], [-37.75, 145.0, 22], [-37.8, 145.3, 22], [-37.4, 145.5, 22]]
@@ -42,33 +42,6 @@ def test_time_correlated_noise_has_the_autocorrelation_of_a_gauss_markov_process
         # of 80 000 products, correlated over 60 s: some 12 000 independent ones
         expected = np.exp(-10.0 * lag / 60.0)
         assert abs(products.mean() - expected) < 4.0 * np.sqrt(2.0 / 12e3), lag
-
-
-def test_time_correlated_noise_has_the_allan_deviation_of_ieee_952():
-    # IEEE Std 952-1997, eq. C.18: (q T)² / t (1 - T / 2t (3 - 4 exp(-t / T) + exp(-2t / T))) with
-    # q² T / 2 = sigma²
-    error = errors_of(40, correlated_sigma=1e-5, correlation_time=60.0) / 1e-5
-    for count in (1, 6, 12, 60):
-        tau, T = 10.0 * count, 60.0
-        # of means over tau; the formula is of a continuous process, a mean of samples every 10 s
-        # is 1 % from it
-        x = tau / T
-        expected = 2.0 * T / tau * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))
-        usable = error.shape[1] // count * count
-        mean = error[:, :usable].reshape(40, -1, count).mean(axis=2)
-        variance = 0.5 * (np.diff(mean, axis=1) ** 2).mean()
-        chance = 4.0 * np.sqrt(3.0 / (mean.size - 40))
-        discrete = 0.5 * _variance_of_difference(count, T)
-        assert abs(variance / discrete - 1.0) < chance, tau
-        if count >= 6:
-            assert abs(variance / expected - 1.0) < chance + 0.02, tau
-
-
-def _variance_of_difference(count, T):
-    """Return the variance of the difference of successive means of `count` samples."""
-    lag = 10.0 * np.abs(np.arange(2 * count)[:, None] - np.arange(2 * count))
-    weight = np.concatenate([-np.ones(count), np.ones(count)]) / count
-    return weight @ np.exp(-lag / T) @ weight
 
 
 def test_a_walk_of_the_bias_has_the_allan_deviation_of_a_random_walk():
@@ -109,7 +82,9 @@ def test_cross_coupling_acts_in_turns_only():
     trajectory = trajectory_of(waypoints=TURNS, duration=None)
     index = scans(trajectory)
     settings = Gravimeter(sigma=1e-12, cross_coupling=1e-3)
-    error = np.stack([reading_errors(settings, 0, run, trajectory, index) for run in range(200)])
+    error = np.stack(
+        [reading_errors(settings, RunScans(0, run, trajectory, index)) for run in range(200)]
+    )
     velocity = trajectory.velocity[index]
     heading = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
     turned = np.abs(np.diff(heading, prepend=heading[0]))  # in the interval before each
@@ -124,8 +99,9 @@ def test_missing_readings_by_chance_in_gaps_and_in_turns():
     trajectory = trajectory_of(waypoints=TURNS, duration=None)
     index = scans(trajectory)
     time = trajectory.time[index]
-    assert not missing(Gravimeter(), 0, 0, trajectory, index).any()
-    share = missing(Gravimeter(missing_fraction=0.4), 0, 0, trajectory, index).mean()
+    some = RunScans(0, 0, trajectory, index)
+    assert not missing(Gravimeter(), some).any()
+    share = missing(Gravimeter(missing_fraction=0.4), some).mean()
     assert abs(share - 0.4) < 4.0 * np.sqrt(0.24 / len(index))
     gaps = without_readings(Gravimeter(gaps=((100.0, 50.0), (300.0, 10.0))), trajectory, index)
     np.testing.assert_array_equal(time[gaps], [100.0, 110.0, 120.0, 130.0, 140.0, 300.0])

@@ -113,18 +113,6 @@ def test_a_bias_is_constant_over_a_run():
     )
 
 
-def test_white_noise_has_the_density_of_the_data_sheet():
-    _, errors = simulate_only(
-        range(3), rate=4.0, duration=6000.0,
-        accelerometer={"random_walk": "30ug/rt-Hz"}, gyroscope={"random_walk": "0.12deg/rt-h"},
-    )  # fmt: skip
-    taus = np.array([1.0, 10.0, 100.0])
-    force = allan_deviation(series(errors, 0), 4.0, taus)
-    rate = allan_deviation(series(errors, 1), 4.0, taus)
-    np.testing.assert_allclose(force, 30e-6 * 9.80665 / np.sqrt(taus), rtol=0.1)
-    np.testing.assert_allclose(rate, np.radians(0.12) / 60.0 / np.sqrt(taus), rtol=0.1)
-
-
 def test_bias_instability_is_a_gauss_markov_process():
     time, sigma = 100.0, 0.35 * np.pi / 180.0 / 3600.0
     _, errors = simulate_only(

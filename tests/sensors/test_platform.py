@@ -7,6 +7,7 @@ from helpers.batches import noise_covariance
 from isogal.inertial.rotations import from_rotation_vector, matrix
 from isogal.matching.reading_noise import joined, noise_states
 from isogal.scenario import Gravimeter, Scenario
+from isogal.sensors.noise import RunScans
 from isogal.sensors.platform import levelling_error, mean_error, tilted_reading
 from isogal.sensors.trajectory import build_trajectory
 
@@ -15,7 +16,7 @@ def errors_of(runs, **keys):
     trajectory = build_trajectory(Scenario(route={"duration": 6000.0}))
     index = np.arange(10, len(trajectory) + 1, 10)
     return np.stack(
-        [levelling_error(Gravimeter(**keys), 3, run, trajectory, index) for run in runs]
+        [levelling_error(Gravimeter(**keys), RunScans(3, run, trajectory, index)) for run in runs]
     )
 
 

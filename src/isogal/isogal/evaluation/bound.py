@@ -73,6 +73,7 @@ from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import MapError, Scenario
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
+from isogal.sensors.noise import RunScans
 from isogal.sensors.position_aid import within
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory
@@ -293,7 +294,7 @@ def posterior_cramer_rao(
     models = []
     for run in range(PATTERNS):
         rows = readings.rows.copy()
-        rows[missing(settings, world.seed, run, trajectory, scans)] = np.nan
+        rows[missing(settings, RunScans(world.seed, run, trajectory, scans))] = np.nan
         patterned = (*aids, replace(readings, rows=rows))
         models.append(replace(model, measurements=patterned))
     return _result(world, trajectory, models, smoothed)

@@ -1,17 +1,15 @@
 """Simulated soundings of several beams: where each meets the ground, and what is wrong with its
 range (docs/mathematics.md, section 2.7)."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.fields.map_error import draw_at
+from isogal.fields.map_error import TrueMapError
 from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
-from isogal.scenario import Altimeter, Truth
+from isogal.scenario import Altimeter
 from isogal.seeds import generator
 from isogal.sensors.beams import beam_directions
 from isogal.sensors.noise import Noise
@@ -108,22 +106,21 @@ class Footprints:
         )
 
 
-def simulate_soundings(
-    truth: Truth,
-    trajectory: Trajectory,
-    field_map: RouteMap,
-    index: Integers,
-    runs: Sequence[int],
-    common: Array,
-) -> Array:
+def simulate_soundings(map_error: TrueMapError, field_map: RouteMap, common: Array) -> Array:
     """Return (R, S, B, 3) what the beams report, m to the ground in body axes, before the
     instrument's rounding.
 
     Parameters
     ----------
+    map_error : TrueMapError
+        Of S scans of R runs.
+    field_map : RouteMap
+        Of terrain height.
     common : (R, S) array
         m by which all beams of a scan find the ground too deep: tide, drift, the map's datum.
     """
+    truth, trajectory = map_error.truth, map_error.trajectory
+    index, runs = map_error.index, map_error.runs
     foot = Footprints(truth.altimeter, trajectory, field_map, index)
     settings, steep = truth.gravimeter, foot.body[:, 2]
     uncertain = truth.map_error.sigma > 0.0
@@ -133,7 +130,7 @@ def simulate_soundings(
             f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
             " route"
         )
-    higher = draw_at(truth, *foot.places(foot.range), runs)
+    higher = map_error.at(*foot.places(foot.range))
     white = Noise("beam", settings.sigma, settings.outlier_fraction, settings.outlier_sigma)
     sensed = np.empty((len(runs), *foot.range.shape, 3))
     for row, run in enumerate(runs):

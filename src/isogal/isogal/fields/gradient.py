@@ -1,7 +1,7 @@
 """Components of the gravity gradient tensor, measured by a gradiometer; their maps are computed
 from that of the disturbance."""
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.fields.measured import Channels, MeasuredField
 from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
@@ -9,7 +9,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.scenario import Settings, Truth
 from isogal.sensors.gradiometer import GradientReduction
 from isogal.sensors.gradiometer_errors import noise_covariance, noise_of, tilt_errors
-from isogal.sensors.trajectory import Trajectory
+from isogal.sensors.noise import RunScans
 
 _REACH = 20_000.0
 
@@ -22,12 +22,10 @@ def _maps(settings: Settings, disturbance: FieldMap) -> ChannelMap:
     return tensor_maps(level, settings.gradiometer.components, height=height, edge=_REACH)
 
 
-def _errors(
-    truth: Truth, run: int, trajectory: Trajectory, index: Integers, sensed: Array
-) -> Array:
-    settings, time = truth.gradiometer, trajectory.time[index]
-    noise = noise_of(settings, truth.gravimeter).draw(truth.seed, run, time, sensed.shape[1:])
-    return noise + tilt_errors(settings, truth.seed, run, trajectory, index, sensed)
+def _errors(truth: Truth, scans: RunScans, sensed: Array) -> Array:
+    settings, size = truth.gradiometer, sensed.shape[1:]
+    noise = noise_of(settings, truth.gravimeter).draw(scans.seed, scans.run, scans.time, size)
+    return noise + tilt_errors(settings, scans, sensed)
 
 
 GRADIENT = MeasuredField(

@@ -11,7 +11,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
-from isogal.fields.map_error import draw_horizontal_error, draw_map_error
+from isogal.fields.map_error import TrueMapError
 from isogal.fields.measured import measured_field
 from isogal.fields.simulator import scan_index
 from isogal.fields.source_map import MapSource
@@ -169,8 +169,9 @@ def sensed_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int])
             f"map {vector.disturbance.provenance}: its gravity vector does not cover the route"
         )
     index = scan_index(scenario, trajectory)
-    vertical = draw_map_error(scenario, trajectory, index, runs)
-    stations, horizontal = draw_horizontal_error(scenario, trajectory, index, runs, vertical)
+    map_error = TrueMapError(scenario, trajectory, index, runs)
+    vertical = map_error.at_scans()
+    stations, horizontal = map_error.horizontal(vertical)
     time = trajectory.time
     result = np.empty((len(runs), len(trajectory), 3))
     for row in range(len(runs)):

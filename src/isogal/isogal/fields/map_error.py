@@ -4,6 +4,7 @@ have the errors that one wrong potential gives them all (docs/mathematics.md, se
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import wraps
 from typing import TypeVar
 
@@ -59,144 +60,126 @@ def _correlation_root(latitude: Array, longitude: Array, length: float) -> Array
     return np.asarray(np.linalg.cholesky(decay(distance, length) + 1e-12 * np.eye(len(points))))
 
 
-def draw_at(
-    truth: Truth,
-    latitude: Array,
-    longitude: Array,
-    runs: Sequence[int],
-    channels: tuple[int, ...] = (),
-) -> Array:
-    """Return (R, *places, *channels) how far the true field differs from the map at places, in its
-    unit: exact samples of a Gaussian field with covariance sigma² exp(-d / L), one per run and
-    channel; with `map_error.tails` each value is that of Student's t distribution of the same
-    1-sigma and the same probability (a translation process: Grigoriu 1984, J. Eng. Mech. 110:610).
+@dataclass(frozen=True, slots=True)
+class TrueMapError:
+    """How far the true field of some runs differs from its map, in the map's unit."""
 
-    Parameters
-    ----------
-    truth : Truth
-    latitude, longitude : (*places) arrays
-        rad, the true places.
-    runs : sequence of int
-        They seed the random streams.
-    channels : tuple of int
-        Shape of a reading.
-    """
-    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
-    tails = truth.map_error.tails
-    if sigma == 0.0:
-        return np.zeros((len(runs), *latitude.shape, *channels))
-    root = sigma * _correlation_root(latitude.ravel(), longitude.ravel(), length)
-    # a loop, not one matrix product: a run's numbers must not depend on how many runs are computed
-    drawn = [
-        root @ generator(truth.seed, run, "map_error").standard_normal((latitude.size, *channels))
-        for run in runs
-    ]
-    error = np.stack(drawn).reshape(len(runs), *latitude.shape, *channels)
-    return error if tails is None else sigma * _with_tails(error / sigma, tails)
+    truth: Truth
+    trajectory: Trajectory
+    """Of K steps."""
+    index: Integers
+    """(scans,) of the scans in the trajectory."""
+    runs: Sequence[int]
+    """R, which seed the random streams."""
+
+    def at(self, latitude: Array, longitude: Array, channels: tuple[int, ...] = ()) -> Array:
+        """Return (R, *places, *channels) the error at true places (*places), rad: exact samples of
+        a Gaussian field with covariance sigma² exp(-d / L), one per run and channel (of a reading
+        of this shape); with `map_error.tails` each value is that of Student's t distribution of
+        the same 1-sigma and the same probability (a translation process: Grigoriu 1984, J. Eng.
+        Mech. 110:610)."""
+        settings = self.truth.map_error
+        sigma, length, tails = settings.sigma, settings.correlation_length, settings.tails
+        if sigma == 0.0:
+            return np.zeros((len(self.runs), *latitude.shape, *channels))
+        root = sigma * _correlation_root(latitude.ravel(), longitude.ravel(), length)
+        # no matrix product of all: a run's numbers must not depend on how many are computed
+        drawn = [root @ normal for normal in self._normal("map_error", latitude.size, *channels)]
+        error = np.stack(drawn).reshape(len(self.runs), *latitude.shape, *channels)
+        return error if tails is None else sigma * _with_tails(error / sigma, tails)
+
+    def at_scans(self, channels: tuple[int, ...] = ()) -> Array:
+        """Return (R, scans, *channels) what `at` does at the scans."""
+        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
+        return self.at(*where, channels)
+
+    def between(self, error: Array) -> Array:
+        """Return (R, K + 1) the error along the whole trajectory, given that at the scans (R,
+        scans): a Gauss-Markov process along the track, as `at_scans` is one along a straight line;
+        after the last scan it stays as it is."""
+        truth, trajectory = self.truth, self.trajectory
+        steps, length = truth.steps_per_scan, truth.map_error.correlation_length
+        scans = error.shape[1]
+        speed = np.hypot(*trajectory.velocity[: scans * steps, :2].T)
+        keep = decay(speed * trajectory.dt, length).reshape(scans, steps)
+        normal = truth.map_error.sigma * np.stack(self._normal("map_error_between", scans, steps))
+        before = error[:, 0] * keep[0].prod() + normal[:, 0, 0] * np.sqrt(
+            1.0 - keep[0].prod() ** 2
+        )
+        whole = np.empty((len(self.runs), len(trajectory) + 1))
+        whole[:, scans * steps :] = error[:, -1:]
+        inside = whole[:, : scans * steps].reshape(len(self.runs), scans, steps)
+        inside[:, :, 0] = np.concatenate([before[:, None], error[:, :-1]], axis=1)
+        for k in range(1, steps):
+            # a bridge: given the point before (correlation a) and the next scan (correlation b)
+            a, b = keep[:, k - 1], keep[:, k:].prod(axis=1)
+            rest = 1.0 - a**2 * b**2
+            mean = a * (1.0 - b**2) / rest * inside[:, :, k - 1] + b * (1.0 - a**2) / rest * error
+            spread = np.sqrt((1.0 - a**2) * (1.0 - b**2) / rest)
+            inside[:, :, k] = mean + spread * normal[:, :, k]
+        return whole
+
+    def horizontal(self, vertical: Array) -> tuple[Integers, Array]:
+        """Return where the error of the map's horizontal gravity is drawn, an index (S,) in the
+        trajectory, and what it is there, (R, S, 2) to north and east, m/s².
+
+        It is drawn given the error of the disturbance at the scans (R, scans), as `at_scans` has
+        drawn it, so that both belong to one potential. The horizontal components move a position
+        only after two integrations: every third scan is enough, and in between they are taken as
+        linear."""
+        sigma, length = self.truth.map_error.sigma, self.truth.map_error.correlation_length
+        stations = np.unique(np.concatenate([[0], self.index[::_EVERY], self.index[-1:]]))
+        if sigma == 0.0:
+            return stations, np.zeros((len(self.runs), len(stations), 2))
+        places = _plane(self.trajectory, np.arange(len(self.trajectory) + 1))
+        gain, root = _horizontal_given(places[self.index], places[stations], length)
+        normal = self._normal("map_error_horizontal", 2 * len(stations))
+        # a product for each run: its numbers must not depend on how many runs are computed
+        drawn = [
+            error @ gain + sigma * root @ own for own, error in zip(normal, vertical, strict=True)
+        ]
+        return stations, np.stack(drawn).reshape(len(self.runs), len(stations), 2)
+
+    def of_one_potential(self) -> Array:
+        """Return (R, scans, C) the error of the components of the gradient at the scans, 1/s².
+
+        Each run's field is a sum of plane waves of random direction and phase, whose wavenumbers
+        are drawn from the spectrum (randomisation method: Shinozuka 1971, J. Acoust. Soc. Am.
+        49:357), so that it is one field for all components on any route, without a grid that
+        limits its wavelengths. The wavenumbers are stratified: each of N equal shares of the
+        variance has one wave."""
+        sigma, length = self.truth.map_error.sigma, self.truth.map_error.correlation_length
+        components = self.truth.gradiometer.components
+        if sigma == 0.0:
+            return np.zeros((len(self.runs), len(self.index), len(components)))
+        places = _plane(self.trajectory, self.index, int(self.index[0])) / length
+        return np.stack([sigma * _field(self.truth, run, places, components) for run in self.runs])
+
+    def of_datum(self, channels: tuple[int, ...] = ()) -> Array:
+        """Return (R, scans, *channels) how far the true field is above the map by
+        `map_error.offset` and `map_error.tilt`.
+
+        A plane a + b x + c y, north x and east y from the route's start; a, b and c are drawn once
+        per run and channel."""
+        settings, count = self.truth.map_error, len(self.index)
+        if settings.offset == 0.0 and settings.tilt == 0.0:
+            return np.zeros((len(self.runs), count, *channels))
+        tilted = settings.tilt * _plane(self.trajectory, self.index)
+        plane = np.column_stack([np.full(count, settings.offset), tilted])
+        # summed for each run by itself: its numbers must not depend on how many are computed
+        drawn = self._normal("map_datum", 3, *channels)
+        return np.stack([np.einsum("sk,k...->s...", plane, one) for one in drawn])
+
+    def _normal(self, purpose: str, *shape: int) -> list[Array]:
+        """Return standard normal numbers of each run."""
+        seed = self.truth.seed
+        return [generator(seed, run, purpose).standard_normal(shape) for run in self.runs]
 
 
 def _with_tails(normal: Array, freedom: float) -> Array:
     """Return what has Student's t distribution of unit variance where an array is normal."""
     size = -math.sqrt(1.0 - 2.0 / freedom) * stdtrit(freedom, ndtr(-np.abs(normal)))
     return np.asarray(np.copysign(size, normal))
-
-
-def draw_map_error(
-    truth: Truth,
-    trajectory: Trajectory,
-    index: Integers,
-    runs: Sequence[int],
-    channels: tuple[int, ...] = (),
-) -> Array:
-    """Return (R, scans, *channels) what `draw_at` does at the scans, given by their index in the
-    trajectory; other parameters are those of `draw_at`."""
-    return draw_at(truth, trajectory.latitude[index], trajectory.longitude[index], runs, channels)
-
-
-def between_scans(
-    truth: Truth, trajectory: Trajectory, error: Array, runs: Sequence[int]
-) -> Array:
-    """Return (R, K + 1) the map's error along the whole trajectory, given that at the scans: a
-    Gauss-Markov process along the track, as `draw_map_error` is one along a straight line; after
-    the last scan it stays as it is.
-
-    Parameters
-    ----------
-    truth : Truth
-    trajectory : Trajectory
-        Of K steps.
-    error : (R, scans) array
-    runs : sequence of int
-        They seed the random streams.
-    """
-    steps, length = truth.steps_per_scan, truth.map_error.correlation_length
-    scans = error.shape[1]
-    speed = np.hypot(*trajectory.velocity[: scans * steps, :2].T)
-    keep = decay(speed * trajectory.dt, length).reshape(scans, steps)
-    normal = truth.map_error.sigma * np.stack(
-        [
-            generator(truth.seed, run, "map_error_between").standard_normal((scans, steps))
-            for run in runs
-        ]
-    )
-    before = error[:, 0] * keep[0].prod() + normal[:, 0, 0] * np.sqrt(1.0 - keep[0].prod() ** 2)
-    whole = np.empty((len(runs), len(trajectory) + 1))
-    whole[:, scans * steps :] = error[:, -1:]
-    inside = whole[:, : scans * steps].reshape(len(runs), scans, steps)
-    inside[:, :, 0] = np.concatenate([before[:, None], error[:, :-1]], axis=1)
-    for k in range(1, steps):
-        # a bridge: given the point before (correlation a) and the next scan (correlation b)
-        a, b = keep[:, k - 1], keep[:, k:].prod(axis=1)
-        rest = 1.0 - a**2 * b**2
-        mean = a * (1.0 - b**2) / rest * inside[:, :, k - 1] + b * (1.0 - a**2) / rest * error
-        spread = np.sqrt((1.0 - a**2) * (1.0 - b**2) / rest)
-        inside[:, :, k] = mean + spread * normal[:, :, k]
-    return whole
-
-
-def draw_horizontal_error(
-    truth: Truth,
-    trajectory: Trajectory,
-    index: Integers,
-    runs: Sequence[int],
-    disturbance_error: Array,
-) -> tuple[Integers, Array]:
-    """Return where the error of the map's horizontal gravity is drawn, and what it is there.
-
-    It is drawn given the error of the disturbance at the scans, so that both belong to one
-    potential. The horizontal components move a position only after two integrations: every third
-    scan is enough, and in between they are taken as linear.
-
-    Parameters
-    ----------
-    truth : Truth
-    trajectory : Trajectory
-    index : (scans,) array
-        Of the scans in the trajectory.
-    runs : sequence of int
-        They seed the random streams.
-    disturbance_error : (R, scans) array
-        What `draw_map_error` has drawn, m/s².
-
-    Returns
-    -------
-    (stations,), (R, stations, 2) arrays
-        Index in the trajectory; error to north and east, m/s².
-    """
-    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
-    stations = np.unique(np.concatenate([[0], index[::_EVERY], index[-1:]]))
-    count = 2 * len(stations)
-    if sigma == 0.0:
-        return stations, np.zeros((len(runs), len(stations), 2))
-    places = _plane(trajectory, np.arange(len(trajectory) + 1))
-    gain, root = _horizontal_given(places[index], places[stations], length)
-    drawn = [
-        # a product for each run: its numbers must not depend on how many runs are computed
-        error @ gain
-        + sigma * root @ generator(truth.seed, run, "map_error_horizontal").standard_normal(count)
-        for run, error in zip(runs, disturbance_error, strict=True)
-    ]
-    return stations, np.stack(drawn).reshape(len(runs), len(stations), 2)
 
 
 @_kept
@@ -219,35 +202,6 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     return np.asarray(gain), np.asarray(root)
 
 
-def draw_potential_error(
-    truth: Truth, trajectory: Trajectory, index: Integers, runs: Sequence[int]
-) -> Array:
-    """Return (R, scans, C) how far the true components of the gradient differ from their maps at
-    the scans, 1/s².
-
-    Each run's field is a sum of plane waves of random direction and phase, whose wavenumbers are
-    drawn from the spectrum (randomisation method: Shinozuka 1971, J. Acoust. Soc. Am. 49:357), so
-    that it is one field for all components on any route, without a grid that limits its
-    wavelengths. The wavenumbers are stratified: each of N equal shares of the variance has one
-    wave.
-
-    Parameters
-    ----------
-    truth : Truth
-    trajectory : Trajectory
-    index : (scans,) array
-        Of the scans in the trajectory.
-    runs : sequence of int
-        They seed the random streams.
-    """
-    sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
-    components = truth.gradiometer.components
-    if sigma == 0.0:
-        return np.zeros((len(runs), len(index), len(components)))
-    places = _plane(trajectory, index, int(index[0])) / length
-    return np.stack([sigma * _field(truth, run, places, components) for run in runs])
-
-
 def _field(truth: Truth, run: int, places: Array, components: Sequence[str]) -> Array:
     """Return (scans, C) one field of 1-sigma one at places (scans, 2) in units of its length."""
     random = generator(truth.seed, run, "map_error_potential")
@@ -263,42 +217,6 @@ def _field(truth: Truth, run: int, places: Array, components: Sequence[str]) -> 
     of_cosine = factor.real * amplitude[0] + factor.imag * amplitude[1]
     of_sine = factor.real * amplitude[1] - factor.imag * amplitude[0]
     return np.asarray(np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T)
-
-
-def draw_datum_error(
-    truth: Truth,
-    trajectory: Trajectory,
-    index: Integers,
-    runs: Sequence[int],
-    channels: tuple[int, ...] = (),
-) -> Array:
-    """Return (R, scans, *channels) how far the true field is above the map by `map_error.offset`
-    and `map_error.tilt`, in its unit.
-
-    A plane a + b x + c y, north x and east y from the route's start; a, b and c are drawn once per
-    run and channel.
-
-    Parameters
-    ----------
-    truth : Truth
-    trajectory : Trajectory
-    index : (scans,) array
-        Of the scans in the trajectory.
-    runs : sequence of int
-        They seed the random streams.
-    channels : tuple of int
-        Shape of a reading.
-    """
-    settings = truth.map_error
-    if settings.offset == 0.0 and settings.tilt == 0.0:
-        return np.zeros((len(runs), len(index), *channels))
-    tilted = settings.tilt * _plane(trajectory, index)
-    plane = np.column_stack([np.full(len(index), settings.offset), tilted])
-    # summed for each run by itself: its numbers must not depend on how many runs are computed
-    drawn = [
-        generator(truth.seed, run, "map_datum").standard_normal((3, *channels)) for run in runs
-    ]
-    return np.stack([np.einsum("sk,k...->s...", plane, one) for one in drawn])
 
 
 def _plane(trajectory: Trajectory, index: Integers, origin: int = 0) -> Array:

@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal import plugins
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.fields.recorded_readings import AsRecorded
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Gravimeter, Scenario, Settings, Truth
-from isogal.sensors.reduction import Reduction
-from isogal.sensors.trajectory import Trajectory
+from isogal.sensors.noise import RunScans
+from isogal.sensors.reduction import AsRead, Reduction
 
 OF_ONE_NUMBER = (
     "sigma",
@@ -39,9 +38,9 @@ class Channels:
 
     covariance: Callable[[Settings], Array]
     """Returns the covariance (C, C) of a reading's noise, unit of the maps squared."""
-    errors: Callable[[Truth, int, Trajectory, Integers, Array], Array]
-    """Returns what the instrument adds (scans, C) to a run's readings, given truth, run,
-    trajectory, the scans' index in it, and what a perfect one senses (scans, C)."""
+    errors: Callable[[Truth, RunScans, Array], Array]
+    """Returns what the instrument adds (scans, C) to a run's readings, given the truth, the scans,
+    and what a perfect one senses (scans, C)."""
     source: str
     """Quantity of the map that the channels' maps are computed from."""
     reach: float
@@ -132,7 +131,7 @@ def measured_field(scenario: Settings) -> MeasuredField:
             f" {field.least_sigma:g}; is {sigma:g}"
         )
     if scenario.readings.reduced:
-        return replace(field, sign=1.0, reduction=lambda _: AsRecorded())
+        return replace(field, sign=1.0, reduction=lambda _: AsRead())
     return field
 
 

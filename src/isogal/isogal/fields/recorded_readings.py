@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.gridding.rows import TIME, Column, one_line, read_rows
 from isogal.maps.quantities import QUANTITIES, UNITS, unit_factor
 from isogal.scenario import Readings
-from isogal.sensors.reduction import Reduction, State
 
 _ALIASES = {
     "disturbance": ("gravity_anomaly", *QUANTITIES["gravity_anomaly"].names, "free_air"),
@@ -27,18 +25,6 @@ _UNITS = {"m/s²": "mGal", "nT": "nT", "m": "m"}
 """Of a column whose file does not say it, by the unit inside."""
 _DOWN = "depth"
 """Column whose values are heights counted downwards."""
-
-
-class AsRecorded(Reduction):
-    """Of readings that are values of the map already: nothing of the navigator is in them."""
-
-    def raw(self, value: ArrayLike, at: State) -> Array:
-        """Return the map's value."""
-        return np.array(value, dtype=float)
-
-    def reduce(self, raw: ArrayLike, at: State) -> Array:
-        """Return the reading."""
-        return np.array(raw, dtype=float)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

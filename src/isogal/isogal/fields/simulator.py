@@ -15,12 +15,7 @@ from isogal.fields.magnetic_vehicle import (
     assumed_compensation,
     simulate_vehicle,
 )
-from isogal.fields.map_error import (
-    between_scans,
-    draw_datum_error,
-    draw_map_error,
-    draw_potential_error,
-)
+from isogal.fields.map_error import TrueMapError
 from isogal.fields.measured import MeasuredField, measured_field, of_instrument
 from isogal.fields.recorded_readings import Recorded, recorded_scans
 from isogal.fields.scenario_map import true_map
@@ -30,6 +25,7 @@ from isogal.maps.channels import RouteMap
 from isogal.scenario import Assumed, Scenario, Settings, Truth
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
+from isogal.sensors.noise import RunScans
 from isogal.sensors.reduction import State
 from isogal.sensors.satellites import turn_rates
 from isogal.sensors.trajectory import Trajectory
@@ -72,7 +68,8 @@ class ReadingSimulator:
         else:
             sensed = self._simulated(_measured(truth, field_map))
         for row, run in enumerate(runs):
-            sensed[row, missing(truth.gravimeter, truth.seed, run, trajectory, i)] = np.nan
+            scans = RunScans(truth.seed, run, trajectory, i)
+            sensed[row, missing(truth.gravimeter, scans)] = np.nan
         self.raw = sensed
         """(R, scans) raw readings, NaN = none; (R, scans, C) of a field with C channels, (R,
         scans, B, 3) of an altimeter with B beams."""
@@ -87,19 +84,20 @@ class ReadingSimulator:
         truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
         perfect = true_readings(truth, trajectory, self._map)
         size = perfect.shape[1:]
+        map_error = TrueMapError(truth, trajectory, i, runs)
         if field.name == "gradient" and truth.gradiometer.of_one_potential:
-            map_error = draw_potential_error(truth, trajectory, i, runs)
+            sensed = perfect + field.sign * map_error.of_one_potential()
         else:
-            map_error = draw_map_error(truth, trajectory, i, runs, size)
-        sensed = perfect + field.sign * map_error
+            sensed = perfect + field.sign * map_error.at_scans(size)
         if Lag.of(truth.gravimeter).mean > 0.0:
-            sensed = _late(truth, trajectory, self._map, sensed, runs)
-        sensed = sensed + field.sign * draw_datum_error(truth, trajectory, i, runs, size)
+            sensed = _late(map_error, self._map, sensed)
+        sensed = sensed + field.sign * map_error.of_datum(size)
+        scans = [RunScans(truth.seed, run, trajectory, i) for run in runs]
         errors = [
-            reading_errors(truth.gravimeter, truth.seed, run, trajectory, i)
+            reading_errors(truth.gravimeter, one)
             if field.channels is None
-            else field.channels.errors(truth, run, trajectory, i, sensed[row])
-            for row, run in enumerate(runs)
+            else field.channels.errors(truth, one, felt)
+            for one, felt in zip(scans, sensed, strict=True)
         ]
         sensed = sensed + np.stack(errors)
         if field.instrument == MAGNETOMETER and truth.magnetometer.aircraft.magnetic:
@@ -109,9 +107,9 @@ class ReadingSimulator:
     def _soundings(self) -> Array:
         truth, trajectory, runs, i = self._truth, self._trajectory, self._runs, self.index
         slow = truth.gravimeter.model_copy(update={"sigma": 0.0})
-        errors = [reading_errors(slow, truth.seed, run, trajectory, i) for run in runs]
-        common = np.stack(errors) - draw_datum_error(truth, trajectory, i, runs)
-        return simulate_soundings(truth, trajectory, self._map, i, runs, common)
+        errors = [reading_errors(slow, RunScans(truth.seed, run, trajectory, i)) for run in runs]
+        map_error = TrueMapError(truth, trajectory, i, runs)
+        return simulate_soundings(map_error, self._map, np.stack(errors) - map_error.of_datum())
 
     @cached_property
     def vehicle(self) -> Vehicle:
@@ -239,22 +237,16 @@ def _measured(truth: Truth, field_map: RouteMap) -> MeasuredField:
     )
 
 
-def _late(
-    truth: Truth,
-    trajectory: Trajectory,
-    field_map: RouteMap,
-    sensed: Array,
-    runs: Sequence[int],
-) -> Array:
+def _late(map_error: TrueMapError, field_map: RouteMap, sensed: Array) -> Array:
     """Return (R, scans) what an instrument with a filter or a delay reports, from what a perfect
     one measures at the scans."""
-    scans = scan_index(truth, trajectory)
+    truth, trajectory, scans = map_error.truth, map_error.trajectory, map_error.index
     every = np.arange(len(trajectory) + 1)
     perfect = true_readings(truth, trajectory, field_map, every)
     error = sensed - perfect[scans]  # of the map
     if truth.map_error.sigma > 0.0:
-        error = between_scans(truth, trajectory, error, runs)
+        error = map_error.between(error)
     else:
-        error = np.zeros((len(runs), len(every)))
+        error = np.zeros((len(sensed), len(every)))
     lag = Lag.of(truth.gravimeter)
     return lag.report(trajectory.time, perfect + error, trajectory.time[scans])

@@ -312,13 +312,6 @@ class FieldMap:
         it."""
         return self
 
-    def split(
-        self, latitude: Array, longitude: Array, reach: float = 0.0
-    ) -> Iterator[tuple[slice, "FieldMap"]]:
-        """Yield groups of some points (N,), and a map for each group (see
-        `isogal.maps.tiled_map`): of a map in memory all points, and the map."""
-        yield slice(None), self
-
     def parts(self) -> Iterator["FieldMap"]:
         """Yield the map in parts (see `isogal.maps.tiled_map`): a map in memory is one part."""
         yield self

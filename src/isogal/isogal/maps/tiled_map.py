@@ -165,17 +165,15 @@ class TiledMap:
                 " than fits into memory; make it shorter"
             ) from None
 
-    def split(
-        self, latitude: Array, longitude: Array, reach: float = 0.0
-    ) -> Iterator[tuple[Integers, FieldMap]]:
-        """Yield groups of some points (N,): their indices, and a map in memory that reaches
-        ``reach`` m around them. Points where the map has nothing are in no group."""
+    def _split(self, latitude: Array, longitude: Array) -> Iterator[tuple[Integers, FieldMap]]:
+        """Yield groups of some points (N,): their indices, and a map in memory around them. Points
+        where the map has nothing are in no group."""
         known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
         places = np.stack([latitude[known], self._turned(longitude[known])], axis=1)
         tiles, owner = np.unique(np.floor(places / self._side), axis=0, return_inverse=True)
         for index, (row, column) in enumerate(tiles.astype(np.int64).tolist()):
             tile = self._window((row, row + 1), (column, column + 1))
-            part = self._part(tile.grown(reach) if reach > 0.0 else tile)
+            part = self._part(tile)
             if part is not None:
                 yield known[owner.reshape(-1) == index], part
 
@@ -219,7 +217,7 @@ class TiledMap:
         """Return what a map in memory says at points, `count` numbers each, tile by tile."""
         lat, lon, shape = flat_points(latitude, longitude)
         found = np.full((count, lat.size), np.nan)
-        for rows, part in self.split(lat, lon):
+        for rows, part in self._split(lat, lon):
             found[:, rows] = what(part, lat[rows], lon[rows])
         return [one.reshape(shape)[()] for one in found]
 

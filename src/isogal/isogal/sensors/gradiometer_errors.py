@@ -6,13 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.earth.gravity import normal_gradient
 from isogal.inertial.rotations import cross_matrix, from_rotation_vector, matrix
 from isogal.scenario import Gradiometer, Gravimeter
-from isogal.seeds import generator
-from isogal.sensors.noise import Noise, gauss_markov
-from isogal.sensors.trajectory import Trajectory
+from isogal.sensors.noise import Noise, RunScans
 
 EOTVOS = 1e-9
 """1/s² in 1 E."""
@@ -45,33 +43,13 @@ def noise_of(settings: Gradiometer, outliers: Gravimeter) -> Noise:
     )
 
 
-def tilt_errors(
-    settings: Gradiometer,
-    seed: int,
-    run: int,
-    trajectory: Trajectory,
-    index: Integers,
-    sensed: Array,
-) -> Array:
-    """Return (scans, C) what a run's tilted platform adds to what a level instrument senses, 1/s².
-
-    Parameters
-    ----------
-    settings : Gradiometer
-        What is true of it.
-    seed, run : int
-        Of the random streams.
-    trajectory : Trajectory
-    index : (scans,) array
-        Of each scan in the trajectory.
-    sensed : (scans, C) array
-        1/s², normal gradient included.
-    """
+def tilt_errors(settings: Gradiometer, scans: RunScans, sensed: Array) -> Array:
+    """Return (scans, C) what a run's tilted platform adds to what a level instrument senses
+    (scans, C), 1/s², normal gradient included; `settings` is what is true of it."""
     if settings.platform_tilt == 0.0:
         return np.zeros(sensed.shape)
-    normal = generator(seed, run, "gradiometer_platform").standard_normal((3, len(index)))
-    keep = np.exp(-np.diff(trajectory.time[index]) / settings.platform_time)
-    tilt = settings.platform_tilt * gauss_markov(keep, normal)
+    tilt = scans.tilts("gradiometer", settings.platform_tilt, settings.platform_time, 3)
+    trajectory, index = scans.trajectory, scans.index
     latitude, height = trajectory.latitude[index], trajectory.height[index]
     tensor = _whole(settings.components, sensed, normal_gradient(latitude, height))
     return np.asarray(tilted(tensor, tilt.T)[..., *places_in_tensor(settings.components)] - sensed)

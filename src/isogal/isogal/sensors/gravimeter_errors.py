@@ -8,7 +8,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.scenario import Gravimeter
 from isogal.seeds import generator
-from isogal.sensors.noise import Noise
+from isogal.sensors.noise import Noise, RunScans
 from isogal.sensors.platform import levelling_error
 from isogal.sensors.trajectory import Trajectory
 
@@ -28,33 +28,16 @@ def noise_of(settings: Gravimeter) -> Noise:
     )
 
 
-def reading_errors(
-    settings: Gravimeter,
-    seed: int,
-    run: int,
-    trajectory: Trajectory,
-    index: Integers,
-) -> Array:
+def reading_errors(settings: Gravimeter, scans: RunScans) -> Array:
     """Return (scans,) what noise, the vehicle's accelerations and the platform's tilt add to the
-    readings of a run, in their unit.
-
-    Parameters
-    ----------
-    settings : Gravimeter
-        What is true of it.
-    seed, run : int
-        Of the random streams.
-    trajectory : Trajectory
-    index : (scans,) array
-        Of each scan in the trajectory, evenly spaced.
-    """
-    error = noise_of(settings).draw(seed, run, trajectory.time[index])
+    readings of a run, in their unit; `settings` is what is true of it."""
+    error = noise_of(settings).draw(scans.seed, scans.run, scans.time)
     if settings.cross_coupling > 0.0:
-        share = generator(seed, run, "gravimeter_coupling").standard_normal(2)
-        before = np.concatenate([[0], index])
+        share = generator(scans.seed, scans.run, "gravimeter_coupling").standard_normal(2)
+        trajectory, before = scans.trajectory, np.concatenate([[0], scans.index])
         moving = accelerations(trajectory.time[before], trajectory.velocity[before, :2])[1:]
         error += settings.cross_coupling * (moving @ share)
-    return error + levelling_error(settings, seed, run, trajectory, index)
+    return error + levelling_error(settings, scans)
 
 
 def accelerations(time: Array, velocity: Array) -> Array:
@@ -69,15 +52,12 @@ def accelerations(time: Array, velocity: Array) -> Array:
     return np.concatenate([np.stack([forward, right], axis=1)[:1], np.stack([forward, right], 1)])
 
 
-def missing(
-    settings: Gravimeter, seed: int, run: int, trajectory: Trajectory, index: Integers
-) -> Booleans:
-    """Return (scans,) which readings of a run are missing: by chance, in a gap, or in a turn.
-    Parameters are those of `reading_errors`."""
-    absent = without_readings(settings, trajectory, index)
+def missing(settings: Gravimeter, scans: RunScans) -> Booleans:
+    """Return (scans,) which readings of a run are missing: by chance, in a gap, or in a turn."""
+    absent = without_readings(settings, scans.trajectory, scans.index)
     if settings.missing_fraction > 0.0:
-        random = generator(seed, run, "gravimeter_missing")
-        absent = absent | (random.random(len(index)) < settings.missing_fraction)
+        random = generator(scans.seed, scans.run, "gravimeter_missing")
+        absent = absent | (random.random(len(absent)) < settings.missing_fraction)
     return absent
 
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.seeds import generator
+from isogal.sensors.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +76,32 @@ class Noise:
             root = np.sqrt(np.diff(time, prepend=0.0)).reshape(column)
             error = error + self.walk * np.cumsum(root * normal("walk", count), axis=0)
         return np.asarray(error)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunScans:
+    """The scans of a run, at which an instrument's errors are drawn."""
+
+    seed: int
+    run: int
+    """Both of the random streams."""
+    trajectory: Trajectory
+    index: Integers
+    """(scans,) of each scan in the trajectory, evenly spaced."""
+
+    @property
+    def time(self) -> Array:
+        """(scans,) s."""
+        return self.trajectory.time[self.index]
+
+    def tilts(self, name: str, sigma: float, time: float, axes: int) -> Array:
+        """Return (axes, scans) rad the tilts of an instrument's platform: Gauss-Markov processes
+        of a 1-sigma (rad) and a correlation time (s); the random stream's name begins with the
+        instrument's."""
+        normal = generator(self.seed, self.run, f"{name}_platform").standard_normal(
+            (axes, len(self.index))
+        )
+        return sigma * gauss_markov(np.exp(-np.diff(self.time) / time), normal)
 
 
 def gauss_markov(keep: Array | float, normal: Array) -> Array:

@@ -2,36 +2,26 @@
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Gravimeter
-from isogal.seeds import generator
-from isogal.sensors.noise import gauss_markov
-from isogal.sensors.trajectory import Trajectory
+from isogal.sensors.noise import RunScans
 
 _GRAVITY = 9.8
 """m/s², of any place within 0.3 %."""
 
 
-def levelling_error(
-    settings: Gravimeter, seed: int, run: int, trajectory: Trajectory, index: Integers
-) -> Array:
+def levelling_error(settings: Gravimeter, scans: RunScans) -> Array:
     """Return (scans,) m/s² that the platform's tilt adds to the readings of a run.
 
     The tilts about north and east are Gauss-Markov processes of `platform_tilt` and
     `platform_time`. A tilted axis takes less of the vertical specific force, and some of the
-    horizontal one; the latter is its mean over the scan's interval.
-
-    Parameters
-    ----------
-    index : (scans,) array
-        Of each scan in the trajectory, evenly spaced.
-    """
+    horizontal one; the latter is its mean over the scan's interval."""
+    trajectory, index = scans.trajectory, scans.index
     if settings.platform_tilt == 0.0:
         return np.zeros(len(index))
-    normal = generator(seed, run, "gravimeter_platform").standard_normal((2, len(index)))
-    keep = np.exp(-np.diff(trajectory.time[index]) / settings.platform_time)
-    north, east = settings.platform_tilt * gauss_markov(keep, normal)
+    tilt, time = settings.platform_tilt, settings.platform_time
+    north, east = scans.tilts("gravimeter", tilt, time, 2)
     force = np.einsum("kij,kj->ki", matrix(trajectory.attitude[1:]), trajectory.specific_force)
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(force, axis=0)])
     steps = index[0]

@@ -61,6 +61,18 @@ class Reduction(Protocol):
         return self
 
 
+class AsRead(Reduction):
+    """Of readings that are values of the map already: nothing of the navigator is in them."""
+
+    def raw(self, value: ArrayLike, at: State) -> Array:
+        """Return the map's value."""
+        return np.array(value, dtype=float)
+
+    def reduce(self, raw: ArrayLike, at: State) -> Array:
+        """Return the reading."""
+        return np.array(raw, dtype=float)
+
+
 def reduction_variance(
     reduction: Reduction, at: State, covariance: Array, height_variance: ArrayLike
 ) -> Array:

@@ -104,7 +104,7 @@ def _numbered(lines: list[str]) -> Array:
         numbers = [float(name) for name in names]
     except ValueError:
         numbers = []
-    if not numbers or any(number % 1.0 for number in numbers):
+    if len(set(numbers)) < len(names) or any(number % 1.0 for number in numbers):
         numbers = list(map(float, range(len(names))))
     of = dict(zip(names, numbers, strict=True))
     return np.array([of[name] for name in lines])

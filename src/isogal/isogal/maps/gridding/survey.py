@@ -92,16 +92,9 @@ class Survey:
 
     def part(self, chosen: Booleans | Integers) -> "Survey":
         """Return some of the readings."""
-        return replace(
-            self,
-            latitude=self.latitude[chosen],
-            longitude=self.longitude[chosen],
-            value=self.value[chosen],
-            height=None if self.height is None else self.height[chosen],
-            sigma=None if self.sigma is None else self.sigma[chosen],
-            line=None if self.line is None else self.line[chosen],
-            time=None if self.time is None else self.time[chosen],
-        )
+        names = ("latitude", "longitude", "value", "height", "sigma", "line", "time")
+        arrays = ((name, getattr(self, name)) for name in names)
+        return replace(self, **{name: one[chosen] for name, one in arrays if one is not None})
 
 
 @dataclass(frozen=True, slots=True)
