@@ -63,7 +63,7 @@ class _Matched(NamedTuple):
     @property
     def line(self) -> str | None:
         """Of the track's file."""
-        return self.fields[""].line
+        return self.fields[""].track.line
 
     @property
     def factors(self) -> dict[str, float]:
@@ -89,6 +89,7 @@ def _match_and_report(
     from isogal.tracks.matching import match_fields
 
     inputs, chained = fields[0][1], matching.chain
+    line = inputs.track.line
     settings = [
         matcher_settings(matching, field.assumed, read, field.track.reduction)
         for field, read in fields
@@ -97,7 +98,7 @@ def _match_and_report(
         TrackField(field.name, read.track, read.field_map, one, read.channels)
         for (field, read), one in zip(fields, settings, strict=True)
     ]
-    name = "batches" if inputs.line is None else f"line {inputs.line}"
+    name = "batches" if line is None else f"line {line}"
     with Bars("batches") as bars:
         bars(name, 0, 1)
         matches = match_fields(
@@ -107,7 +108,7 @@ def _match_and_report(
             progress=lambda done, total: bars(name, done, total),
         )
     if results.report is not None:
-        folder = results.report if inputs.line is None else results.report / f"line_{inputs.line}"
+        folder = results.report if line is None else results.report / f"line_{line}"
         write_match_report(
             inputs.track,
             inputs.scalar_map,

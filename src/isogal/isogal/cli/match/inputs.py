@@ -63,8 +63,6 @@ class Inputs:
     """Of the track's values, and of the sigmas on the command line."""
     factor: float
     """Units inside in one of it."""
-    line: str | None = None
-    """Of a file that holds several."""
     channels: "ChannelReadings | None" = None
     """Readings of several numbers each."""
 
@@ -116,7 +114,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
         if chosen.spacing is not None:
             track = averaged(track, chosen.spacing)
         track = _on_map(track, field_map)
-        found.append(Inputs(track, field_map, unit, factor, getattr(source, "line", None)))
+        found.append(Inputs(track, field_map, unit, factor))
     return found
 
 
@@ -316,7 +314,7 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
         track = _on_map(track, scalar)
         instrument = _instrument(components, chosen)
         readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), instrument)
-        found.append(Inputs(track, maps, unit, factor, first.line, readings))
+        found.append(Inputs(track, maps, unit, factor, readings))
     return found
 
 
