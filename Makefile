@@ -3,7 +3,6 @@
 #   make demo           the default scenario as four node processes and a recorder; see out/demo/
 #   make test [ARGS="tests/cli -k help"]   the test suite
 #   make wheel-test   build and install the library alone, and match a track with it
-#   make bench        accuracy and speed beside the last committed figures
 #   make accept [ARGS=--quick]   accuracy, honesty and cost in one table, beside the kept one
 #   make coverage     which lines and branches of the library the tests reach
 #   make docs         the documentation as a site, in build/site
@@ -16,7 +15,7 @@ export PYTHON
 # What is installed is compiled to bytecode when it is first imported: only what is used, and once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test coverage test-docs wheel-test docs bench accept lint format install install-development lock clean
+.PHONY: demo test coverage test-docs wheel-test docs accept lint format install install-development lock clean
 
 demo: install
 	@$(BIN)/isogal run --out out/demo $(ARGS)
@@ -39,10 +38,6 @@ coverage: install-development
 # The library as anybody gets it: wheel and sdist built and installed without ROS.
 wheel-test:
 	@.ci/wheel-test
-
-# Accuracy and speed beside the figures that were committed last (benchmarks/figures.json).
-bench: install-development
-	@$(BIN)/python benchmarks/bench.py $(ARGS)
 
 # All that a change of the matcher must not make worse, in two hours (benchmarks/acceptance.json);
 # with --quick in ten minutes. It goes on where it was interrupted.

@@ -12,9 +12,8 @@ for ten minutes. Times are CPU times of one thread; where other programs share t
 longer.
 
 Exits with 1 where a row is worse than the kept one, by what `acceptance_figures.py` says, or has
-failed. Rows whose names begin with "more:" (other assumptions, starts, turns, batches that do not
-overlap) are done only where --rows names them. Finished rows are kept in build/acceptance, by the
-library's source, and not computed again (--again: they are). --keep writes
+failed. Finished rows are kept in build/acceptance, by the library's source, and not computed again
+(--again: they are). --keep writes
 benchmarks/acceptance.json: commit it with the change that has moved the figures, and say there
 why."""
 
@@ -175,10 +174,7 @@ def kept_or_measured(
 def chosen(options: argparse.Namespace) -> Iterator[tuple[Row | Tracks, int]]:
     """Yield the rows that are asked for, and how many runs of each."""
     for row in all_rows():
-        if options.rows:
-            wanted = any(re.search(text, row.name) for text in options.rows)
-        else:
-            wanted = not row.named_only
+        wanted = not options.rows or any(re.search(text, row.name) for text in options.rows)
         if wanted and (row.quick or not options.quick):
             runs = options.runs or row.runs
             yield row, min(runs, QUICK_RUNS) if options.quick else runs

@@ -57,8 +57,6 @@ class Row:
     runs: int = FEWER
     quick: bool = False
     """Whether it is one of `--quick`."""
-    named_only: bool = False
-    """Whether it is only done where `--rows` names it."""
     needs: tuple[str, ...] = (AUSTRALIA,)
     """Files of the data."""
     settled: float = SETTLED_AFTER
@@ -78,7 +76,6 @@ class Tracks:
     needs: tuple[str, ...] = ()
     runs: int = 0
     """All lines, always."""
-    named_only: bool = False
 
 
 def of_settings(*settings: str) -> Callable[[Place], Scenario]:
@@ -105,10 +102,8 @@ MAPS: dict[str, tuple[list[str], list[str]]] = {
 }
 """How wrong the map is, and what tells the matcher so."""
 EXACT, TOLD_3 = MAPS["exact"][1], [*WRONG_3, *MAPS["3 mGal"][1]]
-AUTO, APART = ["matcher.map_sigma=auto"], ["matcher.stride=30"]
 BIASED = ["gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"]
 """5 mGal and 1 mGal per hour, 1-sigma."""
-TURNS = [mismatch_rows.TURNS]
 
 
 def of_the_readme(known: str) -> list[Row]:
@@ -156,59 +151,6 @@ def of_gravity() -> list[Row]:
                 minutes=found,
             )
             for error in ("exact", "3 mGal")
-        ),
-    ]
-
-
-def of_assumptions() -> list[Row]:
-    """Return more rows of gravity, each only where it is named: batches that do not overlap,
-    assumptions that are wrong, outliers, biases, turns, hidden and uncertain starts."""
-    told_bias = [*BIASED, "matcher.bias_sigma=5e-5"]
-    uncertain = ["initial_error.position=10000", "route.duration=3600"]
-    length = "matcher.map_correlation_length"
-    cases = {
-        f"{name}, map {error}": [*readings, *wrong, *told, *APART]
-        for error, (wrong, told) in MAPS.items()
-        for name, readings in READINGS.items()
-    } | {
-        "sigma x 2": [*GOOD, *WRONG_3, "matcher.map_sigma=6e-5", *APART],
-        "sigma / 2": [*GOOD, *WRONG_3, "matcher.map_sigma=1.5e-5", *APART],
-        "L x 2": [*GOOD, *TOLD_3, f"{length}=8000", *APART],
-        "L / 2": [*GOOD, *TOLD_3, f"{length}=2000", *APART],
-        "gravity, auto": [*GOOD, *WRONG_3, *AUTO, *APART],
-        "disturbance, auto": [*FINE, *WRONG_3, *AUTO, *APART],
-        "5 % outliers": [*GOOD, *EXACT, "gravimeter.outlier_fraction=0.05", *APART],
-        "gravity, map 3 mGal, stride 5": [*GOOD, *TOLD_3, "matcher.stride=5"],
-        "gravity, map exact, stride 5": [*GOOD, *EXACT, "matcher.stride=5"],
-        "disturbance, map exact, stride 5": [*FINE, *EXACT, "matcher.stride=5"],
-        "bias told": [*GOOD, *EXACT, *told_bias, *APART],
-        "bias untold": [*GOOD, *EXACT, *BIASED, *APART],
-        "bias, auto": [*GOOD, *BIASED, *AUTO, *APART],
-        "map 3 mGal, bias told": [*GOOD, *TOLD_3, *told_bias, *APART],
-        "map 3 mGal, bias untold": [*GOOD, *TOLD_3, *BIASED, *APART],
-        "map 3 mGal, bias, auto": [*GOOD, *BIASED, *WRONG_3, *AUTO, *APART],
-        "turns": [*GOOD, *EXACT, *TURNS, *APART],
-        "turns, pmht-paper": [*GOOD, *TURNS, "matcher.name=pmht-paper", *APART],
-    }
-    starts = {
-        "start uncertain by 10 km": of_settings(*GOOD, *EXACT, *uncertain, *APART),
-        "start uncertain by 10 km, 3 mGal": of_settings(*GOOD, *TOLD_3, *uncertain, *APART),
-    }
-    for far in (5, 10, 20):
-        starts |= {
-            f"hidden {far} km": hidden(far, *EXACT, *APART),
-            f"hidden {far} km, nothing told": hidden(far),
-            f"hidden {far} km, 3 mGal": hidden(far, *TOLD_3, *APART, duration=7200),
-            f"hidden {far} km, 3 mGal, nothing told": hidden(far, *WRONG_3, duration=7200),
-        }
-    return [
-        *(
-            Row(f"more: {name}", of_settings(*keys), named_only=True)
-            for name, keys in cases.items()
-        ),
-        *(
-            Row(f"more: {name}", make, named_only=True, settled=0.0, minutes=(45, 60))
-            for name, make in starts.items()
         ),
     ]
 
@@ -396,7 +338,6 @@ def all_rows() -> list[Row | Tracks]:
         *of_several(),
         *of_aircraft(),
         *of_retrodiction(),
-        *of_assumptions(),
     ]
 
 

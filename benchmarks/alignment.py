@@ -66,7 +66,7 @@ def scenario_of(
     speed once or twice a minute."""
     document: dict[str, object] = {
         "seed": seed,
-        "imu": imu,
+        "imu": imu | {"rate": 20.0},  # the means of a second cost 0.8 mm/s in a turn
         "gravity": {"field": "normal"},
         "gravimeter": {"interval": 1.0},
         "initial_error": {"position": 5.0},
@@ -120,8 +120,6 @@ def align(scenario: Scenario, trajectory: Trajectory, simulation: Simulation, ru
         for time, one in aids.get(k + 1, ()):
             it.measure(time, one)
         sigma[k] = it.heading_sigma
-        if it.navigator is None:
-            continue
         w, x, y, z = trajectory.attitude[k + 1]
         error[k] = to_rotation_vector(*multiply(*it.state.attitude, w, -x, -y, -z))
         P = it.state.covariance[6:9, 6:9]

@@ -14,8 +14,6 @@ import argparse
 import hashlib
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from datetime import UTC, datetime
@@ -131,31 +129,6 @@ def bound_of(scenario: Scenario, record: Runs, *, batchwise: bool = False) -> Ar
     maps = maps_for_scenario(scenario, trajectory)
     bound = posterior_cramer_rao(scenario, trajectory, maps, batchwise=batchwise)
     return bound.rms_at(record.time)
-
-
-def peak_memory() -> float:
-    """Return the peak of resident memory of this process, MB (not as `resource` has it: that
-    counts what the parent had when it started this process)."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024.0
-
-
-def run_apart(script: str, *words: str) -> Figures:
-    """Return what a script prints as JSON for ``--here``, in a process of its own."""
-    command = [sys.executable, script, "--here", *words]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    return dict(json.loads(done.stdout))
-
-
-def plane_waves(lengths: Sequence[float], north: Array, east: Array) -> Array:
-    """Return the sum of a wave of each length (km), all in other directions, at places (n,) and
-    (m,) km north and east; (n, m)."""
-    total = np.zeros((len(north), len(east)))
-    for number, length in enumerate(lengths):
-        angle, phase = 0.4 + 2.4 * number, 2.0 * np.pi / length
-        wave = np.exp(1j * phase * np.sin(angle) * east)
-        total += (np.exp(1j * phase * np.cos(angle) * north)[:, None] * wave).real
-    return total
 
 
 def rms(values: Array) -> float:

@@ -11,10 +11,10 @@ import json
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import closed_loop
@@ -32,7 +32,7 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags import recorder as recorder_module
 from isogal_ros.graph.domain import graph_domain, names_of
 from isogal_ros.graph.plan import CLASSES, Plan
-from isogal_ros.graph.running import run_in_process, run_processes
+from isogal_ros.graph.running import Progress, run_in_process, run_processes
 from isogal_ros.nodes import base as node_module
 from isogal_ros.nodes.signals import interrupts
 from isogal_ros.topics import Topic
@@ -42,74 +42,107 @@ Handler = Callable[..., None]
 
 Figures = dict[str, float | dict[str, dict[str, float]] | list[dict[str, str | float]]]
 """Times, and figures of processes or parts."""
-SAMPLE_EVERY = 0.25
-"""s between looks at the processes."""
 
 
-class Usage(threading.Thread):
-    """Follows resident memory and processor time of this process's children."""
+class Usage:
+    """Follows processes while the graph runs: as the graph's report, it is told the progress.
 
-    def __init__(self) -> None:
-        super().__init__(daemon=True)
-        self.done = threading.Event()
+    Parameters
+    ----------
+    processes : callable
+        Returns the processes by name.
+    """
+
+    def __init__(self, processes: Callable[[], dict[str, psutil.Process]]) -> None:
+        self._processes = processes
         self.peak: dict[str, float] = defaultdict(float)
-        self.seconds: dict[str, float] = defaultdict(float)
+        """Resident memory at most, MB."""
+        self._seen: list[tuple[float, dict[str, float]]] = []
+        """Steps and processor time (s) at the first look and at the last."""
 
-    def run(self) -> None:
-        while not self.done.wait(SAMPLE_EVERY):
-            for child in psutil.Process().children():
-                try:
-                    words = child.cmdline()
-                    name = next(name for name, (module, _) in CLASSES.items() if module in words)
-                    self.peak[name] = max(self.peak[name], child.memory_info().rss / 1e6)
-                    times = child.cpu_times()
-                    self.seconds[name] = times.user + times.system
-                except (psutil.Error, StopIteration):
-                    continue
+    def __call__(self, progress: Progress) -> None:
+        self.look(progress.simulated)
+
+    def look(self, steps: float) -> None:
+        """Look at the processes after so many steps."""
+        seconds = {}
+        with suppress(psutil.Error):
+            for name, process in self._processes().items():
+                self.peak[name] = max(self.peak[name], process.memory_info().rss / 1e6)
+                times = process.cpu_times()
+                seconds[name] = times.user + times.system
+            self._seen[1:] = [(steps, seconds)]
+
+    @property
+    def per_step(self) -> dict[str, float]:
+        """Processor time of each process, ms a step."""
+        (first, before), (last, after) = self._seen
+        return {
+            name: 1e3 * (seconds - before[name]) / (last - first)
+            for name, seconds in after.items()
+        }
+
+
+def nodes_running() -> dict[str, psutil.Process]:
+    """Return the processes of the graph's nodes, children of this one."""
+    found = {}
+    for child in psutil.Process().children():
+        words = child.cmdline()
+        found |= {name: child for name, (module, _) in CLASSES.items() if module in words}
+    return found
 
 
 def as_processes(scenario: Scenario, folder: Path) -> Figures:
-    usage = Usage()
-    usage.start()
-    begun = time.monotonic()
+    usage = Usage(nodes_running)
     with interrupts() as interrupt:
-        wall = run_processes(Plan(scenario, folder / "bag"), folder / "log", interrupt)
-    total = time.monotonic() - begun
-    usage.done.set()
-    usage.join()
+        wall = run_processes(Plan(scenario, folder / "bag"), folder / "log", interrupt, usage)
     return {
         "wall_s": wall,
-        "with_start_and_end_s": total,
         "processes": {
-            name: {"rss_mb": usage.peak[name], "cpu_s": usage.seconds[name]}
-            for name in sorted(usage.peak)
+            name: {"rss_mb": usage.peak[name], "ms_per_step": ms}
+            for name, ms in sorted(usage.per_step.items())
         },
     }
 
 
-def in_one_process(scenario: Scenario, folder: Path) -> dict[str, float]:
+def in_one_process(scenario: Scenario, folder: Path) -> Figures:
+    usage = Usage(lambda: {ALL: psutil.Process()})
     with interrupts() as interrupt:
-        wall = run_in_process(Plan(scenario, folder / "bag"), interrupt)
-    return {"wall_s": wall, "rss_mb": psutil.Process().memory_info().rss / 1e6}
+        wall = run_in_process(Plan(scenario, folder / "bag"), interrupt, usage)
+    return {"wall_s": wall, "rss_mb": usage.peak[ALL], "ms_per_step": usage.per_step[ALL]}
 
 
-def limit_of(scenario: Scenario, bag: Path, *processes: Sequence[str]) -> float:
-    """Return the s that bare nodes take for the steps of a bag: the names of those in each
-    process, the simulator's last."""
+ALL = "all nodes"
+
+
+def limit_of(scenario: Scenario, bag: Path, *processes: Sequence[str]) -> Figures:
+    """Run bare nodes for the steps of a bag: the names of those in each process, the simulator's
+    last."""
     with graph_domain(names_of(scenario)) as domain:
         started = [
             subprocess.Popen(
                 [sys.executable, relay.__file__, str(bag), str(domain), *names],
+                stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
             )
             for names in processes
         ]
-        said = started[-1].communicate()[0]
-        for process in started[:-1]:
+        usage = Usage(
+            lambda: {
+                names[-1] if len(names) == 1 else ALL: psutil.Process(process.pid)
+                for names, process in zip(processes, started, strict=True)
+            }
+        )
+        said = started[-1].stdout
+        said.readline()
+        usage.look(0.0)
+        steps, wall = (float(word) for word in said.readline().split())
+        usage.look(steps)
+        for process in started:
             process.terminate()
             process.communicate()
-    return float(said.split()[0])
+    return {"wall_s": wall, "ms_per_step": usage.per_step}
 
 
 PUBLISH = "publish: serialise and send"
@@ -156,32 +189,38 @@ def where_time_goes(scenario: Scenario, folder: Path) -> Figures:
 def show(result: dict[str, float | Figures]) -> None:
     simulated = result["simulated_s"]
     processes, one, parts = result["processes"], result["in_process"], result["where_time_goes"]
-    runs = [
-        ["four processes and recorder", processes["wall_s"], None],
-        *(
-            [f"  {name}", usage["cpu_s"], usage["rss_mb"]]
-            for name, usage in processes["processes"].items()
-        ),
-        ["one process", one["wall_s"], one["rss_mb"]],
+    limits = result.get("limit") or {}
+    bare = limits.get("processes", {}).get("ms_per_step", {})
+    runs: list[tuple[str, *tuple[float | None, ...]]] = [
+        ("four processes and recorder", processes["wall_s"], None, None, None)
     ]
+    for name, used in processes["processes"].items():
+        of_bare = bare.get(RELAYS.get(name, name))
+        runs.append((f"  {name}", None, used["ms_per_step"], of_bare, used["rss_mb"]))
+    of_bare = limits.get("in_process", {}).get("ms_per_step", {}).get(ALL)
+    runs.append(("one process", one["wall_s"], one["ms_per_step"], of_bare, one["rss_mb"]))
     print(
         f"Scenario of {simulated:.0f} s, {psutil.cpu_count()} processors, load before the start"
-        f" {result['load']:.1f}; processes with start and end"
-        f" {processes['with_start_and_end_s']:.1f} s.\n"
+        f" {result['load']:.1f}.\n"
     )
+    digits = (1, 2, 2, 0)
     rows = (
-        [name, f"{wall:.1f}", f"{simulated / wall:.0f}", "" if memory is None else f"{memory:.0f}"]
-        for name, wall, memory in runs
+        [name, *("" if x is None else f"{x:.{n}f}" for x, n in zip(row, digits, strict=True))]
+        for name, *row in runs
     )
-    head = ("run, or process", "s (of processes: CPU)", "x real time", "MB resident at most")
+    head = ("run, or process", "s", "CPU, ms a step", "of bare nodes", "MB resident at most")
     print(closed_loop.markdown(head, rows))
-    if limits := result.get("limit"):
+    if limits:
         print("\nSteps per second as a share of what bare nodes make:", end="")
-        shares = limits["processes"] / processes["wall_s"], limits["in_process"] / one["wall_s"]
+        shares = (limits[k]["wall_s"] / result[k]["wall_s"] for k in ("processes", "in_process"))
         print(" {:.2f} in four processes, {:.2f} in one.".format(*shares))
     print(f"\nWhere the time goes in one process ({parts['wall_s']:.1f} s with the clocks on):\n")
     rows = ([row["part"], f"{row['seconds']:.2f}", f"{row['calls']}"] for row in parts["parts"])
     print(closed_loop.markdown(("part", "s", "calls"), rows))
+
+
+RELAYS = {"isogal_recorder": relay.RECORDER}
+"""Names of processes that are others among the bare nodes."""
 
 
 def main() -> None:
@@ -195,7 +234,7 @@ def main() -> None:
     load = psutil.getloadavg()[0]
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        limits: dict[str, float] = {}
+        limits: dict[str, Figures] = {}
         result = {
             "simulated_s": float(trajectory.time[-1]),
             "load": load,

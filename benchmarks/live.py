@@ -16,12 +16,13 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import closed_loop
 import numpy as np
-from graph import Usage
+from graph import Usage, nodes_running
 from rclpy.executors import SingleThreadedExecutor
 
 from gravimeter_node.node import simulated_readings
@@ -57,8 +58,8 @@ class Driver:
         self._readings, _ = simulated_readings(scenario, 0)
         self._variance = scenario.gravimeter.sigma**2
 
-    def drive(self, domain: int, processes: Processes, warm: Any) -> None:
-        """Publish all; `warm` is called when the first `WARM` seconds are over."""
+    def drive(self, domain: int, processes: Processes, look: Callable[[float], None]) -> None:
+        """Publish all; `look` is called with the time (s) after each `WARM` seconds."""
         with quiet_node("isogal_live_driver", domain) as node:
             pair = topics.IMU, self._adapter.raw
             imu, raw = (node.create_publisher(one.type, one.name, LOSSLESS) for one in pair)
@@ -76,8 +77,8 @@ class Driver:
                 imu.publish(message)
                 if (reading := self._readings.get(ns)) is not None:
                     raw.publish(self._adapter.write_raw(*reading, self._variance, None))
-                if seconds == WARM:
-                    warm()
+                if seconds % WARM == 0.0:
+                    look(seconds)
             assert not processes.ended(), processes.ended()
 
 
@@ -146,10 +147,10 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
     scenario = load_scenario(None, [f"imu.rate={hertz}", f"route.duration={duration}", *keys])
     reduced = adapter_of(scenario).reduced
     nav = topics.NAV_ODOM, topics.NAV_FIX, topics.NAV_PATH
-    driver, usage, warm, load = Driver(scenario), Usage(), {}, []
+    driver, usage, load = Driver(scenario), Usage(nodes_running), []
 
-    def note() -> None:
-        warm.update(usage.seconds)
+    def look(seconds: float) -> None:
+        usage.look(seconds)
         load.append(os.getloadavg()[0])
 
     with (
@@ -159,15 +160,12 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
     ):
         listener = Listener(domain, (topics.IMU, *nav, reduced, topics.FIX))
         listener.start()
-        usage.start()
         plan = Plan(scenario, Path(name) / "bag", real=True)
         processes = Processes(plan, Path(name) / "log", domain)
         try:
-            driver.drive(domain, processes, note)
-            load.append(os.getloadavg()[0])
+            driver.drive(domain, processes, look)
         finally:
             processes.stop(interrupt)
-    usage.done.set()
     listener.done.set()
     listener.join()
     times = listener.times
@@ -177,11 +175,8 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
         "imu_hz": hertz,
         "load_average": float(np.mean(load)),
         "nodes": {
-            name: {
-                "cpu_percent": 100.0 * (spent - warm.get(name, 0.0)) / seconds,
-                "memory_mb": usage.peak[name],
-            }
-            for name, spent in sorted(usage.seconds.items())
+            name: {"cpu_percent": 0.1 * ms, "memory_mb": usage.peak[name]}
+            for name, ms in sorted(usage.per_step.items())  # a step of a second
         },
         "latency_ms": {
             "nav/odom after imu/data_raw": latency(times[topics.NAV_ODOM], times[topics.IMU]),

@@ -1,7 +1,6 @@
 """All matchers on the same runs, in one call: error against the bound, NEES, time per fix.
 
-    python benchmarks/matchers.py [--runs 8] [--map FILE] [--figure docs/figures/matchers.png]
-    [--json]
+    python benchmarks/matchers.py [--runs 8] [--map FILE] [--json]
 
 Each case is a closed loop over the default route: the same seeds, so the same sensors, noise and
 map errors for every matcher. Errors are after the first hour, as ratios of RMS to the RMS of the
@@ -9,15 +8,11 @@ posterior Cramér-Rao bound of the same case; time is the median over fixes, on 
 ratio to `pmht`, since absolute times are this machine's."""
 
 import json
-from itertools import cycle
 
 import closed_loop
 import numpy as np
-from matplotlib.figure import Figure
 
 from isogal import plugins
-from isogal.evaluation.figures import style
-from isogal.files import write_atomic
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 
@@ -60,44 +55,9 @@ def measure(scenario: Scenario, runs: int) -> closed_loop.Figures:
     return closed_loop.figures_of(scenario, record, closed_loop.bound_of(scenario, record))
 
 
-@style.journal
-def draw(results: dict[str, dict[str, closed_loop.Figures]]) -> Figure:
-    """Error ratio against time per fix, one panel a case."""
-    names = list(results)
-    rows = -(-len(names) // 2)
-    figure = style.new_figure(2.4 * rows)
-    axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
-    markers = dict(zip(MATCHERS, cycle("so^vD<>P"), strict=False))
-    for ax, case in zip(axes, names, strict=False):
-        for name, row in results[case].items():
-            colour = "black" if name == "pmht" else "0.55"
-            ax.plot(
-                row["fix_ms"],
-                row["ratio"],
-                markers[name],
-                color=colour,
-                markersize=5,
-                linestyle="none",
-            )
-            ax.annotate(
-                name,
-                (row["fix_ms"], row["ratio"]),
-                xytext=(5, 3),
-                textcoords="offset points",
-                fontsize=7,
-            )
-        ax.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
-        ax.set(xscale="log", yscale="log", title=case)
-    for ax in axes[len(names) :]:
-        ax.set_visible(False)
-    figure.supxlabel("median time per fix (ms)")
-    figure.supylabel("RMS error after 1 h / bound")
-    return figure
-
-
 def main() -> None:
-    """Measure, print, draw."""
-    parser = closed_loop.parser(__doc__, "map", "figure", "json", runs=8)
+    """Measure and print."""
+    parser = closed_loop.parser(__doc__, "map", "json", runs=8)
     parser.add_argument("--batch-length", type=int, default=30)
     parser.add_argument("--matchers", nargs="+", default=list(MATCHERS), choices=list(MATCHERS))
     every = list(range(len(CASES)))
@@ -120,8 +80,6 @@ def main() -> None:
                 print(closed_loop.line_of([name, *cells]), flush=True)
     if options.json:
         print(json.dumps(results, indent=1))
-    if options.figure:
-        write_atomic(options.figure, style.png(draw(results), 150))
 
 
 if __name__ == "__main__":

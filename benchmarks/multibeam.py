@@ -1,19 +1,11 @@
 """An underwater vehicle over a made-up sea floor: one beam against several, with a tide that is an
 unknown offset and a speed of sound that is an unknown scale (docs/mathematics.md, section 2.7).
+`acceptance.py --rows beams` runs it."""
 
-    python benchmarks/multibeam.py [--runs 24] [--out DIR] [--case TEXT ...]
-"""
-
-from functools import partial
-from pathlib import Path
-
-import closed_loop
 import numpy as np
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.scenario import load_scenario
 
 ORIGIN = (60.0, 5.0)
 """deg."""
@@ -48,16 +40,6 @@ CASES = {
     "8 beams, the same": (*FAN, "altimeter.scale_sigma=0.01"),
     "8 beams, the same, neither told nor estimated": (*FAN, SCALE),
 }
-SETTLED = 600.0
-"""s, from when on errors count."""
-COLUMNS = {
-    "RMS (m)": "{rms:.2f}",
-    "NEES per axis": "{nees_settled:.2f}",
-    "bound (m)": "{bound:.2f}",
-    "RMS / bound": "{ratio:.2f}",
-    "fixes": "{fixes:.0%}",
-    "ms per fix": "{fix_ms:.0f}",
-}
 
 
 def sea_floor() -> FieldMap:
@@ -72,23 +54,3 @@ def sea_floor() -> FieldMap:
     north, east = metres_per_radian(np.radians(ORIGIN[0]))
     axes = np.radians(ORIGIN[0]) + side / north, np.radians(ORIGIN[1]) + side / east
     return FieldMap(*axes, values, "m", "height", provenance="made-up sea floor")
-
-
-def main() -> None:
-    """Run all cases and print a table."""
-    parser = closed_loop.parser(__doc__, "case", "workers", runs=24, out=Path("out/multibeam"))
-    options = parser.parse_args()
-    path = options.out / "sea_floor.nc"
-    options.out.mkdir(parents=True, exist_ok=True)
-    write_netcdf(sea_floor(), path)
-    cases = {
-        (name,): load_scenario(None, [*SCENARIO, f"map.source={path}", *keys])
-        for name, keys in CASES.items()
-        if closed_loop.matching(name, options.case)
-    }
-    bound = partial(closed_loop.bound_of, batchwise=True)
-    closed_loop.study(("case",), cases, COLUMNS, options, bound=bound, settled=SETTLED)
-
-
-if __name__ == "__main__":
-    main()

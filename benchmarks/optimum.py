@@ -121,11 +121,10 @@ def _by_scans(linear: BoundModel, scale: Array) -> tuple[Array, Array]:
     size, count = len(linear.start), linear.segments.per_scan
     scans = len(linear.used)
     transition, noise = np.tile(np.eye(size), (scans, 1, 1)), np.zeros((scans, size, size))
-    for stretch, (one, half) in enumerate(linear.transitions()):
-        at = stretch // count
-        added = half * np.outer(scale, scale)
+    for stretch, (one, before, after) in enumerate(linear.transitions()):
+        at, scales = stretch // count, np.outer(scale, scale)
         transition[at] = one @ transition[at]
-        noise[at] = one @ (noise[at] + added) @ one.T + added
+        noise[at] = one @ (noise[at] + scales * before) @ one.T + scales * after
     return transition, noise
 
 

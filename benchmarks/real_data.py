@@ -1,7 +1,7 @@
 """Measured data: gravity stations at Clear Lake and aeromagnetic lines over Scotland, matched.
 
-    python benchmarks/real_data.py [DATA] [--out DIR] [--figures DIR] [--json]
-    python benchmarks/real_data.py [DATA] --kept | --untold | --exact
+    python benchmarks/real_data.py [DATA] [--out DIR] [--json]
+    python benchmarks/real_data.py [DATA] --kept | --untold
 
 DATA (default ../shared/data) holds the two maps and the readings that were not used for them;
 docs/evidence/real-data.md describes them and shows the results. Nothing is tuned on what it is
@@ -13,8 +13,6 @@ from pathlib import Path
 
 import closed_loop
 from measured_data.clear_lake import study_clear_lake
-from measured_data.exact import study_exact
-from measured_data.figures import write_figures
 from measured_data.kept import study_kept
 from measured_data.scotland import study_scotland
 from measured_data.tables import tables, untold_table
@@ -23,7 +21,6 @@ from measured_data.untold import study_untold
 STUDIES = {
     "--untold": (study_untold, "with nothing told"),
     "--kept": (study_kept, "lines kept from maps of every set, beside the reference"),
-    "--exact": (study_exact, "the likelihood by kriging"),
 }
 """That are asked for by an option each."""
 
@@ -34,7 +31,6 @@ def main() -> None:
         "data", nargs="?", type=Path, default=Path("../shared/data"), help="folder of the data"
     )
     parser.add_argument("--out", type=Path, help="write the results there as real_data.json")
-    parser.add_argument("--figures", type=Path, help="write the figures there")
     for name, (_, what) in STUDIES.items():
         parser.add_argument(name, action="store_true", help=f"only {what}")
     options = parser.parse_args()
@@ -43,8 +39,7 @@ def main() -> None:
     for name, (study, _) in STUDIES.items():
         if getattr(options, name[2:].replace("-", "_")):
             found = study(options.data)
-            as_json = options.json or study is study_exact
-            print(json.dumps(found, indent=1) if as_json else untold_table(found))
+            print(json.dumps(found, indent=1) if options.json else untold_table(found))
             return
     results = {
         "untold": study_untold(options.data),
@@ -54,8 +49,6 @@ def main() -> None:
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         (options.out / "real_data.json").write_text(json.dumps(results, indent=1))
-    if options.figures:
-        write_figures(options.data, results, options.figures)
     print(json.dumps(results) if options.json else tables(**results))
 
 

@@ -4,8 +4,8 @@ the graph does, in lock-step, and compute nothing.
     .venv/bin/python benchmarks/relay.py BAG DOMAIN [NODE ...]
 
 One process with the nodes that are named, or all; `benchmarks/graph.py --limit` starts it. The one
-with the simulator prints how many seconds the steps took, of the wall clock and of its own CPU
-time."""
+with the simulator prints a line when the steps begin, and at the end one with their number and
+how many seconds they took."""
 
 import sys
 import time
@@ -30,6 +30,9 @@ STATE = (topics.NAV_ODOM, topics.PROTECTION_LEVEL, topics.NAV_COVARIANCE, topics
 REDUCED = (topics.GRAVITY, topics.DISTURBANCE)
 FIX = (topics.INFORMATION, topics.FIX, topics.POSE, topics.CANDIDATES)
 SENT = (*STEP, *STATE, topics.GRAVIMETRY, *REDUCED, *FIX)
+SETTLED = 1.0
+"""s for which all have found each other before the first step: what one process sees of another
+is not yet seen the other way."""
 
 
 class Sample:
@@ -123,7 +126,7 @@ class Relay(Node):
             self._hear(topic)
 
     def _simulate(self) -> None:
-        self._step, self.begun = 0, (0.0, 0.0)
+        self._step, self.begun, self._found = 0, 0.0, time.monotonic()
         self._offer(STEP)
         for topic in (topics.NAV_ODOM, topics.GRAVITY, topics.FIX):
             self._hear(topic, self._check)
@@ -135,9 +138,12 @@ class Relay(Node):
         listeners = {topics.IMU: 2, topics.TRUTH_FIX: 2, topics.NAV_ODOM: 4, topics.GRAVITY: 3}
         listeners |= {topics.FIX: 3, topics.INFORMATION: 2}
         found = all(self.count_subscribers(t.name) >= n for t, n in listeners.items())
-        if found and all(self.count_publishers(topic.name) for topic in SENT):
+        if not (found and all(self.count_publishers(topic.name) for topic in SENT)):
+            self._found = time.monotonic()
+        elif time.monotonic() - self._found > SETTLED:
             self._timer.cancel()
-            self.begun = time.monotonic(), time.process_time()
+            print("begun", flush=True)
+            self.begun = time.monotonic()
             self._send(STEP)
             self._step = 1
 
@@ -166,7 +172,9 @@ def main() -> None:
         last = nodes[-1]
         while not last.finished and context.ok():
             executor.spin_once(timeout_sec=0.2)
-        print(time.monotonic() - last.begun[0], time.process_time() - last.begun[1])
+        if last.finished:
+            print(sample.steps, time.monotonic() - last.begun, flush=True)
+            sys.stdin.readline()  # its processor time is looked at before it ends
         executor.shutdown()
 
 

@@ -1,16 +1,21 @@
 """A long run with faults: does a node's memory grow, do its files stay open?
 
-    .venv/bin/python benchmarks/soak.py [--hours 24] [--faults 4] [--set KEY=VALUE ...]
+    .venv/bin/python benchmarks/soak.py [--hours 24] [--faults 4] [--kill] [--set KEY=VALUE ...]
 
 Runs the graph as processes to and fro over an area for many simulated hours, and stops or slows a
-node that is drawn, `--faults` times an hour. Says for each process how much more memory it has in
-the last tenth of the time than after the first fifth, and how many more open files."""
+node that is drawn, `--faults` times an hour, or with `--kill` also kills it, so that it is started
+again from its checkpoint. Says for each process (of one that was killed, the last) how much more
+memory it has in the last tenth of the time than after the first fifth, and how many more open
+files."""
 
 import json
+import math
 import shutil
+import signal
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +25,9 @@ import psutil
 
 from isogal.scenario import Scenario, load_scenario
 from isogal.seeds import generator
-from isogal_ros.faults.catalogue import PROCESS_FAULTS
-from isogal_ros.faults.trials import Signals
+from isogal_ros import topics
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.faults.catalogue import Fault
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.running import Processes, run_processes
 from isogal_ros.nodes.signals import interrupts
@@ -34,17 +40,49 @@ ENDS = ([-37.8, 145.0], [-37.2, 146.2])
 LEG = 5600.0
 """s that it takes at `SPEED`."""
 SPEED = 22.0
+TURN = 0.1
+"""s that a slow node is stopped, and then goes."""
+EVERY_NODE = (RECORDER, *topics.NODES)
+FAULTS = (
+    *(Fault(f"{name} stopped for 3 s", (name,), "stopped", 3.0) for name in EVERY_NODE),
+    *(Fault(f"{name} at half speed", (name,), "slow", 5.0) for name in EVERY_NODE),
+)
+KILLS = tuple(Fault(f"{name} killed", (name,), "killed", 1.0) for name in EVERY_NODE)
+
+
+class Signals:
+    """Does a fault to the processes of a run from a simulated time (s) on; how long it lasts is
+    wall time."""
+
+    def __init__(self, fault: Fault, begin: float) -> None:
+        self._fault, self._begin = fault, begin
+        self._since, self._acts = math.inf, False
+        self.over = False
+        """Whether the fault has been done."""
+
+    def __call__(self, processes: Processes, simulated: float) -> None:
+        """Do what is due when the run is at a simulated time (s)."""
+        if self._since == math.inf and simulated >= self._begin:
+            self._since = time.monotonic()
+        elapsed = time.monotonic() - self._since
+        self.over = elapsed >= self._fault.lasts
+        if self._acts == self._fault.is_on(elapsed, TURN):
+            return
+        self._acts = not self._acts
+        stop = signal.SIGKILL if self._fault.effect == "killed" else signal.SIGSTOP
+        for name in self._fault.targets:
+            if processes.running[name].poll() is None:
+                processes.running[name].send_signal(stop if self._acts else signal.SIGCONT)
 
 
 class Soak:
     """Looks at the processes, and does faults to them (`run_processes`)."""
 
-    def __init__(self, scenario: Scenario, per_hour: float) -> None:
+    def __init__(self, scenario: Scenario, per_hour: float, faults: Sequence[Fault]) -> None:
         duration = scenario.route.duration or 0.0
         rng = generator(scenario.seed, 0, "soak")
-        mild = [fault for fault in PROCESS_FAULTS if fault.effect != "killed"]
         times = np.sort(rng.uniform(600.0, 0.98 * duration, int(per_hour * duration / 3600.0)))
-        self._faults = [Signals(mild[int(rng.integers(len(mild)))], float(t)) for t in times]
+        self._faults = [Signals(faults[int(rng.integers(len(faults)))], float(t)) for t in times]
         self._looked = 0.0
         self.seen: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
         """Simulated time, MB, open files by node."""
@@ -89,6 +127,7 @@ def main() -> None:
     parser = closed_loop.parser(__doc__, "set")
     parser.add_argument("--hours", type=float, default=24.0, help="to simulate")
     parser.add_argument("--faults", type=float, default=4.0, help="per simulated hour")
+    parser.add_argument("--kill", action="store_true", help="nodes are killed as well")
     options = parser.parse_args()
     duration = options.hours * 3600.0
     legs = int(duration / LEG) + 3
@@ -99,8 +138,11 @@ def main() -> None:
     folder = Path(tempfile.mkdtemp())
     try:
         with interrupts() as interrupt:
-            soak = Soak(scenario, options.faults)
-            plan = Plan(scenario, folder / "bag")
+            soak = Soak(scenario, options.faults, FAULTS + KILLS if options.kill else FAULTS)
+            checkpoint = folder / "checkpoint" if options.kill else None
+            if checkpoint is not None:
+                checkpoint.mkdir()
+            plan = Plan(scenario, folder / "bag", checkpoint=checkpoint)
             run_processes(plan, folder / "log", interrupt, inject=soak)
     finally:
         shutil.rmtree(folder)

@@ -5,8 +5,7 @@ matches        matches of lines: error, 1-sigma, NEES; normalised innovations
 clear_lake     the study at Clear Lake: gravity stations
 scotland       the study over Scotland: aeromagnetic lines
 untold         lines with nothing told, and on maps made of the surveys
-exact          lines with all that kriging knows of its errors
+kept           lines kept from maps of every set
+reference      the reference of rigid tracks
 tables         the tables of docs/evidence/real-data.md
-figures        its figures of errors
-map_figures    its figures of maps
 """

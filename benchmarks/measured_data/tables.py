@@ -136,7 +136,7 @@ def untold_table(untold: Mapping[str, Summary]) -> str:
 
 _NAMES = (
     *("error_median_m", "error_90_m", "sigma_long_median_m"),
-    *("nees_per_axis", "nees_per_axis_median", "nis", "nees_low", "nees_high"),
+    *("nees_per_axis", "nees_per_axis_median", "nees_low", "nees_high"),
 )
 _COLUMNS = {
     "fixes": "{fixes} of {batches}",
@@ -151,11 +151,9 @@ _COLUMNS = {
 
 def _summaries(title: str, kinds: Mapping[str, Summary]) -> str:
     """Return a table of summaries; what one has not is a dash."""
-    with_nis = any("nis" in summary for summary in kinds.values())
-    columns = _COLUMNS | ({"NIS": "{nis:.2f}"} if with_nis else {})
     rows = []
     for kind, summary in kinds.items():
         known = dict.fromkeys(_NAMES, math.nan) | summary
         known |= {f"{name[:-2]}_km": known[name] / 1e3 for name in known if name[-2:] == "_m"}
-        rows.append([kind, *(cell.replace("nan", "–") for cell in cells_of(known, columns))])
-    return markdown([title, *columns], rows)
+        rows.append([kind, *(cell.replace("nan", "–") for cell in cells_of(known, _COLUMNS))])
+    return markdown([title, *_COLUMNS], rows)

@@ -11,63 +11,42 @@ from pathlib import Path
 
 import numpy as np
 from phone_log import Drive, position_at, read_drive, velocity_at
-from rclpy.serialization import serialize_message
 
 from isogal_ros import topics
-from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.writer import BagWriter
 from isogal_ros.messages.frames import ANTENNA, BASE, NED_ENU, framed
 from isogal_ros.messages.ground import BAROMETER
 from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.topics import Message, Topic
+from isogal_ros.topics import Message
 
 NOT_MEASURED = -1.0
 """Variance of an axis."""
 
 
-class Bag:
-    """Writes messages of a drive."""
-
-    def __init__(self, folder: Path, texts: dict[str, str]) -> None:
-        self._writer = BagWriter(folder, texts, replace=True)
-
-    def add(self, topic: Topic, message: Message, ns: int) -> None:
-        """Write a message of a stamp."""
-        name = f"/{topic.name}"
-        if not self._writer.knows(name):
-            qos = qos_entries([topics.LOSSLESS])
-            self._writer.add_topic(name, topics.type_name(topic.type), qos, "")
-        self._writer.write(name, serialize_message(message), ns, ns)
-
-    def close(self) -> int:
-        """End the bag; return how many messages it has."""
-        self._writer.close()
-        return self._writer.messages
-
-
 def write_bag(drive: Drive, folder: Path, satellites: float) -> int:
     """Write a drive with so many seconds of satellites."""
-    bag = Bag(folder, {})
+    bag = BagWriter(folder, replace=True)
     for k in range(1, len(drive.time)):
         ns = from_seconds(drive.time[k])
-        bag.add(topics.IMU, imu(drive, k, ns), ns)
+        bag.put(topics.IMU, imu(drive, k, ns), ns)
         if math.isfinite(drive.pressure[k]):
             for topic, frame in ((topics.BAROMETER, BASE), (topics.GROUND_PRESSURE, BAROMETER)):
                 pressure = framed(topic, frame, ns)
                 pressure.fluid_pressure = float(drive.pressure[k])
-                bag.add(topic, pressure, ns)
+                bag.put(topic, pressure, ns)
         if math.isfinite(drive.speed[k]):
-            bag.add(topics.VELOCITY, speed(drive, k, ns), ns)
+            bag.put(topics.VELOCITY, speed(drive, k, ns), ns)
         if drive.time[k] < satellites and math.isfinite(drive.latitude[k]):
             fix = framed(topics.GNSS_FIX, ANTENNA, ns)
             place, covariance = position_at(drive, k)
             fill_fix(fix, ns, *place.tolist(), covariance)
-            bag.add(topics.GNSS_FIX, fix, ns)
+            bag.put(topics.GNSS_FIX, fix, ns)
             if math.isfinite(drive.course[k] + drive.speed[k]):
-                bag.add(topics.GNSS_VELOCITY, over_ground(drive, k, ns), ns)
-    return bag.close()
+                bag.put(topics.GNSS_VELOCITY, over_ground(drive, k, ns), ns)
+    bag.close()
+    return bag.messages
 
 
 def imu(drive: Drive, k: int, ns: int) -> Message:

@@ -82,7 +82,7 @@ def test_a_page_gets_the_table_and_its_date_between_its_marks(tmp_path):
 
 @pytest.mark.parametrize(
     "script",
-    ["felt_gravity", "integrity", "mismatch", "mismatch_linear", "navigability", "several_fields"],
+    ["felt_gravity", "integrity", "mismatch", "navigability", "several_fields"],
 )
 def test_the_page_that_a_script_names_has_its_marks(script):
     module = importlib.import_module(script)

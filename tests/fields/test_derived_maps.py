@@ -89,11 +89,11 @@ def test_processes_that_share_maps_compute_each_once(disturbance, monkeypatch):
         derived.derived_maps(scenario(disturbance), 5000.0)
 
 
-def test_correlation_lengths_of_nodes_come_along(tmp_path):
+def test_error_ellipses_of_nodes_come_along(tmp_path):
     uneven = field_map_of(wavy, half=20e3, step=500.0, sigma=1e-5, correlation_length=5000.0)
     lengths = np.linspace(2e3, 8e3, uneven.values.size).reshape(uneven.shape)
     ellipses = ellipses_of(lengths, 0.5 * lengths, 1e-4 * lengths)
-    uneven = replace(uneven, correlation_lengths=lengths, error_ellipses=ellipses)
+    uneven = replace(uneven, error_ellipses=ellipses)
     write_netcdf(uneven, tmp_path / "uneven.nc")
     it = load_scenario(
         None,
@@ -104,8 +104,6 @@ def test_correlation_lengths_of_nodes_come_along(tmp_path):
     (there,), (here,) = (
         make(it, 3000.0).channels for make in (derived.derived_maps, derived.compute)
     )
-    assert here.correlation_lengths is not None
-    np.testing.assert_array_equal(there.correlation_lengths, here.correlation_lengths)
     assert here.error_ellipses is not None
     np.testing.assert_array_equal(there.error_ellipses, here.error_ellipses)
 

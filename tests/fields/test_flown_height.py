@@ -1,6 +1,7 @@
 """The map at the flown height: what simulation and matcher get, against point masses."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,9 +10,9 @@ from helpers.point_masses import MGAL, attraction, map_of, mountains, rms
 from isogal.earth.gravity import FREE_AIR, eotvos, normal_gravity
 from isogal.errors import InputError
 from isogal.fields import derived_maps, scenario_map
-from isogal.fields.flown_height import FlownMap, disturbance_for_gradients
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import true_readings
+from isogal.fields.source_map import MapSource
 from isogal.maps.axes import Window
 from isogal.maps.corridor import corridor_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -46,6 +47,11 @@ def scenario(path, *more):
         [f"map.source={path}", "gravimeter.quantity=disturbance", "route.start=[-36.58, 146.92]",
          "route.end=[-36.42, 147.08]", "route.duration=null", f"route.height={HIGH}", *more],
     )  # fmt: skip
+
+
+def flown(it):
+    """How the map at the height of the flight is read."""
+    return partial(MapSource.of(it).flown, it.route.height)
 
 
 def along(it, field_map):
@@ -100,7 +106,7 @@ def test_what_continuing_adds_is_not_what_the_map_says_of_its_error(low, tmp_pat
     assert map_for_scenario(scenario(written(tmp_path / "told.nc", told))).states_error
     route = build_trajectory(it)
     points = route.latitude, route.longitude
-    tiles = TiledMap(FlownMap.of(it), corridor_of(*points, 5000.0))
+    tiles = TiledMap(flown(it), corridor_of(*points, 5000.0))
     assert not tiles.states_error
 
 
@@ -167,7 +173,7 @@ def test_a_tiled_map_is_the_same(low):
     route = build_trajectory(it)
     whole = map_for_scenario(it, route, 5000.0)
 
-    tiled = TiledMap(FlownMap.of(it), corridor_of(route.latitude, route.longitude, 5000.0))
+    tiled = TiledMap(flown(it), corridor_of(route.latitude, route.longitude, 5000.0))
     difference = along(it, tiled) - along(it, whole)
     assert rms(difference) < 0.02 * MGAL
     near = tiled.near(route.latitude[:300], route.longitude[:300])
@@ -177,7 +183,8 @@ def test_a_tiled_map_is_the_same(low):
 def test_gradients_are_continued_from_the_level_that_is_told(low):
     it = scenario(low, "field=gradient", "map.level=400")
     disturbance = map_of(attraction(0.0))
-    assert disturbance_for_gradients(it.map, it.route.height, disturbance) == (disturbance, 600.0)
+    found = MapSource.of(it).for_gradients(disturbance, it.route.height)
+    assert found == (disturbance, 600.0)
 
 
 def test_fields_that_do_not_change_with_height_stay(tmp_path):
@@ -186,7 +193,7 @@ def test_fields_that_do_not_change_with_height_stay(tmp_path):
     )
     it = scenario(ground, "field=terrain", "gravimeter.sigma=5", "route.height=4000")
     window = Window(*np.radians([-36.55, -36.5, 146.95, 147.0]))
-    assert "continued" not in FlownMap.of(it)(window=window).provenance
+    assert "continued" not in flown(it)(window=window).provenance
 
 
 def test_what_cannot_be_continued_names_the_way_out(low):

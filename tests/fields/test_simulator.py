@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
+from scipy.stats import t as student_t
 
 from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.statistics import within_chi_square
@@ -106,6 +108,26 @@ def test_map_error_has_the_stated_covariance():
     measured = error.T @ error / runs
     np.testing.assert_allclose(measured, covariance, atol=4.5 * 3e-5**2 * np.sqrt(2.0 / runs))
     assert not draw_map_error(scenario().true, trajectory, index, [0, 1]).any()
+
+
+def test_map_error_with_tails_has_students_distribution_and_the_same_sigma():
+    it = scenario(map_error=MapError(sigma=3e-5, correlation_length=500.0, tails=3.0))
+    gaussian = scenario(map_error=MapError(sigma=3e-5, correlation_length=500.0))
+    trajectory = build_trajectory(it)
+    index = np.arange(10, 601, 100)  # 2.2 km apart: as good as independent
+    error, normal = (
+        draw_map_error(one.true, trajectory, index, range(1000)) for one in (it, gaussian)
+    )
+    freedom = error / 3e-5 * np.sqrt(3.0)
+    assert kstest(freedom.ravel(), student_t(3.0).cdf).pvalue > 0.01
+    assert kstest(freedom.ravel(), "norm").pvalue < 1e-6
+    np.testing.assert_array_equal(np.argsort(error, axis=0), np.argsort(normal, axis=0))
+    with pytest.raises(ValueError, match="errors of one potential"):
+        scenario(
+            field="gradient",
+            gradiometer={"map_errors": "one_potential"},
+            map_error={"sigma": 1e-9, "tails": 3.0},
+        )
 
 
 def test_a_run_reads_the_same_alone_and_among_others():

@@ -9,8 +9,13 @@ import pytest
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.alignment import POOR_AIM, UNKNOWN, Alignment
 from isogal.fusion.assumed import filter_model
-from isogal.fusion.coarse import between_directions, north_sigma, triad
-from isogal.fusion.measurements import GroundVelocity, HeadingReading, PositionFix
+from isogal.fusion.coarse import HEADINGS, between_directions, north_sigma, triad
+from isogal.fusion.measurements import (
+    GroundVelocity,
+    HeadingReading,
+    PositionFix,
+    VelocityReading,
+)
 from isogal.fusion.measurements.rest import AtRest, sensed_at_rest
 from isogal.fusion.nominal import error_between, move
 from isogal.fusion.standstill import Standstill
@@ -28,6 +33,10 @@ PHONE = {
 }
 TURNS = [[45.0, 10.0, 12.0], [45.004, 10.0, 20.0], [45.004, 10.006, 12.0], [45.01, 10.006, 15.0],
          [45.01, 10.03, 12.0]]  # fmt: skip
+ZIGZAG = [
+    [45.0 + 0.0045 * ((k + 1) // 2), 10.0 + 0.0064 * (k // 2), 12.0 if k % 2 else 20.0]
+    for k in range(20)
+]
 
 
 def scenario(imu, **route) -> Scenario:
@@ -138,6 +147,9 @@ def test_sensors_that_cannot_find_north_say_so_and_take_a_heading() -> None:
     it.measure(80.0, HeadingReading(0.05, 0.03**2))
     assert it.aligned
     assert abs(error_of(it, trajectory.attitude[-1])[2]) < 4.0 * it.heading_sigma < 0.2
+    after = trajectory.time[1:] + 80.0  # a heading that was told is not forgotten at rest
+    it.imu(after, samples[:, :3], samples[:, 3:], trajectory.height[1:])
+    assert abs(error_of(it, trajectory.attitude[-1])[2]) < 4.0 * it.heading_sigma < 0.2
 
 
 @pytest.mark.parametrize(
@@ -175,6 +187,49 @@ def test_on_the_move_with_satellites(imu, course: bool) -> None:
     assert alignment.over
 
 
+def test_an_odometer_alone_tells_no_heading() -> None:
+    """Beside gyroscopes that cannot feel the Earth's rotation all headings stay as probable, and
+    each as uncertain, as they were."""
+    it = scenario(PHONE, duration=60.0)
+    trajectory = build_trajectory(it)
+    samples = simulate_samples(it.true, trajectory, 1)
+    alignment = Alignment(filter_model(it), place_of(trajectory))
+    noise = 0.1 * np.random.default_rng(5).standard_normal((60, 3))
+    for k in range(60):
+        alignment.imu(k + 1.0, samples[k, :3], samples[k, 3:], trajectory.height[k + 1])
+        body = matrix(trajectory.attitude[k + 1]).T @ trajectory.velocity[k + 1]
+        reading = VelocityReading(body + noise[k], 0.01 * np.eye(3))
+        assert alignment.measure(k + 1.0, reading).used
+    known = alignment.known
+    assert len(known.states) == HEADINGS
+    assert np.ptp(known.log_weights) < 1.0
+    for state in known.states:
+        assert math.sqrt(state.covariance[8, 8]) > 0.9 * math.pi / HEADINGS
+
+
+def test_satellites_are_not_blamed_for_what_a_phone_cannot_know() -> None:
+    """Without them its heading is soon wrong by more than its covariance says."""
+    it = scenario(PHONE, waypoints=ZIGZAG, duration=300.0)
+    trajectory = build_trajectory(it)
+    samples = simulate_samples(it.true, trajectory, 0)
+    alignment = Alignment(filter_model(it), np.zeros(3), measured=True)
+    noise = 0.05 * np.random.default_rng(1).standard_normal((300, 3))
+    for k in range(300):
+        alignment.imu(k + 1.0, samples[k, :3], samples[k, 3:], trajectory.height[k + 1])
+        place = PositionFix(
+            trajectory.latitude[k + 1], trajectory.longitude[k + 1], np.eye(2), source="gnss"
+        )
+        velocity = trajectory.velocity[k + 1] + noise[k]
+        alignment.measure(
+            k + 1.0,
+            place,
+            GroundVelocity(velocity, 0.05**2 * np.eye(3), np.zeros(3), source="gnss"),
+        )
+    assert alignment.aligned
+    assert alignment.monitors["gnss"].wrong_since is None
+    assert alignment.heading_sigma < 0.1
+
+
 def test_a_vehicle_that_moves_off_is_no_longer_at_rest() -> None:
     it = scenario({"grade": "navigation"}, at_rest=60.0, duration=90.0)
     trajectory = build_trajectory(it)
@@ -194,6 +249,4 @@ def test_samples_that_cannot_be_are_refused() -> None:
         it.imu(1.0, np.array([0.0, 0.0, -9.8]), np.zeros(3))
     with pytest.raises(ValueError, match="not finite"):
         it.imu(2.0, np.array([0.0, np.nan, -9.8]), np.zeros(3))
-    with pytest.raises(ValueError, match="no attitude"):
-        it.navigation  # noqa: B018
     assert it.state.covariance[8, 8] == pytest.approx(UNKNOWN**2)

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-from isogal import plugins
-from isogal.fields.measured import measured_field, of_instrument
 from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
@@ -21,7 +19,7 @@ from isogal_ros import topics
 from isogal_ros.graph.bus import Bus, Publisher
 from isogal_ros.graph.plan import Plan, node_class
 from isogal_ros.graph.running import run_in_process
-from isogal_ros.messages.adapter import adapter_of, all_topics
+from isogal_ros.messages.adapter import adapter_of, topics_in_use
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.gravimeter import PLATFORM, accelerations
 from isogal_ros.messages.imu import fill_imu
@@ -36,29 +34,13 @@ from isogal_ros.topics import Topic
 
 PATIENCE = 10.0
 """s of wall time that a test waits for what must come."""
-NOT_IN_USE = (
-    *(topics.INITIAL_POSE, topics.BAROMETER, topics.VELOCITY, topics.SCALAR_FIELD),
-    *(topics.GNSS_FIX, topics.GNSS_VELOCITY, topics.NAV_AIDS),
-    *(topics.INS_SOLUTION, topics.INS_SOLUTION_FIX, topics.INS_SOLUTION_VELOCITY),
-    *(topics.INS_ERROR, topics.SMOOTHED),
-)
-"""Topics that nobody publishes in a graph without such sensors, whose start is known."""
+UNSAID = topics.INITIAL_POSE, topics.SCALAR_FIELD, topics.NAV_AIDS
+"""Topics that nobody publishes in a graph without aids, whose start is known."""
 
 
 def topics_of(scenario: Scenario) -> list[Topic]:
-    """Topics that the graph of a scenario publishes: not those of other instruments."""
-    fields = of_instrument(measured_field(scenario).instrument)
-    own = {adapter_of(scenario, field.name) for field in fields}
-    wanted = {topic for adapter in own for topic in (adapter.raw, adapter.reduced)}
-    of_instruments = {*topics.OF_INSTRUMENTS}
-    for name in plugins.names(plugins.MESSAGE_ADAPTERS):
-        adapter = adapter_of(scenario, name)
-        of_instruments |= {adapter.raw, adapter.reduced}
-    return [
-        topic
-        for topic in all_topics(scenario)
-        if topic not in NOT_IN_USE and (topic in wanted or topic not in of_instruments)
-    ]
+    """Topics that the graph of a scenario without aids publishes."""
+    return [topic for topic in topics_in_use(scenario) if topic not in UNSAID]
 
 
 def absolute(topic: Topic) -> str:
@@ -87,7 +69,7 @@ class Bench:
         self.node = self.bus.add(name, values)
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.publishers: dict[str, Publisher] = {}
-        for topic in all_topics(scenario):
+        for topic in {*topics.ALL, *topics_in_use(scenario)}:
             self.bus.hear(topic, partial(self._hear, topic))
         self.bus.tick()
 

@@ -1,7 +1,8 @@
 """What a recorded graph left behind, as the library's record of a run."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -25,18 +26,25 @@ METRES = np.array([6.4e6, 6.4e6, 1.0])
 """What latitude, longitude (rad) and height are in metres, or a little more."""
 
 
-def rewritten(bag: Path, folder: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
+def rewritten(
+    bag: Path,
+    folder: Path,
+    change: Callable[[str, bytes], bytes | None] = lambda topic, data: data,
+    texts: Mapping[str, str] | None = None,
+    names: Mapping[str, str] = MappingProxyType({}),
+) -> Path:
     """A copy of a bag with each message as `change` (topic, serialised message) makes it; None
-    leaves it out."""
+    leaves it out. It may have other texts, and other names of topics."""
     reader = BagReader(bag)
-    writer = BagWriter(folder, dict(reader.texts))
+    writer = BagWriter(folder, dict(reader.texts if texts is None else texts))
     for message in reader.messages():
+        name = names.get(message.topic, message.topic)
         data = change(message.topic, message.data)
         if data is None:
             continue
-        if not writer.knows(message.topic):
-            writer.add_topic(message.topic, reader.types[message.topic], [], "")
-        writer.write(message.topic, data, message.log_ns, message.log_ns)
+        if not writer.knows(name):
+            writer.add_topic(name, reader.types[message.topic], [], "")
+        writer.write(name, data, message.log_ns, message.log_ns)
     writer.close()
     return folder
 

@@ -1,7 +1,6 @@
 """FieldMap: validation, metres, windows."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,19 +128,3 @@ def test_bad_maps_are_refused_in_one_line(change, words):
 def test_windows_that_miss_the_map_are_refused(away):
     with pytest.raises(InputError, match="has nothing at"):
         wave_map().window(*np.radians(away))
-
-
-def test_correlation_lengths_at_each_node(small_map):
-    lengths = 500.0 + np.arange(small_map.values.size, dtype=float).reshape(small_map.shape)
-    told = replace(small_map, correlation_lengths=lengths, correlation_length=700.0)
-    here = told.latitude[5], told.longitude[7]
-    assert told.correlation_length_at(*here) == pytest.approx(lengths[5, 7])
-    part = told.window(here[0], here[0], here[1], here[1])
-    assert part.correlation_lengths.shape == part.shape
-    assert part.correlation_length_at(*here) == pytest.approx(lengths[5, 7])
-    assert told.thinned(2, 3).correlation_lengths.shape == told.thinned(2, 3).shape
-    assert replace(small_map, correlation_length=9.0).correlation_length_at(*here) == 9.0
-    assert np.isnan(replace(small_map, correlation_length=None).correlation_length_at(*here))
-    for wrong in (lengths[1:], -lengths):
-        with pytest.raises(InputError, match=r"correlation.lengths"):
-            replace(small_map, correlation_lengths=wrong)

@@ -79,7 +79,7 @@ class LateAids:
             return True
 
         def velocity(message: topics.Message, ns: int, row: int) -> bool:
-            fill_ground_velocity(message, ns, fixes.velocity[0, row], gnss)
+            fill_ground_velocity(message, ns, fixes.velocity[0, row], gnss.velocity_sigma or 0.0)
             return True
 
         yield self._aid(delay, ends, self._sender(topics.GNSS_FIX, ANTENNA, fix))

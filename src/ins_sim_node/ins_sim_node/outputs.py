@@ -11,18 +11,19 @@ from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
+    fill_ground_velocity,
     fill_pressure,
     fill_velocity,
 )
 from isogal_ros.messages.frames import BASE, MAP, map_frame
 from isogal_ros.messages.imu import fill_imu, fill_noise
-from isogal_ros.messages.ins_solution import fill_east_north_up, inertial_topics
+from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
-COMPARE_EVERY = 0.1
+COMPARE_EVERY = 0.5
 """s of wall time between comparisons of navigator and truth."""
 
 
@@ -47,7 +48,7 @@ class Solution:
             fill_odom(self._messages[0], ns, self._frame, row, turn_rate)
         else:
             twist, fix = self._messages
-            fill_east_north_up(twist, ns, row[3:6])
+            fill_ground_velocity(twist, ns, row[3:6])
             fill_fix(fix, ns, *row[:3].tolist())
         for publisher, message in zip(self._publishers, self._messages, strict=True):
             publisher.publish(message)

@@ -19,7 +19,7 @@ from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fields.measured import measured_field
 from isogal.fix import Fix
-from isogal.fusion.alignment import Alignment, Navigating
+from isogal.fusion.alignment import Alignment
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Measurement, measurements_of
@@ -77,8 +77,7 @@ class Navigator:
         horizon: float = 1200.0,
     ) -> None:
         model = filter_model(scenario, gravity)
-        self.inertial: Navigating
-        """Who navigates: until it is aligned, the alignment."""
+        self.inertial: InertialNavigator
         if scenario.fusion.start == "align":
             self.inertial = Alignment(
                 model,
@@ -150,8 +149,6 @@ class Navigator:
         track = self.inertial.imu(time, specific_force, angular_rate, height, missing)
         if self.aligned and not aligned:
             self._ends = self.time, self.time
-        if isinstance(self.inertial, Alignment) and self.inertial.over:
-            self.inertial = self.inertial.navigation
         if before is not None:
             self.matching.batches.bridge(*before, self.time, self.state.batch_prior)
         return track
@@ -220,15 +217,13 @@ class Navigator:
         ValueError
             A time is not within the horizon, or nothing is aligned yet.
         """
-        inertial = self.inertial
-        if isinstance(inertial, Alignment):
-            if not inertial.aligned:
-                raise ValueError("the navigator is not aligned yet")
-            inertial = inertial.navigation
+        if not self.aligned:
+            raise ValueError("the navigator is not aligned yet")
         if not self._whole:
-            return inertial.smoothed(time)
+            return self.inertial.smoothed(time)
         sensed = [Sensed.joined(parts) if parts else None for parts in self._sensed]
-        return smoothed_voyage(inertial, time, self._scenario, self._maps, sensed, self._figures)
+        voyage = self._scenario, self._maps, sensed, self._figures
+        return smoothed_voyage(self.inertial, time, *voyage)
 
     def _aided(self) -> Aided | None:
         """Return what satellites have told since the last batch."""

@@ -11,6 +11,7 @@ fixes           which fixes are to be used, each stamp once
 corrections     fixes applied to the filter
 measuring       what became of measurements, counted by topic
 outputs         messages on nav/*
+track           the way so far on nav/path
 """
 
 from isogal.threads import one_thread

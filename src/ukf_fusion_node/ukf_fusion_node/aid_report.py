@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from isogal.fusion.alignment import Navigating
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation
 from isogal.fusion.state import FilterState
 from isogal_ros import topics
@@ -106,7 +106,7 @@ class AidReport:
             if aid.newest >= 0 and ns - aid.newest <= aid.silent
         )
 
-    def tick(self, ns: int, navigator: Navigating) -> None:
+    def tick(self, ns: int, navigator: InertialNavigator) -> None:
         """Publish at a stamp (ns) of the navigator, if it is time or something has changed."""
         if not self._aids:
             return
@@ -121,7 +121,7 @@ class AidReport:
         self._message.status.append(self._navigator(navigator))
         self._publisher.publish(self._message)
 
-    def _navigator(self, navigator: Navigating) -> DiagnosticStatus:
+    def _navigator(self, navigator: InertialNavigator) -> DiagnosticStatus:
         """Return how well the position is known, and how well it would be without satellites."""
         text, figures = "no satellites are used", {SIGMA: _sigma(navigator.state)}
         if (without := navigator.without_satellites) is not None:

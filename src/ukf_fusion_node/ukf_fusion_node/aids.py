@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStam
 from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
 from std_srvs.srv import SetBool
 
-from isogal.fusion.alignment import Navigating
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
     HeadingReading,
     HeightReading,
@@ -45,7 +45,7 @@ _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
 Message: TypeAlias = (
     FluidPressure | NavSatFix | TwistWithCovarianceStamped | PoseWithCovarianceStamped | Imu
 )
-_Reading = Callable[[Navigating, float], Measurement | None]
+_Reading = Callable[[InertialNavigator, float], Measurement | None]
 """Returns the measurement of a navigator at its time (s); None = there is no number."""
 _Read = tuple[_Reading, Callable[[Innovation], str]]
 """A reading, and what to say of one that cannot be right."""
@@ -158,7 +158,7 @@ class Aids:
         begin = self._first - from_seconds(1.0 / self._scenario.imu.rate)
         return any(source.is_due(ns, now, begin) for source in self._sources)
 
-    def apply(self, navigator: Navigating | None, ns: int) -> None:
+    def apply(self, navigator: InertialNavigator | None, ns: int) -> None:
         """Apply the readings up to a stamp, which the navigator has reached."""
         if navigator is not None:
             self._report.tick(ns, navigator)
@@ -189,7 +189,7 @@ class Aids:
         velocity, covariance = read_velocity(message, self._frame)
         velocity[[axis for axis in range(3) if axis not in settings.axes]] = np.nan
 
-        def of(navigator: Navigating, time: float) -> Measurement | None:
+        def of(navigator: InertialNavigator, time: float) -> Measurement | None:
             rate = navigator.sample_at(time)[1]
             return VelocityReading.of(settings, velocity, covariance, rate)
 
@@ -232,7 +232,7 @@ class Aids:
         velocity, covariance = read_ground_velocity(message)
         gnss = self._scenario.gnss
 
-        def of(navigator: Navigating, time: float) -> Measurement | None:
+        def of(navigator: InertialNavigator, time: float) -> Measurement | None:
             rate = navigator.sample_at(time)[1]
             return satellite_velocity(gnss, velocity, rate, covariance)
 

@@ -7,7 +7,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger as Logger
 from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.fix import Fix
-from isogal.fusion.alignment import Navigating
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Outcome, measurements_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
@@ -48,7 +48,7 @@ class Corrections:
         self._odd = 0
         self._accepted = self._refused = 0
 
-    def apply(self, navigator: Navigating | None, content: WholeFix | NavSatFix) -> None:
+    def apply(self, navigator: InertialNavigator | None, content: WholeFix | NavSatFix) -> None:
         """Correct the filter (None = it has not started) with a whole fix, or with a NavSatFix
         that is all there is.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.fields.known_gravity import known_gravity
-from isogal.fusion.alignment import Alignment, Navigating
+from isogal.fusion.alignment import Alignment
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import PositionFix, SampleNoise
@@ -76,7 +76,7 @@ class Navigation:
         self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
         self._noted = -SAID_NS
         self._upright = Upright()
-        self.navigator: Navigating | None = None
+        self.navigator: InertialNavigator | None = None
         """None = it has no start yet."""
         self.ns = -1
         """Stamp of the newest state."""
@@ -303,7 +303,7 @@ class Navigation:
         stream, most, navigator = self._stream, self._settings.odometry_rate, self.navigator
         if stream is None or not stream.pending or most == 0.0:
             return None
-        if not isinstance(navigator, InertialNavigator):  # there is none, or it is being aligned
+        if navigator is None or not self.aligned:
             return None
         every = max(1, math.ceil(stream.measured_rate / most - ROUNDED))
         if stream.pending % every:
@@ -332,7 +332,7 @@ class Navigation:
             self._unresolved.begin(ns)
 
     def _follow(self, alignment: Alignment) -> None:
-        """Tell how far an alignment is, and go on without it when it is over."""
+        """Tell how far an alignment is."""
         progress = alignment.progress
         self._health.figures |= {
             "aligned": progress.aligned,
@@ -340,8 +340,6 @@ class Navigation:
             "heading 1-sigma, mrad": 1e3 * progress.heading,
         }
         self._health.concern("aligning", None if progress.aligned else progress.text)
-        if alignment.over:
-            self.navigator = alignment.navigation
 
     @property
     def aligned(self) -> bool:
@@ -361,9 +359,8 @@ class Navigation:
     @property
     def unresolved(self) -> str | None:
         """What is not known of the last long gap; None = nothing."""
-        return self._unresolved.text(
-            self.ns, self.navigator is not None and self.navigator.undecided
-        )
+        undecided = self.navigator is not None and self.aligned and self.navigator.undecided
+        return self._unresolved.text(self.ns, undecided)
 
     def unfit(self) -> None:
         """Note that a fix did not agree with the filter."""

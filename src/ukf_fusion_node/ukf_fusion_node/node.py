@@ -9,7 +9,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Imu
 
 from isogal.arrays import Array
-from isogal.fusion.alignment import Alignment
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
@@ -71,8 +70,7 @@ class UkfFusionNode(GraphNode):
     @property
     def navigator(self) -> InertialNavigator | None:
         """The filter with its history; None = it has not begun, or is being aligned."""
-        found = self._navigation.navigator
-        return None if isinstance(found, Alignment) else found
+        return self._navigation.navigator if self._navigation.aligned else None
 
     def _reset(self) -> str:
         self._smoothed.begin_anew()

@@ -55,7 +55,7 @@ class UkfFusionSettings(NodeSettings):
     path_interval: float = Field(
         60.0,
         gt=0.0,
-        description="time between the poses of nav/path, s; twice as long whenever there are 500",
+        description=("time between poses kept for nav/path, s; doubled whenever there are 200"),
     )
     start_time: float = Field(
         0.0,

@@ -5,9 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-import numpy as np
-
-from isogal.arrays import Array, Booleans, Integers
+from isogal.arrays import Array, Booleans
 from isogal_ros.messages.checks import BadMessageError
 
 AXES = (
@@ -36,7 +34,7 @@ FELT = 2.0
 """How many times the largest of them says that the other kind of sensor has felt it, too."""
 BACK = 0.25
 """Of its distance, by which the next sample may miss the one before: more is a manoeuvre."""
-LEAST_DISTANCE = np.array([1e-2, 1e-3])
+LEAST_DISTANCE = 1e-2, 1e-3
 """m/s², rad/s: less, for one sample, does no harm."""
 SENSORS = ("specific force", "angular rate")
 
@@ -78,57 +76,63 @@ class Watch:
         noisy: Booleans | None = None,
     ) -> None:
         self._acceleration, self._turn_rate, self._clock = acceleration, turn_rate, clock
-        self._noisy = np.ones(6, bool) if noisy is None else noisy
-        self._last = np.full(6, np.nan)
-        self._same, self._changes, self._longest = (np.zeros(6, int) for _ in range(3))
+        self._noisy = [True] * 6 if noisy is None else noisy.tolist()
+        self._last = [math.nan] * 6
+        self._same, self._changes, self._longest = ([0] * 6 for _ in range(3))
         self._heard: float | None = None
 
     def take(self, force: Array, rate: Array) -> None:
         """Look at a sample (3,), (3,); raises BadMessageError where it cannot be true."""
         self._heard = self._clock()
-        values = np.concatenate([force, rate])
+        # of six numbers, lists are faster than arrays
+        values = force.tolist() + rate.tolist()
         self._count(values)
-        limit = self._limit
-        stuck = self._noisy & (self._changes >= LEARNT) & (self._same >= limit)
-        if stuck.any():
-            axis = int(np.argmax(stuck))
-            new = bool((self._same[stuck] == limit[stuck]).all())
+        stuck = [axis for axis in range(6) if self._is_stuck(axis)]
+        if stuck:
+            same = [self._same[axis] for axis in stuck]
+            new = all(self._same[axis] == self._limit(axis) for axis in stuck)
             raise StuckError(
-                f"{_names(stuck)} stuck for {self._same[axis] + 1} samples: taken as missing",
-                int(self._same[stuck].max()) if new else 0,
+                f"{_names(stuck)} stuck for {same[0] + 1} samples: taken as missing",
+                max(same) if new else 0,
             )
-        beyond = abs(_length(force) - GRAVITY)
+        beyond = abs(math.hypot(*values[:3]) - GRAVITY)
         if beyond > self._acceleration:
             raise BadMessageError(
                 f"specific force {beyond:.0f} m/s² beyond gravity; max_acceleration is"
                 f" {self._acceleration:g} m/s²"
             )
-        turn = _length(rate)
+        turn = math.hypot(*values[3:])
         if turn > self._turn_rate:
             raise BadMessageError(
                 f"angular rate {turn:.2g} rad/s; max_turn_rate is {self._turn_rate:g} rad/s"
             )
 
-    def _count(self, values: Array) -> None:
+    def _count(self, values: list[float]) -> None:
         """Count changes of each axis, and how often its value has come again."""
-        moved = values != self._last
-        if not moved.all() or self._same.any():
-            rested = moved & (self._same < self._limit)
-            self._longest = np.where(rested, np.maximum(self._longest, self._same), self._longest)
-        self._changes += moved
-        self._same = np.where(moved, 0, self._same + 1)
+        for axis, value in enumerate(values):
+            if value == self._last[axis]:
+                self._same[axis] += 1
+                continue
+            rested = self._same[axis]
+            if rested < self._limit(axis):
+                self._longest[axis] = max(self._longest[axis], rested)
+            self._changes[axis] += 1
+            self._same[axis] = 0
         self._last = values
 
-    @property
-    def _limit(self) -> Integers:
-        """(6,) repetitions after which an axis is stuck."""
-        return np.maximum(LEAST, 4 * (self._longest + 1))
+    def _limit(self, axis: int) -> int:
+        """Return the repetitions after which an axis is stuck."""
+        return max(LEAST, 4 * (self._longest[axis] + 1))
+
+    def _is_stuck(self, axis: int) -> bool:
+        known = self._noisy[axis] and self._changes[axis] >= LEARNT
+        return known and self._same[axis] >= self._limit(axis)
 
     @property
     def stuck(self) -> str | None:
         """Which axes have not moved for long; None = all have."""
-        resting = self._same >= STUCK
-        return f"stuck: {_names(resting)}" if resting.any() else None
+        resting = [axis for axis in range(6) if self._same[axis] >= STUCK]
+        return f"stuck: {_names(resting)}" if resting else None
 
     @property
     def silent(self) -> str | None:
@@ -137,8 +141,8 @@ class Watch:
         return f"no IMU samples for {gone:.0f} s of wall time" if gone > SILENT else None
 
 
-def _names(axes: Booleans) -> str:
-    return ", ".join(name for name, which in zip(AXES, axes, strict=True) if which)
+def _names(axes: list[int]) -> str:
+    return ", ".join(AXES[axis] for axis in axes)
 
 
 class Leaps:
@@ -168,6 +172,12 @@ class Leaps:
             )
 
 
+_Sample = tuple[list[float], list[float]]
+"""Specific force and angular rate."""
+_Pair = tuple[float, float]
+"""Of both, m/s² and rad/s."""
+
+
 class LoneSamples:
     """Finds a sample that differs from both its neighbours by much more than samples have differed
     for a while: a fault, not a motion. That shows when the next one comes.
@@ -176,37 +186,37 @@ class LoneSamples:
     """
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[Array, Array]] = deque(maxlen=2)
-        self._changes = np.zeros((REMEMBERED, 2))
-        self._seen = 0
-        """Changes so far: the newest takes the place of the oldest."""
+        self._samples: deque[_Sample] = deque(maxlen=2)
+        self._changes: deque[_Pair] = deque(maxlen=REMEMBERED)
 
     def take(self, force: Array, rate: Array) -> str | None:
         """Take a sample (3,), (3,), m/s² and rad/s; return what is wrong with the one before it,
         which is forgotten."""
-        new = force, rate
+        new = force.tolist(), rate.tolist()
         if len(self._samples) == 2:
             before, last = self._samples
-            away, missed = _distance(last, before), _distance(new, before)
-            if self._seen >= REMEMBERED:
-                usual = self._changes.max(axis=0)
-                lone = (away > np.maximum(BEYOND * usual, LEAST_DISTANCE)) & (missed < BACK * away)
-                if lone.any() and (away > FELT * usual).sum() == 1:
-                    self._samples.pop()
-                    self._samples.append(new)
-                    which = int(np.argmax(lone))
-                    unit = ("m/s²", "rad/s")[which]
-                    return f"{SENSORS[which]} of one sample {away[which]:.2g} {unit} out of line"
-            self._changes[self._seen % REMEMBERED] = away
-            self._seen += 1
+            away = _distance(last, before)
+            if (which := self._lone(away, _distance(new, before))) is not None:
+                self._samples[-1] = new
+                unit = ("m/s²", "rad/s")[which]
+                return f"{SENSORS[which]} of one sample {away[which]:.2g} {unit} out of line"
+            self._changes.append(away)
         self._samples.append(new)
         return None
 
+    def _lone(self, away: _Pair, missed: _Pair) -> int | None:
+        """Return which of `SENSORS` alone has felt something of which the next sample knows
+        nothing; None = neither."""
+        both = range(2)
+        if len(self._changes) < REMEMBERED or all(away[k] <= LEAST_DISTANCE[k] for k in both):
+            return None
+        usual = [max(change[k] for change in self._changes) for k in both]
+        felt = [k for k in both if away[k] > FELT * usual[k]]
+        beyond = (max(BEYOND * usual[k], LEAST_DISTANCE[k]) for k in both)
+        lone = [k for k, far in enumerate(beyond) if away[k] > far and missed[k] < BACK * away[k]]
+        return lone[0] if lone and len(felt) == 1 else None
 
-def _distance(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
-    """Return (2,) how far apart two samples are, m/s² and rad/s."""
-    return np.array([_length(a - b) for a, b in zip(one, other, strict=True)])
 
-
-def _length(vector: Array) -> float:
-    return math.sqrt(vector @ vector)
+def _distance(one: _Sample, other: _Sample) -> _Pair:
+    """Return how far apart two samples are, m/s² and rad/s."""
+    return math.dist(one[0], other[0]), math.dist(one[1], other[1])

@@ -163,7 +163,7 @@ def test_a_map_that_says_its_error_counts():
         (scenario(), ROUGH),
         (
             scenario(),
-            replace(told, correlation_lengths=np.full(ROUGH.shape, 3000.0)),
+            replace(told, error_ellipses=np.tile([9e6, 0.0, 9e6], (*ROUGH.shape, 1))),
         ),
     ):
         area = Area(settings, field_map)

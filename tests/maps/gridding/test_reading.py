@@ -111,8 +111,8 @@ GOOD = rows(LAT, LON, VALUE)
         ("north,up,dg[mGal]", GOOD, "no columns latitude and longitude"),
         ("lat,lon,dg[mGal]", rows(LON, LAT, VALUE), "swapped or projected"),
         ("lat,lon,dg[mGal]", [*GOOD, "1,2"], "line 62 has 2 cells"),
-        ("lat,lon,dg[mGal]", [*GOOD, "1,2,high"], "line 62 holds 'high'"),
-        ("lat,lon,dg[mGal]", [*GOOD, "1,2,1_0"], "line 62 holds '1_0'"),
+        ("lat,lon,dg[mGal]", [*GOOD, "1,2,high"], "value in line 62 is 'high', not a number"),
+        ("lat,lon,dg[mGal]", [*GOOD, "1,2,1_0"], "value in line 62 is '1_0', not a number"),
         (GOOD[0], GOOD[1:], "has no header; it needs a header with"),
         ("lat,lon,dg[mGal]", [*GOOD, *GOOD], "120 of 120 readings are duplicates"),
         (
@@ -151,7 +151,7 @@ def test_netcdf_with_two_columns_of_values_asks_which(tmp_path):
 
 
 def test_a_missing_and_a_binary_file_are_named(tmp_path):
-    with pytest.raises(InputError, match=r"none\.csv: no such file"):
+    with pytest.raises(InputError, match=r"none\.csv: cannot be read: No such file"):
         read_survey(tmp_path / "none.csv")
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match=r"binary\.csv: is not a text file"):

@@ -21,11 +21,11 @@ from isogal.matching.pmht.hypotheses import (
     NEGLIGIBLE,
     Hypotheses,
 )
+from isogal.matching.pmht.memory import steps
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
 from isogal.matching.pmht.moving_bank import with_needed
-from isogal.matching.pmht.places import resolved, spread_over
-from isogal.matching.pmht.propagation import steps
 from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.search import resolved, spread_over
 from isogal.matching.pmht.states import DELAY, UNKNOWN
 
 ROUGH = field_map_of(wavy)
@@ -281,10 +281,23 @@ def test_faults_that_readings_do_not_speak_for_are_not_published():
     assert set(which.family[later.credible().which]) == {NONE, LATE}
 
 
-def test_negative_information_tells_nothing():
-    bank = random_bank(0, 2)
-    unit = np.diag(SIGMA**-2.0)
-    assert bank.informed(Information(np.zeros(7), 0.0 * unit), np.diag(SIGMA**2)) is bank
-    after = bank.informed(Information(np.ones(7), -unit), np.diag(SIGMA**2))
+@given(seeds)
+def test_information_that_is_withdrawn_is_no_longer_known(seed):
+    bank, prior = random_bank(seed, 4), np.diag(SIGMA**2)
+    effect = np.random.default_rng(seed).standard_normal(7) / SIGMA
+    variance = np.einsum("i,kij,j->k", effect, bank.covariance[:, :7, :7], effect)
+    told = Information(effect / variance.max(), np.outer(effect, effect) / variance.max())
+    after = bank.informed(told, prior)
+    assert (after.log_weight != bank.log_weight).all()
+    before = after.informed(Information(-told.vector, -told.matrix), prior)
+    for k in range(len(bank)):
+        same((before.mean[k], before.covariance[k]), (bank.mean[k], bank.covariance[k]), 1e-6)
+    np.testing.assert_allclose(before.log_weight, bank.log_weight, atol=1e-6)
+
+
+def test_more_than_is_known_cannot_be_withdrawn():
+    bank, prior = random_bank(0, 2), np.diag(SIGMA**2)
+    assert bank.informed(Information(np.zeros(7), 0.0 * prior), prior) is bank
+    after = bank.informed(Information(np.ones(7), -4.0 * np.linalg.inv(prior)), prior)
     np.testing.assert_allclose(after.covariance, bank.covariance)
     np.testing.assert_allclose(after.log_weight, bank.log_weight)

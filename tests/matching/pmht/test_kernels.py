@@ -10,22 +10,6 @@ from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.rows import rows_of
 
 
-def test_propagation_is_a_matrix_product():
-    bank, random = random_bank(0), np.random.default_rng(1)
-    forward = np.eye(7) + 0.2 * random.standard_normal((7, 7))
-    root = random.standard_normal((7, 7))
-    growth = root @ root.T
-    factor = np.linspace(1.0, 30.0, len(bank.models.sigma))
-    mean, covariance = bank.mean.copy(), bank.covariance.copy()
-    kernels.propagated(bank.which, factor, forward, growth, mean, covariance)
-    whole = np.eye(mean.shape[1])
-    whole[:7, :7] = forward
-    expected = whole @ bank.covariance @ whole.T
-    expected[:, :7, :7] += factor[bank.which, None, None] * growth
-    np.testing.assert_allclose(mean, bank.mean @ whole.T, rtol=1e-12, atol=1e-18)
-    np.testing.assert_allclose(covariance, expected, rtol=1e-9, atol=1e-15)
-
-
 def test_only_what_overlaps_and_has_one_model_is_merged():
     bank = random_bank(4, 4)
     bank.which[:] = [0, 0, 0, 1]

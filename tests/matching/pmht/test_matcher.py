@@ -14,8 +14,7 @@ from isogal.checkpoints import Saved
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht import matcher as matcher_of
 from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.places import WIDE_M
-from isogal.matching.pmht.search import unaided
+from isogal.matching.pmht.search import WIDE_M, unaided
 from isogal.scenario import Matcher
 
 ERROR = (250.0, -300.0, 0.03, 0.02)

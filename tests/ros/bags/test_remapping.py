@@ -8,11 +8,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from helpers.bag_writing import begin, sample
 from helpers.command_line import answer, refusal
+from helpers.recordings import rewritten
 from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.remapping import Remapping
-from isogal_ros.bags.writer import BagWriter
 
 FOREIGN = {"/imu/data_raw": "/sbg/imu", "/gravimeter/data_raw": "/mgs6/acceleration"}
 RULES = [word for old, new in FOREIGN.items() for word in ("--remap", f"{new}:={old}")]
@@ -22,17 +22,11 @@ RULES = [word for old, new in FOREIGN.items() for word in ("--remap", f"{new}:={
 def foreign(recording, tmp_path_factory):
     """The recording as another tool would have made it: other topics, sensors only, no
     scenario."""
-    reader, folder = BagReader(recording), tmp_path_factory.mktemp("foreign") / "bag"
-    writer = BagWriter(folder, {})
-    for message in reader.messages():
-        name = FOREIGN.get(message.topic, message.topic)
-        if name.startswith("/pmht_mm"):
-            continue
-        if not writer.knows(name):
-            writer.add_topic(name, reader.types[message.topic], qos_entries([topics.LOSSLESS]), "")
-        writer.write(name, message.data, message.log_ns, message.log_ns)
-    writer.close()
-    return folder
+
+    def kept(topic: str, data: bytes) -> bytes | None:
+        return None if topic.startswith("/pmht_mm") else data
+
+    return rewritten(recording, tmp_path_factory.mktemp("foreign") / "bag", kept, {}, FOREIGN)
 
 
 @pytest.fixture(scope="module")
@@ -57,15 +51,15 @@ def test_a_view_of_it(foreign, scenario_file, tmp_path) -> None:
 
 def test_a_view_without_a_map_and_without_readings(recording, tmp_path) -> None:
     """A recording of another navigator, which says neither; not even how good it is."""
-    reader = BagReader(recording)
-    writer = BagWriter(tmp_path / "bag", {})
-    writer.add_topic("/gps/fix", "sensor_msgs/msg/NavSatFix", [], "")
-    for one in reader.messages():
-        if one.topic == "/nav/fix":
-            message = deserialize_message(one.data, topics.NAV_FIX.type)
-            message.position_covariance_type = message.COVARIANCE_TYPE_UNKNOWN
-            writer.write("/gps/fix", serialize_message(message), one.log_ns, one.log_ns)
-    writer.close()
+
+    def place(topic: str, data: bytes) -> bytes | None:
+        if topic != "/nav/fix":
+            return None
+        message = deserialize_message(data, topics.NAV_FIX.type)
+        message.position_covariance_type = message.COVARIANCE_TYPE_UNKNOWN
+        return serialize_message(message)
+
+    rewritten(recording, tmp_path / "bag", place, {}, {"/nav/fix": "/gps/fix"})
     page = tmp_path / "view.html"
     assert "--remap /TOPIC:=nav/fix" in refusal("view", tmp_path / "bag", "--out", page)
     answer("view", tmp_path / "bag", "--out", page, "--remap", "/gps/fix:=nav/fix")

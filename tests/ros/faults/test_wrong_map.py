@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message
 from helpers.batches import field_map_of, wavy
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal_ros import topics
-from isogal_ros.faults.judgement import two_batches
+from isogal_ros.faults.campaign import two_batches
 from isogal_ros.faults.trials import Feed, track_of
 from isogal_ros.nodes.health import OK
 

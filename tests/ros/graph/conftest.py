@@ -1,26 +1,59 @@
 """A run as a user starts it, with one process for each node."""
 
+import re
 import subprocess
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import psutil
 import pytest
 
 from helpers.commands import PATIENCE, command, sets
 from helpers.own_memory import left_of, own_memory
+from helpers.small_graph import nodes_of
 
 
 @dataclass(frozen=True)
 class Finished:
     """What a run has left behind."""
 
-    result: subprocess.CompletedProcess
     out: Path
-    mapped: set[Path]
+    result: subprocess.CompletedProcess | None = None
+    mapped: set[Path] = field(default_factory=set)
     """Shared memory files that its processes used."""
-    abandoned: set[Path]
-    """Those of them that are still there."""
+    memory: dict[str, int] = field(default_factory=dict)
+    """Most bytes that each node had while it was looked at."""
+    transports: dict[str, set[str]] = field(default_factory=dict)
+    """By which of Fast DDS's transports each node listened."""
+
+    def look(self, pid: int) -> None:
+        """Note what the nodes of a process that runs have."""
+        self.mapped.update(own_memory(pid))
+        for name, node in nodes_of(pid).items():
+            try:
+                size = node.memory_info().rss
+            except psutil.Error:  # it has just ended
+                continue
+            self.memory[name] = max(size, self.memory.get(name, 0))
+            self.transports.setdefault(name, set()).update(listens_by(node.pid))
+
+    @property
+    def abandoned(self) -> set[Path]:
+        """Shared memory files that are still there."""
+        return left_of(self.mapped)
+
+
+def listens_by(pid: int) -> set[str]:
+    """Return by which of Fast DDS's transports a process listens: each has threads named
+    dds.TRANSPORT.PORT."""
+    found = set()
+    for path in Path(f"/proc/{pid}/task").glob("*/comm"):
+        try:
+            found.add(re.fullmatch(r"dds\.(udp|shm|tcp)\.\d+", path.read_text().strip()))
+        except OSError:  # it has just ended
+            continue
+    return {match[1] for match in found if match}
 
 
 @pytest.fixture(scope="session")
@@ -28,18 +61,17 @@ def finished(
     tmp_path_factory: pytest.TempPathFactory, settings: Callable[..., list[str]]
 ) -> Finished:
     """A whole run in processes."""
-    out = tmp_path_factory.mktemp("processes")
-    words = command("run", *sets(settings()), "--out", out)
+    made = Finished(tmp_path_factory.mktemp("processes"))
+    words = command("run", *sets(settings()), "--out", made.out)
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    own: set[Path] = set()
     for _ in range(round(PATIENCE)):
         try:
             said, complained = process.communicate(timeout=1.0)
             break
         except subprocess.TimeoutExpired:
-            own |= own_memory(process.pid)
+            made.look(process.pid)
     else:
         process.kill()
         pytest.fail("the run does not end")
     result = subprocess.CompletedProcess(words, process.returncode, said, complained)
-    return Finished(result, out, own, left_of(own))
+    return replace(made, result=result)

@@ -9,11 +9,10 @@ import pytest
 from helpers.command_line import call
 from helpers.commands import isogal, sets
 from helpers.field_scenarios import GRADIENT
+from helpers.recordings import rewritten
 from isogal.cli import run
 from isogal.fields import derived_maps
 from isogal.scenario import load_scenario
-from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.writer import BagWriter
 from isogal_ros.faults import campaign
 
 
@@ -30,13 +29,7 @@ def test_a_replay_beyond_the_tolerance_fails(recording) -> None:
 
 def test_a_bag_without_scenario_is_refused_unless_told(recording, settings, tmp_path) -> None:
     """Rewritten by another tool; it once was replayed with the default scenario, exit 0."""
-    writer = BagWriter(tmp_path / "poor")
-    reader = BagReader(recording)
-    for message in reader.messages():
-        if not writer.knows(message.topic):
-            writer.add_topic(message.topic, reader.types[message.topic], [], "")
-        writer.write(message.topic, message.data, message.log_ns, message.log_ns)
-    writer.close()
+    rewritten(recording, tmp_path / "poor", texts={})
     code, _, err = call("replay", tmp_path / "poor")
     assert code == 2
     assert "the bag has no scenario" in err
@@ -128,12 +121,12 @@ def test_the_faults_command_ends_with_the_status_of_the_campaign(
     monkeypatch.setattr(
         campaign, "run_campaign", lambda *words: asked.append(words) or {"failed": 1}
     )
-    words = ("--quick", "--trials", 3, "--process-trials", 0, "--json", "--out", tmp_path / "f")
+    words = ("--quick", "--trials", 3, "--json", "--out", tmp_path / "f")
     status, out, _ = call("faults", *sets(settings()), *words)
     assert (status, json.loads(out)) == (1, {"failed": 1})
     ((scenario, folder, trials, quick, *_),) = asked
     assert scenario == campaign.quick_scenario(load_scenario(None, settings()))
-    assert (folder, trials, quick) == (tmp_path / "f", (3, 0), True)
+    assert (folder, trials, quick) == (tmp_path / "f", 3, True)
 
 
 @pytest.mark.parametrize("words", [("run",), ("replay", "bag"), ("faults", "--out", "out")])

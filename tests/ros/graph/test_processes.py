@@ -2,7 +2,7 @@
 
 import json
 import os
-import re
+import shutil
 import signal
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from helpers.command_line import answer, call
-from helpers.commands import PATIENCE, command, sets, wait_for
+from helpers.commands import sets, wait_for
 from helpers.own_memory import left_of, own_memory
 from helpers.recordings import collect, nav_positions
 from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, start
@@ -23,29 +23,7 @@ from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph import commands
 from isogal_ros.graph.plan import GraphError
 from isogal_ros.graph.running import run_processes, shared_memory, sweep_shared_memory
-from isogal_ros.nodes.signals import Interrupt
-
-
-@pytest.fixture
-def running(tmp_path, settings):
-    """`isogal run` in processes that has recorded something, ended afterwards whatever happens."""
-    before = shared_memory()
-    options = sets(settings("route.duration=1900.0"))
-    process = subprocess.Popen(
-        command("run", *options, "--rate", 20, "--out", tmp_path / "out"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    wait_for(
-        lambda: process.poll() is not None or has_recorded(tmp_path / "out" / "bag"),
-        "the recording",
-    )
-    assert process.poll() is None, process.communicate()
-    nodes = nodes_of(process.pid)
-    yield process, nodes, tmp_path / "out"
-    kill(process, nodes)
-    sweep_shared_memory(before)  # a test may have killed what sweeps
+from isogal_ros.nodes.signals import interrupts
 
 
 @pytest.fixture(scope="module")
@@ -71,14 +49,6 @@ def orphans(folder: Path) -> set[str]:
     finally:
         kill(process, nodes)
         sweep_shared_memory(before)
-
-
-def listens_by(pid: int) -> set[str]:
-    """Return by which of Fast DDS's transports a process listens: each has threads named
-    dds.TRANSPORT.PORT."""
-    names = [path.read_text().strip() for path in Path(f"/proc/{pid}/task").glob("*/comm")]
-    found = [re.fullmatch(r"dds\.(udp|shm|tcp)\.\d+", name) for name in names]
-    return {match[1] for match in found if match}
 
 
 def kill(process: subprocess.Popen, nodes: dict[str, psutil.Process]) -> None:
@@ -118,6 +88,9 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert "ROS domain" in result.stderr
     assert "RMS position error (m)" in result.stdout
     assert "Traceback" not in result.stderr
+    assert set(finished.memory) == {*topics.NODES, RECORDER}
+    assert max(finished.memory.values()) < 300e6, finished.memory
+    assert all(one == {"udp"} for one in finished.transports.values())
 
 
 def test_the_replay_command(finished, tmp_path) -> None:
@@ -141,58 +114,55 @@ def test_nodes_end_with_their_parent(orphaned) -> None:
     assert orphaned.result() == set()
 
 
-def test_an_interrupt_ends_all_and_keeps_the_bag(finished, running) -> None:
-    """After a whole run, so that no node is compiling, which takes memory."""
-    process, nodes, out = running
-    assert set(nodes) == {*topics.NODES, RECORDER}
-    for name, node in nodes.items():
-        assert node.memory_info().rss < 300e6, name
-        assert listens_by(node.pid) == {"udp"}, name
-    own = own_memory(process.pid)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
-    assert f"The recording is kept: isogal replay {out / 'bag'}" in err
-    assert "Traceback" not in err
-    assert not any(node.is_running() for node in nodes.values())
-    assert own
-    assert not left_of(own)
-    reader = BagReader(out / "bag")
-    assert sum(1 for _ in reader.messages()) > ENOUGH
-    assert reader.cut is None
-    for name in (*topics.NODES, RECORDER):
-        assert "Traceback" not in (out / "log" / f"{name}.log").read_text()
-
-
-def test_a_node_that_dies_ends_the_run_and_leaves_a_bag_that_can_be_read(tmp_path) -> None:
+@pytest.mark.parametrize("how", ["interrupted", "a node dies"])
+def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> None:
     own, bag = set(), tmp_path / "bag"
 
     def report(progress) -> None:
-        if not own and has_recorded(bag):  # once: it is told of progress until the death is seen
-            own.update(own_memory(os.getpid(), itself=False))
+        if own or not has_recorded(bag):  # once: it is told of progress until the end is seen
+            return
+        own.update(own_memory(os.getpid(), itself=False))
+        if how == "interrupted":
+            os.kill(os.getpid(), signal.SIGINT)
+        else:
             nodes_of(os.getpid())[RECORDER].kill()
 
-    with pytest.raises(GraphError, match=rf"^{RECORDER} ended \(killed by SIGKILL\)"):
-        run_processes(small_plan(bag), tmp_path / "log", Interrupt(), report)
+    def run() -> None:
+        with interrupts() as interrupt:
+            run_processes(small_plan(bag), tmp_path / "log", interrupt, report)
+
+    if how == "interrupted":
+        run()
+    else:
+        with pytest.raises(GraphError, match=rf"^{RECORDER} ended \(killed by SIGKILL\)"):
+            run()
     assert not nodes_of(os.getpid())
     assert own
     assert not left_of(own)
     reader = BagReader(bag)
     assert sum(1 for _ in reader.messages()) > ENOUGH
-    assert reader.cut is not None
+    assert (reader.cut is None) == (how == "interrupted")
+    for log in (tmp_path / "log").glob("*.log"):
+        assert "Traceback" not in log.read_text()
 
 
-def test_interrupted_before_anything_is_recorded_no_recording_is_kept(
-    settings, tmp_path, monkeypatch
+@pytest.mark.parametrize("recorded", [True, False])
+def test_the_command_says_whether_an_interrupted_run_is_kept(
+    settings, recording, tmp_path, monkeypatch, recorded
 ) -> None:
+    bag = tmp_path / "out" / "bag"
+
     def interrupted(_plan, _folder, interrupt, *_) -> float:
+        if recorded:
+            shutil.copytree(recording, bag, dirs_exist_ok=True)
         interrupt(signal.SIGINT)
         return 0.0
 
     monkeypatch.setattr(commands, "run_processes", interrupted)
     status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
     assert status == 130
-    assert err.splitlines()[-1].endswith("all nodes have ended.")
+    kept = f" The recording is kept: isogal replay {bag}" if recorded else ""
+    assert err.splitlines()[-1].endswith(f"all nodes have ended.{kept}")
 
 
 def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path, monkeypatch):

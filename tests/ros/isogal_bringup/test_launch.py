@@ -11,7 +11,6 @@ import yaml
 from helpers.domains import claim_domain
 from helpers.launching import BRINGUP, Launch
 from helpers.player import Player
-from helpers.small_graph import ENOUGH
 from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
@@ -41,28 +40,6 @@ def launch(monkeypatch, tmp_path):
     yield go
     for made in started:
         made.kill()
-    sweep_shared_memory(before)
-
-
-@pytest.fixture(scope="module")
-def respawning(tmp_path_factory, scenario):
-    """A launch whose nodes are killed one after the other and respawned, and the names of these
-    nodes. It mostly waits, thus beside other tests, in its own domain."""
-    folder = tmp_path_factory.mktemp("respawning")
-    # long enough that it has not arrived before all are killed, however long they take to start
-    (folder / "params.yaml").write_text(parameter_file(scenario("route.duration=180.0"), {}))
-    words = {"params": str(folder / "params.yaml"), "bag": str(folder / "bag")}
-    killed = [topics.UKF_FUSION, RECORDER, topics.INS_SIM]
-    before = shared_memory()
-    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
-        patch.delenv(DOMAIN)
-        with claim_domain() as domain:
-            made = Launch(FILE, words | {"rate": "15.0", "respawn": "true"}, folder, patch)
-            made.environment[DOMAIN] = str(domain)
-            made.describe()
-            patch.undo()
-            yield made, killed, pool.submit(made.run, when="fix with", kill=list(killed))
-            made.kill()
     sweep_shared_memory(before)
 
 
@@ -273,7 +250,6 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("respawning")  # which begins here and runs beside it
 def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_kill_ends_all(
     launch, scenario, recording, tmp_path
 ) -> None:
@@ -315,62 +291,58 @@ def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_k
 
 
 @pytest.mark.slow
-def test_with_respawn_killed_nodes_go_on_until_the_vehicle_has_arrived(respawning) -> None:
-    made, killed, run = respawning
-    run.result()
-    assert made.reason == "the simulated vehicle has arrived", made.output()
-    assert made.exit_code == 0
-    assert made.died[:-1] == [(name, -9) for name in killed], made.output()
-    assert set(made.codes.values()) == {0}, made.output()
-    output = made.output()
-    assert "Traceback" not in output
-    for words in ("ready", "begun", "fix with", "goes on from the checkpoint", "arrived"):
-        assert words in output
-    reader = BagReader(made.folder / "bag")
-    assert len(reader.files) == 2
-    collected = Collector(reader.scenario())
-    collected.take_bag(reader)
-    assert reader.cut is None
-    assert sum(1 for _ in reader.messages()) > ENOUGH
-    assert len(collected.last_nav) > 100
-
-
-@pytest.mark.slow
-def test_two_graphs_under_namespaces_in_one_domain(tmp_path_factory, scenario) -> None:
-    """Each in a domain that the environment names: neither hears anything of the other."""
-    file = tmp_path_factory.mktemp("two") / "params.yaml"
-    file.write_text(parameter_file(scenario("route.duration=120.0"), {}))
+def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
+    tmp_path_factory, scenario
+) -> None:
+    """In a domain that the environment names: neither hears anything of the other, and the killed
+    nodes go on until their vehicle has arrived."""
+    killed = [topics.UKF_FUSION, RECORDER, topics.INS_SIM]
+    # long enough that it has not arrived before all are killed, however long they take to start
+    more = {"ship": {"rate": "15.0", "respawn": "true"}, "boat": {"rate": "0.0", "run": "1"}}
     before, made = shared_memory(), {}
     try:
         with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
             patch.setenv(DOMAIN, str(domain))
-            for run, name in enumerate(("ship", "boat")):
+            for name, duration in (("ship", 180.0), ("boat", 120.0)):
                 folder = tmp_path_factory.mktemp(name)
+                file = folder / "params.yaml"
+                file.write_text(parameter_file(scenario(f"route.duration={duration}"), {}))
                 words = {"params": str(file), "bag": str(folder / "bag"), "namespace": name}
-                words |= {"rate": "0.0", "run": str(run)}
-                made[name] = Launch(FILE, words, folder, patch)
+                made[name] = Launch(FILE, words | more[name], folder, patch)
                 made[name].describe()
             with ThreadPoolExecutor(2) as pool:
-                list(pool.map(Launch.run, made.values()))
+                ship = pool.submit(made["ship"].run, when="fix with", kill=list(killed))
+                pool.submit(made["boat"].run).result()
+                ship.result()
     finally:
         for one in made.values():
             one.kill()
         sweep_shared_memory(before)
-    starts = {}
+    states = {}
     for name, one in made.items():
-        assert one.reason == "the simulated vehicle has arrived", one.output()
-        assert "dropped" not in one.output()
-        reader = BagReader(one.folder / "bag")
+        output, reader = one.output(), BagReader(one.folder / "bag")
+        assert one.reason == "the simulated vehicle has arrived", output
+        assert (one.exit_code, set(one.codes.values())) == (0, {0}), output
+        assert "Traceback" not in output
         collected = Collector(reader.scenario())
         collected.take_bag(reader)
+        assert reader.cut is None
         own = {topic.split("/")[1] for topic in reader.types}
         assert own <= {name, "clock", "diagnostics", "tf", "tf_static"}
-        assert len(collected.truth) == 121
         assert {said.name.split("/")[0] for said in collected.said} <= {name}
-        assert len(collected.batches) == len(collected.fixes)
-        assert sum(found is not None for found in collected.fix_positions().values()) > 0
-        starts[name] = collected.last_nav[max(collected.last_nav)]
-    assert starts["ship"] != starts["boat"]  # of two runs
+        assert any(found is not None for found in collected.fix_positions().values())
+        states[name] = collected.last_nav
+        if name == "boat":
+            assert "dropped" not in output
+            assert len(collected.truth) == 121
+            assert len(collected.batches) == len(collected.fixes)
+        else:
+            assert one.died[:-1] == [(node, -9) for node in killed], output
+            for words in ("begun", "goes on from the checkpoint", "arrived"):
+                assert words in output
+            assert len(reader.files) == 2
+    assert len(states["ship"]) > 100
+    assert states["ship"][60 * 10**9] != states["boat"][60 * 10**9]  # of two runs
 
 
 def test_viewer_layouts_show_topics_that_exist() -> None:

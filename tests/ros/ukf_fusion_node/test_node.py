@@ -30,16 +30,21 @@ def start(scenario):
     return float(state.position[0, 0]), float(state.position[0, 1])
 
 
-def test_the_path_stays_short_and_whole(filter_bench, monkeypatch) -> None:
-    monkeypatch.setattr("ukf_fusion_node.outputs.PATH_POSES", 4)
-    filter_bench.node.outputs._interval = from_seconds(1.0)
-    for k in range(1, 14):
-        filter_bench.imu(k)
-    paths = [
-        [pose.header.stamp.sec for pose in path.poses] for path in filter_bench.heard["nav/path"]
-    ]
-    assert paths[:5] == [[0], [0, 1], [0, 1, 2], [0, 1, 2, 3], [0, 2, 4]]
-    assert paths[5:] == [[0, 2, 4, 6], [0, 4, 8], [0, 4, 8, 12]]
+def test_the_path_stays_short_and_whole_and_ends_with_the_newest(scenario, monkeypatch) -> None:
+    monkeypatch.setattr("ukf_fusion_node.track.PATH_POSES", 4)
+    with bench(topics.UKF_FUSION, scenario(), path_interval=2.0) as made:
+        for k in range(1, 14):
+            made.imu(k)
+        made.fix(13, 0.0, 0.0)  # answered with odometry of the same stamp
+        paths, odometry = made.heard["nav/path"], made.heard["nav/odom"]
+    seconds = [[pose.header.stamp.sec for pose in path.poses] for path in paths]
+    assert seconds[:6] == [[0], [0, 1], [0, 2], [0, 2, 3], [0, 2, 4], [0, 2, 4, 5]]
+    assert seconds[6:9] == [[0, 2, 4, 6], [0, 2, 4, 6, 7], [0, 4, 8]]
+    since = [9], [10], [11], [12], [12, 13]
+    assert seconds[9:] == [[0, 4, 8, *rest] for rest in since]
+    for path, state in zip(paths, odometry, strict=False):
+        assert path.header == state.header == path.poses[-1].header
+        assert path.poses[-1].pose == state.pose.pose
 
 
 def test_the_protection_level_is_that_of_the_odometrys_covariance(scenario) -> None:

@@ -133,24 +133,15 @@ def replay(
     Exits with 1 where they differ by too much, no message of a sensor was used, or there was no
     fix. The scenario is the recording's own; --scenario names another, --set changes keys."""
     require_ros()
-    from isogal.scenario import load_scenario
     from isogal_ros.bags.remapping import Foreign
-    from isogal_ros.graph.commands import replay_command
+    from isogal_ros.graph.commands import Changes, replay_command
 
     if domain is not None:
         typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
     bag = bag / "bag" if (bag / "bag").is_dir() else bag
-    status = replay_command(
-        bag,
-        out,
-        scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
-        overrides=chosen.set_ or [],
-        parameters=parameter or [],
-        foreign=Foreign(remap or [], driver or []),
-        tolerance=tolerance,
-        json=json,
-    )
-    raise typer.Exit(status)
+    foreign = Foreign(remap or (), driver or ())
+    changes = Changes(chosen.scenario, chosen.set_ or (), parameter or (), foreign)
+    raise typer.Exit(replay_command(bag, out, changes, tolerance=tolerance, json=json))
 
 
 @with_groups
@@ -165,20 +156,15 @@ def faults(
     ] = False,
     trials: Annotated[
         int,
-        typer.Option(
-            "--trials", metavar="N", min=0, help="Trials of each fault within one process."
-        ),
+        typer.Option("--trials", metavar="N", min=0, help="Trials of each fault."),
     ] = 1,
     process_trials: Annotated[
-        int,
-        typer.Option(
-            "--process-trials", metavar="N", min=0, help="Trials of each fault of processes."
-        ),
-    ] = 1,
+        int | None,
+        typer.Option("--process-trials", metavar="N", hidden=True, help="Of earlier versions."),
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Run the nodes with faulty sensors, messages, nodes and processes: what is reported, what
-    harm is done.
+    """Run the nodes with faulty sensors, messages and nodes: what is reported, what harm is done.
 
     Exits with 1 where a trial died or hung, something not finite was published, an exception was
     not expected, a fault that matters was not reported within two batches, or the error stayed
@@ -186,8 +172,9 @@ def faults(
     require_ros()
     from isogal_ros.graph.commands import faults_command
 
-    both = trials, process_trials
-    status = faults_command(chosen.load(), out, trials=both, quick=quick, json=json)
+    if process_trials is not None:
+        typer.echo("isogal: --process-trials: is benchmarks/soak.py now; ignored", err=True)
+    status = faults_command(chosen.load(), out, trials=trials, quick=quick, json=json)
     raise typer.Exit(status)
 
 

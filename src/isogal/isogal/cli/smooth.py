@@ -49,21 +49,12 @@ def smooth(
     recorded, the errors are printed. The scenario is the recording's own; --scenario names
     another, --set changes keys."""
     bag = _bag_of(source)
-    from isogal.scenario import load_scenario
     from isogal_ros.bags.remapping import Foreign
-    from isogal_ros.graph.commands import smooth_command
+    from isogal_ros.graph.commands import Changes, smooth_command
 
-    status = smooth_command(
-        bag,
-        out,
-        scenario=load_scenario(chosen.scenario) if chosen.scenario is not None else None,
-        overrides=chosen.set_ or [],
-        parameters=parameter or [],
-        foreign=Foreign(remap or [], driver or []),
-        interval=interval,
-        json=json,
-    )
-    raise typer.Exit(status)
+    foreign = Foreign(remap or (), driver or ())
+    changes = Changes(chosen.scenario, chosen.set_ or (), parameter or (), foreign)
+    raise typer.Exit(smooth_command(bag, out, changes, interval=interval, json=json))
 
 
 def _bag_of(source: Path) -> Path:

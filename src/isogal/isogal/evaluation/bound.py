@@ -24,6 +24,7 @@ accelerometer (docs/mathematics.md, section 3.7)."""
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,20 +52,25 @@ from isogal.fields.measured import measured_field
 from isogal.fields.simulator import recorded, scan_index
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.heading import by_attitude
+from isogal.fusion.measurements import (
+    HeadingReading,
+    VelocityReading,
+    position_fix,
+    satellite_velocity,
+)
 from isogal.fusion.measurements.height import by_auxiliary
-from isogal.fusion.measurements.position import AXES
-from isogal.fusion.measurements.velocity import velocity_reading
+from isogal.fusion.measurements.model import Linear
 from isogal.fusion.model import FilterModel
+from isogal.fusion.state import FilterState
 from isogal.inertial.error_model import STATES
-from isogal.inertial.error_state import FILTER_STATES
-from isogal.inertial.rotations import cross_matrix
+from isogal.inertial.error_state import FILTER_STATES, Estimate
+from isogal.inertial.rotations import from_matrix
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.scenario import HeadingAid, MapError, PositionAid, Scenario
+from isogal.scenario import MapError, Scenario
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
 from isogal.sensors.position_aid import within
@@ -153,26 +159,25 @@ class BoundModel:
     used: Booleans
     """(S,) whether the navigator gets, after a scan, what all readings so far say."""
 
-    def transitions(self) -> Iterator[tuple[Array, Array]]:
-        """Yield transition and half of the process noise (n, n) of each stretch; see
-        `isogal.evaluation.ins_error_model.transitions`."""
-        for transition, half in transitions(self.segments, self.density, self.states):
+    def transitions(self) -> Iterator[tuple[Array, Array, Array]]:
+        """Yield transition T and noise before and after it, q and r (n, n), of each stretch: a
+        covariance goes over it as T (P + q) T' + r (`isogal.evaluation.ins_error_model`).
+
+        At a scan, map errors that do so go on together (`MapSteps`)."""
+        pairs = transitions(self.segments, self.density, self.states)
+        for stretch, (transition, half) in enumerate(pairs, 1):
             for at, followed in self.lags:
                 transition[at, followed] = 1.0 - transition[at, at]
-            yield transition, half
-
-    def jump(self, P: Array, stretch: int) -> None:
-        """Let map errors go on to a scan at the end of a stretch, counted from 1, in place."""
-        for first, every, steps in self.jumps:
-            own, rest = divmod(stretch, every)
-            if rest or own > len(steps.gain):
-                continue
-            count, size = steps.gain.shape[1:]
-            here, newest = slice(first, first + size), slice(first, first + count)
-            moved = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
-            P[here] = moved @ P[here]
-            P[:, here] = P[:, here] @ moved.T
-            P[newest, newest] += steps.root[own - 1] @ steps.root[own - 1].T
+            over, after = transition, half
+            for first, every, steps in self.jumps:
+                own, rest = divmod(stretch, every)
+                if rest == 0 and own <= len(steps.gain):
+                    jump, (count, size) = np.eye(len(half)), steps.gain.shape[1:]
+                    new, all_ = slice(first, first + count), slice(first, first + size)
+                    jump[all_, all_] = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
+                    over, after = jump @ over, jump @ after @ jump.T
+                    after[new, new] += steps.root[own - 1] @ steps.root[own - 1].T
+            yield over, half, after
 
     def smoothed(self) -> Array:
         """Return (S + 1, 2, 2) the position covariances at the start and after each scan, given
@@ -182,71 +187,53 @@ class BoundModel:
         L P is left (modified Bryson-Frazier; Bierman 1973, docs/mathematics.md, section 11.1).
         Over a transition T, L becomes T' L T; over a reading with row h, gain k and innovation
         variance s, (I - k h')' L (I - k h') + h h' / s."""
-        size, scans = len(self.start), len(self.used)
-        P, kept = self.start.copy(), [self.start.copy()]
-        over, said = [np.eye(size)], [np.zeros((size, size))]
-        for stretch, (transition, half) in enumerate(self.transitions(), 1):
-            moved = transition @ (P + half) @ transition.T + half
-            P[:] = 0.5 * (moved + moved.T)
-            self.jump(P, stretch)
-            A, B = self.jumped(transition @ over[-1], stretch), said[-1]
+        n = len(self.start)
+        P, A, B = self.start, np.eye(n), np.zeros((n, n))
+        scans = [(P, A, B)]
+        for stretch, step in enumerate(self.transitions(), 1):
+            P, A = propagated(P, *step), step[0] @ A
             for sensor in self.measurements:
                 for row, noise in sensor.at(stretch):
                     variance = noise + float(row @ P @ row)
                     gain, seen = condition(P, row, noise), row @ A
                     B += np.outer(seen, seen) / variance
                     A -= np.outer(gain, seen)
-            over[-1] = A
             if stretch % self.segments.per_scan == 0:
-                kept.append(P.copy())
-                over.append(np.eye(size))
-                said.append(np.zeros((size, size)))
-        result, later = np.empty((scans + 1, 2, 2)), np.zeros((size, size))
-        for scan in range(scans, -1, -1):
-            P = kept[scan]
-            result[scan] = P[:2, :2] - P[:2] @ later @ P[:, :2]
-            if scan > 0:
-                A = over[scan - 1]
-                later = A.T @ later @ A + said[scan - 1]
-        return result
-
-    def jumped(self, A: Array, stretch: int) -> Array:
-        """Return a transition (n, n) followed by that of map errors which go on to a scan at the
-        end of a stretch."""
-        for first, every, steps in self.jumps:
-            own, rest = divmod(stretch, every)
-            if not rest and own <= len(steps.gain):
-                count, size = steps.gain.shape[1:]
-                moved = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
-                A[first : first + size] = moved @ A[first : first + size]
-        return A
+                scans.append((P, A, B))
+                A, B = np.eye(n), np.zeros((n, n))
+        result, later = [], np.zeros((n, n))
+        for P, A, B in reversed(scans):
+            result.append(P[:2, :2] - P[:2] @ later @ P[:, :2])
+            later = A.T @ later @ A + B
+        return np.array(result[::-1])
 
     def bound(self) -> Array:
         """Return (S + 1, 2, 2) the position covariances at the start and after each scan.
 
-        `P` is the covariance given all readings so far, `alone` that of the navigator: the same
-        after a scan at which it gets what they say, and only propagated until the next such scan.
+        Where the navigator does not get at once what readings say there are two covariances: given
+        all readings so far, and its own, which is the same after a scan at which it gets that, and
+        only propagated until the next such scan.
         """
-        P = self.start.copy()
-        alone = P if self.used.all() else P.copy()
-        both = [P] if alone is P else [P, alone]
-        result = np.empty((len(self.used) + 1, 2, 2))
-        result[0] = P[:2, :2]
-        for stretch, (transition, half) in enumerate(self.transitions(), 1):
-            for one in both:
-                moved = transition @ (one + half) @ transition.T + half
-                one[:] = 0.5 * (moved + moved.T)
-                self.jump(one, stretch)
+        both = [self.start.copy() for _ in range(1 if self.used.all() else 2)]
+        result = [both[-1][:2, :2]]
+        for stretch, step in enumerate(self.transitions(), 1):
+            both = [propagated(one, *step) for one in both]
             for sensor in self.measurements:
                 for row, noise in sensor.at(stretch):
-                    for one in both if sensor.at_once else [P]:
+                    for one in both if sensor.at_once else both[:1]:
                         condition(one, row, noise)
             scan, rest = divmod(stretch, self.segments.per_scan)
             if rest == 0:
                 if self.used[scan - 1]:
-                    alone[:] = P
-                result[scan] = alone[:2, :2]
-        return result
+                    both = [both[0].copy() for _ in both]
+                result.append(both[-1][:2, :2].copy())
+        return np.array(result)
+
+
+def propagated(P: Array, transition: Array, before: Array, after: Array) -> Array:
+    """Return a covariance (n, n) at the end of a stretch; see `BoundModel.transitions`."""
+    moved = transition @ (P + before) @ transition.T + after
+    return np.asarray(0.5 * (moved + moved.T))
 
 
 def condition(P: Array, row: Array, noise: float) -> Array:
@@ -533,16 +520,7 @@ def linear_model(
     model = filter_model(world, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)
-    measurements = [
-        *_velocity_aid(world, model, segments, size),
-        *(
-            measured
-            for aid in world.position_aids
-            for measured in _position_aid(world, aid, model, segments, size)
-        ),
-        *_satellite_velocity(world, segments, size),
-        *(_heading_aid(aid, model, segments, size) for aid in world.headings or ()),
-    ]
+    measurements = [_of_aid(aid, world, model, segments, size) for aid in _aids(world, segments)]
     lags: list[tuple[int, int]] = []
     jumps: list[tuple[int, int, MapSteps]] = []
     for one in fields:
@@ -566,98 +544,67 @@ def linear_model(
     )
 
 
-def _velocity_aid(
-    world: Scenario, model: FilterModel, segments: Segments, size: int
-) -> Iterator[Measurements]:
-    """Yield what a velocity sensor measures, if there is one, as rows of `size` states: at the end
-    of a stretch a reading, or the mean of those of the stretch."""
-    settings = world.velocity
-    if settings.kind == "none":
-        return
-    every = max(1, round(settings.interval / segments.dt))
-    columns = [*_OF_FILTER, *range(FILTER_STATES, model.states)]
-    part = slice(every - 1, None, every)
-    rows = np.zeros((len(segments.geometry[part]), len(settings.axes), size))
-    for row, geometry, rotation in zip(
-        rows, segments.geometry[part], segments.rotation[part], strict=True
-    ):
-        past = np.array([geometry[1], geometry[2], 0.0])
-        by_state = velocity_reading(model, rotation, past, {})[0][list(settings.axes)]
-        row[:, : len(columns)] = by_state[:, columns]
-    mean_of = max(1.0, segments.dt / settings.interval)
-    variance = settings.number("sigma") ** 2 / mean_of
-    yield Measurements(rows, np.full(len(settings.axes), variance), every, at_once=True)
+class _Aid(NamedTuple):
+    """A sensor of the navigator beside those of the fields."""
+
+    measurements: Sequence[Linear]
+    """What it gives at the end of each stretch, or always; only how that depends on the state
+    counts."""
+    interval: float
+    """s."""
+    available: Sequence[tuple[float, float]] | None = None
+    """s since the start; None = always."""
+    slowest: float = 0.0
+    """m/s."""
 
 
-def _aid_stretches(interval: float, segments: Segments) -> tuple[int, Array, float]:
-    """Return stretches from one measurement of an aid to the next, the time (s) of each since the
-    start, and how many its own are that it stands for: the mean of those of a stretch."""
-    every = max(1, round(interval / segments.dt))
-    count = len(segments.geometry) // every
-    since = segments.dt * every * np.arange(1.0, count + 1.0)
-    return every, np.asarray(since, dtype=np.float64), max(1.0, segments.dt / interval)
+def _aids(world: Scenario, segments: Segments) -> Iterator[_Aid]:
+    """Yield all aids of a scenario but that of the height, which is in the filter's states."""
+    velocity, gnss, place = world.velocity, world.gnss, np.array([0.0, 0.0, world.route.height])
+    if velocity.kind != "none":
+        measured = np.full(3, np.nan)
+        measured[list(velocity.axes)] = 0.0
+        reading = VelocityReading(measured, velocity.number("sigma") ** 2 * np.eye(3))
+        yield _Aid([reading], velocity.interval)
+    for aid in world.position_aids:
+        fix = position_fix(aid, place, world.height.measured)
+        yield _Aid([fix], aid.interval, aid.available)
+    if gnss.used and gnss.velocity_sigma is not None:
+        level = np.array([0.0, 0.0, np.nan])
+        each = [satellite_velocity(gnss, level, rate) for rate in segments.rate]
+        yield _Aid([one for one in each if one is not None], gnss.interval, gnss.available)
+    for bow in world.headings or ():
+        heading = HeadingReading(0.0, bow.number("sigma") ** 2, bow.prefix)
+        slowest = bow.slowest if bow.kind == "course" else 0.0
+        yield _Aid([heading], bow.interval, bow.available, slowest)
 
 
-def _position_aid(
-    world: Scenario, aid: PositionAid, model: FilterModel, segments: Segments, size: int
-) -> Iterator[Measurements]:
-    """Yield what an aid measures of the position, as rows of `size` states, at once as in
-    `_velocity_aid`: to the north and east, and the height where a sensor measures it, whose errors
-    are then states."""
-    every, since, mean_of = _aid_stretches(aid.interval, segments)
-    rotation = segments.rotation[every - 1 :: every]
-    axes = 3 if world.height.measured and aid.height else 2
-    rows = np.zeros((len(since), axes, size))
-    offset = np.einsum("kij,j->ki", rotation, np.asarray(aid.lever_arm))
-    rows[:, :, 4:7] = -cross_matrix(offset)[:, :axes]
-    rows[:, [0, 1], [0, 1]] = 1.0
-    shift = STATES - FILTER_STATES
-    for k, axis in enumerate(AXES[:axes]):
-        if (at := model.places.get(f"{aid.prefix}_{axis}")) is not None:
-            rows[:, k, at + shift] = 1.0
-    if axes == 3:  # the navigator's height is what the sensor read, with its errors
-        contents = by_auxiliary(model, world.route.height)
-        rows[:, 2, STATES : STATES + len(contents)] += contents
-    rows[~within(aid.available, since)] = np.nan
-    noise = np.square(aid.unequal[:axes]) * aid.sigma**2
-    yield Measurements(rows, noise / mean_of, every, at_once=True)
-
-
-def _satellite_velocity(world: Scenario, segments: Segments, size: int) -> Iterator[Measurements]:
-    """Yield the velocity to the north and east that a satellite receiver measures, if it does."""
-    gnss = world.gnss
-    if not gnss.used or gnss.velocity_sigma is None:
-        return
-    every, since, mean_of = _aid_stretches(gnss.interval, segments)
-    rotation, rate = (one[every - 1 :: every] for one in (segments.rotation, segments.rate))
-    around = np.einsum("kij,kj->ki", rotation, np.cross(rate, gnss.lever_arm))
-    rows = np.zeros((len(since), 2, size))
-    rows[:, :, 4:7] = -cross_matrix(around)[:, :2]
-    rows[:, [0, 1], [2, 3]] = 1.0
-    rows[~within(gnss.available, since)] = np.nan
-    noise = np.full(2, gnss.velocity_sigma**2 / mean_of)
-    yield Measurements(rows, noise, every, at_once=True)
-
-
-def _heading_aid(
-    aid: HeadingAid, model: FilterModel, segments: Segments, size: int
+def _of_aid(
+    aid: _Aid, world: Scenario, model: FilterModel, segments: Segments, size: int
 ) -> Measurements:
-    """Return what an aid measures of the heading."""
-    every, since, mean_of = _aid_stretches(aid.interval, segments)
-    rows = np.zeros((len(since), 1, size))
-    rotations, geometry = (
-        one[every - 1 :: every] for one in (segments.rotation, segments.geometry)
-    )
-    for row, rotation in zip(rows, rotations, strict=True):
-        row[0, 4:7] = by_attitude(rotation)
-    for name in (f"{aid.prefix}_mounting", f"{aid.prefix}_slow"):
-        if (at := model.places.get(name)) is not None:
-            rows[:, 0, at + STATES - FILTER_STATES] = 1.0
+    """Return what an aid measures, by the filter's own measurement model at the truth, as rows of
+    `size` states: at the end of a stretch a reading, or the mean of those of the stretch. A
+    navigator gets it at once, also where it gets readings by batches."""
+    every = max(1, round(aid.interval / segments.dt))
+    ends = np.arange(every - 1, len(segments.geometry), every)
+    # the navigator's height is what the sensor read, with its errors
+    contents = by_auxiliary(model, world.route.height)
+    truth = FilterState.start(Estimate(np.zeros(3), np.zeros(3), np.zeros(4)), model)
+    found, noise = [], np.empty(0)
+    for k in ends.tolist():
+        truth.velocity[:2] = segments.geometry[k, 1:3]
+        truth.attitude[:] = from_matrix(segments.rotation[k])
+        linear = aid.measurements[k % len(aid.measurements)].rows(truth, model)
+        own = linear.H[:, FILTER_STATES:] + linear.H[:, 2:3] * contents
+        rest = np.zeros((len(own), size - STATES - own.shape[1]))
+        found.append(np.hstack([linear.H[:, _OF_FILTER], own, rest]))
+        noise = np.diag(linear.R)
+    rows = np.array(found)
+    since = np.asarray(segments.dt * (ends + 1.0), dtype=np.float64)
     seen = within(aid.available, since)
-    if aid.kind == "course":
-        seen &= np.hypot(geometry[:, 1], geometry[:, 2]) >= aid.slowest
+    seen &= np.hypot(*segments.geometry[ends, 1:3].T) >= aid.slowest
     rows[~seen] = np.nan
-    return Measurements(rows, np.array([aid.number("sigma") ** 2 / mean_of]), every, at_once=True)
+    return Measurements(rows, noise / max(1.0, segments.dt / aid.interval), every, at_once=True)
 
 
 def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:

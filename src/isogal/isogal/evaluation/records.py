@@ -8,9 +8,10 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TypedDict, cast
+from typing import TypedDict, TypeVar, cast
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans, Integers
@@ -19,10 +20,10 @@ from isogal.files import atomic_path
 from isogal.fix import Candidates, Status
 
 Texts = NDArray[np.str_]
+Part = TypeVar("Part", "RunDetail", "SmoothedStates")
 
 FORMAT = 2
 """Version of the file layout; a file of another version is refused."""
-_DETAIL_PREFIX, _SMOOTHED_PREFIX = "detail_", "smoothed_"
 
 
 def _shape(*lengths: int | str) -> dict[str, tuple[int | str, ...]]:
@@ -214,22 +215,17 @@ class Runs:
             raise ValueError("runs that were smoothed and runs that were not cannot be joined")
         smoothed = None
         if found:
-            smoothed = SmoothedStates(
-                np.concatenate([one.error for one in found]),
-                np.concatenate([one.covariance for one in found]),
-            )
+            both = zip(*((one.error, one.covariance) for one in found), strict=True)
+            smoothed = SmoothedStates(*map(np.concatenate, both))
         return replace(first, **joined, detail=first.detail, smoothed=smoothed)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz. The file appears whole or not at all, even if the writer
         dies."""
         arrays = {name: getattr(self, name) for name in _OF_RUNS}
-        if self.detail is not None:
-            arrays |= {_DETAIL_PREFIX + name: getattr(self.detail, name) for name in _OF_DETAIL}
-        if self.smoothed is not None:
-            arrays |= {
-                _SMOOTHED_PREFIX + name: getattr(self.smoothed, name) for name in _OF_SMOOTHED
-            }
+        for prefix, held in (("detail_", self.detail), ("smoothed_", self.smoothed)):
+            if held is not None:
+                arrays |= {prefix + name: getattr(held, name) for name in _shapes(type(held))}
         with atomic_path(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, format=np.array(FORMAT), **arrays)
 
@@ -246,18 +242,12 @@ class Runs:
             with np.load(path, allow_pickle=False) as stored:
                 if (version := int(stored["format"])) != FORMAT:
                     raise ValueError(f"it has format {version}")
-                detail = None
-                if _DETAIL_PREFIX + "scan_time" in stored:
-                    detail = RunDetail(
-                        **{name: stored[_DETAIL_PREFIX + name] for name in _OF_DETAIL}
-                    )
-                smoothed = None
-                if _SMOOTHED_PREFIX + "error" in stored:
-                    smoothed = SmoothedStates(
-                        **{name: stored[_SMOOTHED_PREFIX + name] for name in _OF_SMOOTHED}
-                    )
                 own = {name: stored[name] for name in _OF_RUNS}
-                return Runs(**own, detail=detail, smoothed=smoothed)
+                return Runs(
+                    **own,
+                    detail=_part(stored, "detail_", RunDetail),
+                    smoothed=_part(stored, "smoothed_", SmoothedStates),
+                )
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         except (
@@ -269,6 +259,14 @@ class Runs:
             zlib.error,
         ) as error:
             raise InputError(f"{path}: not a record of runs of format {FORMAT}: {error}") from None
+
+
+def _part(stored: NpzFile, prefix: str, kind: type[Part]) -> Part | None:
+    """Return the part of a record that a file has under names with this prefix, if it has one."""
+    names = {name: prefix + name for name in _shapes(kind)}
+    if not all(name in stored for name in names.values()):
+        return None
+    return kind(**{name: stored[key] for name, key in names.items()})
 
 
 def _check_shapes(record: RunDetail | SmoothedStates | Runs) -> None:
@@ -291,7 +289,6 @@ def _shapes(
     return {one.name: one.metadata["shape"] for one in fields(record) if one.metadata}
 
 
-_OF_DETAIL, _OF_SMOOTHED = _shapes(RunDetail), _shapes(SmoothedStates)
 _OF_RUNS = _shapes(Runs)
 _PER_RUN = [name for name, (first, *_) in _OF_RUNS.items() if first == "R"]
 """Arrays of a record that every run has one of; others are shared."""

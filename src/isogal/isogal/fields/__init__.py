@@ -6,8 +6,7 @@
     beams            soundings of an altimeter with several beams
     map_error        samples of how far the true field differs from its map
     scenario_map     the map of what a scenario measures
-    source_map       the map that a scenario names
-    flown_height     that map at the height of the flight
+    source_map       the map that a scenario names, and at the height of the flight
     derived_maps     maps of several channels, computed from that map
     gravity_vector   the gravity vector around a route, and what the vehicle senses of it
     known_gravity    what a navigator knows of horizontal gravity

@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
 from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
@@ -104,13 +103,13 @@ def compute(scenario: Settings, margin: float) -> ChannelMap:
     trajectory = build_trajectory(scenario)
     route = trajectory.latitude, trajectory.longitude
     window = corridor_of(*route, margin).window
-    channels = measured_field(scenario).channels
+    source, channels = MapSource.of(scenario), measured_field(scenario).channels
     if channels is None:
-        return ChannelMap([FlownMap.of(scenario)(window=window)])
-    source = MapSource.of(scenario)(window=window.grown(channels.reach))
+        return ChannelMap([source.flown(scenario.route.height, window=window)])
+    disturbance = source(window=window.grown(channels.reach))
     partly = scenario.route.track is not None
-    check_coverage(source, *route, partly=partly)
-    maps = channels.maps(scenario, source)
+    check_coverage(disturbance, *route, partly=partly)
+    maps = channels.maps(scenario, disturbance)
     check_coverage(maps, *route, partly=partly)
     cut = [channel.window(*window[:4]) for channel in maps.channels]
     # float32 rounds to a ten-millionth: 1e-5 E of 100 E

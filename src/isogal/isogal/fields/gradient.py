@@ -2,8 +2,8 @@
 from that of the disturbance."""
 
 from isogal.arrays import Array, Integers
-from isogal.fields.flown_height import disturbance_for_gradients
 from isogal.fields.measured import Channels, MeasuredField
+from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Settings, Truth
@@ -17,7 +17,8 @@ _REACH = 20_000.0
 def _maps(settings: Settings, disturbance: FieldMap) -> ChannelMap:
     from isogal.maps.potential import tensor_maps  # imports SciPy
 
-    level, height = disturbance_for_gradients(settings.map, settings.route.height, disturbance)
+    source = MapSource(settings.map, "disturbance")
+    level, height = source.for_gradients(disturbance, settings.route.height)
     return tensor_maps(level, settings.gradiometer.components, height=height, edge=_REACH)
 
 

@@ -2,11 +2,14 @@
 `isogal.maps.error_model` and of a wrong datum. Several components of gravity, or of its gradient,
 have the errors that one wrong potential gives them all (docs/mathematics.md, section 12.4)."""
 
+import math
 from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import TypeVar
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
@@ -66,7 +69,8 @@ def draw_at(
 ) -> Array:
     """Return (R, *places, *channels) how far the true field differs from the map at places, in its
     unit: exact samples of a Gaussian field with covariance sigma² exp(-d / L), one per run and
-    channel.
+    channel; with `map_error.tails` each value is that of Student's t distribution of the same
+    1-sigma and the same probability (a translation process: Grigoriu 1984, J. Eng. Mech. 110:610).
 
     Parameters
     ----------
@@ -79,6 +83,7 @@ def draw_at(
         Shape of a reading.
     """
     sigma, length = truth.map_error.sigma, truth.map_error.correlation_length
+    tails = truth.map_error.tails
     if sigma == 0.0:
         return np.zeros((len(runs), *latitude.shape, *channels))
     root = sigma * _correlation_root(latitude.ravel(), longitude.ravel(), length)
@@ -87,7 +92,14 @@ def draw_at(
         root @ generator(truth.seed, run, "map_error").standard_normal((latitude.size, *channels))
         for run in runs
     ]
-    return np.stack(drawn).reshape(len(runs), *latitude.shape, *channels)
+    error = np.stack(drawn).reshape(len(runs), *latitude.shape, *channels)
+    return error if tails is None else sigma * _with_tails(error / sigma, tails)
+
+
+def _with_tails(normal: Array, freedom: float) -> Array:
+    """Return what has Student's t distribution of unit variance where an array is normal."""
+    size = student_t.isf(norm.sf(np.abs(normal)), freedom) * math.sqrt(1.0 - 2.0 / freedom)
+    return np.asarray(np.copysign(size, normal))
 
 
 def draw_map_error(

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.gridding.netcdf_rows import NetcdfRows, rows_of
-from isogal.maps.gridding.text_rows import TIME, Column, one_line
+from isogal.maps.gridding.rows import TIME, Column, one_line, read_rows
 from isogal.maps.quantities import QUANTITIES, UNITS, unit_factor
 from isogal.scenario import Readings
 from isogal.sensors.reduction import Reduction, State
@@ -108,7 +107,7 @@ def _end_of_scans(phase: Array, interval: float) -> float:
 def _read(readings: Readings, line: str | None, quantity: str) -> tuple[Array, Array]:
     """Return times (s, on the file's clock, increasing) and readings (unit inside; NaN = none)."""
     assert readings.source is not None  # the caller has checked
-    rows = rows_of(readings.source, "time and a column of readings")
+    rows = read_rows(readings.source, "time and a column of readings")
     if rows.line is not None and line in rows.line:
         rows = one_line(rows, line, "route.track_line")
     known = quantity, *QUANTITIES[quantity].names, *_ALIASES.get(quantity, ()), "value"
@@ -124,7 +123,7 @@ def _read(readings: Readings, line: str | None, quantity: str) -> tuple[Array, A
     name = rows.names[index]
     of = quantity if readings.reduced else {"magnetic_anomaly": "magnetic_field"}.get(quantity)
     inside = QUANTITIES[quantity].unit
-    unit = readings.unit or (rows.units.get(name) if isinstance(rows, NetcdfRows) else None)
+    unit = readings.unit or rows.units.get(name)
     unit = unit or _UNITS.get(inside, inside)
     own, factor = unit_factor(unit, f"readings.unit: {rows.where}, column {name}")
     if own != inside:

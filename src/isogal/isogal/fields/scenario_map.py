@@ -1,12 +1,13 @@
 """The map of what a scenario measures: the one that it names, or what is computed from it."""
 
 import math
+from functools import partial
 from typing import Final
 
 from isogal.errors import InputError
 from isogal.fields.derived_maps import derived_maps
-from isogal.fields.flown_height import FlownMap
 from isogal.fields.measured import measured_field
+from isogal.fields.source_map import MapSource
 from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
 from isogal.maps.corridor import Corridor, corridor_of
@@ -51,15 +52,15 @@ def map_for_scenario(
     if margin is None:
         if several:
             raise InputError("map.margin: a number is needed where a reading has several")
-        return FlownMap.of(scenario)(window=EVERYWHERE)
+        return MapSource.of(scenario).flown(scenario.route.height, window=EVERYWHERE)
     if several:
         return derived_maps(scenario, margin)
     route = trajectory or build_trajectory(scenario)
     corridor = corridor_of(route.latitude, route.longitude, margin)
-    flown = FlownMap.of(scenario)
-    field_map = flown.source.along(corridor)
-    if flown.continues(field_map):
-        field_map = _at_flown_height(scenario, flown, field_map, corridor)
+    source = MapSource.of(scenario)
+    field_map = source.along(corridor)
+    if source.continues(field_map, scenario.route.height):
+        field_map = _at_flown_height(scenario, field_map, corridor)
     try:
         check_coverage(
             field_map, route.latitude, route.longitude, partly=scenario.route.track is not None
@@ -93,10 +94,9 @@ def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) ->
     return field_map if truth.map == scenario.map else map_for_scenario(truth, trajectory)
 
 
-def _at_flown_height(
-    scenario: Settings, flown: FlownMap, source: ScalarMap, corridor: Corridor
-) -> ScalarMap:
+def _at_flown_height(scenario: Settings, source: ScalarMap, corridor: Corridor) -> ScalarMap:
     """Return the map along a route at the flown height; `source` is what the scenario names."""
+    flown = partial(MapSource.of(scenario).flown, scenario.route.height)
     small = isinstance(source, FieldMap) and source.values.size <= _SMALL
     if small and scenario.map.terrain is None:
         return flown(window=corridor.window)

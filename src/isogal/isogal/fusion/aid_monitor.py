@@ -59,6 +59,11 @@ AGREES, AGREED_FOR = 0.01, 300.0
 and for how many s all have to agree before satellites are used again."""
 
 
+NOT_LINEAR = 0.2
+"""rad, 1-sigma of an attitude by which a navigator without the aid may be wrong by more than its
+covariance says: it contradicts nothing."""
+
+
 class Without(NamedTuple):
     """What is known without an aid since a time."""
 
@@ -268,6 +273,8 @@ class AidMonitor:
         """Return the normalised squared difference of a state with the aid, or for longer, and one
         without, of the positions or of the velocities, whichever is larger."""
         without = branch.after.merged
+        if math.sqrt(np.trace(without.covariance[6:9, 6:9])) > NOT_LINEAR:
+            return 0.0
         apart = horizontal_difference(*full.position[:2], *without.position[:2])
         faster = (full.velocity - without.velocity)[:2]
         found = []

@@ -386,8 +386,15 @@ class InertialNavigator:
         if self._segments[0].end <= without.since + AT_ONCE:
             self._replay(first)
         else:
-            del self._segments[:-1]
-            self._segments[0].after = without.after
+            self.go_on_from(self.time, without.after)
+
+    def go_on_from(self, time: float, known: Mixture) -> None:
+        """Go on from what is known at a time (s) of the history, with the samples and measurements
+        after it; all before is forgotten."""
+        first = self._segment_at(time)
+        del self._segments[: self._index(time)]
+        first.after = known
+        self._replay(1)
 
     def forecast(self, time: float, height: float = np.nan) -> FilterState:
         """Return the state at a later time, if the vehicle goes on as it does (a known height, m,

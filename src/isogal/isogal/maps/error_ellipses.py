@@ -33,6 +33,12 @@ def axes_of(ellipses: Array) -> tuple[Array, Array, Array]:
     return np.sqrt(mean + half), shortest, np.mod(0.5 * np.arctan2(2.0 * ne, nn - ee), np.pi)
 
 
+def mean_length(ellipses: Array) -> Array:
+    """Return the geometric mean of both lengths (m) of E (..., 3)."""
+    nn, ne, ee = np.moveaxis(ellipses, -1, 0)
+    return np.asarray(np.sqrt(np.sqrt(nn * ee - ne**2)))
+
+
 def impossible(ellipses: Array) -> Booleans:
     """Tell of which E (..., 3) a length is not above 0; NaN is possible."""
     nn, ne, ee = np.moveaxis(ellipses, -1, 0)

@@ -28,7 +28,7 @@ from isogal.maps.interpolation import (
     values_at,
 )
 
-_ERRORS_AT_NODES = ("sigma", "correlation_lengths", "error_ellipses")
+_ERRORS_AT_NODES = ("sigma", "error_ellipses")
 """Attributes that may hold an array over the nodes."""
 
 
@@ -53,12 +53,10 @@ class FieldMap:
         1-sigma of the map's error, in `unit`; 0 = taken as exact.
     correlation_length : float or None
         Of that error, m; None = unknown.
-    correlation_lengths : (n, m) or None
-        The same at each node, where it differs from place to place; `correlation_length` is then
-        the usual one.
     error_ellipses : (n, m, 3) or None
-        The same where it also differs from direction to direction, m²
-        (`isogal.maps.error_ellipses`); NaN = not known there.
+        The same at each node, where it differs from place to place and from direction to
+        direction, m² (`isogal.maps.error_ellipses`); NaN = not known there. `correlation_length`
+        is then the usual one.
     error_stated : bool or None
         Whether `sigma` is said of the map's whole error; False = it is only what processing has
         added to an error that was never stated; None = where it is above 0.
@@ -93,7 +91,6 @@ class FieldMap:
     file_unit: str = ""
     file_factor: float = 1.0
     height: float | None = None
-    correlation_lengths: Array | None = None
     error_stated: bool | None = None
     error_ellipses: Array | None = None
 
@@ -138,15 +135,13 @@ class FieldMap:
             if array.shape != (*shape, 3)[: 3 if name == "error_ellipses" else 2]:
                 raise InputError(f"{where}: {name} has shape {array.shape}, the values {shape}")
             object.__setattr__(self, name, array)
-        sigma, lengths, ellipses = self.sigma, self.correlation_lengths, self.error_ellipses
+        sigma, ellipses = self.sigma, self.error_ellipses
         if np.ndim(sigma):
             if np.less(sigma, 0.0).any():
                 raise InputError(f"{where}: sigma must be >= 0")
         else:
             object.__setattr__(self, "sigma", float(sigma))
-        if (lengths is not None and (lengths <= 0.0).any()) or (
-            ellipses is not None and impossible(ellipses).any()
-        ):
+        if ellipses is not None and impossible(ellipses).any():
             raise InputError(f"{where}: correlation lengths must be > 0 m")
         for name, allowed, good in (
             ("sigma", ">= 0", np.ndim(sigma) or (np.isfinite(sigma) and sigma >= 0.0)),
@@ -224,12 +219,6 @@ class FieldMap:
         the map has none."""
         return self._linear(self.sigma, latitude, longitude)
 
-    def correlation_length_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
-        """Return the correlation length (m) of the map's error at points (rad), linear between
-        nodes; NaN where the map does not say it."""
-        one, each = self.correlation_length or math.nan, self.correlation_lengths
-        return self._linear(one if each is None else each, latitude, longitude)
-
     def error_ellipse_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return (..., 3) the ellipse of the error's correlation at points (rad), linear between
         nodes; NaN where the map does not say it."""
@@ -306,7 +295,7 @@ class FieldMap:
     ) -> "FieldMap":
         """Return a part with these axes: each array of the nodes (n, m, ...) cut in one way."""
         arrays = (getattr(self, name) for name in _ERRORS_AT_NODES)
-        sigma, lengths, ellipses = (
+        sigma, ellipses = (
             np.asarray(cut(one), dtype=np.float64) if np.ndim(one) else one for one in arrays
         )
         return replace(
@@ -315,7 +304,6 @@ class FieldMap:
             longitude=longitude,
             values=cut(self.values),
             sigma=sigma,
-            correlation_lengths=lengths,
             error_ellipses=ellipses,
         )
 

@@ -11,13 +11,12 @@ cannot say it: there, those directions say nothing (docs/mathematics.md, section
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.earth.frames import horizontal_difference
 from isogal.matching.interfaces import Batch, Information
-from isogal.matrices import eigen, inverse_of_lower, lower, product, product_transposed, symmetric
+from isogal.matrices import symmetric
 
-UNINFORMED_RATIO = 1.0 - 1e-4
-"""Variance ratio posterior / prior above which a direction of a position fix says nothing."""
+UNINFORMED = 1e-4
+"""Least information of a direction of a position fix, in units of the prior's."""
 LEAST_CHANGE = 0.01
 """Change of the variance ratio, in some direction, that a batch needs to say anything."""
 LARGEST_RATIO = 4.0
@@ -37,10 +36,14 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     covariance, prior : (n, n) arrays
         Positive definite.
     """
-    found = _likelihood(*map(np.ascontiguousarray, (mean, covariance, prior)))
-    if not np.isfinite(found[1][0, 0]):
-        raise np.linalg.LinAlgError("Matrix is not positive definite")
-    return Information(*found)
+    factor, ratio, vectors = _relative(covariance, prior)
+    if (np.abs(ratio - 1.0) < LEAST_CHANGE).all():
+        return Information(np.zeros_like(mean), np.zeros_like(prior))
+    back = np.linalg.solve(factor.T, vectors)
+    ratio = np.minimum(ratio, LARGEST_RATIO)
+    matrix = (back * (1.0 / ratio - 1.0)) @ back.T
+    coordinate = vectors.T @ np.linalg.solve(factor, mean)
+    return Information(back @ (coordinate / ratio), symmetric(matrix))
 
 
 def shares(information: Information, prior: Array, backward: Array) -> tuple[Information, ...]:
@@ -130,63 +133,19 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
         Position error (m) according to the measurements alone, and its covariance (m²); a
         direction without information has ten thousand times the prior's variance.
     """
-    place = (mean[:2], covariance[:2, :2], prior[:2, :2])
-    error, spread = _measured(*map(np.ascontiguousarray, place))
-    if not np.isfinite(spread[0, 0]):
-        raise np.linalg.LinAlgError("Matrix is not positive definite")
-    return error, spread
+    factor, ratio, vectors = _relative(covariance[:2, :2], prior[:2, :2])
+    axes = factor @ vectors
+    told = 1.0 - ratio > UNINFORMED
+    weight = np.where(told, 1.0 / ratio - 1.0, UNINFORMED)
+    coordinate = vectors.T @ np.linalg.solve(factor, mean[:2])
+    error = axes @ np.where(told, coordinate / (ratio * weight), 0.0)
+    return error, symmetric((axes / weight) @ axes.T)
 
 
-@kernel
 def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Return the inverse of the prior's Cholesky factor, and eigenvalues and vectors of the
-    posterior covariance in prior units."""
-    whitening = inverse_of_lower(lower(prior))
-    values, vectors = eigen(product_transposed(product(whitening, covariance), whitening))
-    for k in range(values.shape[0]):
-        values[k] = max(values[k], 1e-12)
-    return whitening, values, vectors
-
-
-@kernel
-def _likelihood(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
-    """Return vector (n,) and matrix (n, n) of `likelihood_information`."""
-    n = mean.shape[0]
-    whitening, ratio, vectors = _relative(covariance, prior)
-    back, vector, matrix = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
-    informative = False
-    for k in range(n):
-        informative = informative or not abs(ratio[k] - 1.0) < LEAST_CHANGE
-    for k in range(n if informative else 0):
-        size, coordinate = min(ratio[k], LARGEST_RATIO), 0.0
-        for j in range(n):
-            for i in range(n):
-                back[i, k] += whitening[j, i] * vectors[j, k]
-                coordinate += vectors[j, k] * whitening[j, i] * mean[i]
-        for i in range(n):
-            vector[i] += back[i, k] * coordinate / size
-            for j in range(n):
-                matrix[i, j] += back[i, k] * (1.0 / size - 1.0) * back[j, k]
-    return vector, matrix
-
-
-@kernel
-def _measured(mean: Array, covariance: Array, prior: Array) -> tuple[Array, Array]:
-    """Return position error (2,) and covariance (2, 2) of `measurement_only`."""
-    n = mean.shape[0]
-    whitening, ratio, vectors = _relative(covariance, prior)
-    axes = product(lower(prior), vectors)
-    error, spread = np.zeros(n), np.zeros((n, n))
-    for k in range(n):
-        weight, z = 1e-4, 0.0
-        if not ratio[k] >= UNINFORMED_RATIO:
-            weight = 1.0 / ratio[k] - 1.0
-            for j in range(n):
-                for i in range(n):
-                    z += vectors[j, k] * whitening[j, i] * mean[i]
-            z /= ratio[k] * weight
-        for i in range(n):
-            error[i] += axes[i, k] * z
-            for j in range(n):
-                spread[i, j] += axes[i, k] * axes[j, k] / weight
-    return error, spread
+    """Return (n, n) the Cholesky factor of a prior, and eigenvalues and vectors of the posterior
+    covariance in prior units; raises LinAlgError where the prior is not positive definite."""
+    factor = np.asarray(np.linalg.cholesky(prior))
+    inner = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
+    values, vectors = np.linalg.eigh(inner)
+    return factor, np.maximum(values, 1e-12), np.asarray(vectors)

@@ -1,11 +1,7 @@
 """Whether a batch can be used, which every matcher asks first."""
 
-import math
-
 import numpy as np
 
-from isogal.arrays import Array
-from isogal.compiled import kernel
 from isogal.matching.interfaces import Batch
 from isogal.matrices import lower
 
@@ -29,7 +25,7 @@ def unusable(batch: Batch) -> str | None:
     ).all():  # rows of several channels or beams share a stamp
         return "the stamps of the scans do not increase"
     for name in _FINITE:
-        if not all_finite(getattr(batch, name).reshape(-1)):
+        if not np.isfinite(getattr(batch, name)).all():
             return f"{name} of the navigator is not finite"
     sigma = batch.sigma[np.isfinite(batch.reading)]
     if not (np.isfinite(sigma) & (sigma > 0.0)).all():
@@ -47,12 +43,3 @@ def too_few(batch: Batch, usable: int, minimum: int) -> str | None:
     if read < minimum:
         return f"only {read} of {len(batch)} scans have a reading ({minimum} needed)"
     return f"only {usable} of {read} readings have the map around them ({minimum} needed)"
-
-
-@kernel
-def all_finite(values: Array) -> bool:
-    """Whether all of (n,) are finite."""
-    finite = True
-    for value in values:
-        finite = finite and math.isfinite(value)
-    return finite

@@ -40,13 +40,16 @@ class Map(Section):
 
 
 class MapError(Section):
-    """How the simulated truth differs from the map: a Gaussian field with covariance
-    sigma² exp(-d / L) at distance d, and a plane."""
+    """How the simulated truth differs from the map: a field with covariance sigma² exp(-d / L) at
+    distance d, Gaussian or of heavier tails, and a plane."""
 
     sigma: NonNegative = 0.0
     """m/s² (field: magnetic nT, terrain m, gradient 1/s²)"""
     correlation_length: Positive = 4000.0
     """L, m"""
+    tails: float | None = Field(None, gt=2.0, allow_inf_nan=False)
+    """degrees of freedom of Student's t distribution, which the error has at each place then, of
+    1-sigma sigma: with 3, 1 % of the places have a third of its square; null = Gaussian"""
     offset: NonNegative = 0.0
     """1-sigma of a constant error of the whole map, unit of sigma"""
     tilt: NonNegative = 0.0

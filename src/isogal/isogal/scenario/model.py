@@ -97,6 +97,15 @@ class Settings(Section):
         return self
 
     @model_validator(mode="after")
+    def _tails_of_one_number(self) -> Self:
+        of_potential = self.field == "gradient" and self.gradiometer.of_one_potential
+        if self.map_error.tails is not None and of_potential:
+            raise ValueError(
+                "map_error.tails: errors of one potential (gradiometer.map_errors) are Gaussian"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _readings_of_a_track(self) -> Self:
         if not self.readings.recorded:
             return self
@@ -191,21 +200,6 @@ class Settings(Section):
         if self.fields is None:
             return round(self.gravimeter.interval * self.imu.rate)
         return math.gcd(*(round(x * self.imu.rate) for x in intervals_of(self.fields)))
-
-    @property
-    def steps_per_height(self) -> int:
-        """Steps of the navigator from one reading of the height sensor to the next."""
-        return round(self.height.interval * self.navigation_rate)
-
-    @property
-    def steps_per_velocity(self) -> int:
-        """Steps of the navigator from one reading of the velocity aid to the next."""
-        return round(self.velocity.interval * self.navigation_rate)
-
-    @property
-    def steps_per_satellite_fix(self) -> int:
-        """Steps of the navigator from one satellite fix to the next."""
-        return round(self.gnss.interval * self.navigation_rate)
 
 
 class Assumed(Settings):

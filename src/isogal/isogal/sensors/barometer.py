@@ -10,6 +10,7 @@ from isogal.arrays import Array, Integers
 from isogal.scenario import Height, Truth
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
+from isogal.sensors.position_aid import aid_index
 from isogal.sensors.trajectory import Trajectory
 
 # US Standard Atmosphere, 1976 (NOAA-S/T 76-1562), equations 18, 19, 33a, 33b and table 4
@@ -96,8 +97,7 @@ def simulate_heights(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) 
     """Return (R, K) the heights (m) that the sensor of each run reads at the end of each IMU
     interval, NaN where it reads none."""
     settings = truth.height
-    step = truth.steps_per_height
-    index = np.arange(step, len(trajectory) + 1, step)
+    index = aid_index(truth, settings.interval, trajectory)
     time, true = trajectory.time[index], trajectory.height[index]
     keep = np.exp(-np.diff(time) / settings.weather_time)
     result = np.full((len(runs), len(trajectory)), np.nan)

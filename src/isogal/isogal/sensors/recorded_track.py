@@ -20,8 +20,7 @@ from isogal.errors import InputError
 from isogal.inertial.inverse import NO_COURSE, inverse
 from isogal.inertial.rotations import from_heading
 from isogal.inertial.strapdown import NavState, propagate
-from isogal.maps.gridding.netcdf_rows import rows_of
-from isogal.maps.gridding.text_rows import LATITUDE, LONGITUDE, TIME, Column, one_line
+from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, one_line, read_rows
 from isogal.scenario import Route
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ _COLUMNS = {
     "time": TIME,
     "latitude": LATITUDE,
     "longitude": LONGITUDE,
-    "height": Column(("height", "altitude", "alt"), -12000.0, 50000.0, " m"),
+    "height": HEIGHT,
 }
 
 
@@ -69,20 +68,15 @@ def read_positions(path: str, line: str | None = None) -> Positions:
         It cannot be read, lacks a column, has a cell that cannot be, or too few rows; times do not
         increase, or a position cannot be reached from the one before.
     """
-    rows = one_line(rows_of(path, "time, latitude, longitude"), line, "route.track_line")
+    rows = one_line(read_rows(path, "time, latitude, longitude"), line, "route.track_line")
     columns = rows.read(_COLUMNS, ("time", "latitude", "longitude"))
     time = columns["time"]
     place = np.radians(np.column_stack([columns["latitude"], columns["longitude"]]))
     place[:, 1] = np.unwrap(place[:, 1])
     if len(time) < FEWEST:
         raise InputError(f"{rows.where}: a track needs {FEWEST} positions, has {len(time)}")
+    rows.check_times(time)
     gone = np.diff(time)
-    if (gone <= 0.0).any():
-        first = int(np.argmax(gone <= 0.0)) + 1
-        raise InputError(
-            f"{rows.where}: time in line {rows.number[first]} is not later than the one before:"
-            " times must increase"
-        )
     metres = np.column_stack(metres_per_radian(place[:-1, 0]))
     speed = np.hypot(*(np.diff(place, axis=0) * metres).T) / gone
     if (speed > FASTEST).any():

@@ -10,6 +10,7 @@ from isogal.inertial.rotations import matrix
 from isogal.scenario import Truth, Velocity
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
+from isogal.sensors.position_aid import aid_index
 from isogal.sensors.satellites import at_arm
 from isogal.sensors.trajectory import Trajectory
 
@@ -17,8 +18,8 @@ from isogal.sensors.trajectory import Trajectory
 def simulate_velocities(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array:
     """Return (R, K, 3) what the sensor of each run reads at the end of each IMU interval: m/s,
     forward, right, down; NaN in axes that it does not have and where it reads nothing."""
-    settings, step = truth.velocity, truth.steps_per_velocity
-    index = np.arange(step, len(trajectory) + 1, step)
+    settings = truth.velocity
+    index = aid_index(truth, settings.interval, trajectory)
     velocity = at_arm(trajectory, settings.lever_arm)[1][index]
     to_body = np.swapaxes(matrix(trajectory.attitude[index]), 1, 2)
     ways = np.hypot(velocity[:, 0], velocity[:, 1]) * np.diff(trajectory.time[index], prepend=0.0)

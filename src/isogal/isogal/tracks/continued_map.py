@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
-from isogal.matching.pmht.loads import stated_sigma
+from isogal.matching.pmht.rows import stated_sigma
 from isogal.tracks.map_error import rms_gradient
 
 
@@ -71,7 +71,6 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
         values=values[tuple(nearest)],
         sigma=sigma if isinstance(sigma, float) else known_of_error(sigma),
         error_ellipses=ellipses,
-        correlation_lengths=None,
     )
     slope = math.sqrt(float(np.nanmean(rms_gradient(field_map) ** 2)))
     doubt = np.minimum(slope * distance, float(np.nanstd(values)))

@@ -10,7 +10,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.gridding.reading import geographic
-from isogal.maps.gridding.text_rows import LATITUDE, LONGITUDE, TIME, Column, TextRows, read_rows
+from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, TIME, Column, Rows, read_rows
 from isogal.tracks.ins_file import ANGLES, VELOCITY
 from isogal.tracks.track import Track
 
@@ -39,7 +39,7 @@ def read_csv_track(path: str | Path, crs: str | None = None) -> Track:
 def read_csv_tracks(
     path: str | Path, crs: str | None = None, column: str | Sequence[str] = "value"
 ) -> list[Track]:
-    """Read a file with a header line (`text_rows`): a track for each survey line.
+    """Read a file with a header line (`isogal.maps.gridding.rows`): a track for each survey line.
 
     Other columns are ignored. Times are seconds, or dates and times by ISO 8601 (UTC unless they
     say another zone), then seconds since 1970. An empty cell, ``*``, ``NaN`` or a dummy such as
@@ -76,11 +76,8 @@ def read_csv_tracks(
         columns |= geographic(columns["x"], columns["y"], crs, rows.where)
         if not np.isfinite(columns["latitude"]).all():
             raise InputError(f"{rows.where}: x and y are not places in {crs}")
-    lines, own = rows.line, rows.index(Column(("line",)))
-    if own is not None:
-        lines = [row[own].strip() for row in rows.cells]
-    if lines is None:
-        return [_track(columns, rows, np.arange(len(rows.cells)), None, projected)]
+    if (lines := rows.line) is None:
+        return [_track(columns, rows, np.arange(len(rows)), None, projected)]
     return [
         _track(columns, rows, np.flatnonzero(np.array(lines) == one), one, projected)
         for one in dict.fromkeys(lines)
@@ -93,7 +90,7 @@ def _beside(names: Sequence[str], what: str) -> tuple[str, ...]:
 
 
 def _track(
-    columns: dict[str, Array], rows: TextRows, which: Integers, line: str | None, projected: bool
+    columns: dict[str, Array], rows: Rows, which: Integers, line: str | None, projected: bool
 ) -> Track:
     own = {name: column[which] for name, column in columns.items() if name not in _PROJECTED}
     count = np.arange(which.size, dtype=np.float64)

@@ -11,15 +11,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.inertial.inverse import level_attitude
 from isogal.inertial.rotations import from_angles
-from isogal.maps.gridding.text_rows import (
-    HEIGHT,
-    LATITUDE,
-    LONGITUDE,
-    TIME,
-    Column,
-    TextRows,
-    read_rows,
-)
+from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, Column, Rows, read_rows
 
 REQUIRED = ("time", "latitude", "longitude")
 VELOCITY = ("velocity_north", "velocity_east", "velocity_down")
@@ -101,7 +93,7 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     return InsFile(time, solution, has_attitude, columns.get("value"), columns.get("sigma"))
 
 
-def _check(columns: dict[str, Array], rows: TextRows) -> None:
+def _check(columns: dict[str, Array], rows: Rows) -> None:
     """Raise InputError where columns are missing that belong to others, or times do not
     increase."""
     for whole in (VELOCITY[:2], ANGLES):
@@ -110,6 +102,6 @@ def _check(columns: dict[str, Array], rows: TextRows) -> None:
             raise InputError(
                 f"{rows.where}: has {' and '.join(there)} but not all of {', '.join(whole)}"
             )
-    if len(rows.cells) < 3:
-        raise InputError(f"{rows.where}: needs at least 3 rows, has {len(rows.cells)}")
+    if len(rows) < 3:
+        raise InputError(f"{rows.where}: needs at least 3 rows, has {len(rows)}")
     rows.check_times(columns["time"])

@@ -11,7 +11,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import write_atomic
 from isogal.magnetics.readings import BaseStation, Readings
-from isogal.maps.gridding.text_rows import HEIGHT, LATITUDE, LONGITUDE, TIME, Column, read_rows
+from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, Column, read_rows
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
 from isogal.tracks.track import Track
 

@@ -3,21 +3,17 @@
 from pathlib import Path
 
 import numpy as np
-import yaml
-from rclpy.serialization import serialize_message
 
 from isogal.scenario import Scenario
 from isogal.tracks.ins_file import InsFile
-from isogal_ros import topics
-from isogal_ros.bags.metadata import qos_entries
-from isogal_ros.bags.writer import BagWriter
+from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.aids import fill_ground_velocity
 from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.ins_solution import fill_east_north_up, inertial_topics
+from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.topics import Message, Topic
 
 _NO_TURN = np.zeros(3)
 
@@ -44,8 +40,7 @@ def write_ins_bag(
     InputError
         The folder cannot be used.
     """
-    text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False)
-    writer = BagWriter(folder, {"scenario": text, "run": "0"}, replace)
+    writer = BagWriter(folder, {"scenario": scenario_text(scenario), "run": "0"}, replace)
     try:
         frame, each = map_frame(scenario), inertial_topics(scenario.ins)
         adapter = adapter_of(scenario)
@@ -59,22 +54,13 @@ def write_ins_bag(
             if scenario.ins.attitude:
                 fill_odom(messages[0], ns, frame, row, _NO_TURN)
             else:
-                fill_east_north_up(messages[0], ns, row[3:6])
+                fill_ground_velocity(messages[0], ns, row[3:6])
                 fill_fix(messages[1], ns, *row[:3].tolist())
             for topic, message in zip(each, messages, strict=True):
-                _write(writer, topic, message, ns)
+                writer.put(topic, message, ns)
             if value is not None and np.isfinite(value[k, 0]):
                 reading, sigma = value[k].tolist()
-                made = adapter.write_raw(ns, reading, sigma**2, None)
-                _write(writer, adapter.raw, made, ns)
+                writer.put(adapter.raw, adapter.write_raw(ns, reading, sigma**2, None), ns)
         return writer.messages
     finally:
         writer.close()
-
-
-def _write(writer: BagWriter, topic: Topic, message: Message, ns: int) -> None:
-    name = f"/{topic.name}"
-    if not writer.knows(name):
-        kind = topics.type_name(topic.type)
-        writer.add_topic(name, kind, qos_entries([topics.LOSSLESS]), "")
-    writer.write(name, serialize_message(message), ns, ns)

@@ -5,7 +5,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import yaml
 from pydantic import JsonValue
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
@@ -147,16 +146,3 @@ def _duration(duration: Duration) -> Entry:
     ns = duration.nanoseconds if duration.nanoseconds > 0 else 2**63 - 1
     seconds, rest = divmod(ns, 1_000_000_000)
     return {"sec": seconds, "nsec": rest}
-
-
-def yaml_text(value: JsonValue) -> str:
-    """Return YAML as rosbag2 writes it."""
-    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, width=1000)
-
-
-class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """Writes equal values out each time: rosbag2 does not read anchors."""
-
-    def ignore_aliases(self, data: JsonValue) -> bool:
-        """Say so."""
-        return True

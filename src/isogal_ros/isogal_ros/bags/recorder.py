@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-import yaml
 from pydantic import Field
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import HistoryPolicy
@@ -15,7 +14,7 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
-from isogal_ros.bags.writer import BagWriter
+from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import topics_in_use
 from isogal_ros.messages.stamps import peek_ns
 from isogal_ros.nodes.base import GraphNode, NodeSettings
@@ -54,7 +53,7 @@ class RecorderNode(GraphNode):
     def setup(self) -> None:
         """Open the bag and subscribe to everything."""
         texts = {
-            "scenario": yaml.safe_dump(self.scenario.model_dump(mode="json"), sort_keys=False),
+            "scenario": scenario_text(self.scenario),
             "run": str(self.settings.run),
             "entrance": self._entrance.text(),
             "namespace": self.get_namespace().strip("/"),

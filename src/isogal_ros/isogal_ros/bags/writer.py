@@ -12,13 +12,24 @@ from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import yaml
 from pydantic import JsonValue
+from rclpy.serialization import serialize_message
 
 from isogal.errors import InputError
 from isogal.files import make_folder, write_atomic
+from isogal.scenario import Scenario
 from isogal_ros.bags.definitions import schema_text
-from isogal_ros.bags.metadata import Contents, Entry, RecordedTopic, earlier_files, yaml_text
+from isogal_ros.bags.metadata import (
+    Contents,
+    Entry,
+    RecordedTopic,
+    earlier_files,
+    qos_entries,
+)
 from isogal_ros.bags.reader import parts
+from isogal_ros.parameters.values import yaml_text
+from isogal_ros.topics import LOSSLESS, Message, Topic, type_name
 
 CHUNK = 128 * 1024
 """Bytes, uncompressed: about 40 s of the graph at 1 Hz."""
@@ -123,6 +134,13 @@ class BagWriter:
         if self._stream.tell() != self._whole[-1][0]:
             self._note_whole()
 
+    def put(self, topic: Topic, message: Message, ns: int) -> None:
+        """Write a message of a time (ns) on a topic of the graph, see `write`."""
+        name = f"/{topic.name}"
+        if not self.knows(name):
+            self.add_topic(name, type_name(topic.type), qos_entries([LOSSLESS]), "")
+        self.write(name, serialize_message(message), ns, ns)
+
     def flush(self) -> None:
         """Write out what is not on the disk yet, so that a killed recorder loses little; not more
         often than every `FLUSH_EVERY` s."""
@@ -180,6 +198,11 @@ class BagWriter:
             raise OSError(errno.EIO, str(error).rpartition(": ")[2]) from None
 
 
+def scenario_text(scenario: Scenario) -> str:
+    """Return what a bag keeps of its scenario."""
+    return yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False)
+
+
 def prepare_folder(folder: Path, replace: bool) -> None:
     """Make the folder of a new bag; raises InputError where it holds something else, or a bag that
     must stay."""
@@ -221,7 +244,7 @@ class _Stream:
     Given a raw file, mcap's writer would put a buffer of its own around it."""
 
     def __init__(self, path: Path) -> None:
-        self.file = path.open("wb", buffering=0)
+        self.file, self._end = path.open("wb", buffering=0), 0
         self.broken = False
         """Whether a write has failed: what follows would not belong to what is there."""
 
@@ -236,17 +259,18 @@ class _Stream:
         except OSError:
             self.broken = True
             raise
+        self._end += len(data)
         return len(data)
 
     def cut(self, position: int) -> None:
         """Go on at an earlier position, behind which the file is cut off."""
         self.file.truncate(position)
         self.file.seek(position)
-        self.broken = False
+        self._end, self.broken = position, False
 
     def tell(self) -> int:
         """Return the position."""
-        return self.file.tell()
+        return self._end  # without asking the system: with each message it is looked at
 
     def flush(self) -> None:
         """Do nothing: there is no buffer."""

@@ -3,5 +3,4 @@ fail.
 
 catalogue   which faults are there, and what does each do?
 trials      a run without fault, and with one fault in it, in this process or in several
-judgement   was what became of the navigator right? the table
-campaign    many trials, one after the other"""
+campaign    many trials, one after the other, and whether what became of the navigator was right"""

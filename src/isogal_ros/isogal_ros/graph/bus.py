@@ -156,7 +156,8 @@ class Publisher:
 
     def get_subscription_count(self) -> int:
         """Count those who listen."""
-        return len(self._bus.channels[self.topic_name].subscriptions)
+        channel = self._bus.channels[self.topic_name]
+        return len(channel.subscriptions) + len(channel.taps)
 
     def wait_for_all_acked(self, _timeout: object = None) -> bool:
         """Nothing is under way for long."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import typer
-import yaml
 
 from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
@@ -22,7 +21,7 @@ from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
 from isogal.maps.several import RunMap, first_map
-from isogal.scenario import Scenario, changed_scenario
+from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal.tracks.smoothed import write_smoothed
 from isogal_ros import topics
@@ -124,17 +123,37 @@ def run_command(
     return 0
 
 
+@dataclass(frozen=True)
+class Changes:
+    """What a user says of a recording, and of how it is played, in place of what it says
+    itself."""
+
+    scenario: Path | None = None
+    """None = the bag's own."""
+    overrides: Sequence[str] = ()
+    """Changed keys of the scenario."""
+    parameters: Sequence[str] = ()
+    """Own parameters of the filter's node."""
+    foreign: Foreign = NOTHING_SAID
+    """What is said of a recording of other tools."""
+
+    def __bool__(self) -> bool:
+        others = self.overrides, self.parameters, *self.foreign
+        return self.scenario is not None or any(map(bool, others))
+
+    def of(self, bag: Path) -> tuple[BagReader, Scenario | None]:
+        """Return a bag and the scenario that is run, None where nobody says one; raises InputError
+        where a change cannot be used."""
+        reader = BagReader.foreign(bag, self.foreign)
+        scenario = reader.scenario() if self.scenario is None else load_scenario(self.scenario)
+        if scenario is not None and self.overrides:
+            scenario = changed_scenario(scenario, self.overrides, f"{bag}: scenario")
+        return reader, scenario
+
+
 @shared_maps()
 def replay_command(
-    bag: Path,
-    out: Path | None,
-    *,
-    scenario: Scenario | None = None,
-    overrides: Sequence[str] = (),
-    parameters: Sequence[str] = (),
-    foreign: Foreign = NOTHING_SAID,
-    tolerance: float | None = None,
-    json: bool,
+    bag: Path, out: Path | None, changes: Changes, *, tolerance: float | None, json: bool
 ) -> int:
     """Replay a bag and print how its fixes differ, and evaluate the replay as well where there is
     a folder for it, the recording has the truth, and nobody interrupts; return the exit status: 1
@@ -146,11 +165,7 @@ def replay_command(
     bag : Path
     out : Path, optional
         Folder of summary, report and figures.
-    scenario : Scenario, optional
-        None = the bag's own.
-    overrides, parameters, foreign
-        Changed keys of the scenario, own parameters of the filter's node, and what is said of a
-        recording of other tools.
+    changes : Changes
     tolerance : float or None
         m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any where
         the user has changed something, and none where the recording has no fixes.
@@ -162,12 +177,8 @@ def replay_command(
     InputError
         The bag or what it needs cannot be used.
     """
-    of_filter = filter_parameters(parameters)
-    reader = BagReader.foreign(bag, foreign)
-    changed = scenario is not None or bool(overrides or parameters or any(foreign))
-    scenario = scenario or reader.scenario()
-    if scenario is not None and overrides:
-        scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")
+    of_filter = filter_parameters(changes.parameters)
+    reader, scenario = changes.of(bag)
     if out is not None:
         make_folder(out)
     with interrupts() as interrupt, watching() as report:
@@ -181,23 +192,13 @@ def replay_command(
     if result.interrupted:
         note(f"interrupted after {result.simulated:.0f} s of {bag}")
         return INTERRUPTED
-    failures = result.failures or _differences(result, tolerance, changed)
+    failures = result.failures or _differences(result, tolerance, bool(changes))
     for why in failures:
         note(f"{bag}: {why}")
     return FAILED if failures else 0
 
 
-def smooth_command(
-    bag: Path,
-    out: Path,
-    *,
-    scenario: Scenario | None = None,
-    overrides: Sequence[str] = (),
-    parameters: Sequence[str] = (),
-    foreign: Foreign = NOTHING_SAID,
-    interval: float,
-    json: bool,
-) -> int:
+def smooth_command(bag: Path, out: Path, changes: Changes, *, interval: float, json: bool) -> int:
     """Smooth a recorded voyage, write files and a bag, and print how good it is where the truth is
     recorded; return the exit status: 1 where the filter has used nothing of a sensor.
 
@@ -205,33 +206,34 @@ def smooth_command(
     ----------
     bag, out : Path
         The recording, and the folder to write into.
-    scenario, overrides, parameters, foreign, json
-        See `replay_command`.
+    changes : Changes
     interval : float
         s between the rows of the files, at least.
+    json : bool
+        Whether the result is printed as JSON.
 
     Raises
     ------
     InputError
         The bag or what it needs cannot be used.
     """
-    reader, of_filter = BagReader.foreign(bag, foreign), filter_parameters(parameters)
-    scenario = scenario or reader.scenario()
-    if scenario is not None and overrides:
-        scenario = changed_scenario(scenario, overrides, f"{bag}: scenario")
+    of_filter = filter_parameters(changes.parameters)
+    reader, scenario = changes.of(bag)
     make_folder(out)
-    changed = bool(overrides or parameters or any(foreign))
+    # another scenario is compared with the recorded one
+    again = bool(changes.overrides or changes.parameters or any(changes.foreign))
     with interrupts() as interrupt, watching() as report:
-        found = smoothed_bag(reader, interrupt, report, scenario, of_filter, again=changed)
-    if found.interrupted:
+        found = smoothed_bag(reader, interrupt, report, scenario, of_filter, again=again)
+    played = found.played
+    if played.interrupted:
         note(f"interrupted; nothing is written of {bag}")
         return INTERRUPTED
     track = thinned(found.track, interval)
     paths = [str(path) for path in write_smoothed(track, out)]
-    write_bag(found, out / "bag", scenario_text(found.scenario))
+    write_bag(found, out / "bag")
     files = [*paths, str(out / "bag")]
     result = {"states": len(found.track.time), **found.figures, "files": files}
-    for line in [*found.notes, *found.failures]:
+    for line in [*played.notes, *played.failures]:
         note(f"{bag}: {line}")
     if json:
         print_json(result)
@@ -244,12 +246,10 @@ def smooth_command(
         if rows:
             print_table(("", "smoothed", "at the time"), rows)
         typer.echo("\n".join(files))
-    return FAILED if found.failures else 0
+    return FAILED if played.failures else 0
 
 
-def faults_command(
-    scenario: Scenario, out: Path, *, trials: tuple[int, int], quick: bool, json: bool
-) -> int:
+def faults_command(scenario: Scenario, out: Path, *, trials: int, quick: bool, json: bool) -> int:
     """Run the fault campaign; return the exit status: 1 where a fault did harm or was not
     reported.
 
@@ -258,8 +258,8 @@ def faults_command(
     scenario : Scenario
     out : Path
         Folder of outcomes and table.
-    trials : (int, int)
-        Of each fault within one process, and of each of processes.
+    trials : int
+        Of each fault.
     quick : bool
         Whether only a few faults are run, over a shorter route.
     json : bool
@@ -315,12 +315,6 @@ def _evaluate(
     write_json(out / "summary.json", summary)
     run_report(runs, scenario, field_map, bound, out, summary)
     return summary
-
-
-def scenario_text(scenario: Scenario) -> dict[str, str]:
-    """Return what a bag keeps of its scenario."""
-    document = scenario.model_dump(mode="json")
-    return {"scenario": yaml.safe_dump(document, sort_keys=False)}
 
 
 def _fresh_checkpoints(folder: Path) -> Path:

@@ -13,9 +13,10 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
+from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import node_class
 from isogal_ros.nodes.base import NodeSettings
-from isogal_ros.parameters.declaration import OF_RCLPY, known_overrides
+from isogal_ros.parameters.declaration import OF_RCLPY
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import scenario_from, settings_from
 
@@ -89,17 +90,11 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
     where : str
         What the line begins with.
     """
-    kind = node_class(name)
-    own = parameter_specs(kind.settings_model)
-    specs = own + parameter_specs(Scenario, sections=kind.sections)
-    known = {spec.name for spec in parameter_specs(Scenario)}
+    bus = Bus()
     try:
-        values = known_overrides(values_of(document, full), specs, known)
+        bus.add(name, values_of(document, full) | {"autostart": False}).destroy_node()
     except InputError as error:
-        raise InputError(f"{where}: {name}: {error}") from None
-    names = {spec.name: spec for spec in own}
-    given = {key: value for key, value in values.items() if key in names}
-    settings_from(kind.settings_model, _fields(given, names), f"{where}: {name}")
+        raise InputError(f"{where}: {error}") from None
 
 
 def unmatched_sections(document: Document, names: Collection[str], namespace: str) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import JsonValue
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 
 from isogal.afterwards import Sensed, smoothed_voyage
 from isogal.arrays import Array
@@ -24,11 +24,10 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal.tracks.smoothed import SmoothedTrack
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
-from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Places
-from isogal_ros.bags.writer import BagWriter
-from isogal_ros.graph.replay import replay
+from isogal_ros.bags.writer import BagWriter, scenario_text
+from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.running import Report, no_report
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
@@ -47,16 +46,13 @@ OF = "smoothed", "at_the_time"
 class SmoothedBag:
     """What is known of a recorded voyage afterwards."""
 
-    scenario: Scenario
+    played: Replay
     track: SmoothedTrack
     rates: Array
     """(K, 3) angular rates that the gyroscopes measured, rad/s."""
     figures: Figures
     """Of the errors where the truth is recorded, smoothed and at the time: `position_error_rms`,
     m, `nees_per_axis`."""
-    notes: list[str]
-    failures: list[str]
-    interrupted: bool
 
 
 def smoothed_bag(
@@ -93,16 +89,7 @@ def smoothed_bag(
         _figures(played.outputs),
     )
     track = SmoothedTrack(stamps, states)
-    figures = _errors(track, navigator, played.outputs)
-    return SmoothedBag(
-        played.scenario,
-        track,
-        rates,
-        figures,
-        played.notes,
-        played.failures,
-        played.interrupted,
-    )
+    return SmoothedBag(played, track, rates, _errors(track, navigator, played.outputs))
 
 
 def _maps(scenario: Scenario) -> Sequence[RouteMap]:
@@ -163,15 +150,12 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
     return {"position_error_rms": rms, "nees_per_axis": nees}
 
 
-def write_bag(found: SmoothedBag, folder: Path, texts: dict[str, str]) -> None:
+def write_bag(found: SmoothedBag, folder: Path) -> None:
     """Write a bag with the states on nav/smoothed; a bag in the folder is replaced."""
-    frame, message = map_frame(found.scenario), topics.SMOOTHED.type(child_frame_id=BASE)
+    scenario = found.played.scenario
+    frame, message = map_frame(scenario), topics.SMOOTHED.type(child_frame_id=BASE)
     message.header.frame_id = MAP
-    writer = BagWriter(folder, texts, replace=True)
-    name = f"/{topics.SMOOTHED.name}"
-    writer.add_topic(
-        name, topics.type_name(topics.SMOOTHED.type), qos_entries([topics.LOSSLESS]), ""
-    )
+    writer = BagWriter(folder, {"scenario": scenario_text(scenario)}, replace=True)
     try:
         for time, state, rate in zip(
             found.track.time.tolist(), found.track.states, found.rates, strict=True
@@ -179,7 +163,7 @@ def write_bag(found: SmoothedBag, folder: Path, texts: dict[str, str]) -> None:
             ns = from_seconds(time)
             nav = np.concatenate(state.estimate)
             fill_odom(message, ns, frame, nav, state.turn_rate(rate), state.covariance)
-            writer.write(name, serialize_message(message), ns, ns)
+            writer.put(topics.SMOOTHED, message, ns)
     finally:
         writer.close()
 

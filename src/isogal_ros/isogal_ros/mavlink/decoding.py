@@ -13,7 +13,7 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus
 from isogal.arrays import Array
 from isogal.scenario.data_sheet import G
 from isogal_ros import topics
-from isogal_ros.messages.aids import fill_velocity
+from isogal_ros.messages.aids import fill_twist, fill_velocity
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, framed
 from isogal_ros.messages.imu import fill_imu
@@ -86,12 +86,10 @@ def _gps(found: Received, ns: int) -> Published:
     yield topics.GNSS_FIX, message
     if _UNKNOWN in (found.vel, found.cog):
         return
-    velocity, course = framed(topics.GNSS_VELOCITY, ANTENNA, ns), math.radians(1e-2 * found.cog)
-    linear, speed = velocity.twist.twist.linear, 1e-2 * found.vel
-    linear.x, linear.y = speed * math.sin(course), speed * math.cos(course)
-    variance = (1e-3 * found.vel_acc) ** 2
-    for place_, value in ((0, variance), (7, variance), (14, _NOT_MEASURED)):
-        velocity.twist.covariance[place_] = value
+    velocity, course = framed(topics.GNSS_VELOCITY, ANTENNA), math.radians(1e-2 * found.cog)
+    speed, variance = 1e-2 * found.vel, (1e-3 * found.vel_acc) ** 2
+    over_ground = speed * np.array([math.sin(course), math.cos(course), math.nan])
+    fill_twist(velocity, ns, over_ground, variance)
     yield topics.GNSS_VELOCITY, velocity
 
 

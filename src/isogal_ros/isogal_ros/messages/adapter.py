@@ -16,8 +16,8 @@ from isogal.arrays import Array
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.aids import AIDS, aids_of, alternatives_of
-from isogal_ros.messages.ins_solution import OF_INERTIAL_DATA, inertial_topics
+from isogal_ros.messages.aids import aids_of, alternatives_of
+from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.topics import Message, Topic
 
 Reading = float | Array
@@ -66,26 +66,16 @@ def adapters_of(scenario: Scenario) -> Iterator[Adapter]:
             yield adapter_of(one, field.name)
 
 
-def all_topics(scenario: Scenario) -> tuple[Topic, ...]:
-    """Return the topics of a graph: Isogal's own, those of the scenario's instrument if another
-    package has added it, and those of the scenario's aids by name."""
-    pairs = ((adapter.raw, adapter.reduced) for adapter in adapters_of(scenario))
-    aids = *aids_of(scenario), *alternatives_of(scenario).values()
-    instruments = (topic for pair in pairs for topic in pair)
-    return tuple(dict.fromkeys((*topics.ALL, *instruments, *aids)))
-
-
 def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
-    """Return the topics of a graph without those of instruments and aids that the scenario does
-    not have."""
-    own = {topic for one in adapters_of(scenario) for topic in (one.raw, one.reduced)}
-    others = {*topics.OF_INSTRUMENTS} - own
-    if topics.MAGNETIC_FIELD in own:
-        others.discard(topics.SCALAR_FIELD)
-    others |= {*AIDS} - {*aids_of(scenario)}
-    if scenario.fusion.lag == 0.0:
-        others.add(topics.SMOOTHED)
-    others |= {*OF_INERTIAL_DATA} - {*inertial_topics(scenario.ins)}
-    if not scenario.ins.gives_solution:
-        others.add(topics.INS_ERROR)
-    return tuple(topic for topic in all_topics(scenario) if topic not in others)
+    """Return the topics of a graph, with those of the instruments and aids that the scenario
+    has."""
+    found = [*topics.OF_EVERY_GRAPH, *inertial_topics(scenario.ins)]
+    found += [topic for one in adapters_of(scenario) for topic in (one.raw, one.reduced)]
+    if topics.MAGNETIC_FIELD in found:
+        found.append(topics.SCALAR_FIELD)
+    found += [*aids_of(scenario), *alternatives_of(scenario).values()]
+    if scenario.fusion.lag > 0.0:
+        found.append(topics.SMOOTHED)
+    if scenario.ins.gives_solution:
+        found.append(topics.INS_ERROR)
+    return tuple(dict.fromkeys(found))

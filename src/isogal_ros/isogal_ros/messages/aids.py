@@ -1,15 +1,15 @@
 """Sensors beside the IMU as messages: FluidPressure, NavSatFix and TwistWithCovarianceStamped."""
 
-import math
 import re
 from collections.abc import Callable, Mapping
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from numpy.typing import ArrayLike
 from sensor_msgs.msg import FluidPressure, NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
-from isogal.scenario import Gnss, Height, PositionAid, Settings
+from isogal.scenario import Height, PositionAid, Settings
 from isogal.scenario.aids import VERTICAL
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
 from isogal_ros import topics
@@ -100,14 +100,22 @@ def read_pressure(message: FluidPressure, settings: Height) -> tuple[float, floa
     return pressure, height, variance * height_slope(pressure, settings) ** 2
 
 
-def fill_velocity(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
-    """Write a velocity (3,) FRD, m/s, into a TwistWithCovarianceStamped; an axis that is not
-    measured (NaN) has the variance -1, the others 0, unknown."""
+def fill_twist(
+    message: TwistWithCovarianceStamped, ns: int, velocity: Array, variance: ArrayLike = 0.0
+) -> None:
+    """Write a velocity (3,), m/s, on the message's own axes into a TwistWithCovarianceStamped, and
+    the variance of each axis, 0 = unknown; one that is not measured (NaN) has the variance -1."""
     set_stamp(message.header.stamp, ns)
     linear = message.twist.twist.linear
-    linear.x, linear.y, linear.z = np.nan_to_num(velocity * FRD_FLU).tolist()
-    for axis, value in enumerate(velocity.tolist()):
-        message.twist.covariance[7 * axis] = _NOT_MEASURED if math.isnan(value) else 0.0
+    linear.x, linear.y, linear.z = np.nan_to_num(velocity).tolist()
+    found = np.where(np.isnan(velocity), _NOT_MEASURED, variance)
+    for axis, value in enumerate(found.tolist()):
+        message.twist.covariance[7 * axis] = value
+
+
+def fill_velocity(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
+    """Write a velocity (3,) FRD, m/s, of unknown covariance, see `fill_twist`."""
+    fill_twist(message, ns, velocity * FRD_FLU)
 
 
 def read_velocity(message: TwistWithCovarianceStamped, frame: str = BASE) -> tuple[Array, Array]:
@@ -185,18 +193,12 @@ def read_position_fix(message: NavSatFix) -> tuple[Array, Array | None] | None:
 
 
 def fill_ground_velocity(
-    message: TwistWithCovarianceStamped, ns: int, velocity: Array, gnss: Gnss
+    message: TwistWithCovarianceStamped, ns: int, velocity: Array, sigma: float = 0.0
 ) -> None:
-    """Write the velocity (3,) NED, m/s, of a satellite receiver, east-north-up in the message; an
-    axis that is not measured (NaN) has the variance -1."""
-    set_stamp(message.header.stamp, ns)
-    linear = message.twist.twist.linear
-    east_north_up = NED_ENU @ velocity
-    linear.x, linear.y, linear.z = np.nan_to_num(east_north_up).tolist()
-    variance = (gnss.velocity_sigma or 0.0) ** 2
-    for axis, factor in enumerate((1.0, 1.0, VERTICAL**2)):
-        known = math.isfinite(east_north_up[axis])
-        message.twist.covariance[7 * axis] = factor * variance if known else _NOT_MEASURED
+    """Write a velocity (3,) NED, m/s, with its horizontal 1-sigma (0 = unknown), on axes east,
+    north, up, see `fill_twist`."""
+    variance = np.square([sigma, sigma, VERTICAL * sigma])
+    fill_twist(message, ns, NED_ENU @ velocity, variance)
 
 
 def read_ground_velocity(message: TwistWithCovarianceStamped) -> tuple[Array, Array]:

@@ -124,7 +124,7 @@ def _put(path: str) -> Copy:
     """Return what copies a number into a field."""
 
     def copy(given: Float64, made: Message) -> None:
-        _set(made, path, float(given.data))
+        set_field(made, path, float(given.data))
 
     return copy
 
@@ -134,7 +134,7 @@ def _copy(*pairs: tuple[str, str]) -> Copy:
 
     def copy(given: Message, made: Message) -> None:
         for source, target in pairs:
-            _set(made, target, _field(given, source))
+            set_field(made, target, field_at(given, source))
 
     return copy
 
@@ -307,7 +307,7 @@ def _adjust(message: Message, form: Form, driver: Driver, size: float) -> None:
 def _transform(message: Message, name: str, of_covariance: str, turn: Array, size: float) -> None:
     """Turn and scale a vector and its covariance. An axis that has a part in one that is not
     measured (variance -1, or NaN) is not measured either."""
-    vector, whole = _field(message, name), _field(message, of_covariance)
+    vector, whole = field_at(message, name), field_at(message, of_covariance)
     width = math.isqrt(len(whole))
     covariance = np.array(whole, dtype=float).reshape(width, width)
     own = covariance[:3, :3]
@@ -323,15 +323,15 @@ def _transform(message: Message, name: str, of_covariance: str, turn: Array, siz
     vector.x, vector.y, vector.z = turned.tolist()
     if width > 3 or covariance[0, 0] != _NOT_MEASURED:
         covariance[:3, :3] = own
-    _set(message, of_covariance, covariance.ravel())
+    set_field(message, of_covariance, covariance.ravel())
 
 
-def _field(message: Message, path: str) -> Any:
+def field_at(message: Message, path: str) -> Any:
     """Return a field by its dotted name."""
     return reduce(getattr, path.split("."), message)
 
 
-def _set(message: Message, path: str, value: Any) -> None:
+def set_field(message: Message, path: str, value: Any) -> None:
     """Set a field by its dotted name."""
     *outer, last = path.split(".")
     setattr(reduce(getattr, outer, message), last, value)

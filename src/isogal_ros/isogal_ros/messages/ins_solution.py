@@ -34,13 +34,6 @@ FARTHEST = 1.4e7
 """m from the origin of the frame ``map``: no place on the Earth is farther."""
 HIGHEST = 1e5
 """m."""
-OF_INERTIAL_DATA = (
-    topics.IMU,
-    topics.INS_SOLUTION,
-    topics.INS_SOLUTION_VELOCITY,
-    topics.INS_SOLUTION_FIX,
-)
-"""Of which a graph has one, or the last two."""
 _POSE = [0, 1, 2, 6, 7, 8]
 
 
@@ -87,13 +80,6 @@ def read_position_and_velocity(
     if not np.isfinite(velocity).all() or np.abs(velocity).max() > FASTEST:
         raise BadMessageError(f"velocity is not finite, or above {FASTEST:g} m/s")
     return np.array(place), velocity
-
-
-def fill_east_north_up(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
-    """Write a velocity (3,) NED, m/s, east, north, up; its covariance is not known."""
-    set_stamp(message.header.stamp, ns)
-    linear = message.twist.twist.linear
-    linear.x, linear.y, linear.z = (NED_ENU @ velocity).tolist()
 
 
 def fill_error(

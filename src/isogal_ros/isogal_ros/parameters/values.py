@@ -66,17 +66,22 @@ def node_values(
     return values | dict(own)
 
 
-class _WithoutAliases(yaml.SafeDumper):
-    """Writes what is there twice twice: parameter files know no aliases."""
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    """Writes what is there twice twice: neither parameter files nor rosbag2 know aliases."""
 
     def ignore_aliases(self, data: JsonValue) -> bool:
         return True
 
 
+def yaml_text(value: JsonValue) -> str:
+    """Return YAML without aliases, and without breaks in long texts."""
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, width=1000)
+
+
 def parameter_file(scenario: Scenario, own: Mapping[str, Mapping[str, JsonValue]]) -> str:
     """Return the text of a parameter file for a graph: the scenario for all nodes, and each node's
     own parameters by its name."""
-    document = {"/**": {"ros__parameters": nested(scenario_values(scenario))}}
+    document: Values = {"/**": {"ros__parameters": nested(scenario_values(scenario))}}
     for name, values in own.items():
         document[f"/**/{name}"] = {"ros__parameters": nested(values)}
-    return yaml.dump(document, Dumper=_WithoutAliases, sort_keys=False)
+    return yaml_text(document)

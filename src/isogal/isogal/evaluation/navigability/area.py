@@ -18,6 +18,7 @@ from isogal.evaluation.navigability.kernels import (
 )
 from isogal.evaluation.navigability.leg import Leg, leg_to
 from isogal.fields.measured import measured_field
+from isogal.maps.error_ellipses import mean_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
 from isogal.maps.variability import feature_variability
@@ -268,11 +269,9 @@ def map_error_at_nodes(scenario: Scenario, field_map: FieldMap) -> tuple[Array, 
     assumed = scenario.true.map_error
     own = np.broadcast_to(np.nan_to_num(field_map.sigma), field_map.shape)
     length = np.full(field_map.shape, assumed.correlation_length)
-    if field_map.correlation_lengths is not None:
-        said = np.where(
-            np.isfinite(field_map.correlation_lengths), field_map.correlation_lengths, length
-        )
-        length = np.where(own > assumed.sigma, said, length)
+    if field_map.error_ellipses is not None:
+        said = mean_length(field_map.error_ellipses)
+        length = np.where((own > assumed.sigma) & np.isfinite(said), said, length)
     elif field_map.correlation_length is not None:
         length = np.where(own > assumed.sigma, field_map.correlation_length, length)
     return np.maximum(own, assumed.sigma), length

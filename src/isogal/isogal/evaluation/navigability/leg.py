@@ -14,7 +14,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.evaluation.bound import bias_and_drift, linear_model
+from isogal.evaluation.bound import bias_and_drift, linear_model, propagated
 from isogal.evaluation.navigability.kernels import Approach
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
@@ -141,8 +141,8 @@ def _covariance(scenario: Scenario, trajectory: Trajectory) -> Array:
     model = linear_model(scenario, trajectory, [])
     P, per_scan = model.start, model.segments.per_scan
     crosses, rows = np.zeros((0, len(P))), []
-    for stretch, (transition, half) in enumerate(model.transitions(), 1):
-        P = transition @ (P + half) @ transition.T + half
+    for stretch, (transition, *noise) in enumerate(model.transitions(), 1):
+        P = propagated(P, transition, *noise)
         crosses = crosses @ transition.T
         if stretch % per_scan == 0:
             crosses = np.concatenate([crosses, P[:4]])

@@ -32,10 +32,14 @@ class GroundVelocity:
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
+        return update_linear(state, model, self.rows(state, model))
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
         axes = np.flatnonzero(np.isfinite(self.velocity))
         around = matrix(state.attitude) @ self.relative
         H = np.zeros((3, model.states))
         H[:, 3:6], H[:, 6:9] = np.eye(3), -cross_matrix(around)
         R = np.asarray(self.covariance)[np.ix_(axes, axes)]
         expected = (state.velocity + around)[axes]
-        return update_linear(state, model, Rows(self.velocity[axes], expected, H[axes], R))
+        return Rows(self.velocity[axes], expected, H[axes], R, over_ground=True)

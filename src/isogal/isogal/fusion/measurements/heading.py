@@ -93,10 +93,13 @@ class HeadingReading:
         """See `isogal.fusion.measurements.Measurement`."""
         if math.hypot(*state.velocity[:2]) < self.slowest:
             return Innovation.refused(f"slower than {self.slowest:g} m/s: no course")
-        rotation = matrix(state.attitude)
-        if math.hypot(*rotation[:2, 0]) < STEEPEST:
+        if math.hypot(*matrix(state.attitude)[:2, 0]) < STEEPEST:
             return Innovation.refused("the bow is vertical: no heading")
-        H = np.zeros((1, model.states))
+        return update_linear(state, model, self.rows(state, model))
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
+        rotation, H = matrix(state.attitude), np.zeros((1, model.states))
         H[0, 6:9] = by_attitude(rotation)
         expected = math.atan2(rotation[1, 0], rotation[0, 0])
         for name in (f"{self.error}_mounting", f"{self.error}_slow"):
@@ -107,5 +110,4 @@ class HeadingReading:
             latitude, longitude = state.position[:2].tolist()
             expected -= declination(latitude, longitude, self.epoch)
         measured = expected + math.remainder(self.heading - expected, 2.0 * math.pi)
-        rows = Rows(np.array([measured]), np.array([expected]), H, np.array([[self.variance]]))
-        return update_linear(state, model, rows)
+        return Rows(np.array([measured]), np.array([expected]), H, np.array([[self.variance]]))

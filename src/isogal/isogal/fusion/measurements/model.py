@@ -119,6 +119,16 @@ class Rows(NamedTuple):
     """(m, 15 + M)."""
     R: Array
     """(m, m)."""
+    over_ground: bool = False
+    """Whether they are of the velocity in the navigation frame (`moved`)."""
+
+
+class Linear(Protocol):
+    """A measurement that is used by its rows."""
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
+        ...
 
 
 def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovation:
@@ -134,11 +144,17 @@ def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovat
     result = Innovation.of(innovation, nis, model.gate(len(innovation)), rows.expected)
     result.log_likelihood = -0.5 * (nis + log_size)
     if result.used:
-        moved(state, model, reduced, correction)
+        moved(state, model, reduced, correction, rows.over_ground)
     return result
 
 
-def moved(state: FilterState, model: FilterModel, covariance: Array, correction: Array) -> None:
+def moved(
+    state: FilterState,
+    model: FilterModel,
+    covariance: Array,
+    correction: Array,
+    over_ground: bool = False,
+) -> None:
     """Move a state by a correction (N,), in place; the covariance (N, N) is that of the errors
     from where it was.
 
@@ -147,11 +163,12 @@ def moved(state: FilterState, model: FilterModel, covariance: Array, correction:
     from v to v', the same attitude error is one of psi x v', so that the error from there is dv -
     psi x (v' - v). Without that, each correction of the velocity would seem to measure the
     heading, of which an odometer knows nothing (docs/mathematics.md, section 3.17; Barrau &
-    Bonnabel 2017, IEEE TAC 62:1797, for errors by which this need not be said)."""
+    Bonnabel 2017, IEEE TAC 62:1797, for errors by which this need not be said). A velocity that
+    was measured over ground is not wrong with the attitude."""
     before = state.velocity.copy()
     state.covariance[:] = covariance
     move(state.nominal, correction)
-    if not model.unsure_heading:  # it would change the sixth digit
+    if over_ground or not model.unsure_heading:  # it would change the sixth digit
         return
     turn, P = cross_matrix(state.velocity - before), state.covariance
     P[3:6] -= turn @ P[6:9]

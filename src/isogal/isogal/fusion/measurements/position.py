@@ -47,6 +47,10 @@ class PositionFix:
         """See `isogal.fusion.measurements.Measurement`."""
         if not (math.isfinite(self.latitude) and math.isfinite(self.longitude)):
             raise ValueError("fix is not finite")
+        return update_linear(state, model, self.rows(state, model)).far_away()
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
         latitude, longitude, height = state.position
         apart = horizontal_difference(self.latitude, self.longitude, latitude, longitude)
         if self.height is not None:
@@ -61,5 +65,4 @@ class PositionFix:
             if at is not None:
                 H[k, at] = 1.0
                 expected[k] += state.auxiliary[at - FILTER_STATES]
-        rows = Rows(np.asarray(apart), expected, H, np.asarray(self.covariance))
-        return update_linear(state, model, rows).far_away()
+        return Rows(np.asarray(apart), expected, H, np.asarray(self.covariance))

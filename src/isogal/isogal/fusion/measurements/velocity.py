@@ -105,31 +105,29 @@ class VelocityReading:
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
-        axes = np.flatnonzero(np.isfinite(self.velocity))
-        measured = np.asarray(self.velocity, dtype=float)[axes]
-        if np.linalg.norm(measured) < self.standstill_speed:
-            H = np.zeros((3, model.states))
-            H[:, 3:6] = np.eye(3)
-            R = np.eye(3) * self.standstill_sigma**2
+        if np.linalg.norm(self.velocity[np.isfinite(self.velocity)]) < self.standstill_speed:
             if self.at_rest is not None:
                 self.at_rest.update(state, model)
-            rest = Rows(np.zeros(3), state.velocity.copy(), H, R)
-            return update_insistent(state, model, rest, "standstill")
-        H, expected = _through(state, model)
-        R = self.covariance[np.ix_(axes, axes)]
-        rows = Rows(measured, expected[axes], H[axes], R)
+            # in body axes: a zero in others would measure the heading (`moved`)
+            H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
+            H[:, FILTER_STATES:] = 0.0
+            R = np.eye(3) * self.standstill_sigma**2
+            return update_insistent(state, model, Rows(np.zeros(3), expected, H, R), "standstill")
+        rows = self.rows(state, model)
         if state.contradicted:
             return update_once_it_agrees(state, model, rows)
         return update_insistent(state, model, rows, "velocity")
 
-
-def _through(state: FilterState, model: FilterModel) -> tuple[Array, Array]:
-    """Return H (3, n) of a velocity aid, and what it is expected to read."""
-    names = [one.name for one in model.auxiliary]
-    values = dict(zip(names, state.auxiliary.tolist(), strict=True))
-    past = state.velocity.copy()
-    past[:2] -= values.get(NORTH, 0.0), values.get(EAST, 0.0)
-    return velocity_reading(model, matrix(state.attitude), past, values)
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state, as of a vehicle that moves."""
+        axes = np.flatnonzero(np.isfinite(self.velocity))
+        names = [one.name for one in model.auxiliary]
+        values = dict(zip(names, state.auxiliary.tolist(), strict=True))
+        past = state.velocity.copy()
+        past[:2] -= values.get(NORTH, 0.0), values.get(EAST, 0.0)
+        H, expected = velocity_reading(model, matrix(state.attitude), past, values)
+        R = self.covariance[np.ix_(axes, axes)]
+        return Rows(np.asarray(self.velocity, dtype=float)[axes], expected[axes], H[axes], R)
 
 
 def velocity_reading(

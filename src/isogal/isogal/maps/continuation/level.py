@@ -223,7 +223,6 @@ def at_level(
         values=values,
         sigma=sigma,
         correlation_length=length,
-        correlation_lengths=None,
         error_ellipses=None,
         error_stated=field_map.states_error,
         quantisation=0.0,

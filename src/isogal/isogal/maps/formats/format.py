@@ -48,7 +48,6 @@ class FileGrid:
     sigma_unit: str | None = None
     """None = that of the values."""
     correlation_length: float | None = None
-    correlation_lengths: Read | None = None
     error_ellipses: Read | None = None
     error_stated: bool | None = None
     height: float | None = None
@@ -83,7 +82,6 @@ class FileGrid:
             quantity=quantity,
             sigma=sigma * of_sigma,
             correlation_length=self.correlation_length,
-            correlation_lengths=self.correlation_lengths and at_nodes(self.correlation_lengths),
             error_ellipses=self.error_ellipses and at_nodes(self.error_ellipses),
             error_stated=self.error_stated,
             quantisation=self.quantisation * factor,

@@ -52,6 +52,8 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
         }
         sigma = _sigma_of(dataset, data, [name for name in read if name != data.name])
         ellipse = [read[of] for name in ELLIPSE_NAMES if (of := f"{data.name}_{name}") in read]
+        if len(ellipse) < 3:
+            ellipse = [read[of] for of in (f"{data.name}_error_length",) if of in read]
         stated = number_of(data, "error_stated")
         yield FileGrid(
             where=where,
@@ -64,8 +66,7 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
             sigma=read[sigma] if sigma else number_of(data, "error_sigma") or 0.0,
             sigma_unit=text_of(dataset.variables[sigma], "units") if sigma else None,
             correlation_length=number_of(data, "error_correlation_length") or None,
-            correlation_lengths=read.get(f"{data.name}_error_length"),
-            error_ellipses=partial(_ellipses, ellipse) if len(ellipse) == 3 else None,
+            error_ellipses=partial(_ellipses, ellipse) if len(ellipse) in (1, 3) else None,
             error_stated=None if stated is None else stated != 0.0,
             height=number_of(data, "height_m"),
         )
@@ -318,7 +319,9 @@ def _values(
 
 
 def _ellipses(reads: Sequence[Read], rows: slice, columns: slice) -> Array:
-    longest, shortest, azimuth = (read(rows, columns) for read in reads)
+    """Return those of lengths and azimuth, or of one length in all directions."""
+    longest, *more = (read(rows, columns) for read in reads)
+    shortest, azimuth = more or (longest, np.zeros_like(longest))
     return ellipses_of(longest, shortest, np.radians(azimuth))
 
 

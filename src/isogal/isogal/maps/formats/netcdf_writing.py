@@ -86,9 +86,6 @@ def _variables(field_map: FieldMap, name: str) -> dict[str, tuple[Values, Attrib
     else:
         said["ancillary_variables"] = f"{name}_sigma"
         found["_sigma"] = field_map.sigma, {"units": unit, "long_name": f"1-sigma error of {name}"}
-    if (lengths := field_map.correlation_lengths) is not None:
-        text = f"correlation length of the error of {name}"
-        found["_error_length"] = lengths.astype(np.float32), {"units": "m", "long_name": text}
     if field_map.error_ellipses is not None:
         *axes, azimuth = axes_of(field_map.error_ellipses)
         for suffix, of, axis in zip(

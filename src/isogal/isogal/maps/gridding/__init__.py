@@ -2,10 +2,9 @@
 (docs/maps.md, "From survey readings to a map").
 
     survey          readings at points or along lines, and the plane they are taken to
-    reading         from CSV, Geosoft XYZ or NetCDF files
-    text_table      tables of text with named columns
-    text_rows       their rows, as recorded tracks have them
-    netcdf_rows     the same of NetCDF files
+    reading         from files
+    rows            rows of files with named columns: text, Geosoft XYZ, MGD77, NetCDF
+    mgd77           track lines of ships
     reduction       trend, and means in blocks
     levelling       where lines cross, and an offset for each line
     covariance      of the field between places, of noise and of lines' offsets

@@ -1,7 +1,7 @@
 """Work that is spread over all cores of the machine."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TypeVar
 
@@ -10,18 +10,15 @@ Result = TypeVar("Result")
 
 
 def spread(
-    function: Callable[[Item], Result],
-    items: Iterable[Item],
-    done: Callable[[Item, Result], None],
-) -> None:
-    """Call a function with each of some items, in threads (linear algebra leaves Python's lock),
-    and `done` with the item and its result, one after the other in this thread; the first
-    exception ends it."""
+    function: Callable[[Item], Result], items: Iterable[Item]
+) -> Iterator[tuple[Item, Result]]:
+    """Call a function with each of some items, in threads (linear algebra leaves Python's lock);
+    give each item with its result, in any order. The first exception ends it."""
     with ThreadPoolExecutor(_cores()) as pool:
         started = {pool.submit(function, item): item for item in items}
         try:
             for future in as_completed(started):
-                done(started.pop(future), future.result())
+                yield started.pop(future), future.result()
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

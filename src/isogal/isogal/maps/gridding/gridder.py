@@ -14,7 +14,7 @@ from isogal.maps.gridding.amplitude import Amplitude, Errors
 from isogal.maps.gridding.cores import spread
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
-from isogal.maps.gridding.kriging import GROUP, Kriging, groups
+from isogal.maps.gridding.kriging import Kriging
 from isogal.maps.gridding.learning import learn
 from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
 from isogal.maps.gridding.reduction import Trend, block_reduced
@@ -257,7 +257,6 @@ def grid_survey(
     nodes = np.meshgrid(latitude, longitude, indexing="ij")
     places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
     at = _at_nodes(model, places, progress)
-    length = at["length"]
     field_map = FieldMap(
         latitude,
         longitude,
@@ -265,8 +264,7 @@ def grid_survey(
         unit=survey.unit,
         quantity=survey.quantity,
         sigma=at["sigma"].reshape(shape),
-        correlation_length=float(np.nanmedian(length)),
-        correlation_lengths=length.reshape(shape),
+        correlation_length=float(np.nanmedian(at["length"])),
         error_ellipses=at["ellipse"].reshape(*shape, 3),
         provenance=(
             f"{model.report['method']} of {model.report['readings']} readings of {survey.where}"
@@ -295,15 +293,12 @@ def _at_nodes(model: Model, places: Array, progress: Progress | None) -> dict[st
             "ellipse": error_ellipses(places[rows], covariance, length),
         }
 
-    def keep(rows: Integers, found: dict[str, Array]) -> None:
-        nonlocal done
+    for rows, found in spread(kriged, model.kriging.groups(places)):
         for name, values in found.items():
             at[name][rows] = values
         done += rows.size
         if progress is not None:
             progress("nodes", done, count)
-
-    spread(kriged, groups(places, GROUP, 2.0 * model.kriging.extent), keep)
     variance = at.pop("variance")
     unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
     at["value"] += model.trend.at(places)

@@ -8,6 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
+from isogal.maps.gridding.reduction import huber_weights
 from isogal.maps.gridding.survey import Survey
 
 _LONGEST_GAP = 10.0
@@ -15,7 +16,7 @@ _LONGEST_GAP = 10.0
 _RIDGES = np.geomspace(1e-3, 1e3, 13)
 """Variances of a difference over that of an offset."""
 _FAR, _ROUNDS = 2.0, 4
-"""1-sigmas from which a difference counts less, and rounds of reweighting (Huber 1964)."""
+"""1-sigmas from which a difference counts less, and rounds of reweighting."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,8 +114,7 @@ def _levelled(design: Array, difference: Array, ridge: float) -> Levelling:
         offset = inverse @ (design.T @ (weight * difference))
         left = difference - design @ offset
         own = weight * np.einsum("ci,ij,cj->c", design, inverse, design)
-        usual = _FAR * 1.4826 * float(np.median(np.abs(left))) + 1e-300
-        weight = np.minimum(1.0, usual / np.maximum(np.abs(left), 1e-300))
+        weight = huber_weights(left, _FAR)
     return Levelling(offset, left, left / (1.0 - own), len(difference) - float(own.sum()))
 
 

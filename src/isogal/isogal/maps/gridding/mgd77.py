@@ -11,6 +11,9 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import NamedTuple
 
+import numpy as np
+
+from isogal.arrays import Array
 from isogal.errors import InputError
 
 SUFFIXES = (".mgd77", ".m77", ".a77", ".m77t")
@@ -75,10 +78,10 @@ _OF_TABLE = [
 """Fields of MGD77T in their order, where a file does not name them."""
 
 
-def table_of(text: str, suffix: str, where: str) -> tuple[str, list[str], list[int]]:
-    """Return the header, rows and numbers of rows (`isogal.maps.gridding.text_table.TextLines`) of
-    a file: times are seconds since 1970, columns without any number are left out, and records
-    without a time or a place.
+def table_of(text: str, suffix: str, where: str) -> tuple[list[str], Array, list[int]]:
+    """Return the names of the columns (K,), their numbers (N, K) with NaN = missing, and the
+    number (N,) of each record's line in the file: times are seconds since 1970, columns without
+    any number are left out, and records without a time or a place.
 
     Parameters
     ----------
@@ -115,9 +118,9 @@ def table_of(text: str, suffix: str, where: str) -> tuple[str, list[str], list[i
     if not found:
         raise InputError(f"{where}: has no records of MGD77 with a time and a place")
     names = ["time", *(field.name for field in _FIELDS)]
-    held = [i for i in range(len(names)) if any(math.isfinite(row[i]) for row in found)]
-    rows = [",".join(f"{row[i]:.10g}" for i in held) for row in found]
-    return ",".join(names[i] for i in held), rows, number
+    table = np.array(found)
+    held = np.flatnonzero(np.isfinite(table).any(axis=0))
+    return [names[i] for i in held], table[:, held], number
 
 
 def _record(line: str) -> list[float]:

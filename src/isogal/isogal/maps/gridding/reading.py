@@ -1,19 +1,14 @@
-"""Survey readings from files: CSV and other tables of text, Geosoft XYZ, NetCDF."""
+"""Survey readings from files: tables of text, Geosoft XYZ, MGD77, NetCDF."""
 
-import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.formats.netcdf import open_netcdf, quantity_in, text_of, unpacked
+from isogal.maps.gridding.rows import Column, Rows, read_rows
 from isogal.maps.gridding.survey import Survey, survey_of
-from isogal.maps.gridding.text_table import read_table
-from isogal.maps.quantities import quantity_of
 
 _NAMES = {
     "latitude": ("latitude", "lat"),
@@ -26,6 +21,7 @@ _NAMES = {
     "time": ("time", "utc_time", "utctime", "gps_time", "gpstime", "fiducial", "fid"),
 }
 """Names of columns, in any case."""
+_COLUMNS = {kind: Column(names, gaps=True) for kind, names in _NAMES.items()}
 
 
 def read_survey(
@@ -36,14 +32,12 @@ def read_survey(
     unit: str | None = None,
     crs: str | None = None,
 ) -> Survey:
-    """Read a survey; the format is known by the file's suffix.
-
-    Columns are known by their names (`_NAMES`). NetCDF needs variables of one dimension.
+    """Read a survey; columns are known by their names (`_NAMES`).
 
     Parameters
     ----------
     path : path
-        ``.nc``, ``.nc4``, ``.cdf``, else text.
+        As `isogal.maps.gridding.rows.read_rows` takes it.
     variable : str, optional
         Column of the values; needed where it is not the only one that can be.
     quantity, unit : str, optional
@@ -57,116 +51,63 @@ def read_survey(
         The file cannot be read, lacks columns, does not say what it holds, or holds what cannot
         be.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
-    netcdf = path.suffix.casefold() in (".nc", ".nc4", ".cdf")
-    with _netcdf(path) if netcdf else _text(path) as table:
-        used = _assign(table.names)
-        _require_places(used, table.names, str(path))
-        name = _value(table, used, variable, str(path))
-        columns: dict[str, Array | None] = {
-            kind: table.numbers(own) for kind, own in used.items() if own != name
-        }
-        columns["value"] = table.numbers(name)
-    if table.line is not None:
-        columns.setdefault("line", table.line)
+    rows = read_rows(path, "latitude, longitude, value and the like")
+    used = {kind: column for kind, column in _COLUMNS.items() if rows.index(column) is not None}
+    if not ({"latitude", "longitude"} <= used.keys() or {"x", "y"} <= used.keys()):
+        raise InputError(
+            f"{rows.where}: has no columns latitude and longitude (or x and y, with --crs); it has"
+            f" {', '.join(rows.names) or 'none'}"
+        )
+    name = _value(rows, used.values(), variable)
+    own = rows.names.index(name)
+    wanted = {kind: column for kind, column in used.items() if rows.index(column) != own}
+    wanted["value"] = Column((name,), gaps=True)
+    if rows.line is not None:
+        wanted.pop("line", None)
+    columns: dict[str, Array | None] = {**rows.read(wanted, ())}
+    if rows.line is not None:
+        columns["line"] = _numbered(rows.line)
     if columns.get("latitude") is None:
-        columns |= geographic(columns["x"], columns["y"], crs, str(path))
+        columns |= geographic(columns["x"], columns["y"], crs, rows.where)
     return survey_of(
         columns,
-        unit=unit or table.unit[name],
-        quantity=quantity or table.quantity[name],
-        where=f"{path}:{name}",
+        unit=unit or rows.units.get(name),
+        quantity=quantity or rows.quantities.get(name),
+        where=f"{rows.where}:{name}",
     )
 
 
-class _Table(NamedTuple):
-    """Columns of a file, by name."""
-
-    names: list[str]
-    quantity: dict[str, str | None]
-    """As the file says, or a name; None = not known."""
-    unit: dict[str, str | None]
-    numbers: Callable[[str], Array]
-    """Returns a column (N,), NaN = missing."""
-    line: Array | None = None
-    """(N,) survey line by the rows that begin one; None = there are none."""
-
-
-def _assign(names: Sequence[str]) -> dict[str, str]:
-    """Return which of some names means which column."""
-    by_name = {name.casefold(): name for name in names}
-    return {
-        kind: next(by_name[alias] for alias in aliases if alias in by_name)
-        for kind, aliases in _NAMES.items()
-        if any(alias in by_name for alias in aliases)
-    }
-
-
-def _value(table: _Table, used: dict[str, str], variable: str | None, where: str) -> str:
+def _value(rows: Rows, used: Iterable[Column], variable: str | None) -> str:
     """Return the name of the column of values."""
-    names = table.names
     if variable is not None:
-        found = [name for name in names if name.casefold() == variable.casefold()]
-        if not found:
+        if variable.casefold() not in rows.names:
             raise InputError(
-                f"{where}: has no column '{variable}'; it has {', '.join(names) or 'none'}"
+                f"{rows.where}: has no column '{variable}'; it has"
+                f" {', '.join(rows.names) or 'none'}"
             )
-        return found[0]
-    others = [name for name in names if name not in used.values()]
-    telling = [name for name in others if table.quantity[name] not in (None, "height")]
+        return variable.casefold()
+    known = [rows.names[i] for column in used if (i := rows.index(column)) is not None]
+    others = [name for name in rows.names if name not in known]
+    telling = [name for name in others if rows.quantities.get(name) not in (None, "height")]
     if len(telling) == 1 or len(others) == 1:
         return telling[0] if len(telling) == 1 else others[0]
     raise InputError(
-        f"{where}: does not say which column holds the values; give --variable, one of"
+        f"{rows.where}: does not say which column holds the values; give --variable, one of"
         f" {', '.join(telling or others) or '(it has no other column)'}"
     )
 
 
-def _require_places(used: dict[str, str], names: Sequence[str], where: str) -> None:
-    for pair in (("latitude", "longitude"), ("x", "y")):
-        if all(kind in used for kind in pair):
-            return
-    raise InputError(
-        f"{where}: has no columns latitude and longitude (or x and y, with --crs); it has"
-        f" {', '.join(names) or 'none'}"
-    )
-
-
-@contextmanager
-def _text(path: Path) -> Iterator[_Table]:
-    table = read_table(path)
-    names = [re.sub(r"[\[(].*", "", name).strip() for name in table.names]
-    units = [re.search(r"[\[(](.+?)[\])]", name) for name in table.names]
-    yield _Table(
-        names,
-        {name: quantity_of(name) for name in names},
-        {name: unit and unit[1] for name, unit in zip(names, units, strict=True)},
-        lambda name: table.numbers[:, names.index(name)],
-        table.line,
-    )
-
-
-@contextmanager
-def _netcdf(path: Path) -> Iterator[_Table]:
-    with open_netcdf(path) as dataset:
-        flat = {
-            name: data
-            for name, data in dataset.variables.items()
-            if data.ndim == 1 and np.dtype(data.dtype).kind in "iuf"
-        }
-        used = _assign(list(flat))
-        place = used.get("latitude", used.get("y"))
-        if place is not None:
-            along = flat[place].dimensions
-            flat = {name: data for name, data in flat.items() if data.dimensions == along}
-        yield _Table(
-            list(flat),
-            {name: quantity_in(data) for name, data in flat.items()},
-            {name: text_of(data, "units") for name, data in flat.items()},
-            lambda name: unpacked(flat[name], flat[name][:]).astype(np.float64),
-        )
+def _numbered(lines: list[str]) -> Array:
+    """Return a number for each survey line (N,): its name where all are whole numbers."""
+    names = list(dict.fromkeys(lines))
+    try:
+        numbers = [float(name) for name in names]
+    except ValueError:
+        numbers = []
+    if not numbers or any(number % 1.0 for number in numbers):
+        numbers = list(map(float, range(len(names))))
+    of = dict(zip(names, numbers, strict=True))
+    return np.array([of[name] for name in lines])
 
 
 def geographic(x: Array | None, y: Array | None, crs: str | None, where: str) -> dict[str, Array]:

@@ -1,6 +1,5 @@
 """What is done to readings before they are gridded: trend, and blocks."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,36 +7,16 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.maps.gridding.survey import Groups, Survey, blocks_of
 
+_FAR, _ROUNDS = 3.0, 20
+"""1-sigmas off which a reading counts less for the trend, and rounds of reweighting."""
 
-def robust_fit(
-    design: Array, value: Array, limit: float, rounds: int, ridge: float = 0.0
-) -> Array:
-    """Return the coefficients (C,) of a least-squares fit in which values far off count less
-    (Huber 1964).
 
-    Parameters
-    ----------
-    design : (N, C) array
-    value : (N,) array
-    limit : float
-        1-sigmas (by the median) off which a value's weight begins to fall.
-    rounds : int
-        Of reweighting.
-    ridge : float
-        Added to the diagonal of the normal equations.
-    """
-    small = math.sqrt(ridge) * np.eye(design.shape[1])
-    weight: Array = np.ones(len(value))
-    coefficients: Array = np.zeros(design.shape[1])
-    for _ in range(rounds):
-        left, right = design * weight[:, None], value * weight
-        if ridge:
-            left, right = np.concatenate([left, small]), np.pad(right, (0, len(small)))
-        coefficients = np.asarray(np.linalg.lstsq(left, right, rcond=None)[0])
-        residual = np.abs(value - design @ coefficients)
-        usual = limit * 1.4826 * float(np.median(residual)) + 1e-300
-        weight = np.sqrt(np.minimum(1.0, usual / np.maximum(residual, 1e-300)))
-    return coefficients
+def huber_weights(residual: Array, limit: float) -> Array:
+    """Return (N,) weights of values in a least-squares fit that leaves residuals (N,): less than
+    one for those further off than so many 1-sigmas, by the median (Huber 1964)."""
+    size = np.abs(residual)
+    usual = limit * 1.4826 * float(np.median(size)) + 1e-300
+    return np.minimum(1.0, usual / np.maximum(size, 1e-300))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,10 +30,15 @@ class Trend:
 
     @classmethod
     def fitted(cls, places: Array, value: Array, degree: int) -> "Trend":
-        """Fit by least squares, such that strong anomalies do not tilt it (`robust_fit`)."""
+        """Fit by least squares, such that strong anomalies do not tilt it."""
         scale = float(np.abs(places[:, :2]).max()) or 1.0
         basis = _basis(places, scale, degree)
-        return cls(degree, scale, robust_fit(basis, value, limit=3.0, rounds=20))
+        weight: Array = np.ones(len(value))
+        for _ in range(_ROUNDS):
+            root = np.sqrt(weight)
+            found = np.linalg.lstsq(basis * root[:, None], value * root, rcond=None)[0]
+            weight = huber_weights(value - basis @ found, _FAR)
+        return cls(degree, scale, np.asarray(found))
 
     def at(self, places: Array) -> Array:
         """Return (N,) the trend at places (N, 2+), m."""

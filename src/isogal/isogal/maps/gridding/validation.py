@@ -133,20 +133,15 @@ def leave_out(
         for rows in (chosen[part[chosen] == name] for name in np.unique(part[chosen]))
         for group in kriging.groups(places[rows])
     ]
-    error, variance = np.full(len(part), np.nan), np.full(len(part), np.nan)
+    error, variance = np.full((2, len(part)), np.nan)
     done = 0
-
-    def predicted(rows: Integers) -> tuple[Array, Array]:
-        return kriging.at(places[rows], part == part[rows[0]])
-
-    def keep(rows: Integers, found: tuple[Array, Array]) -> None:
-        nonlocal done
-        error[rows], variance[rows] = readings.value[rows] - found[0], found[1]
+    for rows, (mean, own) in spread(
+        lambda rows: kriging.at(places[rows], part == part[rows[0]]), groups
+    ):
+        error[rows], variance[rows] = readings.value[rows] - mean, own
         done += rows.size
         if progress is not None:
             progress(done, chosen.size)
-
-    spread(predicted, groups, keep)
     rows = chosen
     covariance = kriging.covariance
     noise = np.full(rows.size, covariance.noise**2)

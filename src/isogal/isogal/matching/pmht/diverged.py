@@ -14,9 +14,8 @@ from isogal.matching.pmht.cells import SURE, Ranked, Seen
 from isogal.matching.pmht.hypotheses import FLOOR, Hypotheses
 from isogal.matching.pmht.memory import EVERY, LATER, Diverged, FieldMemory, Memory
 from isogal.matching.pmht.models import DECEIVED, NONE, SIGMA_STEP, few
-from isogal.matching.pmht.places import WIDE_M, resolved, spread_over
 from isogal.matching.pmht.rows import Rows, usual_noise
-from isogal.matching.pmht.search import Search, unaided
+from isogal.matching.pmht.search import WIDE_M, Search, resolved, spread_over, unaided
 
 DIVERGED_LOG_ODDS = math.log(1e-3)
 """Of a navigator that has diverged, before any reading: one in a thousand."""

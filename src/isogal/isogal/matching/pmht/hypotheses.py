@@ -13,12 +13,13 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid
-from isogal.matching.information import positive_part
+from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels, mixture_kernels
 from isogal.matching.pmht.models import DECEIVED, FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
+from isogal.matrices import symmetric
 
 CURVED = 0.25
 """Share of its change by which the map may depart from linear over a hypothesis before that is
@@ -100,10 +101,11 @@ class Hypotheses:
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
         covariance `growth` (7, 7) has been added."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        transition, growth = (np.ascontiguousarray(one) for one in (forward, growth))
-        kernels.propagated(self.which, self.models.growth, transition, growth, mean, covariance)
-        return replace(self, mean=mean, covariance=covariance)
+        whole, n = np.eye(self.mean.shape[1]), BATCH_STATES
+        whole[:n, :n] = forward
+        covariance = whole @ self.covariance @ whole.T
+        covariance[:, :n, :n] += self.models.growth[self.which, None, None] * growth
+        return replace(self, mean=self.mean @ whole.T, covariance=symmetric(covariance))
 
     def split(
         self, grid: Grid, rows: Rows, most: int | None = None, curved: float = CURVED
@@ -113,12 +115,13 @@ class Hypotheses:
         whole, done, most = self, list[Hypotheses](), most or self.most
         of_place, least = rows.place[-1], self._least
         while True:  # `most` ends it on a map as rough as that
-            worst, axes = np.empty(len(whole)), np.empty((len(whole), 2))
-            _, spread = whole.places(of_place)
-            asked = whole.log_weight > least[whole.which]
+            values, vectors = np.linalg.eigh(whole.places(of_place)[1])
+            axes = np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(1, 2)
+            asked, departure = whole.log_weight > least[whole.which], np.empty((len(whole), 2))
             mixture_kernels.curvature(
-                grid, rows, self.models, whole.which, asked, whole.mean, spread, REACH, worst, axes
+                grid, rows, self.models, whole.which, asked, whole.mean, REACH * axes, departure
             )
+            worst = departure.max(axis=1)
             cut = worst > curved
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
@@ -129,7 +132,8 @@ class Hypotheses:
             if not cut.any():
                 break
             done.append(whole.part(~cut))
-            whole = whole.part(cut)._thirds(axes[cut], of_place)
+            along = axes[cut, departure[cut].argmax(axis=1)]
+            whole = whole.part(cut)._thirds(along, of_place)
         return joined([*done, whole]) if done else whole
 
     def places(self, of_place: Array) -> tuple[Array, Array]:
@@ -176,20 +180,28 @@ class Hypotheses:
         return float(np.logaddexp.reduce(self.log_weight)) if len(self) else -math.inf
 
     def informed(self, information: Information, prior: Array) -> "Hypotheses":
-        """Return them after what others' readings say of the navigator's error; of directions in
-        which that is negative, nothing. `prior` (7, 7): the navigator's covariance, for scale."""
+        """Return them after what others' readings say of the navigator's error.
+
+        Where that is negative they become wider: what others have withdrawn would else be told
+        again, as new, by those who still hold it. A hypothesis that this would make more than
+        twice as wide takes the positive part only. `prior` (7, 7): the navigator's covariance, for
+        scale."""
         if not information.matrix.any():
             return self
         n = BATCH_STATES
-        information = positive_part(information, np.sqrt(np.diag(prior)))
-        M, mean = information.matrix, self.mean[:, :n]
-        P, across = self.covariance[:, :n, :n], self.covariance[:, :, :n]
-        less = np.linalg.solve(np.eye(n) + M @ P, np.broadcast_to(M, P.shape))
-        left = information.vector - mean @ M
-        right = np.linalg.solve(np.eye(n) + M @ P, left[..., None])[..., 0]
-        evidence = mean @ information.vector - 0.5 * np.einsum("ki,ij,kj->k", mean, M, mean)
+        mean, P, across = self.mean[:, :n], self.covariance[:, :n, :n], self.covariance[:, :, :n]
+        positive = positive_part(information, np.sqrt(np.diag(prior)))
+        withdrawn = np.einsum("ij,kji->k", positive.matrix - information.matrix, P)
+        all_of_it = withdrawn[:, None] < 1.0 - 1.0 / LARGEST_RATIO  # it is a sum of eigenvalues
+        M = np.where(all_of_it[..., None], information.matrix, positive.matrix)
+        vector = np.where(all_of_it, information.vector, positive.vector)
+        left = vector - np.einsum("kij,kj->ki", M, mean)
+        inner = np.eye(n) + M @ P
+        less = np.linalg.solve(inner, M)
+        right = np.linalg.solve(inner, left[..., None])[..., 0]
+        evidence = 0.5 * np.einsum("ki,ki->k", mean, vector + left)
         evidence += 0.5 * np.einsum("ki,kij,kj->k", left, P, right)
-        evidence -= 0.5 * np.linalg.slogdet(np.eye(n) + M @ P)[1]
+        evidence -= 0.5 * np.linalg.slogdet(inner)[1]
         return replace(
             self,
             log_weight=self.log_weight + evidence,

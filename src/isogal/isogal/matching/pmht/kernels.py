@@ -1,4 +1,4 @@
-"""Compiled loops over hypotheses: propagation, linearisation, Kalman update, curvature, merging.
+"""Compiled loops over hypotheses: linearisation and Kalman update.
 
 A hypothesis k has the model ``which[k]`` and a Gaussian of the augmented state: the navigator's
 error (7), the map error of each channel in units of its 1-sigma, and the instrument's states
@@ -34,43 +34,6 @@ AGES /= 1.0, AGES[:, 1].sum()
 """(6, 2) ages, in units of its time constant, and weights of what of the path a first-order
 low-pass filter has a mean over: a Gauss-Laguerre rule without the 0.02 % that is older than seven
 time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off."""
-
-
-@kernel(error_model="numpy")
-def propagated(
-    which: Integers,
-    growth_factor: Array,
-    transition: Array,
-    growth: Array,
-    mean: Array,
-    covariance: Array,
-) -> None:
-    """Carry hypotheses to another epoch in place: x -> A x for the navigator's errors x, with
-    `growth` (7, 7) times the model's factor added to their covariance."""
-    n, count, size = BATCH_STATES, mean.shape[0], mean.shape[1]
-    A = transition
-    product, x = np.empty((n, size)), np.empty(n)
-    for k in range(count):
-        P = covariance[k]
-        for i in range(n):
-            x[i] = 0.0
-            for j in range(n):
-                x[i] += A[i, j] * mean[k, j]
-            for c in range(size):
-                value = 0.0
-                for j in range(n):
-                    value += A[i, j] * P[j, c]
-                product[i, c] = value
-        factor = growth_factor[which[k]]
-        for i in range(n):
-            mean[k, i] = x[i]
-            for c in range(n, size):
-                P[i, c] = P[c, i] = product[i, c]
-            for c in range(i + 1):
-                value = factor * growth[i, c]
-                for j in range(n):
-                    value += product[i, j] * A[c, j]
-                P[i, c] = P[c, i] = value
 
 
 @kernel(error_model="numpy")

@@ -7,7 +7,7 @@ Gaussian about the navigator's error, the map's error under the vehicle and the 
 states. Every reading is a Kalman update of every hypothesis; how well each foretold it is its
 evidence (docs/mathematics.md, sections 4 to 9).
 
-    propagate    hypotheses follow the navigator to the batch end      propagation.py
+    propagate    hypotheses follow the navigator to the batch end      memory.py
     observe      they take the new readings, field by field            rows.py, kernels.py
     search       is the navigator somewhere else?                      diverged.py, search.py
     publish      what the readings alone say; what is remembered       publish.py
@@ -26,13 +26,12 @@ from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, SecondaryBat
 from isogal.matching.pmht.cells import SURE
 from isogal.matching.pmht.diverged import decided, pursued, undeceived
 from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.matching.pmht.memory import FieldMemory, Memory
+from isogal.matching.pmht.memory import FieldMemory, Memory, grown
 from isogal.matching.pmht.models import models_of
 from isogal.matching.pmht.moving_bank import with_needed
-from isogal.matching.pmht.places import WIDE_M
-from isogal.matching.pmht.propagation import grown
 from isogal.matching.pmht.publish import FieldInformation, published
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
+from isogal.matching.pmht.search import WIDE_M
 from isogal.matching.pmht.settings import assumed, options_of
 from isogal.matching.pmht.states import States
 from isogal.matching.usability import unusable

@@ -25,41 +25,27 @@ def curvature(
     which: Integers,
     asked: Booleans,
     mean: Array,
-    spreads: Array,
-    reach: float,
-    worst: Array,
     axes: Array,
+    worst: Array,
 ) -> None:
-    """Write (K,) how far readings depart from linear over a hypothesis's uncertainty of the place
-    they were taken at, and (K, 2) along which 1-sigma vector they do most: at `reach` 1-sigma
-    along its axes, in 1-sigma of the noise and, where that is more, in units of their change; 0
-    of those that are not `asked` for.
+    """Write (K, 2) how far readings depart from linear between the ends of two axes about the
+    place they were taken at by a hypothesis: in 1-sigma of the noise and, where that is more, in
+    units of their change; 0 of those that are not `asked` for.
 
     Parameters
     ----------
     asked : (K,) array of bool
-    spreads : (K, 2, 2) array
-        See `Hypotheses.places`, m².
+    axes : (K, 2, 2) array
+        m, north and east of each.
     """
     stride = 1 + rows.level.shape[0] // MOST_LOOKED_AT
-    along, departure, change = np.empty((2, 2)), np.empty(2), np.empty(2)
+    departure, change = np.empty(2), np.empty(2)
     for k in range(which.shape[0]):
         worst[k] = 0.0
         if not asked[k]:
             continue
         m = which[k]
         lag = models.lag[m]
-        a, b, d = spreads[k, 0, 0], spreads[k, 0, 1], spreads[k, 1, 1]
-        angle = 0.5 * math.atan2(2.0 * b, a - d)
-        c, s = math.cos(angle), math.sin(angle)
-        big = math.sqrt(max(a * c * c + 2.0 * b * c * s + d * s * s, 0.0))
-        small = math.sqrt(max(a * s * s - 2.0 * b * c * s + d * c * c, 0.0))
-        along[0, 0], along[0, 1], along[1, 0], along[1, 1] = (
-            big * c,
-            big * s,
-            -small * s,
-            small * c,
-        )
         for axis in range(2):
             departure[axis] = change[axis] = 0.0
         for t in range(0, rows.level.shape[0], stride):
@@ -75,16 +61,14 @@ def curvature(
                 R += (models.sigma[m] * load[t, j]) ** 2 * joins
             g0, _, _ = predicted(grid, rows, t, north, east, lag)
             for axis in range(2):
-                u, v = reach * along[axis, 0], reach * along[axis, 1]
+                u, v = axes[k, axis, 0], axes[k, axis, 1]
                 g1, _, _ = predicted(grid, rows, t, north - u, east - v, lag)
                 g2, _, _ = predicted(grid, rows, t, north + u, east + v, lag)
                 departure[axis] += (0.5 * (g1 + g2) - g0) ** 2 / R
                 change[axis] += (0.5 * (g1 - g2)) ** 2 / R
         for axis in range(2):
-            value = math.sqrt(stride * departure[axis])
-            value /= max(math.sqrt(stride * change[axis]), 1.0)
-            if value > worst[k]:
-                worst[k], axes[k, 0], axes[k, 1] = value, along[axis, 0], along[axis, 1]
+            of_change = max(math.sqrt(stride * change[axis]), 1.0)
+            worst[k, axis] = math.sqrt(stride * departure[axis]) / of_change
 
 
 @kernel(error_model="numpy")

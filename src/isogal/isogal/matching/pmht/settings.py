@@ -10,8 +10,8 @@ from isogal.maps.quantities import GRAVITY
 from isogal.maps.roughness import roughness
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.hypotheses import CURVED
-from isogal.matching.pmht.loads import stated_sigma
 from isogal.matching.pmht.models import DRIFT_TIME, Assumed
+from isogal.matching.pmht.rows import stated_sigma
 from isogal.matching.registry import check_options
 from isogal.scenario import Matcher as MatcherSettings
 

@@ -1,10 +1,12 @@
-"""The parameter file of the bringup package."""
+"""Files made of the parameters: that of the bringup package, and the reference."""
 
 from pathlib import Path
 
+import pytest
 import yaml
 
 from isogal.scenario import Scenario
+from isogal_ros.graph import parameter_reference
 from isogal_ros.parameters import bringup_file
 from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.values import nested
@@ -12,11 +14,25 @@ from isogal_ros.parameters.values import nested
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def test_it_is_up_to_date() -> None:
-    file = ROOT / "src" / "isogal_bringup" / "params" / "isogal.yaml"
-    assert file.read_text() == bringup_file.text(), (
-        "run: python -m isogal_ros.parameters.bringup_file > " + str(file.relative_to(ROOT))
+@pytest.mark.parametrize(
+    ("made", "file"),
+    [
+        (bringup_file, "src/isogal_bringup/params/isogal.yaml"),
+        (parameter_reference, "docs/parameters.md"),
+    ],
+)
+def test_it_is_up_to_date(made, file) -> None:
+    assert (ROOT / file).read_text(encoding="utf-8") == made.text(), (
+        f"python -m {made.__name__} > {file}"
     )
+
+
+def test_the_reference_has_own_and_shared_parameters() -> None:
+    page = parameter_reference.text()
+    every, _, rest = page.partition("## Of `ins_sim_node`")
+    assert "| `checkpoint` | text |" in every
+    assert "| `publish_tf` | bool | `true` |" in rest
+    assert page.count("| `route.speed` | double |") == rest.count("| `route.speed` |") == 1
 
 
 def test_it_says_the_defaults() -> None:
