@@ -3,7 +3,8 @@
 No navigator says how wrong a track is, so that it may be anywhere within a prior of kilometres.
 Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
 impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
-do on a vehicle. How far the fix moves without half of the readings widens it (`jackknife`)."""
+do on a vehicle; half of what they say counts (`models`). How far the fix moves without half of the
+readings widens it (`jackknife`)."""
 
 import math
 from collections.abc import Sequence
