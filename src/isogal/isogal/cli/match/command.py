@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import typer
@@ -101,12 +102,8 @@ def _match_and_report(
     name = "batches" if line is None else f"line {line}"
     with Bars("batches") as bars:
         bars(name, 0, 1)
-        matches = match_fields(
-            every,
-            uncertainty,
-            chained=chained,
-            progress=lambda done, total: bars(name, done, total),
-        )
+        progress = partial(bars, name)
+        matches = match_fields(every, uncertainty, chained=chained, progress=progress)
     if results.report is not None:
         folder = results.report if line is None else results.report / f"line_{line}"
         write_match_report(
