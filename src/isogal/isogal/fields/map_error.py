@@ -8,8 +8,7 @@ from functools import wraps
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student_t
+from scipy.special import ndtr, stdtrit
 
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
@@ -98,7 +97,7 @@ def draw_at(
 
 def _with_tails(normal: Array, freedom: float) -> Array:
     """Return what has Student's t distribution of unit variance where an array is normal."""
-    size = student_t.isf(norm.sf(np.abs(normal)), freedom) * math.sqrt(1.0 - 2.0 / freedom)
+    size = -math.sqrt(1.0 - 2.0 / freedom) * stdtrit(freedom, ndtr(-np.abs(normal)))
     return np.asarray(np.copysign(size, normal))
 
 
