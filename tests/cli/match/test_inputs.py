@@ -125,7 +125,7 @@ def test_the_map_is_continued_to_the_height_of_the_readings(files, tmp_path):
         assert squared_distance(fix, latitude[row], longitude[row]) < LIMIT
     as_it_is = json.loads(answer(*words, "--map-sigma", 1e-7, "--json"))
     for fix, row in zip(as_it_is, (29, 59), strict=True):
-        assert squared_distance(fix, latitude[row], longitude[row]) > 10.0 * LIMIT
+        assert squared_distance(fix, latitude[row], longitude[row]) > 3.0 * LIMIT
     message = refusal(*words, "--height", 1000)
     assert "does not say what level its values hold on; give --map-height" in message
     assert "goes with --height" in refusal(*words, "--map-height", 0)
