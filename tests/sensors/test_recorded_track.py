@@ -117,7 +117,7 @@ def test_lines_and_times_of_a_netcdf_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"time": -1.0}, r"time in line 12 is not later than the one before"),
+        ({"time": -1.0}, r"line 12 \(-1 s\) is not later than line 11"),
         ({"latitude": 91.0}, r"latitude in line 12 is 91 deg, must be -90 to 90"),
         ({"longitude": 9.0}, r"latitude and longitude in line 12 are 7\.\d+e\+04 m/s"),
     ],

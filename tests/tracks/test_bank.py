@@ -25,7 +25,7 @@ from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
-from isogal.tracks.models import LENGTHS, SHAPES, track_models
+from isogal.tracks.models import LENGTHS, SHAPES, WORTH, track_models
 
 DISTURBANCE = field_of("disturbance")
 
@@ -82,6 +82,24 @@ def test_what_is_told_narrows_the_models():
     keys = {"map_sigma": 3e-5, "map_correlation_length": 2e3, "bias_sigma": 0.0}
     literal = models(**keys, options={"trust": 1.0})
     assert len(literal.sigma) == 1
+
+
+@pytest.mark.parametrize(
+    ("said", "share"),
+    [
+        ({}, WORTH),
+        ({"map_sigma": 3e-5}, WORTH),
+        ({"map_sigma": 3e-5, "options": {"trust": 1.0}}, 1.0),
+        ({"map_sigma": 0.0}, 1.0),
+    ],
+)
+def test_evidence_counts_half_where_errors_are_only_modelled(said, share):
+    track, _, _ = made_track(DISTURBANCE, count=40, error=(300.0, -200.0), sigma=1e-5)
+    settings = Matcher(batch_length=40, **said)
+    shifts = match_track(track, DISTURBANCE, settings, Uncertainty(500.0))[0].shifts
+    evidence = np.logaddexp.reduce(shifts.by_model(0))
+    np.testing.assert_allclose(shifts.log_density - shifts.log_prior, share * evidence)
+    assert shifts.of_models(0).sum() == pytest.approx(1.0)
 
 
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():

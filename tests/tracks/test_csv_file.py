@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from helpers.tracks import field_of, made_track, write_csv
 from isogal.errors import InputError
@@ -107,47 +105,6 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
         read_csv_track(tmp_path / "none.csv")
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
         read_csv_track(tmp_path)
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    st.one_of(
-        st.binary(max_size=200),
-        st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")),
-        st.lists(
-            st.lists(
-                st.sampled_from(
-                    [
-                        "time",
-                        "latitude",
-                        "longitude",
-                        "value",
-                        "1",
-                        "2.5",
-                        "nan",
-                        "",
-                        '"',
-                        "#",
-                        "1e999",
-                    ]
-                )
-            ),
-            max_size=6,
-        ).map(lambda rows: "\n".join(",".join(row) for row in rows).encode()),
-        st.tuples(st.integers(0, len(GOOD)), st.binary(max_size=3)).map(
-            lambda cut: GOOD.encode()[: cut[0]] + cut[1] + GOOD.encode()[cut[0] :]
-        ),
-    )
-)
-def test_any_file_is_read_or_refused(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("fuzz") / "track.csv"
-    path.write_bytes(data)
-    try:
-        track = read_csv_track(path).in_unit(1.0, 1.0)
-    except InputError as error:
-        assert "\n" not in str(error)
-    else:
-        assert np.isfinite(track.value).all()
 
 
 @pytest.mark.parametrize("cell", ["", "*", "NaN", "-99999", "-1e32"])

@@ -9,15 +9,13 @@ from helpers.batches import field_map_of, wavy
 from helpers.tracks import field_of, made_track
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.potential import tensor_maps
 from isogal.scenario import Matcher
-from isogal.tracks.fields import ChannelReadings, TrackField
-from isogal.tracks.matching import Uncertainty, match_fields, match_track
+from isogal.tracks.fields import TrackField
+from isogal.tracks.matching import Uncertainty, match_fields
 
 ERROR = (700.0, -500.0)
 PRIOR = Uncertainty(position=800.0)
 BATCH = Matcher(batch_length=40, map_sigma=1e-6, bias_sigma=0.0, options={"trust": 1.0})
-EOTVOS = 1e-9
 
 
 def magnetic(name="magnetic", sigma=2.0):
@@ -41,14 +39,6 @@ def apart(match, place):
     north, east = metres_per_radian(place[0])
     fix = match.fix
     return np.array([(fix.latitude - place[0]) * north, (fix.longitude - place[1]) * east])
-
-
-def test_one_field_is_matched_as_ever():
-    field, _ = gravity()
-    (match,) = match_fields([field], PRIOR)
-    (alone,) = match_track(field.track, field.field_map, BATCH, PRIOR)
-    assert (match.fix.latitude, match.fix.longitude) == (alone.fix.latitude, alone.fix.longitude)
-    assert match.fix.diagnostics == alone.fix.diagnostics
 
 
 def test_two_fields_are_as_good_as_their_information_together():
@@ -88,38 +78,6 @@ def test_a_field_without_readings_says_nothing():
     (alone,) = match_fields([first], PRIOR)
     assert both.fix.latitude == alone.fix.latitude
     assert both.fix.diagnostics == alone.fix.diagnostics
-
-
-@pytest.fixture(scope="module")
-def gradiometer():
-    """Five components to 1 E along the track, and where it ends."""
-    disturbance = field_of("disturbance", sigma=1e-7, correlation_length=2000.0)
-    tensor = tensor_maps(disturbance, height=500.0, edge=5e3)
-    track, latitude, longitude = made_track(disturbance, 40, error=ERROR)
-    noise = EOTVOS * np.random.default_rng(2).standard_normal((len(track), 5))
-    readings = ChannelReadings(tensor.value(latitude, longitude) + noise, EOTVOS**2 * np.eye(5))
-    told = BATCH.model_copy(update={"map_sigma": 0.1 * EOTVOS})
-    field = TrackField("gradient", track, tensor, told, readings)
-    return field, (latitude[-1], longitude[-1])
-
-
-def test_components_of_the_gradient_tensor(gradiometer):
-    field, place = gradiometer
-    (match,) = match_fields([field], PRIOR)
-    off = apart(match, place)
-    assert off @ np.linalg.solve(match.fix.covariance, off) < 12.0
-    assert np.sqrt(np.linalg.eigvalsh(match.fix.covariance)[-1]) < 200.0
-
-
-def test_gradients_and_gravity_together(gradiometer):
-    """One after the other: the gradients narrow what gravity leaves."""
-    field, place = gradiometer
-    first, _ = gravity()
-    (match,) = match_fields([first, field], PRIOR)
-    (alone,) = match_fields([first], PRIOR)
-    assert np.linalg.det(match.fix.covariance) < np.linalg.det(alone.fix.covariance)
-    off = apart(match, place)
-    assert off @ np.linalg.solve(match.fix.covariance, off) < 12.0
 
 
 def test_fields_of_different_tracks_are_refused():

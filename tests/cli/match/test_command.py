@@ -3,9 +3,6 @@ input."""
 
 import csv
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +11,6 @@ from helpers.command_line import answer, call, refusal
 from helpers.tracks import FIELDS, squared_distance
 from isogal import plugins
 
-ISOGAL = Path(sys.executable).with_name("isogal")
 LIMIT = 13.8
 """99.9 % of chi-square with 2 degrees of freedom."""
 
@@ -169,16 +165,3 @@ def test_bad_input_ends_in_one_line(files, tmp_path, monkeypatch, case):
     words = ("match", "--map", map_file, "--track", track, "--map-sigma", "1e-6")
     assert message in refusal(*words, *options)
     assert not list(tmp_path.iterdir())
-
-
-def test_from_a_shell(files):
-    """The program itself, with a call that succeeds and one that lacks an option."""
-    map_file, track, *_ = files["disturbance"]
-    words = [ISOGAL, "match", "--map", map_file, "--track", track, "--json"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    assert len(json.loads(done.stdout)) == 2
-    done = subprocess.run(words[:4], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 2
-    assert "--track" in done.stderr
-    assert len(done.stderr.splitlines()) == 1

@@ -21,7 +21,7 @@ from isogal.inertial.error_state import Estimate
 from isogal.inertial.inverse import NO_COURSE, inverse
 from isogal.inertial.rotations import from_heading
 from isogal.inertial.strapdown import propagate
-from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, TIME, Column, one_line, read_rows
+from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, one_line, read_rows
 from isogal.scenario import Route
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ _COLUMNS = {
     "time": TIME,
     "latitude": LATITUDE,
     "longitude": LONGITUDE,
-    "height": Column(("height", "altitude", "alt"), -12000.0, 50000.0, " m"),
+    "height": HEIGHT,
 }
 
 
@@ -76,13 +76,8 @@ def read_positions(path: str, line: str | None = None) -> Positions:
     place[:, 1] = np.unwrap(place[:, 1])
     if len(time) < FEWEST:
         raise InputError(f"{rows.where}: a track needs {FEWEST} positions, has {len(time)}")
+    rows.check_times(time)
     gone = np.diff(time)
-    if (gone <= 0.0).any():
-        first = int(np.argmax(gone <= 0.0)) + 1
-        raise InputError(
-            f"{rows.where}: time in line {rows.number[first]} is not later than the one before:"
-            " times must increase"
-        )
     metres = np.column_stack(metres_per_radian(place[:-1, 0]))
     speed = np.hypot(*(np.diff(place, axis=0) * metres).T) / gone
     if (speed > FASTEST).any():

@@ -3,7 +3,8 @@
 No navigator says how wrong a track is, so that it may be anywhere within a prior of kilometres.
 Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
 impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
-do on a vehicle. How far the fix moves without half of the readings widens it (`jackknife`)."""
+do on a vehicle; half of what they say counts (`models`). How far the fix moves without half of the
+readings widens it (`jackknife`)."""
 
 import math
 from collections.abc import Sequence
@@ -34,7 +35,7 @@ from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
-from isogal.tracks.models import track_models
+from isogal.tracks.models import track_models, worth_of
 from isogal.tracks.places import Shifts, shifts_of
 from isogal.tracks.track import FEWEST
 
@@ -108,7 +109,9 @@ class TrackMatcher:
         else:
             batch = without_map_edge(batch, field_map)
         states = States.of(batch, field_map)
-        models = track_models(self.settings[one.field], batch, field_map, states)
+        settings = self.settings[one.field]
+        models = track_models(settings, batch, field_map, states)
+        worth = worth_of(settings, batch, field_map, models)
         # what earlier batches have used counts as given
         old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
         whole = replace(batch, new=len(batch))
@@ -116,7 +119,7 @@ class TrackMatcher:
         if rows is None or len(rows.level) - old < FEWEST:
             return None
         field_map = field_map if around is None else around.field
-        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
+        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old, worth=worth)
 
 
 def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
@@ -251,7 +254,9 @@ def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
             if not len(them):
                 return rigid(shifts, prior)
         shared = shared.with_bank(field, them, prior)
-    return informed(prior, shared.total)
+    worth = min(seen.worth for seen in shifts.seen)
+    total = shared.total
+    return informed(prior, Information(worth * total.vector, worth * total.matrix))
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

@@ -95,14 +95,7 @@ def _track(
     own = {name: column[which] for name, column in columns.items() if name not in _PROJECTED}
     count = np.arange(which.size, dtype=np.float64)
     time = own.get("time", count)
-    late = np.flatnonzero(np.diff(time) <= 0.0)
-    if late.size:
-        i = int(late[0])
-        raise InputError(
-            f"{rows.where}: times must increase; line {rows.number[which[i + 1]]}"
-            f" ({time[i + 1]:.10g} s) is not later than line {rows.number[which[i]]}"
-            f" ({time[i]:.10g} s)"
-        )
+    rows.check_times(time, which.tolist())
     offset = own.get("offset", 0.0 * count)
     return Track(
         time=time,

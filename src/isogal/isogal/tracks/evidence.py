@@ -66,6 +66,8 @@ class Seen:
     that models have of them at the start."""
     which: Integers
     """(M,) which of these a model has."""
+    worth: float
+    """What of the log evidence counts (`models.WORTH`)."""
 
     @classmethod
     def of(
@@ -76,6 +78,8 @@ class Seen:
         models: Models,
         potential: tuple[str, ...] | None = None,
         old: int = 0,
+        *,
+        worth: float = 1.0,
     ) -> "Seen":
         """Look at readings, the first `old` of which an earlier batch has used; `potential`:
         components of the tensor, where the errors of their maps come from one potential."""
@@ -105,7 +109,8 @@ class Seen:
             np.stack([rows.covariance(one) for one in every]),
             np.zeros(2 * [len(rows.first)]),
             rows.covariance(slope) / 6.0,
-            np.stack([_of_instrument(readings, rows, one) for one in initial]), which.ravel(),
+            np.stack([_of_instrument(readings, rows, one) for one in initial]),
+            which.ravel(), worth,
         )  # fmt: skip
 
     def without(self, rows: Booleans) -> "Seen":

@@ -43,11 +43,6 @@ class TrackField:
     channels: ChannelReadings | None = None
     """Instead of the track's values, where the map has several channels."""
 
-    @property
-    def quantity(self) -> str:
-        """What the map is of."""
-        return self.field_map.quantity
-
     def batch(
         self, jacobian: Array, rows: slice, new: int, error: Array, covariance: Array
     ) -> Batch:

@@ -11,7 +11,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.inertial.inverse import level_attitude
 from isogal.inertial.rotations import from_angles
-from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, TIME, Column, Rows, read_rows
+from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, Column, Rows, read_rows
 
 REQUIRED = ("time", "latitude", "longitude")
 VELOCITY = ("velocity_north", "velocity_east", "velocity_down")
@@ -20,7 +20,7 @@ _COLUMNS = {
     "time": TIME,
     "latitude": LATITUDE,
     "longitude": LONGITUDE,
-    "height": Column(("height", "altitude", "alt"), -12000.0, 50000.0, " m"),
+    "height": HEIGHT,
     "velocity_north": Column(("velocity_north", "vn")),
     "velocity_east": Column(("velocity_east", "ve")),
     "velocity_down": Column(("velocity_down", "vd")),
@@ -104,10 +104,4 @@ def _check(columns: dict[str, Array], rows: Rows) -> None:
             )
     if len(rows) < 3:
         raise InputError(f"{rows.where}: needs at least 3 rows, has {len(rows)}")
-    late = np.flatnonzero(np.diff(columns["time"]) <= 0.0)
-    if late.size:
-        i = int(late[0]) + 1
-        raise InputError(
-            f"{rows.where}: times must increase; line {rows.number[i]}"
-            f" ({columns['time'][i]:.10g} s) is not later than the one before"
-        )
+    rows.check_times(columns["time"])

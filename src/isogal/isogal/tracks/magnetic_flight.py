@@ -11,7 +11,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import write_atomic
 from isogal.magnetics.readings import BaseStation, Readings
-from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, TIME, Column, read_rows
+from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, Column, read_rows
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
 from isogal.tracks.track import Track
 
@@ -21,7 +21,7 @@ _COLUMNS = {
     "time": TIME,
     "latitude": LATITUDE,
     "longitude": LONGITUDE,
-    "height": Column(("height", "altitude", "alt"), -12e3, 1e5, " m"),
+    "height": HEIGHT,
     "scalar": Column(("scalar", "total_field", "total"), gaps=True),
     **{f"vector_{a}": Column((f"vector_{a}", f"flux_{a}", f"b{a}"), gaps=True) for a in "xyz"},
     "reference": Column(("reference",), gaps=True),

@@ -165,7 +165,7 @@ def match_fields(
     track, settings = fields[0].track, fields[0].settings
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
-    jacobians = [one.track.jacobian(one.quantity) for one in fields]
+    jacobians = [one.track.jacobian(one.field_map.quantity) for one in fields]
     earlier = matching.context + settings.batch_length - between_batches(settings)
     prior, memory, unresolved = uncertainty.prior, None, 0
     matches: list[Match] = []

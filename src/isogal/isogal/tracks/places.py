@@ -56,10 +56,14 @@ class Shifts:
         prior = self.seen[field].models.log_prior[self.which[field]]
         return np.asarray(self.parts[field].sum(axis=1) + prior[:, None])
 
+    def log_evidence(self, field: int, by_model: Array) -> Array:
+        """Return (C,) what readings of a field count, by their log densities (M, C)."""
+        return np.asarray(self.seen[field].worth * np.logaddexp.reduce(by_model))
+
     @property
     def log_density(self) -> Array:
         """(C,) of the shift by all readings, without its constant."""
-        each = [np.logaddexp.reduce(self.by_model(f)) for f in range(len(self.seen))]
+        each = [self.log_evidence(f, self.by_model(f)) for f in range(len(self.seen))]
         return np.asarray(self.log_prior + sum(each))
 
     @property
@@ -94,9 +98,7 @@ class Shifts:
 
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
-        own = self.by_model(field)
-        others = self.log_density - np.logaddexp.reduce(own)
-        return softmax(np.logaddexp.reduce(own + others, axis=1))
+        return np.asarray(softmax(self.by_model(field), axis=0) @ self.weight)
 
 
 def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:

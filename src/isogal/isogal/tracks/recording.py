@@ -11,7 +11,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.maps.corridor import Corridor, corridor_of
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.tracks.track import Track
 
@@ -66,10 +65,6 @@ class Recording:
     """(M,) rad, continuous."""
     readings: Mapping[str, Array]
     """By quantity: (N, 3) stamp s, value and variance, units inside."""
-
-    def corridor(self, margin: float) -> Corridor:
-        """Return the part of the Earth within a margin (m) of the track."""
-        return corridor_of(self.latitude, self.longitude, margin)
 
     def track(self, quantity: str, sensor_sigma: float | None) -> Track:
         """Return the readings of a quantity with the navigator's positions at their stamps,

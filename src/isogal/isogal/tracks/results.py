@@ -16,6 +16,8 @@ Value = str | float | None | list[list[float]] | dict[str, float]
 Entry = dict[str, Value]
 """Of a batch, as JSON has it."""
 FIX, NO_FIX = "fix", "no_fix"
+ONE_UNIT = {"": 1.0}
+"""Factor of estimates that are given in the unit inside."""
 _NO_COVARIANCE = ((None, None), (None, None))
 _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
@@ -25,9 +27,8 @@ def as_objects(
     matches: Sequence[Match],
     chained: bool = False,
     *,
-    factor: float = 1.0,
+    factors: Mapping[str, float] = ONE_UNIT,
     line: str | None = None,
-    others: Mapping[str, float] | None = None,
 ) -> list[Entry]:
     """Return one object for each batch: time s, latitude and longitude deg, covariance_enu m²
     (None = no fix), status, reason.
@@ -40,14 +41,12 @@ def as_objects(
     ----------
     matches : sequence of Match
     chained : bool
-    factor : float
-        Units inside of one unit in which the estimates are given; lengths are in m.
+    factors : dict of float
+        Units inside of one unit in which the estimates are given, by field: of the first by no
+        name, of others, whose NAME_estimated are given, by theirs; lengths are in m.
     line : str, optional
         Of the track's file.
-    others : dict of float, optional
-        Factors of further fields by name, whose NAME_estimated are given.
     """
-    factors = {"": factor} | {f"{name}.": one for name, one in (others or {}).items()}
     name = "aided" if chained else "with_prior"
     objects = []
     for match in matches:
@@ -70,7 +69,8 @@ def found(match: Match, factors: Mapping[str, float]) -> Entry:
     if match.shifts is None or "map_sigma" not in numbers:
         return {}
     result: Entry = {}
-    for prefix, factor in factors.items():
+    for field, factor in factors.items():
+        prefix = f"{field}." if field else ""
         if f"{prefix}map_sigma" not in numbers:
             continue
         units = {"map_sigma": factor, "map_correlation_length": 1.0}

@@ -10,7 +10,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.magnetics.readings import BaseStation
-from isogal.maps.corridor import Corridor, corridor_of
+from isogal.maps.corridor import corridor_of
 from isogal.maps.quantities import QUANTITIES, UNITS
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Magnetometer
@@ -135,10 +135,6 @@ class Track:
             self, value=value, sigma=sigma, offset=offset, reduction=reduction, factor=factor
         )
 
-    def corridor(self, margin: float) -> Corridor:
-        """Return the part of the Earth within a margin (m) of the track."""
-        return corridor_of(self.latitude, self.longitude, margin)
-
     def less_variation(self, station: BaseStation) -> "Track":
         """Return the track without the daily variation of a base station, values in nT; raises
         InputError where the file has no times or the station was not on at them."""
@@ -217,7 +213,7 @@ def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
     on_map = np.isfinite(at_track)
     usable = on_map & np.isfinite(track.value)
     if usable.sum() < FEWEST:
-        extent = track.corridor(0.0).window.text()
+        extent = corridor_of(track.latitude, track.longitude, 0.0).window.text()
         raise InputError(
             f"{track.where}: the track ({extent}) is off the map {field_map.provenance}"
             f" ({field_map.extent.text()}): {int(usable.sum())} of {len(track)} readings lie where"

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
@@ -54,18 +54,22 @@ def match(
     _write(found, matching.chain, results)
 
 
-@dataclass(frozen=True)
-class _Matched:
+class _Matched(NamedTuple):
     """What a track, or a line of its file, has given."""
 
     matches: "Sequence[Match]"
-    line: str | None
-    factor: float
-    """Units inside in one unit of the track."""
-    others: "Mapping[str, float]"
-    """The same of each other field, by its name."""
-    units: "Mapping[str, str]"
-    """Of each field's values, by its name; of the first by no name."""
+    fields: "Mapping[str, Inputs]"
+    """Readings of each field by its name; of the first by no name."""
+
+    @property
+    def line(self) -> str | None:
+        """Of the track's file."""
+        return self.fields[""].track.line
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """Units inside in one unit of each field."""
+        return {name: read.factor for name, read in self.fields.items()}
 
 
 def _match_and_report(
@@ -86,6 +90,7 @@ def _match_and_report(
     from isogal.tracks.matching import match_fields
 
     inputs, chained = fields[0][1], matching.chain
+    line = inputs.track.line
     settings = [
         matcher_settings(matching, field.assumed, read, field.track.reduction)
         for field, read in fields
@@ -94,17 +99,13 @@ def _match_and_report(
         TrackField(field.name, read.track, read.field_map, one, read.channels)
         for (field, read), one in zip(fields, settings, strict=True)
     ]
-    name = "batches" if inputs.line is None else f"line {inputs.line}"
+    name = "batches" if line is None else f"line {line}"
     with Bars("batches") as bars:
         bars(name, 0, 1)
-        matches = match_fields(
-            every,
-            uncertainty,
-            chained=chained,
-            progress=lambda done, total: bars(name, done, total),
-        )
+        progress = partial(bars, name)
+        matches = match_fields(every, uncertainty, chained=chained, progress=progress)
     if results.report is not None:
-        folder = results.report if inputs.line is None else results.report / f"line_{inputs.line}"
+        folder = results.report if line is None else results.report / f"line_{line}"
         write_match_report(
             inputs.track,
             inputs.scalar_map,
@@ -114,9 +115,7 @@ def _match_and_report(
             folder,
             chained=chained,
         )
-    others = {field.name: read.factor for field, read in fields[1:]}
-    units = {"": inputs.unit} | {field.name: read.unit for field, read in fields[1:]}
-    return _Matched(matches, inputs.line, inputs.factor, others, units)
+    return _Matched(matches, {"": inputs} | {field.name: read for field, read in fields[1:]})
 
 
 def matcher_settings(
@@ -175,9 +174,7 @@ def _write(found: "Sequence[_Matched]", chained: bool, results: MatchResults) ->
     objects = [
         entry
         for one in found
-        for entry in as_objects(
-            one.matches, chained, factor=one.factor, line=one.line, others=one.others
-        )
+        for entry in as_objects(one.matches, chained, factors=one.factors, line=one.line)
     ]
     for path in results.out or ():
         write_results(objects, path)
@@ -217,17 +214,16 @@ def _learnt(matched: _Matched) -> list[str]:
 
     from isogal.tracks.results import flat, found
 
-    factors = {"": matched.factor} | {f"{name}.": one for name, one in matched.others.items()}
     each = [
         {key: x for key, x in flat(entry).items() if isinstance(x, int | float)}
         for one in matched.matches
-        if (entry := found(one, factors))
+        if (entry := found(one, matched.factors))
     ]
     if not each:
         return []
     middle = {key: float(np.median([one[key] for one in each])) for key in each[0]}
     lines = []
-    for name in ("", *matched.others):
+    for name, read in matched.fields.items():
         prefix = f"{name}_estimated_" if name else "estimated_"
         if f"{prefix}map_sigma" in middle:
             sigma, length, offset, doubt = (
@@ -236,8 +232,8 @@ def _learnt(matched: _Matched) -> list[str]:
             )
             lines.append(
                 f"learnt{f' of {name}' if name else ''}{' (median of batches)' * (len(each) > 1)}:"
-                f" map error {sigma:.3g} {matched.units[name]} over {length:.0f} m, constant"
-                f" {offset:.3g} ± {doubt:.2g} {matched.units[name]}"
+                f" map error {sigma:.3g} {read.unit} over {length:.0f} m, constant"
+                f" {offset:.3g} ± {doubt:.2g} {read.unit}"
             )
     used, out = (sum(one[key] for one in each) for key in ("readings", "readings_left_out"))
     lines.append(

@@ -63,8 +63,6 @@ class Inputs:
     """Of the track's values, and of the sigmas on the command line."""
     factor: float
     """Units inside in one of it."""
-    line: str | None = None
-    """Of a file that holds several."""
     channels: "ChannelReadings | None" = None
     """Readings of several numbers each."""
 
@@ -85,7 +83,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     InputError
         A file cannot be read, or a track does not belong to the map.
     """
-    from isogal.maps.corridor import joined
+    from isogal.maps.corridor import corridor_of, joined
     from isogal.tracks.averaging import averaged
     from isogal.tracks.csv_file import read_csv_track
 
@@ -94,11 +92,11 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
     if any(getattr(one, "projected", False) for one in [*sources, *references]):
         map_ = _without_crs(map_)
     margin = _MARGIN + 5.0 * assumed.prior_sigma
-    corridors = [source.corridor(margin) for source in sources]
+    corridors = [corridor_of(one.latitude, one.longitude, margin) for one in sources]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
     learnt: FieldMap | None = None
     if references:
-        around = [one.corridor(_REFERENCE_MARGIN) for one in references]
+        around = [corridor_of(o.latitude, o.longitude, _REFERENCE_MARGIN) for o in references]
         window = reduce(joined, (one.window for one in [*corridors, *around]))
         learnt = _at_height(map_, chosen, window) or map_.load(window)
     fit: MapError | None = None
@@ -116,7 +114,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
         if chosen.spacing is not None:
             track = averaged(track, chosen.spacing)
         track = _on_map(track, field_map)
-        found.append(Inputs(track, field_map, unit, factor, getattr(source, "line", None)))
+        found.append(Inputs(track, field_map, unit, factor))
     return found
 
 
@@ -286,6 +284,7 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
     """
     import numpy as np
 
+    from isogal.maps.corridor import corridor_of
     from isogal.maps.potential import tensor_maps
     from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.fields import ChannelReadings
@@ -303,7 +302,8 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
     for line in lines:
         first = line[0]
         own = _without_crs(map_) if first.projected else map_
-        corridor = first.corridor(_GRADIENT_REACH + _GRADIENT_MARGIN + 5.0 * assumed.prior_sigma)
+        margin = _GRADIENT_REACH + _GRADIENT_MARGIN + 5.0 * assumed.prior_sigma
+        corridor = corridor_of(first.latitude, first.longitude, margin)
         disturbance = own.load(corridor.window, "disturbance")
         rise = _rise(chosen, disturbance)
         maps = tensor_maps(disturbance, components, height=rise, edge=_GRADIENT_REACH)
@@ -316,7 +316,7 @@ def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -
         track = _on_map(track, scalar)
         instrument = _instrument(components, chosen)
         readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), instrument)
-        found.append(Inputs(track, maps, unit, factor, first.line, readings))
+        found.append(Inputs(track, maps, unit, factor, readings))
     return found
 
 

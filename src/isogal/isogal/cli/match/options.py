@@ -355,16 +355,14 @@ class Assumptions:
         from isogal.cli.match.sigmas import parse_sigma
 
         items = []
-        if self.map_sigma == "auto":
-            items.append("matcher.map_sigma=auto")
-        elif self.map_sigma is not None:
-            sigma = parse_sigma(self.map_sigma, "--map-sigma", field_map, factor)
-            items.append(f"matcher.map_sigma={sigma!r}")
+        for name, text in (("map_sigma", self.map_sigma), ("bias_sigma", self.bias_sigma)):
+            if name == "map_sigma" and text == "auto":
+                items.append("matcher.map_sigma=auto")
+            elif text is not None:
+                option = f"--{name.replace('_', '-')}"
+                items.append(f"matcher.{name}={parse_sigma(text, option, field_map, factor)!r}")
         if self.map_correlation_length is not None:
             items.append(f"matcher.map_correlation_length={self.map_correlation_length!r}")
-        if self.bias_sigma is not None:
-            sigma = parse_sigma(self.bias_sigma, "--bias-sigma", field_map, factor)
-            items.append(f"matcher.bias_sigma={sigma!r}")
         return items
 
     def reading_sigma(self, field_map: "ScalarMap", factor: float) -> float | None:

@@ -50,6 +50,7 @@ class Column(NamedTuple):
 TIME = Column(("time", "datetime", "utc", "timestamp"))
 LATITUDE = Column(("latitude", "lat"), -90.0, 90.0, " deg")
 LONGITUDE = Column(("longitude", "lon", "long", "lng"), -180.0, 360.0, " deg")
+HEIGHT = Column(("height", "altitude", "alt"), -12e3, 1e5, " m")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +107,15 @@ class Rows:
             for name, i in index.items()
             if i is not None
         }
+
+    def check_times(self, time: Array, which: Sequence[int] | None = None) -> None:
+        """Raise InputError unless times (s) increase; of some rows only, `which`."""
+        numbers = self.number if which is None else [self.number[k] for k in which]
+        for k in np.flatnonzero(np.diff(time) <= 0.0)[:1].tolist():
+            raise InputError(
+                f"{self.where}: times must increase; line {numbers[k + 1]} ({time[k + 1]:.10g} s)"
+                f" is not later than line {numbers[k]} ({time[k]:.10g} s)"
+            )
 
     def _numbers(self, i: int, name: str, column: Column) -> Array:
         """Return the numbers (N,) of the column that is the i-th."""
