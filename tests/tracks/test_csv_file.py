@@ -150,6 +150,16 @@ def test_lines_of_a_geosoft_file_and_of_a_column(tmp_path):
         read_csv_track(file_of(tmp_path, text))
 
 
+@pytest.mark.parametrize(("separator", "quote"), [(",", ""), (",", '"'), (" ", "")])
+def test_lines_of_numbers_are_called_what_is_written(tmp_path, separator, quote):
+    names = ["007", "20240115001", "20240115002"]
+    rows = [f"1,2,{k},{quote}{name}{quote}" for name in names for k in range(3)]
+    text = "\n".join(["latitude,longitude,value,line", *rows]).replace(",", separator)
+    found = read_csv_tracks(file_of(tmp_path, text))
+    assert [one.line for one in found] == names
+    assert [len(one) for one in found] == [3, 3, 3]
+
+
 def test_a_base_stations_variation_is_taken_off():
     station = BaseStation(np.array([0.0, 100.0]), np.array([50_000.0, 50_020.0]), "base")
     value = np.array([5.0, 7.0])

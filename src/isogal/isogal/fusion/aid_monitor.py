@@ -57,8 +57,6 @@ REJECTED_FOR = 60.0
 AGREES, AGREED_FOR = 0.01, 300.0
 """Probability that a true fix or velocity does not agree, if other paths add as much as they may,
 and for how many s all have to agree before satellites are used again."""
-
-
 NOT_LINEAR = 0.2
 """rad, 1-sigma of an attitude by which a navigator without the aid may be wrong by more than its
 covariance says: it contradicts nothing."""

@@ -227,14 +227,19 @@ def _named(
     where: str,
 ) -> Rows:
     """Return the rows of a header whose names may have units in brackets: ``dg[mGal]``."""
-    names = [re.sub(r"[\[(].*", "", name).strip().casefold() for name in header]
+    names = [_bare(name) for name in header]
     brackets = [re.search(r"[\[(](.+?)[\])]", name) for name in header]
     units = {name: match[1] for name, match in zip(names, brackets, strict=True) if match}
     if names.count("line") == 1:
         cells = columns[names.index("line")]
-        line = [cell.strip() if isinstance(cell, str) else f"{cell:.10g}" for cell in cells]
+        line = [cell.strip() if isinstance(cell, str) else f"{cell:.15g}" for cell in cells]
     quantities = {name: found for name in names if (found := quantity_of(name))}
     return Rows(names, list(columns), number, line, where, units, quantities)
+
+
+def _bare(name: str) -> str:
+    """Return the name of a column in lower case, without a unit in brackets."""
+    return re.sub(r"[\[(].*", "", name).strip().casefold()
 
 
 def _of_netcdf(path: Path) -> Rows:
@@ -286,7 +291,11 @@ def _of_text(text: str, needed: str, where: str) -> Rows:
     line = _lines(lines) if here[0] else None
     names, _ = _split(header, [], mark, where)
     if (table := _plain(rows, mark)) is not None and table.shape[1] == len(names):
-        return _named(names, list(table.T), numbers, line, where)
+        numeric: list[Sequence[str] | Array] = list(table.T)
+        for i, name in enumerate(names):
+            if _bare(name) == "line":  # lines are called what is written: 007 is not 7
+                numeric[i] = [row.split(mark)[i].strip('" ') for row in rows]
+        return _named(names, numeric, numbers, line, where)
     _, cells = _split(header, rows, mark, where)
     for number, one in zip(numbers, cells, strict=True):
         if len(one) != len(names):
