@@ -150,6 +150,21 @@ def test_lines_of_a_geosoft_file_and_of_a_column(tmp_path):
         read_csv_track(file_of(tmp_path, text))
 
 
+@pytest.mark.parametrize("note", ["1", "a"])
+def test_the_unit_of_times_counts_whatever_else_the_file_holds(tmp_path, note):
+    rows = [f"{k},1,2,{k},{note}" for k in range(3)]
+    for unit, factor in (("[min]", 60.0), (" (s)", 1.0), ("[Hours]", 3600.0), ("", 1.0)):
+        text = "\n".join([f"time{unit},latitude,longitude,value,note", *rows])
+        found = read_csv_track(file_of(tmp_path, text))
+        np.testing.assert_array_equal(found.time, factor * np.arange(3))
+    text = "\n".join(["time[fortnights],latitude,longitude,value,note", *rows])
+    with pytest.raises(InputError, match="time: unknown unit 'fortnights'; must be seconds, min"):
+        read_csv_track(file_of(tmp_path, text))
+    dated = [f"2026-01-01T00:0{k}:00,1,2,{k},{note}" for k in range(3)]
+    text = "\n".join(["time (UTC),latitude,longitude,value,note", *dated])
+    assert np.ptp(read_csv_track(file_of(tmp_path, text)).time) == 120.0
+
+
 @pytest.mark.parametrize(("separator", "quote"), [(",", ""), (",", '"'), (" ", "")])
 def test_lines_of_numbers_are_called_what_is_written(tmp_path, separator, quote):
     names = ["007", "20240115001", "20240115002"]

@@ -29,8 +29,13 @@ _MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
 _DUMMIES = (-9999.0, -99999.0, -999999.0, -9999999.0, -99999.9, 1e32, -1e32)
 """Numbers that stand for a missing reading (Geosoft's dummy is -1e32)."""
 _NETCDF = (".nc", ".nc4", ".cdf")
-_SECONDS = {"second": 1.0, "minute": 60.0, "hour": 3600.0, "day": 86400.0}
-"""In a unit of time, as CF-conventions name it in the singular."""
+_SECONDS = {
+    **dict.fromkeys(("", "s", "sec", "second"), 1.0),
+    **dict.fromkeys(("min", "minute"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour"), 3600.0),
+    **dict.fromkeys(("d", "day"), 86400.0),
+}
+"""In a unit of time, as UDUNITS names it in the singular."""
 _LINE = re.compile(r"^\s*(line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 
 
@@ -120,10 +125,9 @@ class Rows:
     def _numbers(self, i: int, name: str, column: Column) -> Array:
         """Return the numbers (N,) of the column that is the i-th."""
         cells, unit = self.columns[i], self.units.get(self.names[i], "")
+        plain = isinstance(cells, np.ndarray) or all(map(_is_number, cells))
         if isinstance(cells, np.ndarray):
             found = np.array(cells)
-            if column is TIME:
-                found = _seconds(found, unit, f"{self.where}: {self.names[i]}")
         else:
             found = np.empty(len(cells))
             for k, text in enumerate(cells):
@@ -132,6 +136,8 @@ class Rows:
                 except ValueError:
                     shown = f"'{text.strip()[:40]}'" if text.strip() else "empty"
                     raise self._bad(name, k, f"{shown}, not a number") from None
+        if column is TIME and plain:
+            found = _seconds(found, unit, f"{self.where}: {self.names[i]}")
         if column.gaps:
             found[np.isin(found, _DUMMIES)] = np.nan
         beyond = (found < column.least) | (found > column.most)
@@ -380,7 +386,7 @@ def _float(text: str) -> float:
 def _seconds(time: Array, unit: str, where: str) -> Array:
     """Return times in s: since 1970 where the unit says since when."""
     scale, _, since = unit.partition(" since ")
-    factor = _SECONDS.get(scale.strip().removesuffix("s"), 1.0 if scale in ("", "s") else None)
+    factor = _SECONDS.get(scale.strip().casefold().removesuffix("s"))
     try:
         start = datetime.fromisoformat(since.strip()) if since else None
     except ValueError:
