@@ -322,7 +322,7 @@ def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
     for name, one in made.items():
         output, reader = one.output(), BagReader(one.folder / "bag")
         assert one.reason == "the simulated vehicle has arrived", output
-        assert (one.exit_code, set(one.codes.values())) == (0, {0}), output
+        assert (one.exit_code, one.codes) == (0, dict.fromkeys(one.codes, 0)), output
         assert "Traceback" not in output
         collected = Collector(reader.scenario())
         collected.take_bag(reader)
