@@ -68,7 +68,7 @@ def test_every_entry_point_passes_its_arguments_on(module, name, capsys) -> None
 
 
 def test_a_process_ends_whatever_hangs_after_its_node() -> None:
-    """Threads of the middleware sometimes wait for ever when the interpreter is taken down."""
+    """The middleware sometimes waits for ever when it is taken down."""
     lines = (
         "import atexit, time",
         "from ros.nodes.test_spin import Finished",

@@ -115,11 +115,17 @@ def main_of(kind: Callable[[str], GraphNode], name: str) -> Callable[..., None]:
     """Return the entry point of a console script that runs one node (see `run_node`)."""
 
     def main(args: Sequence[str] | None = None) -> None:
-        code = run_node(name, lambda: kind(name), args)
+        made = []  # not to be destroyed before the process ends
+
+        def make() -> GraphNode:
+            made.append(kind(name))
+            made[0].process_ends = True
+            return made[0]
+
+        code = run_node(name, make, args)
         if code == REFUSED:
             sys.exit(code)
-        # all is written and said: libraries that are taken down after their threads stopped now
-        # and then wait for ever, and launch would kill the process and call that a failure
+        # all is written and said, and the middleware is not taken down (`GraphNode.destroy_node`)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
