@@ -66,16 +66,15 @@ def test_distance_and_time_go_on_from_the_last_reading():
     batch, _ = make_batch(PLANE)
     made, epoch, states = rows(batch, PLANE)
     away = 10.0 * np.hypot(*batch.velocity.T)
-    np.testing.assert_allclose(made.travelled, [0.0, *away[1:]])
+    np.testing.assert_allclose(made.step[0, :, 0, 0], np.exp(-np.r_[0.0, away[1:]] / 1000.0))
     assert epoch.start == batch.time[0]
     drift = states.count - len(UNKNOWN) + DRIFT
     np.testing.assert_array_equal(made.reading[:, drift - 1], 1.0)  # a bias
     np.testing.assert_array_equal(made.reading[:, drift], batch.time - batch.time[0])
     first, epoch, _ = rows(replace(batch.part(np.arange(10)), new=10), PLANE)
     later, _, _ = rows(replace(batch, new=20), PLANE, epoch)
-    np.testing.assert_array_equal(
-        np.concatenate([first.travelled, later.travelled]), made.travelled
-    )
+    both = np.concatenate([first.step, later.step], axis=1)
+    np.testing.assert_allclose(both, made.step, rtol=1e-12)
     np.testing.assert_array_equal(np.concatenate([first.reading, later.reading]), made.reading)
 
 

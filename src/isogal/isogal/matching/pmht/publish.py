@@ -1,7 +1,7 @@
 """The fix of a batch: what its readings alone say (docs/mathematics.md, section 7)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,10 +26,10 @@ from isogal.matching.interfaces import (
     SecondaryBatch,
     declined,
 )
-from isogal.matching.pmht.diverged import probability
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.models import FAMILIES
+from isogal.matching.pmht.search import probability
 
 LEAST_GAIN = 0.1
 """Share by which the 1-sigma of a navigator with satellites becomes smaller by a fix at least."""
@@ -38,53 +38,28 @@ SHOWN = 64
 """Hypotheses that are shown as candidates, at most."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FieldInformation:
-    """What the readings of fields say of the navigator's error x, one after the other."""
-
-    each: tuple[tuple[int, Information], ...]
-    """Fields and what theirs add to those before."""
-
-    @classmethod
-    def nothing(cls) -> "FieldInformation":
-        """Return that of no readings."""
-        return cls(())
-
-    @property
-    def total(self) -> Information:
-        """Of all."""
-        return _sum([one for _, one in self.each])
-
-    def after(self, field: int) -> Information:
-        """Return what fields say that came after one of them."""
-        order = [index for index, _ in self.each]
-        first = order.index(field) + 1 if field in order else 0
-        return _sum([one for _, one in self.each[first:]])
-
-    def with_bank(self, field: int, bank: Hypotheses, prior: Array) -> "FieldInformation":
-        """Return it with what the readings of a field say that makes a navigator N(0, prior),
-        informed by the others, what its bank says."""
-        mean, before = np.zeros(BATCH_STATES), prior
-        if self.each:
-            mean, before = informed(prior, self.total)
-        after, covariance = bank.credible().moments()
-        own = likelihood_information(after - mean, covariance, before)
-        own = Information(own.vector + own.matrix @ mean, own.matrix)
-        return FieldInformation((*self.each, (field, own)))
-
-
-def _sum(parts: Sequence[Information]) -> Information:
+def total(parts: Iterable[Information]) -> Information:
+    """Return what all of some readings say of the navigator's error, by what each adds."""
     vector, matrix = np.zeros(BATCH_STATES), np.zeros((BATCH_STATES, BATCH_STATES))
     for one in parts:
         vector, matrix = vector + one.vector, matrix + one.matrix
     return Information(vector, matrix)
 
 
+def added(bank: Hypotheses, prior: Array, known: Information) -> Information:
+    """Return what readings add to what is known that make a navigator N(0, prior), informed by
+    that, what their bank says."""
+    mean, before = informed(prior, known)
+    after, covariance = bank.credible().moments()
+    own = likelihood_information(after - mean, covariance, before)
+    return Information(own.vector + own.matrix @ mean, own.matrix)
+
+
 def published(
     each: Sequence[SecondaryBatch],
     memory: Memory,
     prior: Array,
-    shared: FieldInformation,
+    information: Information,
     names: Sequence[str],
     each_scan: bool,
 ) -> tuple[Fix, Memory]:
@@ -96,13 +71,14 @@ def published(
         The batch of the first field, and those of others.
     prior : (7, 7) array
         Covariance of the navigator, widened where it has diverged.
+    information : Information
+        What the readings of all fields say.
     each_scan : bool
         Whether it says what each scan is given of it (retrodiction).
     """
     batch = each[0].batch
     figures = _figures(each, memory, names)
     error = _gravity_error(each, memory)
-    information = shared.total
     if not information.matrix.any():
         reason = SATELLITES if batch.aided is not None else NOTHING_NEW
         fix = replace(declined(batch, reason, **figures), map_error=error)
