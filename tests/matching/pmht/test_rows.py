@@ -97,11 +97,11 @@ def test_told_parameters_have_states_before_those_nobody_tells_of():
     batch, _ = make_batch(PLANE)
     random = np.random.default_rng(0)
     told = Parameters(
-        ("scale",), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
+        ("scale", ""), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
         random.standard_normal((30, 2, 2)), np.array([np.inf, 100.0]), np.array([1e-3, 0.0]),
     )  # fmt: skip
     made, _, states = rows(replace(batch, parameters=told, bias_walk=1e-7), PLANE)
-    assert states.names == ("scale",)
+    assert states.names == ("scale", "", *UNKNOWN)
     assert states.count == 7 + 1 + 2 + len(UNKNOWN)
     np.testing.assert_array_equal(made.reading[:, 8:10], told.reading)
     np.testing.assert_array_equal(made.place[:, :, 8:10], told.position)

@@ -22,7 +22,7 @@ from isogal.matching.information import (
     measurement_only,
     positive_part,
 )
-from isogal.matching.interfaces import Batch, Fix, Information, SecondaryBatch, declined
+from isogal.matching.interfaces import Batch, Fix, Information, SecondaryBatch, declined, located
 from isogal.matching.pmht.cells import at_cells
 from isogal.matching.pmht.publish import added, total
 from isogal.matching.pmht.rows import parts_of, rows_of, some
@@ -135,15 +135,8 @@ def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) 
     more = excess(shifts)
     if more.any():
         information = widened(information, more)
-    north, east = metres_per_radian(batch.end[0])
-    return Fix(
-        time=float(batch.time[-1]),
-        latitude=float(batch.end[0] - place[0] / north),
-        longitude=float(batch.end[1] - place[1] / east),
-        covariance=spread + more,
-        diagnostics=numbers,
-        information=information,
-    )
+    known = {"diagnostics": numbers, "information": information}
+    return located(batch, place, spread + more, **known)
 
 
 def widened(information: Information, more: Array) -> Information:

@@ -10,7 +10,7 @@ from isogal.errors import InputError
 from isogal.maps.channels import AnyMap, ChannelMap, RouteMap
 from isogal.matching.expansion import Channels, with_allowed_tilt
 from isogal.matching.interfaces import Batch, Matcher, SecondaryBatch
-from isogal.matching.pmht.settings import options_of
+from isogal.matching.pmht.models import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings

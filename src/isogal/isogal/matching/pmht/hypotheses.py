@@ -5,6 +5,7 @@ Magill (1965, IEEE TAC 10:434) and Maybeck & Hanlon (1995, IEEE TAES 31:1216) fo
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,16 +17,13 @@ from isogal.maps.interpolation import Grid
 from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels
-from isogal.matching.pmht.models import DECEIVED, FAMILIES, NONE, Models, largest
+from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.matrices import symmetric
 
-CURVED = 0.25
-"""Share of its change by which the map may depart from linear over a hypothesis before that is
-split, unless an option says otherwise."""
 REACH = 2.0
-"""1-sigma at which that is looked at."""
+"""1-sigma at which it is looked at how far the map departs from linear (`CURVED`)."""
 SPLIT = (
     (0.2129622780, 0.5740754440, 0.2129622780),
     (-1.1353227127, 0.0, 1.1353227127),
@@ -51,6 +49,10 @@ wrong for hours may become right."""
 CREDIBLE = 2.0
 """A fault is published where readings have made it so many times as probable as it was: a wide
 model of a few percent would widen what is published for ever."""
+
+
+COLUMNS = ("which", "log_weight", "mean", "covariance")
+"""Arrays of `Hypotheses`, one row of each for each of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +96,7 @@ class Hypotheses:
 
     def part(self, which: Integers | Booleans) -> "Hypotheses":
         """Return some of them, by indices or a mask."""
-        return replace(
-            self,
-            which=self.which[which],
-            log_weight=self.log_weight[which],
-            mean=self.mean[which],
-            covariance=self.covariance[which],
-        )
+        return Hypotheses(self.models, *(getattr(self, name)[which] for name in COLUMNS))
 
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
@@ -342,12 +338,11 @@ class Hypotheses:
         return np.asarray(shares, dtype=np.float64)
 
     def figures(self, states: States) -> dict[str, float]:
-        """Return the mean of the instrument's states that have names, and of those of UNKNOWN."""
+        """Return the mean of the instrument's states that have names; of two of one name that of
+        the first, which is specified."""
         mean = self.weight @ self.mean[:, BATCH_STATES + states.channels :]
-        named, first = len(states.names), len(mean) - states.unknown
-        names = (*UNKNOWN[: states.unknown], *states.names)
-        values = zip(names, (*mean[first:], *mean[:named]), strict=True)
-        return {name: float(value) for name, value in values if name}
+        each = reversed(list(zip(states.names, mean, strict=True)))
+        return {name: float(value) for name, value in each if name}
 
 
 def at_same_time(states: int) -> float:
@@ -356,15 +351,10 @@ def at_same_time(states: int) -> float:
     return min(1.0, USUAL_STATES / states) ** 2
 
 
-def joined(parts: list[Hypotheses]) -> Hypotheses:
+def joined(parts: Sequence[Hypotheses]) -> Hypotheses:
     """Return the hypotheses of several parts."""
-    return replace(
-        parts[0],
-        which=np.concatenate([p.which for p in parts]),
-        log_weight=np.concatenate([p.log_weight for p in parts]),
-        mean=np.concatenate([p.mean for p in parts]),
-        covariance=np.concatenate([p.covariance for p in parts]),
-    )
+    columns = (np.concatenate([getattr(one, name) for one in parts]) for name in COLUMNS)
+    return Hypotheses(parts[0].models, *columns)
 
 
 def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:

@@ -44,30 +44,19 @@ def predicted(
     instrument's filter is specified or has a time constant `lag` (s)."""
     lat = rows.latitude[t] - north * rows.radian[t, 0]
     lon = rows.longitude[t] - east * rows.radian[t, 1]
-    channel = rows.channel[t]
     value = by_north = by_east = 0.0
-    if lag > 0.0:
-        for q in range(AGES.shape[0]):
-            age, weight = AGES[q, 0], AGES[q, 1]
-            back = age * lag
-            v, a, b = value_and_gradient(
-                grid,
-                lat - back * rows.velocity[t, 0] * rows.radian[t, 0],
-                lon - back * rows.velocity[t, 1] * rows.radian[t, 1],
-                channel,
-            )
-            value += weight * v
-            by_north += weight * a
-            by_east += weight * b
-    else:
-        for q in range(rows.nodes.shape[1]):
+    for q in range(AGES.shape[0] if lag > 0.0 else rows.nodes.shape[1]):
+        if lag > 0.0:
+            weight, back = AGES[q, 1], AGES[q, 0] * lag
+            to_north = -back * rows.velocity[t, 0] * rows.radian[t, 0]
+            to_east = -back * rows.velocity[t, 1] * rows.radian[t, 1]
+        else:
+            to_north, to_east = rows.nodes[t, q, 0], rows.nodes[t, q, 1]
             weight = rows.nodes[t, q, 2]
-            v, a, b = value_and_gradient(
-                grid, lat + rows.nodes[t, q, 0], lon + rows.nodes[t, q, 1], channel
-            )
-            value += weight * v
-            by_north += weight * a
-            by_east += weight * b
+        v, a, b = value_and_gradient(grid, lat + to_north, lon + to_east, rows.channel[t])
+        value += weight * v
+        by_north += weight * a
+        by_east += weight * b
     return value, by_north * rows.radian[t, 0], by_east * rows.radian[t, 1]
 
 

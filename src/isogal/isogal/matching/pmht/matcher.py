@@ -32,11 +32,10 @@ from isogal.matching.interfaces import (
 )
 from isogal.matching.pmht.hypotheses import Hypotheses, with_needed
 from isogal.matching.pmht.memory import Memory, decided, grown, undeceived
-from isogal.matching.pmht.models import RARE, models_of
+from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
 from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
 from isogal.matching.pmht.search import WIDE_M, Diverged, FieldMemory, pursued
-from isogal.matching.pmht.settings import assumed, options_of
 from isogal.matching.pmht.states import States
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
@@ -48,7 +47,7 @@ the one that was made, up to which the fix counts as taken: half a 1-sigma."""
 
 @dataclass(frozen=True)
 class Pmht:
-    """The default matcher. See the module; options in `settings.Options`."""
+    """The default matcher. See the module; options in `models.Options`."""
 
     settings: tuple[MatcherSettings, ...]
     """Of each field."""
@@ -203,7 +202,7 @@ def _observed(
     curved: Sequence[float],
 ) -> tuple[Memory, Information, float] | None:
     """Return the memory after new readings, what they say, and the log evidence of the first
-    field's; None where none of its hypotheses is on the map. `curved`: see `settings.Options`.
+    field's; None where none of its hypotheses is on the map. `curved`: see `models.Options`.
 
     Readings of two fields are independent given where the vehicle was: what one says of the
     navigator informs the hypotheses of the others (expectation propagation; Minka 2001)."""

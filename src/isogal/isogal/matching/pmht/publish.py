@@ -25,11 +25,12 @@ from isogal.matching.interfaces import (
     Information,
     SecondaryBatch,
     declined,
+    located,
+    with_scans,
 )
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.models import FAMILIES
-from isogal.matching.pmht.search import probability
 
 LEAST_GAIN = 0.1
 """Share by which the 1-sigma of a navigator with satellites becomes smaller by a fix at least."""
@@ -79,23 +80,19 @@ def published(
     batch = each[0].batch
     figures = _figures(each, memory, names)
     error = _gravity_error(each, memory)
-    if not information.matrix.any():
-        reason = SATELLITES if batch.aided is not None else NOTHING_NEW
+    reason = SATELLITES if batch.aided is not None else NOTHING_NEW
+    mean, covariance = informed(prior, information)
+    new = information.matrix.any() and (batch.aided is None or adds(prior, covariance))
+    if not new:
         fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
-    mean, covariance = informed(prior, information)
-    if batch.aided is not None and not adds(prior, covariance):
-        fix = replace(declined(batch, SATELLITES, **figures), map_error=error)
-        return fix, memory.after(np.zeros(BATCH_STATES), prior)
     place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
-    north, east = metres_per_radian(batch.end[0])
     bank = memory.fields[each[0].field].bank
     assert bank is not None
-    fix = Fix(
-        time=float(batch.time[-1]),
-        latitude=float(batch.end[0] - place[0] / north),
-        longitude=float(batch.end[1] - place[1] / east),
-        covariance=spread,
+    fix = located(
+        batch,
+        place,
+        spread,
         shown=lambda: _candidates(each[0], bank),
         diagnostics=figures,
         information=information,
@@ -148,26 +145,11 @@ def _of_each_scan(
     fix: Fix, one: SecondaryBatch, information: Information, prior: Array, mean: Array
 ) -> Fix:
     """Return the fix with what it says at each scan, for retrodiction."""
-    batch = one.batch
-    each, _ = first_channel(batch, one.field_map)  # each scan once
-    count, new = len(each), slice(len(each) - each.new, None)
-    moved = np.full((count, 2), np.nan)
-    moved[new] = each.position_by_error[new] @ mean
-    north, east = metres_per_radian(each.latitude)
-    covariance = np.full((count, 2, 2), np.nan)
-    covariance[new] = fix.covariance * each.new
-    parts: list[Information | None] = [None] * count
-    parts[new] = shares(information, prior, each.backward[new])
-    late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
-    places = np.stack(
-        [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1
-    )
-    return replace(
-        fix,
-        scan_position=None if late else places,
-        scan_covariance=None if late else covariance,
-        scan_information=tuple(parts),
-    )
+    each, _ = first_channel(one.batch, one.field_map)  # each scan once
+    parts: list[Information | None] = [None] * (len(each) - each.new)
+    parts += shares(information, prior, each.backward[len(parts) :])
+    fix = with_scans(fix, each, each.position_by_error @ mean)
+    return replace(fix, scan_information=tuple(parts))
 
 
 def _figures(
@@ -193,5 +175,5 @@ def _figures(
     figures["feature_variability"] = float(feature_variability(field_map, *place)[0])
     search = memory.diverged.search
     if search is not None and memory.diverged.found is not None:
-        figures["diverged"] = probability(search.log_odds)
+        figures["diverged"] = float(np.exp(-np.logaddexp(0.0, -search.log_odds)))
     return figures

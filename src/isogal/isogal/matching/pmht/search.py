@@ -288,11 +288,6 @@ def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
     return bool(bank.map_error[0] > expected or bank.faults[NONE] < 0.5)
 
 
-def probability(log_odds: float) -> float:
-    """Return that of what has such log odds."""
-    return float(np.exp(-np.logaddexp(0.0, -log_odds)))
-
-
 def spread_over(them: Hypotheses, models: Models) -> Hypotheses:
     """Return the same places under other models, of which nothing is known yet."""
     them = pruned(them, FEW, np.eye(2, them.mean.shape[1]))
