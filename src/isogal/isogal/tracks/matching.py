@@ -35,8 +35,14 @@ from isogal.matching.information import informed, position_information
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
-from isogal.tracks.batches import batch_ends, between_batches
-from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
+from isogal.tracks.fields import (
+    TrackField,
+    batch_ends,
+    between_batches,
+    check_fields,
+    joint_batch,
+    matcher_of,
+)
 from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
 from isogal.tracks.track import Track
@@ -165,7 +171,6 @@ def match_fields(
     track, settings = fields[0].track, fields[0].settings
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
-    jacobians = [one.track.jacobian(one.field_map.quantity) for one in fields]
     earlier = matching.context + settings.batch_length - between_batches(settings)
     prior, memory, unresolved = uncertainty.prior, None, 0
     matches: list[Match] = []
@@ -177,7 +182,7 @@ def match_fields(
             elapsed = track.time[end - 1] - track.time[previous - 1]
             error, covariance = _advance(matches[-1], elapsed, uncertainty)
         known = slice(max(0, used - earlier), end), end - used, error, covariance
-        batch, near = joint_batch(fields, jacobians, *known, edge=not by_bank)
+        batch, near = joint_batch(fields, *known, edge=not by_bank)
         fix, after = match_or_decline(matching, batch, near, memory)
         fix, counted = judged(fix, batch, prior)
         if fix.widening is not None:
