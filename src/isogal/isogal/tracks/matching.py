@@ -8,8 +8,7 @@ Batches can be matched in two ways:
 
 - independently (default): the track stays as recorded, and each batch starts from the same prior.
   The fixes hold the information of the measurements alone, so any filter may use them, one by one,
-  whatever it has done with the earlier ones. If a matcher finds the track lost, the prior is wider
-  from there on.
+  whatever it has done with the earlier ones.
 - chained: what a batch has told moves the track and narrows the prior of the next, as for an aided
   navigator. The fixes still hold the information of the measurements alone; `Match.error` and
   `Match.covariance` combine all batches so far.
@@ -185,8 +184,6 @@ def match_fields(
         batch, near = joint_batch(fields, *known, edge=not by_bank)
         fix, after = match_or_decline(matching, batch, near, memory)
         fix, counted = judged(fix, batch, prior)
-        if fix.widening is not None:
-            prior = uncertainty.prior + fix.widening[:4, :4]
         error, covariance = _known(counted, batch, error, covariance)
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
         shifts = after if isinstance(after, Shifts) and after is not memory else None
@@ -202,8 +199,6 @@ def match_fields(
 def _known(fix: Fix, batch: Batch, error: Array, covariance: Array) -> tuple[Array, Array]:
     """Return the track's error (4,) and its covariance (4, 4) after a fix of a batch, which says
     it of the error that remains."""
-    if fix.widening is not None:
-        covariance = covariance + fix.widening[:4, :4]
     if not fix.published:
         return error, covariance
     told = fix.information or position_information(

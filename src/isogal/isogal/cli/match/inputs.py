@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from isogal.scenario import Gradiometer, Matcher
     from isogal.tracks.fields import TrackField
     from isogal.tracks.map_error import MapError
-    from isogal.tracks.recording import Recording
     from isogal.tracks.track import Track
 
 _UNUSED_SIGMA = 1.0
@@ -125,10 +124,10 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
     from isogal.tracks.fields import TrackField
 
     map_, chosen, assumed = choice.map_, choice.track, choice.assumed
-    sources = _sources(chosen, map_.crs)
+    lines = _lines(chosen, map_.crs)
     references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
-    map_ = _of_map(map_, [*sources, *references])
-    corridors = [corridor_of(one.latitude, one.longitude, choice.margin) for one in sources]
+    map_ = _of_map(map_, [*(one[0] for one in lines), *references])
+    corridors = [corridor_of(o.latitude, o.longitude, choice.margin) for o, *_ in lines]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
     learnt: FieldMap | None = None
     if references:
@@ -136,7 +135,7 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
         window = reduce(joined, (one.window for one in [*corridors, *around]))
         learnt = _at_height(map_, chosen, window) or map_.load(window)
     fit: MapError | None = None
-    for source, corridor in zip(sources, corridors, strict=True):
+    for line, corridor in zip(lines, corridors, strict=True):
         field_map: ScalarMap | None = learnt or _at_height(map_, chosen, corridor.window)
         field_map = field_map or map_.load_along(corridor)
         unit, factor = _unit_of(chosen.track_unit, field_map)
@@ -145,7 +144,7 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
             fit = fit or _learnt_error(learnt, references, factor)
             field_map = fit.apply(learnt)
             sigma = sigma or max(fit.sensor_sigma, _LEAST_SHARE * fit.typical_sigma)
-        track = _track(source, field_map, factor, sigma, chosen.reduction)
+        track = _track(line, field_map, factor, sigma, chosen.reduction)
         if chosen.spacing is not None:
             track = averaged(track, chosen.spacing)
         yield TrackField(choice.name, _on_map(track, field_map), field_map, unit=unit)
@@ -237,14 +236,15 @@ def _level(chosen: TrackChoice, field_map: "FieldMap") -> float:
     return level
 
 
-def _of_map(map_: MapChoice, tracks: "Sequence[Recording | Track]") -> MapChoice:
+def _of_map(map_: MapChoice, tracks: "Sequence[Track]") -> MapChoice:
     """Return a map without a `--crs` that is meant for tracks: only a GeoTIFF takes one."""
-    of_track = any(getattr(one, "projected", False) for one in tracks)
+    of_track = any(one.projected for one in tracks)
     is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff"))
     return replace(map_, crs=None) if of_track and not is_geotiff else map_
 
 
-def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | Track]":
+def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
+    """Return the track for each line of a file; of a bag one for each quantity."""
     from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.magnetic_flight import read_base_station
     from isogal.tracks.recording import is_recording, read_recording
@@ -267,10 +267,10 @@ def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | Trac
                 f"{chosen.track}: {', '.join(unused)} not used: the track keeps the shape of its"
                 " positions; isogal bag and isogal replay navigate by them"
             )
-    if chosen.base is None:
-        return tracks
-    station = read_base_station(chosen.base)
-    return [one.less_variation(station) for one in tracks]
+    if chosen.base is not None:
+        station = read_base_station(chosen.base)
+        tracks = [one.less_variation(station) for one in tracks]
+    return [[one] for one in tracks]
 
 
 def _compensated(path: Path, coefficients: Path) -> "Track":
@@ -294,20 +294,28 @@ def _unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float
 
 
 def _track(
-    source: "Recording | Track",
+    line: "Sequence[Track]",
     field_map: "ScalarMap",
     factor: float,
     sigma: float | None,
     reduction: str | None,
 ) -> "Track":
-    from isogal.tracks.recording import Recording
-
-    if isinstance(source, Recording):
-        return replace(source.track(field_map.quantity, sigma), factor=factor)
-    if reduction == "velocity" and not source.timed:
-        raise InputError(f"{source.where}: --reduction velocity needs a column time")
+    """Return the track that has the map's readings, in the unit inside."""
+    fitting = [one for one in line if one.quantity in (None, field_map.quantity)]
+    if not fitting:
+        raise InputError(
+            f"{line[0].where}: has readings of {' and '.join(str(o.quantity) for o in line)}, and"
+            f" the map is of {field_map.quantity}"
+        )
+    track = fitting[0]
+    if track.quantity is not None:
+        if sigma is not None:
+            track = replace(track, sigma=sigma + 0.0 * track.time)
+        return replace(track.in_unit(1.0, None, track.reduction), factor=factor)
+    if reduction == "velocity" and not track.timed:
+        raise InputError(f"{track.where}: --reduction velocity needs a column time")
     sigma = _DEFAULT_SIGMA.get(field_map.unit) if sigma is None else sigma
-    return source.in_unit(factor, sigma, reduction or "none")
+    return track.in_unit(factor, sigma, reduction or "none")
 
 
 def _learnt_error(
@@ -339,20 +347,16 @@ def _learnt_error(
 
 def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":
     """Return what the options say of the gradiometer; raises InputError where it cannot be."""
-    from pydantic import ValidationError
+    from isogal.scenario import load_scenario
 
-    from isogal.scenario import Gradiometer, describe
-
-    try:
-        return Gradiometer(
-            components=components,
-            allowed_tilt=chosen.tilt_sigma,
-            bias_eotvos=chosen.offset_sigma,
-            bias_walk_eotvos=chosen.offset_walk,
-            map_errors="one_potential" if chosen.one_potential else "independent",
-        )
-    except ValidationError as error:
-        raise InputError(describe(error, Gradiometer)) from None
+    keys = {
+        "components": list(components),
+        "allowed_tilt": chosen.tilt_sigma,
+        "bias_eotvos": chosen.offset_sigma,
+        "bias_walk_eotvos": chosen.offset_walk,
+        "map_errors": "one_potential" if chosen.one_potential else "independent",
+    }
+    return load_scenario(None, [f"gradiometer.{k}={x}" for k, x in keys.items()]).gradiometer
 
 
 def read_fields(

@@ -183,15 +183,6 @@ class MatcherChoice:
         """Whether a track is matched as one batch."""
         return self.batch_length is not None and self.batch_length.casefold() == "all"
 
-    def check(self) -> None:
-        """Raise InputError unless the keys and their values are allowed."""
-        from isogal.scenario import load_scenario
-
-        try:
-            load_scenario(None, self.changes())
-        except InputError as error:
-            raise InputError(str(error).removeprefix("scenario: ")) from None
-
     def changes(self) -> list[str]:
         """Return the keys of the scenario's section `matcher` that the options change, as
         ``KEY=VALUE``.
@@ -326,7 +317,7 @@ class MatchResults:
             writer_for(path)
 
 
-GOES_WITH = {
+_GOES_WITH = {
     "--one-potential": "--gradients",
     "--offset-sigma": "--gradients",
     "--offset-walk": "--gradients",
@@ -334,13 +325,11 @@ GOES_WITH = {
     "--walk-sigma": "--chain",
 }
 """Options that mean nothing without another one."""
-EXCLUDED = {
-    "--gradients": (
-        *("--column", "--reference", "--spacing", "--reduction", "--compensation", "--base"),
-        "--report",
-    )
-}
-"""Options that another one rules out."""
+_NOT_OF_GRADIENTS = (
+    *("--column", "--reference", "--spacing", "--reduction", "--compensation", "--base"),
+    "--report",
+)
+"""Options that do not go with `--gradients`."""
 
 
 def check_together(*groups: TrackChoice | MatcherChoice | Assumptions | MatchResults) -> None:
@@ -352,10 +341,9 @@ def check_together(*groups: TrackChoice | MatcherChoice | Assumptions | MatchRes
         for option in fields(group)
         if getattr(group, option.name) != option.default
     }
-    for option, other in GOES_WITH.items():
+    for option, other in _GOES_WITH.items():
         if option in given and other not in given:
             raise InputError(f"{option}: goes with {other}")
-    for other, options in EXCLUDED.items():
-        for option in options:
-            if other in given and option in given:
-                raise InputError(f"{option}: does not go with {other}")
+    for option in _NOT_OF_GRADIENTS:
+        if "--gradients" in given and option in given:
+            raise InputError(f"{option}: does not go with --gradients")
