@@ -12,6 +12,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
+from isogal.matching.information import relative
 from isogal.matching.interfaces import Batch, Fix, declined
 
 MOST_SIGMAS = 5.0
@@ -36,12 +37,11 @@ def judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:
 def wider_than(fix: Fix, known: Array) -> str | None:
     """Return why a published fix says less than what was known, a covariance (2, 2) of north and
     east in m²; None where it says more in every direction."""
-    factor = np.linalg.inv(np.linalg.cholesky(known))
-    values, vectors = np.linalg.eigh(factor @ fix.covariance @ factor.T)
+    factor, values, vectors = relative(fix.covariance, known)
     if values[-1] <= 1.0:
         return None
     # the direction, across the fix's ellipse, in which it compares worst
-    axis = factor.T @ vectors[:, -1]
+    axis = np.linalg.solve(factor.T, vectors[:, -1])
     axis /= np.hypot(*axis)
     sigma, before = (math.sqrt(float(axis @ one @ axis)) for one in (fix.covariance, known))
     return f"wider than the prior: 1-sigma of {_km(sigma)} where {_km(before)} were known"

@@ -1,7 +1,5 @@
 """Results of matching a track as JSON, CSV and GeoJSON, with one object for each batch."""
 
-import csv
-import io
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -10,7 +8,7 @@ from typing import Any
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.files import write_atomic
+from isogal.files import csv_text, write_atomic
 from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Match
 
@@ -102,13 +100,7 @@ def as_json(objects: Sequence[Entry]) -> str:
 def as_csv(objects: Sequence[Entry]) -> str:
     """Return a table with three columns for each covariance: east-east, east-north,
     north-north."""
-    rows = [flat(entry) for entry in objects]
-    stream = io.StringIO()
-    names = dict.fromkeys(key for row in rows for key in row)
-    writer = csv.DictWriter(stream, fieldnames=list(names), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
+    return csv_text([flat(entry) for entry in objects])
 
 
 def flat(entry: Entry) -> Entry:

@@ -208,7 +208,7 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     InputError
         Nothing says what level the map's values hold on, or it cannot be continued.
     """
-    from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
+    from isogal.maps.continuation.blocks import continued, rim_of
 
     if chosen.height is None:
         return None
@@ -217,11 +217,6 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     level = _level(chosen, map_.load(window)) if level is None else level
     rim = rim_of(chosen.height - level)
     wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
-    if wide.quantity not in CONTINUED:
-        raise InputError(
-            f"--height {chosen.height:g}: a map of {wide.quantity} cannot be continued; of"
-            f" {', '.join(CONTINUED)} it can"
-        )
     return continued(wide, chosen.height, level).window(*window[:4])
 
 
