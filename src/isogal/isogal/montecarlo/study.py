@@ -9,7 +9,8 @@ from isogal.errors import InputError
 from isogal.montecarlo.chunks import Answer, Case, Chunk, divide, fair_share, map_digest, runs_of
 from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
-from isogal.montecarlo.workers import Report, available_cores, local_results
+from isogal.montecarlo.workers import Report, local_results
+from isogal.threads import available_cores
 
 
 @dataclass(frozen=True, slots=True)

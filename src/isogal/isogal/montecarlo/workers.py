@@ -28,11 +28,6 @@ Report = Callable[[Chunk, float], None]
 """Called with a chunk and the simulated time (s) that its runs have reached."""
 
 
-def available_cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def serve(connection: Connection, maps: Mapping[str, RunMap]) -> None:
     """Compute the tasks that come through the pipe until the parent closes it: the work of a
     worker process. Numbers that go back are the simulated time reached, all else is an answer."""
