@@ -47,6 +47,8 @@ PARENT = "ISOGAL_PARENT_PID"
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
+INACTIVE = "inactive: messages are let go until it is activated"
+"""What a node says of itself meanwhile."""
 TOLD = 60.0
 """s of wall time for which the node says that it stood still."""
 FREE_EVERY = 5.0
@@ -392,7 +394,7 @@ class GraphNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let messages go from now on, and say so."""
         self.health.figures["ready"] = False
-        self.health.concern("inactive", "inactive: messages are let go until it is activated")
+        self.health.concern("inactive", INACTIVE)
         self.active = False
         return SUCCESS
 
