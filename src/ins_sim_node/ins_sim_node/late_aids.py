@@ -2,30 +2,62 @@
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
+from isogal.arrays import Array, Integers
 from isogal.fields.simulated_vehicle import SimulatedVehicle
-from isogal.scenario import HeadingAid, PositionAid
-from isogal.sensors.heading_aid import Headings
-from isogal.sensors.position_aid import Positions
+from isogal.scenario import HeadingAid
 from isogal_ros import topics
 from isogal_ros.messages.aids import aids_of, fill_ground_velocity, fill_position
-from isogal_ros.messages.frames import ANTENNA, BASE
+from isogal_ros.messages.frames import ANTENNA, BASE, framed
 from isogal_ros.messages.pose_aids import fill_heading
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.topics import Topic
+from isogal_ros.topics import Message, Topic
 
 
 class _Aid(NamedTuple):
     """What is published of one aid."""
 
-    late: int
-    """Steps by which it comes late."""
-    rows: dict[int, int]
-    """Rows of what is simulated, by the end of the step that they are of."""
-    publish: Callable[[int, int], None]
-    """Publishes a row with a stamp (ns)."""
+    topic: Topic
+    frame: str
+    delay: float
+    """s by which it comes late, at least."""
+    ends: Integers
+    """(K,) steps at whose ends it measures."""
+    values: Array
+    """(K, ...) what it measures."""
+    fill: Callable[[Message, int, Array], None]
+    """Writes a value of a stamp (ns) into a message."""
+
+
+def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
+    """Yield the aids of a vehicle, with the delays that they really have."""
+    scenario, true, found = node.scenario, node.scenario.true, vehicle.aids
+    if (fixes := found.satellites) is not None:
+        gnss, late = scenario.gnss, (true.gnss.delay, fixes.ends)
+        fill = partial(fill_position, aid=gnss.positions)
+        yield _Aid(topics.GNSS_FIX, ANTENNA, *late, fixes.position[0], fill)
+        if topics.GNSS_VELOCITY in aids_of(scenario):
+            speed = partial(fill_ground_velocity, sigma=gnss.velocity_sigma or 0.0)
+            yield _Aid(topics.GNSS_VELOCITY, ANTENNA, *late, fixes.velocity[0], speed)
+    of_positions = scenario.positions or (), true.positions or (), found.positions
+    for aid, really, places in zip(*of_positions, strict=True):
+        topic, _ = topics.position_topics(aid.name)
+        fill = partial(fill_position, aid=aid)
+        yield _Aid(topic, BASE, really.delay, places.ends, places.position[0], fill)
+    of_headings = scenario.headings or (), true.headings or (), found.headings
+    for bow, really_bow, seen in zip(*of_headings, strict=True):
+        topic, known = topics.heading_topic(bow.name), ~np.isnan(seen.heading[0])
+        turn = partial(_fill_heading, aid=bow)
+        yield _Aid(topic, BASE, really_bow.delay, seen.ends[known], seen.heading[0][known], turn)
+
+
+def _fill_heading(message: Message, ns: int, heading: Array, aid: HeadingAid) -> None:
+    fill_heading(message, ns, float(heading), aid)
 
 
 class LateAids:
@@ -39,81 +71,17 @@ class LateAids:
     """
 
     def __init__(self, node: GraphNode, vehicle: SimulatedVehicle) -> None:
-        self._node, self._vehicle = node, vehicle
+        self._aids = []
+        for aid in _aids(node, vehicle):
+            late = math.ceil(aid.delay / vehicle.trajectory.dt - 1e-9)
+            rows = {k: row for row, k in enumerate(aid.ends.tolist())}
+            sent = node.advertise(aid.topic), framed(aid.topic, aid.frame)
+            self._aids.append((aid, late, rows, *sent))
         self._step_ns = from_seconds(vehicle.trajectory.dt)
-        self._aids = [*self._satellites(), *self._positions(), *self._headings()]
 
     def publish(self, k: int, ns: int) -> None:
         """Publish what comes at the end of step k, which has a stamp (ns)."""
-        for aid in self._aids:
-            row = aid.rows.get(k - aid.late)
-            if row is not None:
-                aid.publish(row, ns - aid.late * self._step_ns)
-
-    def _aid(self, delay: float, ends: list[int], publish: Callable[[int, int], None]) -> _Aid:
-        late = math.ceil(delay / self._vehicle.trajectory.dt - 1e-9)
-        return _Aid(late, {k: row for row, k in enumerate(ends)}, publish)
-
-    def _sender(
-        self, topic: Topic, frame: str, fill: Callable[[topics.Message, int, int], bool]
-    ) -> Callable[[int, int], None]:
-        """Return what publishes a row; `fill` writes it (message, stamp, row) and says whether
-        there is anything to publish."""
-        publisher, message = self._node.advertise(topic), topic.type()
-        message.header.frame_id = frame
-
-        def publish(row: int, ns: int) -> None:
-            if fill(message, ns, row):
+        for aid, late, rows, publisher, message in self._aids:
+            if (row := rows.get(k - late)) is not None:
+                aid.fill(message, ns - late * self._step_ns, aid.values[row])
                 publisher.publish(message)
-
-        return publish
-
-    def _satellites(self) -> Iterator[_Aid]:
-        fixes, scenario = self._vehicle.aids.satellites, self._node.scenario
-        if fixes is None:
-            return
-        gnss, ends, delay = scenario.gnss, fixes.ends.tolist(), scenario.true.gnss.delay
-
-        def fix(message: topics.Message, ns: int, row: int) -> bool:
-            fill_position(message, ns, fixes.position[0, row], gnss.positions)
-            return True
-
-        def velocity(message: topics.Message, ns: int, row: int) -> bool:
-            fill_ground_velocity(message, ns, fixes.velocity[0, row], gnss.velocity_sigma or 0.0)
-            return True
-
-        yield self._aid(delay, ends, self._sender(topics.GNSS_FIX, ANTENNA, fix))
-        if topics.GNSS_VELOCITY in aids_of(scenario):
-            sender = self._sender(topics.GNSS_VELOCITY, ANTENNA, velocity)
-            yield self._aid(delay, ends, sender)
-
-    def _positions(self) -> Iterator[_Aid]:
-        scenario, every = self._node.scenario, self._vehicle.aids.positions
-        true = scenario.true.positions or ()
-        for aid, really, places in zip(scenario.positions or (), true, every, strict=True):
-            yield self._position(aid, places, really.delay)
-
-    def _position(self, aid: PositionAid, places: Positions, delay: float) -> _Aid:
-        def fill(message: topics.Message, ns: int, row: int) -> bool:
-            fill_position(message, ns, places.position[0, row], aid)
-            return True
-
-        sender = self._sender(topics.position_topics(aid.name)[0], BASE, fill)
-        return self._aid(delay, places.ends.tolist(), sender)
-
-    def _headings(self) -> Iterator[_Aid]:
-        scenario, every = self._node.scenario, self._vehicle.aids.headings
-        true = scenario.true.headings or ()
-        for aid, really, seen in zip(scenario.headings or (), true, every, strict=True):
-            yield self._heading(aid, seen, really.delay)
-
-    def _heading(self, aid: HeadingAid, seen: Headings, delay: float) -> _Aid:
-        def fill(message: topics.Message, ns: int, row: int) -> bool:
-            heading = float(seen.heading[0, row])
-            if math.isnan(heading):
-                return False
-            fill_heading(message, ns, heading, aid)
-            return True
-
-        sender = self._sender(topics.heading_topic(aid.name), BASE, fill)
-        return self._aid(delay, seen.ends.tolist(), sender)
