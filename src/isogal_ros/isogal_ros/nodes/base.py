@@ -295,7 +295,7 @@ class GraphNode(LifecycleNode):
         take : callable
             Takes a message, serialised if `raw`.
         single : bool, optional
-            Whether to use one publisher only, see `Listening`.
+            Whether it is of one publisher, see `Listening`.
         """
         self._listening[topic.name] = Listening(self, topic, take, raw, single)
         return self._listening[topic.name]

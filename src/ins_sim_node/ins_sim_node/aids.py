@@ -1,4 +1,4 @@
-"""Aids whose messages may come late, each with its own stamp."""
+"""Sensors beside the IMU, whose messages may come late, each with its own stamp."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -9,9 +9,15 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.fields.simulated_vehicle import SimulatedVehicle
-from isogal.scenario import HeadingAid
+from isogal.scenario import HeadingAid, Height
 from isogal_ros import topics
-from isogal_ros.messages.aids import aids_of, fill_ground_velocity, fill_position
+from isogal_ros.messages.aids import (
+    aids_of,
+    fill_ground_velocity,
+    fill_position,
+    fill_pressure,
+    fill_velocity,
+)
 from isogal_ros.messages.frames import ANTENNA, BASE, framed
 from isogal_ros.messages.pose_aids import fill_heading
 from isogal_ros.messages.stamps import from_seconds
@@ -37,6 +43,18 @@ class _Aid(NamedTuple):
 def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
     """Yield the aids of a vehicle, with the delays that they really have."""
     scenario, true, found = node.scenario, node.scenario.true, vehicle.aids
+    steps = np.arange(1, len(vehicle) + 1)
+    if found.height is not None:
+        known, fill_height = (
+            ~np.isnan(found.height[0]),
+            partial(_fill_height, settings=true.height),
+        )
+        heights = steps[known], found.height[0][known]
+        yield _Aid(topics.BAROMETER, BASE, 0.0, *heights, fill_height)
+    if found.velocity is not None:
+        known = np.isfinite(found.velocity[0]).any(axis=-1)
+        speeds = steps[known], found.velocity[0][known]
+        yield _Aid(topics.VELOCITY, BASE, 0.0, *speeds, fill_velocity)
     if (fixes := found.satellites) is not None:
         gnss, late = scenario.gnss, (true.gnss.delay, fixes.ends)
         fill = partial(fill_position, aid=gnss.positions)
@@ -56,12 +74,16 @@ def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
         yield _Aid(topic, BASE, really_bow.delay, seen.ends[known], seen.heading[0][known], turn)
 
 
+def _fill_height(message: Message, ns: int, height: Array, settings: Height) -> None:
+    fill_pressure(message, ns, float(height), settings)
+
+
 def _fill_heading(message: Message, ns: int, heading: Array, aid: HeadingAid) -> None:
     fill_heading(message, ns, float(heading), aid)
 
 
-class LateAids:
-    """Publishes what the vehicle's aids of position and heading give.
+class Aids:
+    """Publishes what the vehicle's sensors beside the IMU give.
 
     Parameters
     ----------
