@@ -1,9 +1,13 @@
 """A node as a process of its own."""
 
 import importlib
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+from helpers.commands import PATIENCE
 from isogal_ros import topics
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.spin import run_node
@@ -61,3 +65,23 @@ def test_every_entry_point_passes_its_arguments_on(module, name, capsys) -> None
         main(["--ros-args", "-p", "no_such_parameter:=1"])
     assert end.value.code == 2
     assert capsys.readouterr().err.startswith(f"{name}: unknown parameter 'no_such_parameter'")
+
+
+def test_a_process_ends_whatever_hangs_after_its_node() -> None:
+    """The middleware sometimes waits for ever when it is taken down."""
+    lines = (
+        "import atexit, time",
+        "from ros.nodes.test_spin import Finished",
+        "from isogal_ros.nodes.spin import main_of",
+        "atexit.register(lambda: print('taken down', flush=True) or time.sleep(1000.0))",
+        "main_of(Finished, 'quiet')(['--ros-args'])",
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout) == (0, ""), ended.stderr

@@ -135,6 +135,8 @@ class GraphNode(LifecycleNode):
     settings: Any
     """Own parameters, a `settings_model`, as each class says."""
     scenario: Scenario
+    process_ends = False
+    """Whether nothing comes after the node in its process."""
 
     def __init__(
         self,
@@ -376,7 +378,7 @@ class GraphNode(LifecycleNode):
             self.setup()
         except BaseException as error:
             self._failed = error
-            self._destroy_made()
+            self._destroy_made(self._before)
             if not isinstance(error, InputError | KeyboardInterrupt):
                 self.get_logger().error(f"{type(error).__name__}: {error}")
             return FAILURE
@@ -407,7 +409,7 @@ class GraphNode(LifecycleNode):
         self._ready = False
         self._readiness.reset()
         self.active = self.configured = False
-        self._destroy_made()
+        self._destroy_made(self._before)
         return SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -420,15 +422,22 @@ class GraphNode(LifecycleNode):
         """Go back to unconfigured."""
         return self.on_cleanup(state)
 
-    def _destroy_made(self) -> None:
+    def _destroy_made(self, but: Mapping[str, set[Entity]]) -> None:
         for kind in _ENTITIES:
             destroy = getattr(self, f"destroy_{kind[:-1]}")
-            for entity in set(getattr(self, kind)) - self._before[kind]:
+            for entity in set(getattr(self, kind)) - but.get(kind, set()):
                 destroy(entity)
 
     def destroy_node(self) -> None:
         """Destroy the node, and its states, which rclpy leaves to the search for garbage: until
-        then others see the node and what it publishes."""
+        then others see the node and what it publishes.
+
+        At the end of its process, only what it publishes and listens to: Fast DDS 2.14 waits for
+        ever, with Python's lock, where it takes itself down while it hears of others that do so
+        (`DomainParticipant::set_listener` and a discovery callback wait for each other)."""
+        if self.process_ends:
+            self._destroy_made({})
+            return
         super().destroy_node()
         states = getattr(self, "_state_machine", None)
         if states is not None:  # a graph without middleware has none

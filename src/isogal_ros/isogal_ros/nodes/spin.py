@@ -1,6 +1,8 @@
 """Running nodes: one node per process for `ros2 run` and launch files, or several in one
 process."""
 
+import faulthandler
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -26,6 +28,10 @@ COMPILING = (
     " what is kept"
 )
 """What the first start says."""
+REFUSED = 2
+"""Exit code where the input cannot be used."""
+HANGS = 5.0
+"""s after it should have ended when a process writes where its threads are."""
 DRAIN = 10.0
 """s that a node which has nothing left to do may take what is under way."""
 
@@ -102,14 +108,27 @@ def run_node(name: str, make: Callable[[], GraphNode], args: Sequence[str] | Non
 def _refuse(name: str, why: str) -> int:
     """Print in one line what is wrong with the input; return the exit code that says so."""
     print(f"{name}: {' '.join(why.split()).removeprefix(f'{name}: ')}", file=sys.stderr)
-    return 2
+    return REFUSED
 
 
 def main_of(kind: Callable[[str], GraphNode], name: str) -> Callable[..., None]:
     """Return the entry point of a console script that runs one node (see `run_node`)."""
 
     def main(args: Sequence[str] | None = None) -> None:
-        sys.exit(run_node(name, lambda: kind(name), args))
+        made = []  # not to be destroyed before the process ends
+
+        def make() -> GraphNode:
+            made.append(kind(name))
+            made[0].process_ends = True
+            return made[0]
+
+        code = run_node(name, make, args)
+        if code == REFUSED:
+            sys.exit(code)
+        # all is written and said, and the middleware is not taken down (`GraphNode.destroy_node`)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
     return main
 
@@ -133,7 +152,10 @@ def _run(name: str, make: Callable[[], GraphNode], interrupt: Interrupt) -> int:
     # the signal to end is followed by a harder one: half of the time for what is under way, half
     # for what was published
     patience = node.settings.closing_time
-    drain(node, executor, limit=0.5 * patience if interrupt else DRAIN)
+    limit = 0.5 * patience if interrupt else DRAIN
+    faulthandler.dump_traceback_later(limit + 0.5 * patience + HANGS)
+    drain(node, executor, limit=limit)
     executor.shutdown()
     node.close(0.5 * patience)
+    faulthandler.cancel_dump_traceback_later()
     return int(node.exit_code)
