@@ -112,8 +112,7 @@ def test_being_informed_is_a_gaussian_update(seed):
 
 def carried(bank, *change):
     forward, growth, learnt = steps(*change)
-    bank = bank.carried(forward, growth)
-    return bank if learnt is None else bank.carried(learnt, 0.0 * growth)
+    return bank.carried(learnt @ forward, learnt @ growth @ learnt.T)
 
 
 @given(seeds)

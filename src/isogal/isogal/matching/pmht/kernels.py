@@ -114,7 +114,7 @@ def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array
     """Carry the map errors, states 7 and on of c, to the next scan in place: u -> step u, with
     `joined` added to their covariance."""
     n, size = BATCH_STATES, step.shape[0]
-    for j in range(c):  # rows of P, then columns
+    for j in range(c):  # rows of P, then columns, which are the same but among map errors
         for i in range(size):
             work[i] = 0.0
             for k in range(size):
@@ -122,9 +122,10 @@ def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array
         for i in range(size):
             P[n + i, j] = work[i]
     for j in range(c):
+        among = n <= j < n + size
         for i in range(size):
-            work[i] = 0.0
-            for k in range(size):
+            work[i] = 0.0 if among else P[n + i, j]
+            for k in range(size if among else 0):
                 work[i] += step[i, k] * P[j, n + k]
         for i in range(size):
             P[j, n + i] = work[i]
@@ -147,7 +148,7 @@ def _filtered(
     A reading is good or, with a small probability, an outlier, which says nothing and is as likely
     everywhere; the two posteriors are merged by their moments."""
     wrong, width = OUTLIER
-    evidence = 0.0
+    square, determinant, evidence = 0.0, 1.0, 0.0
     n, c, used, shape = BATCH_STATES, models.sizes[m], models.used[m], models.shape[m]
     map_errors = c > n and used[n] == n
     for t in range(z.shape[0]):
@@ -172,11 +173,14 @@ def _filtered(
             innovation -= H[t, i] * x[i]
         gain = 1.0 / S
         less, fit = gain, innovation * innovation * gain
-        good = -0.5 * (math.log(S) + fit)
         if fit < SUSPECT:
-            evidence += good
+            square += fit
+            determinant *= S
+            if not 1e-200 < determinant < 1e200:
+                evidence -= 0.5 * math.log(determinant)
+                determinant = 1.0
         else:
-            good += math.log(1.0 - wrong)
+            good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
             bad = -0.5 * math.log(S + width * noise) + math.log(wrong)
             both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
             evidence += both
@@ -189,6 +193,7 @@ def _filtered(
             for j in range(i + 1):
                 P[i, j] -= weighted * PH[j]
                 P[j, i] = P[i, j]
+    evidence -= 0.5 * (square + math.log(determinant))
     return evidence - 0.5 * z.shape[0] * math.log(2.0 * math.pi)
 
 

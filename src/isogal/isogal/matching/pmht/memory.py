@@ -70,9 +70,7 @@ class Memory:
         forward, growth, learnt = steps(before, back, told)
 
         def followed(bank: Hypotheses) -> Hypotheses:
-            bank = bank.carried(forward, growth)
-            bank = bank if learnt is None else bank.carried(learnt, np.zeros_like(prior))
-            return bank.aided(aided, prior)
+            return bank.carried(learnt @ forward, learnt @ growth @ learnt.T).aided(aided, prior)
 
         # of kilometres, what is not linear in them looks like growth
         lost = any(one.bank is None for one in self.fields.values())
@@ -108,14 +106,15 @@ def _same(off: Array, covariance: Array) -> bool:
     return bool(off @ np.linalg.solve(covariance, off) <= SAME_ESTIMATE)
 
 
-def steps(before: Array, back: Array, told: Array) -> tuple[Array, Array, Array | None]:
+def steps(before: Array, back: Array, told: Array) -> tuple[Array, Array, Array]:
     """Return (7, 7) what the dynamics make of an error, what joins its covariance, `before`, and
-    what makes of that then the navigator's, `told`; None where it is that already. `back`: error
-    before per unit of error now."""
+    what makes of that then the navigator's, `told`. `back`: error before per unit of error
+    now."""
     forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
     dynamic = forward @ before @ forward.T
     growth, narrower = grown(dynamic, told)
-    return forward, growth, _transport(dynamic + growth, told) if narrower else None
+    learnt = _transport(dynamic + growth, told) if narrower else np.eye(len(told))
+    return forward, growth, learnt
 
 
 def grown(before: Array, after: Array) -> tuple[Array, bool]:
