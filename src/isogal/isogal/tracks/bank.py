@@ -22,9 +22,9 @@ from isogal.matching.information import (
     measurement_only,
     positive_part,
 )
-from isogal.matching.interfaces import Batch, Fix, Information, SecondaryBatch, declined
+from isogal.matching.interfaces import Batch, Fix, Information, SecondaryBatch, declined, located
 from isogal.matching.pmht.cells import at_cells
-from isogal.matching.pmht.publish import FieldInformation
+from isogal.matching.pmht.publish import added, total
 from isogal.matching.pmht.rows import parts_of, rows_of, some
 from isogal.matching.pmht.states import BIAS, UNKNOWN, States
 from isogal.matching.quasi_random import standard_normal
@@ -132,15 +132,8 @@ def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) 
     more = excess(shifts)
     if more.any():
         information = widened(information, more)
-    north, east = metres_per_radian(batch.end[0])
-    return Fix(
-        time=float(batch.time[-1]),
-        latitude=float(batch.end[0] - place[0] / north),
-        longitude=float(batch.end[1] - place[1] / east),
-        covariance=spread + more,
-        diagnostics=numbers,
-        information=information,
-    )
+    known = {"diagnostics": numbers, "information": information}
+    return located(batch, place, spread + more, **known)
 
 
 def widened(information: Information, more: Array) -> Information:
@@ -249,19 +242,18 @@ def rigid(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
 def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank, from the cells
     and models that all readings leave."""
-    shared = FieldInformation.nothing()
+    said = list[Information]()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
         new, grid = some(seen.readings, seen.old, len(seen.readings.level)), seen.field_map.grid
-        them = at_cells(seen.models, centres, which, cell, prior).informed(shared.total, prior)
+        them = at_cells(seen.models, centres, which, cell, prior).informed(total(said), prior)
         for part in parts_of(new):
             them = them.split(grid, part).observed(grid, part)
             if not len(them):
                 return rigid(shifts, prior)
-        shared = shared.with_bank(field, them, prior)
-    worth = min(seen.worth for seen in shifts.seen)
-    total = shared.total
-    return informed(prior, Information(worth * total.vector, worth * total.matrix))
+        said.append(added(them, prior, total(said)))
+    worth, every = min(seen.worth for seen in shifts.seen), total(said)
+    return informed(prior, Information(worth * every.vector, worth * every.matrix))
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

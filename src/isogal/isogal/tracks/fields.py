@@ -15,7 +15,7 @@ from isogal.maps.channels import AnyMap, ChannelMap, RouteMap, channels_of
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.expansion import Channels, with_allowed_tilt
 from isogal.matching.interfaces import Batch, Matcher, SecondaryBatch
-from isogal.matching.pmht.settings import options_of
+from isogal.matching.pmht.models import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
