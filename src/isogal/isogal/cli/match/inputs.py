@@ -370,6 +370,7 @@ def read_fields(
     InputError
         `--also` is not understood, or says what does not go together; or as `FieldChoice.read`.
     """
+    _scenario(matching.changes())  # refuses what is wrong before a file is read
     name = "gradients" if track.gradients is not None else (track.column or "value")
     first = FieldChoice(name, map_, replace(track, also=None), assumed)
     every = [first, *(_also(text, first) for text in track.also or ())]
