@@ -14,6 +14,7 @@ from helpers.studies import same_runs
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
+from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.matching.joint_batches import JointBatches
@@ -96,7 +97,7 @@ def test_fixes_help(name, share):
     assert runs.published.sum() > 8
 
 
-@pytest.mark.parametrize("settings", [{"stride": 1}, {"stride": 2}, {"batch_length": 2}])
+@pytest.mark.parametrize("settings", [{"stride": 1}, {"batch_length": 2}])
 def test_batches_of_one_or_two_new_readings_are_as_good(settings):
     assert _late_error(**settings) < 1.25 * _late_error(stride=5)
 
@@ -339,17 +340,21 @@ def test_batches_learn_of_each_fix_of_their_own_run(monkeypatch):
     assert told[0] != told[1]
 
 
+@cache
+def _smoothed(lag: float, runs: int) -> Runs:
+    """Runs of half an hour, smoothed over a lag, s."""
+    return simulate(scenario(duration=1800.0, stride=5), range(runs), MAP, lag=lag)
+
+
 @pytest.mark.slow
 def test_smoothed_states_are_as_good_as_they_say():
-    """Of 16 runs of half an hour. 1800 s are some three independent errors of two axes: the mean
-    of the NEES is of about 100 values, and beyond 0.6 to 1.5 once in 3000 studies."""
-    it = scenario(duration=1800.0, stride=5)
-    found = simulate(it, range(16), MAP, lag=np.inf)
+    """Of ten runs of half an hour. 1800 s are some three independent errors of two axes: the mean
+    of the NEES is of about 60 values, and beyond 0.5 to 1.7 once in 1000 studies."""
+    found = _smoothed(np.inf, 10)
     states = found.smoothed
     assert states is not None
-    same_runs(simulate(it, [3], MAP), replace(found, smoothed=None).part([3]))
     nees = nees_per_axis(states.error, states.covariance)
-    assert 0.6 < nees.mean() < 1.5
+    assert 0.5 < nees.mean() < 1.7
     settled = found.elapsed > 300.0
     then, later = found.horizontal_error[:, settled], states.horizontal_error[:, settled]
     assert np.sqrt(np.mean(later**2)) < 0.8 * np.sqrt(np.mean(then**2))
@@ -359,20 +364,23 @@ def test_smoothed_states_are_as_good_as_they_say():
 
 def test_a_fixed_lag_lies_between_nothing_and_all():
     """Each state by data up to a lag later: the last ones by all, none by more."""
-    it = scenario(duration=1200.0, stride=5)
-    causal, whole = (simulate(it, range(3), MAP, lag=lag) for lag in (0.0, np.inf))
-    found = simulate(it, range(3), MAP, lag=300.0)
+    causal, whole, found = (
+        _smoothed(0.0, 1),
+        _smoothed(np.inf, 10).part(range(3)),
+        _smoothed(300.0, 3),
+    )
     assert causal.smoothed is None
     assert found.smoothed is not None and whole.smoothed is not None
-    same_runs(replace(found, smoothed=None), causal)
+    same_runs(replace(found, smoothed=None).part([0]), causal)
+    same_runs(replace(found, smoothed=None), replace(whole, smoothed=None))
     traces = [
         np.trace(one, axis1=2, axis2=3)
-        for one in (whole.smoothed.covariance, found.smoothed.covariance, causal.covariance)
+        for one in (whole.smoothed.covariance, found.smoothed.covariance, found.covariance)
     ]
     assert (traces[0] <= traces[1] * 1.001).all()
     settled = causal.elapsed > 300.0
     assert (traces[1][:, settled].mean(axis=0) < traces[2][:, settled].mean(axis=0) * 1.05).all()
-    last = causal.elapsed > 900.0
+    last = causal.elapsed > 1500.0
     np.testing.assert_allclose(traces[1][:, last], traces[0][:, last], rtol=1e-6)
 
 

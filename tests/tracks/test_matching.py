@@ -46,12 +46,12 @@ class Recorder:
 
 
 def test_the_same_field_in_another_unit_gives_the_same_fixes():
-    gravity = match_track(
-        made_track(DISTURBANCE, error=(300.0, 200.0))[0], DISTURBANCE, Matcher(), PRIOR
-    )
+    count, error = 30, (300.0, 200.0)
+    track, _, _ = made_track(DISTURBANCE, count, error)
+    gravity = match_track(track, DISTURBANCE, Matcher(), PRIOR)
     height = field_of("height")
     factor, offset = FIELDS["height"][1:]
-    scaled = made_track(height, error=(300.0, 200.0), sigma=1e-5 * factor)[0]
+    scaled, _, _ = made_track(height, count, error, sigma=1e-5 * factor)
     other = match_track(scaled, height, Matcher(), PRIOR)
     assert offset > 0.0
     for a, b in zip(gravity, other, strict=True):

@@ -118,8 +118,10 @@ class Hypotheses:
             values, vectors = np.linalg.eigh(whole.places(of_place)[1])
             axes = np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(1, 2)
             asked, departure = whole.log_weight > least[whole.which], np.empty((len(whole), 2))
+            # in one memory layout, however many there are: the kernel is compiled for each
+            ends = np.ascontiguousarray(REACH * axes)
             mixture_kernels.curvature(
-                grid, rows, self.models, whole.which, asked, whole.mean, REACH * axes, departure
+                grid, rows, self.models, whole.which, asked, whole.mean, ends, departure
             )
             worst = departure.max(axis=1)
             cut = worst > curved
