@@ -19,12 +19,13 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.logging import LoggingSeverity, get_logger
 from rclpy.parameter import Parameter
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from isogal_ros import topics
 from isogal_ros.graph.plan import node_class
+from isogal_ros.messages.prepared import serialised
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import LOSSLESS, Topic
 
@@ -118,7 +119,7 @@ class Bus:
         """Publish a message, serialised or not, on a topic; `run` delivers it."""
         channel = self.channels[name]
         if channel.subscriptions or channel.taps:
-            data = message if isinstance(message, bytes) else serialize_message(message)
+            data = serialised(message)
             for take in channel.taps:
                 take(data)
             arriving = [data] if self.change is None else self.change(name, data)
