@@ -235,7 +235,7 @@ def test_wall_clock_rate_gives_the_same(scenario, tmp_path) -> None:
 
 def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
     short = scenario("route.duration=240.0")
-    run_by_middleware(short, tmp_path / "bag", rate=100.0, lock_step=False)
+    run_by_middleware(short, tmp_path / "bag", rate=50.0, lock_step=False)
     graph, library = record(tmp_path / "bag", short), simulate(short, [0])
     np.testing.assert_array_equal(graph.fix_time, library.fix_time)
     np.testing.assert_array_equal(graph.published, library.published)
