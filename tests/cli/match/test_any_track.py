@@ -90,10 +90,10 @@ def write_track(path, shape, count, readings, off):
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-@example("there_and_back", 700, "true", "on", "all", ())
-@example("there_and_back", 120, "constant", "one off", "all", ())
+@example("there_and_back", 900, "true", "on", "all", ())
+@example("there_and_back", 400, "constant", "one off", "all", ())
 @example("repeated", 90, "noise", "half off", "30", ("--velocity-sigma", 0.5))
-@example("standing", 90, "huge", "on", "all", ("--chain",))
+@example("standing", 200, "huge", "on", "all", ("--chain",))
 @example("straight", 2, "true", "on", "30", ())
 @given(
     shape=st.sampled_from(sorted(SHAPES)),

@@ -14,8 +14,8 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rest", "variable", "share"),
     [
-        ("clear_lake_gravity", "stations", "bouguer_disturbance", 0.75),
-        ("scotland_magnetic", "lines", "magnetic_anomaly", 0.28),
+        ("clear_lake_gravity", "stations", "bouguer_disturbance", 1.0),
+        ("scotland_magnetic", "lines", "magnetic_anomaly", 0.35),
     ],
 )
 def test_readings_held_back_are_as_near_as_the_map_says(shared_data, name, rest, variable, share):
