@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from helpers.node_bench import bench, feed_of, stamps
 from isogal_ros import topics
 from isogal_ros.faults import campaign, trials
 from isogal_ros.faults.campaign import OUTCOMES, PAGE, run_campaign
@@ -24,7 +25,7 @@ def test_there_are_eighty_faults_with_names_of_their_own() -> None:
 
 @pytest.fixture(scope="module")
 def feed(scenario) -> Feed:
-    return Feed(scenario("route.duration=400.0", "matcher.name=pmht"), 0)
+    return feed_of(scenario("route.duration=400.0", "matcher.name=pmht"))
 
 
 def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeypatch) -> None:
@@ -71,8 +72,6 @@ def test_nodes_fail_for_a_time(feed, effect) -> None:
 
 
 def test_a_leap_of_one_stamp_costs_one_sample(scenario) -> None:
-    from helpers.node_bench import bench, stamps
-
     with bench(topics.UKF_FUSION, scenario()) as made:
         for k in (1, 2, 3, 3600, 4, 5, 6, 106, 107, 108):
             made.imu(k)
