@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 
 from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.graph.bus import Bus, Publisher
+from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import Plan, node_class
 from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.adapter import adapter_of, topics_in_use
@@ -66,7 +67,11 @@ class Bench:
     def __init__(self, name: str, scenario: Scenario, **own: Any) -> None:
         self.bus, self.scenario = Bus(), scenario
         values = node_values(scenario, {"peers": [name]} | own, node_class(name).sections)
-        self.node = self.bus.add(name, values)
+        try:
+            self.node = self.bus.add(name, values)
+        except BaseException:
+            self.bus.close()
+            raise
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self.publishers: dict[str, Publisher] = {}
         for topic in {*topics.ALL, *topics_in_use(scenario)}:
@@ -92,12 +97,12 @@ class Bench:
     def publisher(self, topic: Topic) -> Publisher:
         """Return a publisher that the node listens to."""
         if topic.name not in self.publishers:
-            self.publishers[topic.name] = Publisher(topic.name, self.bus)
+            self.publishers[topic.name] = self.bus.publisher(topic)
         return self.publishers[topic.name]
 
     def call(self, name: str, request: Any) -> Any:
         """Return what a service of the node answers."""
-        return self.bus.services[self.node.get_name(), name](request)
+        return self.bus.call(self.node, name, request)
 
     def imu(
         self,
@@ -194,8 +199,8 @@ class Bench:
 def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:
     """A bench with one node on it."""
     made = Bench(name, scenario, **own)
-    yield made
-    made.node.destroy_node()
+    with made.bus:
+        yield made
 
 
 def run_here(scenario: Scenario, bag: Path | None) -> None:
