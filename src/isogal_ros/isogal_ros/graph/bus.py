@@ -49,8 +49,8 @@ class Bus(Context):
         """What the nodes have logged as errors, where it is quiet."""
         self.nodes: list[GraphNode] = []
         self._taps: defaultdict[str, list[Callable[[bytes], None]]] = defaultdict(list)
-        self._listeners: dict[str, list[tuple[GraphNode, Subscription]]] = {}
-        """By topic, as far as they have been looked for."""
+        self.listeners: dict[str, list[tuple[GraphNode, Subscription]]] = {}
+        """By topic, as far as they have been looked for since somebody came or left."""
         self._queue: deque[tuple[str, bytes]] = deque()
         self._held: dict[GraphNode, list[tuple[Subscription, bytes]]] = {}
         """What nodes that are stopped have yet to take."""
@@ -82,7 +82,7 @@ class Bus(Context):
         bad."""
         node = _class_of(topics.kind_of(name))(name, values=values, context=self)
         self.nodes.append(node)
-        self._listeners.clear()
+        self.listeners.clear()
         return node
 
     def remove(self, node: GraphNode) -> None:
@@ -90,7 +90,6 @@ class Bus(Context):
         if node in self.nodes:
             self.nodes.remove(node)
             node.destroy_node()
-        self._listeners.clear()
 
     def stop(self, node: GraphNode) -> None:
         """Let a node take nothing until `go`; what comes meanwhile waits."""
@@ -125,14 +124,19 @@ class Bus(Context):
 
     def _listening(self, name: str) -> list[tuple[GraphNode, Subscription]]:
         """Return who listens to a topic."""
-        if name not in self._listeners:
-            self._listeners[name] = [
+        if name not in self.listeners:
+            self.listeners[name] = [
                 (node, one)
                 for node in self.nodes
                 for one in node.subscriptions
                 if one.topic_name.lstrip("/") == name
             ]
-        return self._listeners[name]
+        return self.listeners[name]
+
+    def count(self, name: str) -> int:
+        """Count those who listen to a topic."""
+        name = name.lstrip("/")
+        return len(self._taps.get(name, ())) + len(self._listening(name))
 
     def run(self) -> None:
         """Deliver all that was published, and what is published because of it."""
@@ -150,7 +154,6 @@ class Bus(Context):
             for timer in tuple(node.timers):
                 if not timer.is_canceled():
                     timer.callback()
-        self._listeners.clear()  # nodes may listen anew
         self.run()
 
     def services(self, node: GraphNode) -> dict[str, Service]:
@@ -197,7 +200,16 @@ class _OnBus:
     ) -> Publisher:
         made = super().create_publisher(kind, name, qos, **options)  # type: ignore[misc]
         made.publish = partial(self.context.send, made.topic_name)
+        made.get_subscription_count = partial(self.context.count, made.topic_name)
         return made
+
+    def create_subscription(self, *arguments: Any, **options: Any) -> Subscription:
+        self.context.listeners.clear()
+        return super().create_subscription(*arguments, **options)  # type: ignore[misc]
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        self.context.listeners.clear()
+        return super().destroy_subscription(subscription)  # type: ignore[misc]
 
     def get_logger(self) -> _ErrorLog | RcutilsLogger:
         logger = super().get_logger()  # type: ignore[misc]
