@@ -20,7 +20,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.time import Time
@@ -28,6 +28,7 @@ from rclpy.time import Time
 from isogal_ros import topics
 from isogal_ros.graph.domain import free_domains, local_context
 from isogal_ros.graph.plan import node_class
+from isogal_ros.messages.prepared import serialised
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import LOSSLESS, Message, Topic
 
@@ -116,7 +117,7 @@ class Bus(Context):
         name = name.lstrip("/")
         taps = self._taps.get(name, ())
         if taps or self._listening(name):
-            data = message if isinstance(message, bytes) else serialize_message(message)
+            data = serialised(message)
             for take in taps:
                 take(data)
             arriving = [data] if self.change is None else self.change(name, data)

@@ -19,14 +19,16 @@ from isogal.inertial.rotations import (
     multiply,
     to_rotation_vector,
 )
-from isogal.scenario import Ins
+from isogal.scenario import Ins, Scenario
 from isogal_ros import topics
+from isogal_ros.messages.aids import fill_ground_velocity
 from isogal_ros.messages.checks import BadMessageError, require_frame
-from isogal_ros.messages.frames import BASE, NED_ENU
-from isogal_ros.messages.odometry import FASTEST, read_velocity
-from isogal_ros.messages.position import read_point, read_position
+from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
+from isogal_ros.messages.odometry import FASTEST, empty_odometry, fill_odom, read_velocity
+from isogal_ros.messages.position import fill_fix, read_point, read_position
+from isogal_ros.messages.prepared import Prepared
 from isogal_ros.messages.stamps import set_stamp
-from isogal_ros.topics import Topic
+from isogal_ros.topics import Message, Topic
 
 ENU = "enu"
 """Axes east, north, up at the vehicle."""
@@ -43,6 +45,35 @@ def inertial_topics(ins: Ins) -> tuple[Topic, ...]:
     if ins.attitude:
         return (topics.INS_SOLUTION,)
     return topics.INS_SOLUTION_VELOCITY, topics.INS_SOLUTION_FIX
+
+
+class SolutionMessages:
+    """What a solution is said with, on the topics of `inertial_topics`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.topics = inertial_topics(scenario.ins)
+        self._whole, self._frame = scenario.ins.attitude, map_frame(scenario)
+        self._messages = (
+            [empty_odometry(topics.INS_SOLUTION)]
+            if self._whole
+            else [framed(topic, BASE) for topic in self.topics]
+        )
+
+    def of(self, ns: int, solution: Array, turn_rate: Array) -> list[Message | Prepared]:
+        """Return the messages, one for each topic, of a solution (10,) as `read_solution` has it,
+        with the angular rate (3,) relative to the Earth, FRD, rad/s; they are overwritten by the
+        next."""
+        if self._whole:
+            fill_odom(self._messages[0], ns, self._frame, solution, turn_rate)
+        else:
+            fill_ground_velocity(self._messages[0], ns, solution[3:6])
+            fill_fix(self._messages[1], ns, *solution[:3].tolist())
+        return self._messages
 
 
 def read_solution(message: Odometry, frame: LocalFrame) -> Array:

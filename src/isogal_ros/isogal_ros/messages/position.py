@@ -12,6 +12,7 @@ from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
 from isogal_ros.messages.frames import BASE, NED_ENU
+from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import set_stamp
 
 NOT_MEASURED = 1e6
@@ -25,7 +26,7 @@ fix is tilted against that of the map (by 2.7 degrees after 300 km), and a varia
 
 
 def fill_fix(
-    message: NavSatFix,
+    message: NavSatFix | Prepared,
     ns: int,
     latitude: float,
     longitude: float,
@@ -46,17 +47,20 @@ def fill_fix(
     status : int
         Of NavSatStatus.
     """
-    set_stamp(message.header.stamp, ns)
-    message.latitude = math.degrees(latitude)
-    message.longitude = math.degrees(math.remainder(longitude, 2.0 * math.pi))
-    message.altitude = float(height)
-    message.status.status = status
-    if covariance is None:
-        message.position_covariance = np.zeros(9)
-        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
-    else:
-        message.position_covariance = (NED_ENU @ covariance @ NED_ENU).ravel()
-        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_KNOWN
+    numbers = np.zeros(12)
+    numbers[0] = math.degrees(latitude)
+    numbers[1] = math.degrees(math.remainder(longitude, 2.0 * math.pi))
+    numbers[2] = height
+    kind = NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    if covariance is not None:
+        numbers[3:] = (NED_ENU @ covariance @ NED_ENU).ravel()
+        kind = NavSatFix.COVARIANCE_TYPE_KNOWN
+    whole = message.message if isinstance(message, Prepared) else message
+    if (whole.status.status, whole.position_covariance_type) != (status, kind):
+        whole.status.status, whole.position_covariance_type = status, kind
+        if isinstance(message, Prepared):
+            message.prepare()
+    write(message, ns, numbers)
 
 
 def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, float]:
