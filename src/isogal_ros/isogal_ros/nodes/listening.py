@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -80,9 +81,14 @@ class Listening:
 
     def _take_of_one(self, message: topics.Message) -> None:
         """Take a message, unless several nodes publish."""
-        if self._single and (connected := self.get_publisher_count()) != self._connected:
-            self._connected = connected
-            self._look()
+        if self._single:
+            try:
+                connected = self.get_publisher_count()
+            except InvalidHandle:  # it ends, and its executor has had the message already
+                return
+            if connected != self._connected:
+                self._connected = connected
+                self._look()
         if self._several is None:
             self._take(message)
         else:
