@@ -25,6 +25,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.time import Time
 
+from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.graph.domain import free_domains, local_context
 from isogal_ros.graph.plan import node_class
@@ -56,7 +57,9 @@ class Bus(Context):
         self._held: dict[GraphNode, list[tuple[Subscription, bytes]]] = {}
         """What nodes that are stopped have yet to take."""
         self._stack = ExitStack()
-        domain = next(free_domains(self._stack))
+        domain = next(free_domains(self._stack), None)
+        if domain is None:
+            raise InputError("no free ROS domain for the nodes of this process")
         self._stack.enter_context(local_context(domain, self))
         self._outside: Node | None = None
 

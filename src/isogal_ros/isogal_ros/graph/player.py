@@ -1,4 +1,4 @@
-"""Fresh nodes that the sensor messages of a recording are played to, without middleware, step by
+"""Fresh nodes that the sensor messages of a recording are played to, past the middleware, step by
 step: every sample and reading is dealt with before the next."""
 
 import math

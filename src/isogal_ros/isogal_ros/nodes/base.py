@@ -162,7 +162,7 @@ class GraphNode(LifecycleNode):
             automatically_declare_parameters_from_overrides=True,
         )
         self.monotonic: Callable[[], float] = getattr(context, "monotonic", time.monotonic)
-        """Returns the wall time, s; a graph without middleware (`graph.bus`) has its own."""
+        """Returns the wall time, s; nodes on a bus (`graph.bus`) have its own."""
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
@@ -449,9 +449,7 @@ class GraphNode(LifecycleNode):
             self._destroy_made({})
             return
         super().destroy_node()
-        states = getattr(self, "_state_machine", None)
-        if states is not None:  # a graph without middleware has none
-            states.destroy_when_not_in_use()
+        self._state_machine.destroy_when_not_in_use()
 
     def close(self, timeout: float = 1.0) -> None:
         """Let listeners have what was published, for `timeout` s of wall time at most, then

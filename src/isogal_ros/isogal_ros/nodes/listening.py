@@ -47,7 +47,7 @@ class Listening:
     take : callable
         Takes a message, serialised if `raw`.
     single : bool, optional
-        Whether it is of one publisher; a node on a bus (`isogal_ros.graph.bus`) has no others.
+        Whether it is of one publisher.
     """
 
     def __init__(
@@ -73,22 +73,19 @@ class Listening:
         topic, events = self._topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
         take = self._take_of_one if self._single else self._take
         self._connected = -1
-        made = self._node.create_subscription(
+        return self._node.create_subscription(
             self.type, topic.name, take, profile, raw=self._raw, event_callbacks=events
         )
-        self._single = self._single and isinstance(made, Subscription)
-        return made
 
     def _take_of_one(self, message: topics.Message) -> None:
         """Take a message, unless several nodes publish."""
-        if self._single:
-            try:
-                connected = self.get_publisher_count()
-            except InvalidHandle:  # it ends, and its executor has had the message already
-                return
-            if connected != self._connected:
-                self._connected = connected
-                self._look()
+        try:
+            connected = self.get_publisher_count()
+        except InvalidHandle:  # it ends, and its executor has had the message already
+            return
+        if connected != self._connected:
+            self._connected = connected
+            self._look()
         if self._several is None:
             self._take(message)
         else:
