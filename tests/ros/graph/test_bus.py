@@ -1,11 +1,12 @@
 """Nodes whose messages go past the middleware say the same, to the bit."""
 
-import pytest
 from rclpy.serialization import deserialize_message
 
 from helpers.recordings import collect
 from isogal_ros import topics
-from isogal_ros.faults.trials import Feed
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.player import Player
+from isogal_ros.graph.recorded import load
 
 KEPT = {
     "truth": topics.TRUTH_FIX,
@@ -16,13 +17,9 @@ KEPT = {
 }
 
 
-@pytest.fixture(scope="module")
-def feed(scenario) -> Feed:
-    return Feed(scenario(), 0)
-
-
-def test_it_says_what_a_graph_says(feed, recording) -> None:
-    player, recorded = feed.player(), collect(recording)
+def test_it_says_what_a_graph_says(recording, scenario) -> None:
+    recorded = collect(recording)
+    player = Player(load(BagReader(recording), scenario(), changed=True), {}, {})
     with player.bus:
         player.play()
     assert player.bus.errors == []

@@ -300,7 +300,7 @@ def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
     killed = [topics.UKF_FUSION, RECORDER, topics.INS_SIM]
     # long enough that it has not arrived before all are killed, however long they take to start
     more = {"ship": {"rate": "15.0", "respawn": "true"}, "boat": {"rate": "0.0", "run": "1"}}
-    before, made = shared_memory(), {}
+    before, made, states = shared_memory(), {}, {}
     try:
         with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
             patch.setenv(DOMAIN, str(domain))
@@ -323,7 +323,6 @@ def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
         for one in made.values():
             one.kill()
         sweep_shared_memory(before)
-    states = {}
     for name, one in made.items():
         output, reader = one.output(), BagReader(one.folder / "bag")
         assert one.reason == "the simulated vehicle has arrived", output

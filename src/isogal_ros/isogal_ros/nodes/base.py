@@ -147,9 +147,8 @@ class GraphNode(LifecycleNode):
         values: Mapping[str, JsonValue] | None = None,
         context: Context | None = None,
     ) -> None:
-        self.active = False
-        """Whether messages are dealt with."""
-        self.configured = False
+        self.active = self.configured = False
+        """Whether messages are dealt with, and whether there is what deals with them."""
         self._failed: BaseException | None = None
         self._before: dict[str, set[Entity]] = {}
         super().__init__(
