@@ -4,16 +4,13 @@ where one cannot come any more."""
 from collections.abc import Callable
 from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.serialization import deserialize_message
-
+from ins_sim_node.activity import Activity
 from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
-from isogal_ros.nodes.base import INACTIVE, GraphNode
-from isogal_ros.nodes.health import figures_of
+from isogal_ros.nodes.base import GraphNode
 
 STALL = 2.0
 """s of wall time without an answer after which it is asked whether those who answer have
@@ -32,7 +29,7 @@ class LockStep:
     Nodes may be killed and started again, or deactivated and activated. While one is dead and not
     yet known to be, the simulation waits. As soon as another takes its place, or it is known to be
     gone, the step under way is not waited for any longer; what nobody publishes is not waited for
-    until somebody does. A node that says that it is not active counts as one that is gone.
+    until somebody does. A node that is not active counts as one that is gone.
 
     Parameters
     ----------
@@ -80,29 +77,12 @@ class LockStep:
         for field, one in enumerate(each):
             take = partial(self._take_reading, field)
             self._topics[_reading_of(field)] = self._hear(adapter_of(one).reduced, take)
-        self.unready = {name for name in node.settings.peers if name != node.get_name()}
-        """Nodes that have not reported that all their listeners are there."""
-        self._peers, self._inactive = frozenset(self.unready), set[str]()
-        self._hear(topics.DIAGNOSTICS, self._take_diagnostics)
+        self._activity = Activity(node, self._note)
 
     def _hear(self, topic: topics.Topic, take: Callable[[bytes], None]) -> str:
         """Listen to a topic; return its resolved name."""
         guarded = partial(self._node.guard, topic, take)
         return self._node.hear(topic, guarded, raw=True).topic_name
-
-    def _take_diagnostics(self, data: bytes) -> None:
-        """Note which nodes of the same namespace are ready, and which are not active."""
-        if not (self.unready or self._inactive or INACTIVE.encode() in data):
-            return  # decoded only where something may have changed
-        own_space = self._node.get_namespace().strip("/")
-        for item in deserialize_message(data, DiagnosticArray).status:
-            space, _, name = item.name.rpartition("/")
-            if space != own_space or name not in self._peers:
-                continue
-            if figures_of(item).get("ready") == "True":
-                self.unready.discard(name)
-            if (INACTIVE in item.message) != (name in self._inactive):
-                self._note(name, name in self._inactive)
 
     def start(self) -> None:
         """Take those who answer now as those who will answer."""
@@ -205,20 +185,10 @@ class LockStep:
 
     def absent(self) -> set[str]:
         """Return which answers nobody publishes who is active."""
-        space = self._node.get_namespace()
-        inactive = {(name, space) for name in self._inactive}
-        return {
-            what
-            for what, topic in self._topics.items()
-            if all(
-                (info.node_name, info.node_namespace) in inactive
-                for info in self._node.get_publishers_info_by_topic(topic)
-            )
-        }
+        return {what for what, name in self._topics.items() if not self._activity.publishers(name)}
 
     def _note(self, name: str, active: bool) -> None:
         """Take a node that answers as gone, or as back."""
-        (self._inactive.discard if active else self._inactive.add)(name)
         self._change()
         text = None if active else f"goes on without {name}, which is not active"
         (self._without.discard if active else self._without.add)(name)

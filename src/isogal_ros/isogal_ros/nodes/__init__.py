@@ -7,5 +7,6 @@ nav_sample  what is a state of the navigator?
 nav_queue   what was the navigator's state of a stamp, and which readings wait for it?
 listening   how are drivers heard that may lose messages, and which of several?
 resting     has a value that should have noise stopped moving?
+taking      who has published a message?
 signals     how does a process end when it is asked to?
 spin        how is a node run until its end?"""

@@ -50,8 +50,6 @@ PARENT = "ISOGAL_PARENT_PID"
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
-INACTIVE = "inactive: messages are let go until it is activated"
-"""What a node says of itself meanwhile."""
 TOLD = 60.0
 """s of wall time for which the node says that it stood still."""
 FREE_EVERY = 5.0
@@ -306,7 +304,7 @@ class GraphNode(LifecycleNode):
         take : callable
             Takes a message, serialised if `raw`.
         single : bool, optional
-            Whether it is of one publisher, see `Listening`.
+            Whether to use one publisher only, see `Listening`.
         """
         self._listening[topic.name] = Listening(self, topic, take, raw, single)
         return self._listening[topic.name]
@@ -405,7 +403,7 @@ class GraphNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let messages go from now on, and say so."""
         self.health.figures["ready"] = False
-        self.health.concern("inactive", INACTIVE)
+        self.health.concern("inactive", "inactive: messages are let go until it is activated")
         self.active = False
         return SUCCESS
 

@@ -7,22 +7,24 @@ Nothing else of `topics.LOSSLESS` asks for more than a publisher may offer. A pu
 type is not connected either: what `messages.drivers` takes in a topic's place is subscribed to
 where nobody publishes the topic's own type.
 
-ROS does not say whose a message is. So where a topic is of one publisher (`Topic.single`) and
-nodes of different names publish it, none of their messages is used until one node is left: two
-drivers by turns would be worse than none, of which the navigator knows what it costs."""
+Where a topic is of one publisher (`Topic.single`), that is the first one heard, while it is there;
+messages of others are dropped. Another one takes over when it is gone; so does at once one of a
+node of the same name that has come since, unless the first is heard beside it: of a process that
+was killed the middleware takes up to 20 s to notice that it is gone, and its successor is not to
+wait."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from isogal_ros import topics
 from isogal_ros.messages.drivers import takes_others, type_taken
-from isogal_ros.nodes.health import ERROR
+from isogal_ros.nodes.taking import foretell, take_next
 from isogal_ros.topics import LOSSLESS, Topic
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ _BEST_EFFORT = QoSProfile(
 )
 _UNKNOWN = "NODE_NAME_UNKNOWN"
 """In the name of a node of which the middleware knows the publisher first."""
+_NAMELESS = "a node without a name yet"
 
 
 class Listening:
@@ -47,7 +50,7 @@ class Listening:
     take : callable
         Takes a message, serialised if `raw`.
     single : bool, optional
-        Whether it is of one publisher.
+        Whether to use one publisher only; a node on a bus (`isogal_ros.graph.bus`) has no others.
     """
 
     def __init__(
@@ -65,44 +68,100 @@ class Listening:
         self._is_down = False
         """Whether it waits for its subscription to be gone before it has another."""
         self._single = single
-        self._several: str | None = None
-        """Who publishes beside each other; None = it is one node."""
+        self._there: dict[bytes, str] = {}
+        """Publishers, connected or not: what identifies each, and its node's name."""
+        self._used: bytes | None = None
+        self._before: bytes | None = None
+        """Whom the one that is used has succeeded, although it seems to be there still."""
+        self._beside: set[bytes] = set()
+        """Those beside which the one that is used has been heard: they do not succeed it."""
         self._subscription = self._subscribe(LOSSLESS)
 
     def _subscribe(self, profile: QoSProfile) -> Subscription:
         topic, events = self._topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
-        take = self._take_of_one if self._single else self._take
-        self._connected = -1
-        return self._node.create_subscription(
-            self.type, topic.name, take, profile, raw=self._raw, event_callbacks=events
+        made = self._node.create_subscription(
+            self.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
         )
-
-    def _take_of_one(self, message: topics.Message) -> None:
-        """Take a message, unless several nodes publish."""
-        try:
-            connected = self.get_publisher_count()
-        except InvalidHandle:  # it ends, and its executor has had the message already
-            return
-        if connected != self._connected:
-            self._connected = connected
-            self._look()
-        if self._several is None:
-            self._take(message)
-        else:
-            self._node.health.drop(self._topic.name, self._several)
+        self._connected, self._settled = -1, False
+        self._single = self._single and isinstance(made, Subscription)
+        if self._single:
+            foretell(made, self._sort)
+        return made
 
     def _look(self) -> None:
-        """See anew who publishes. Publishers of one node's name may be one that was started again:
-        of a process that was killed the middleware takes up to 20 s to notice that it is gone."""
-        names = {
-            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        """See anew who publishes."""
+        self._there = {
+            bytes(info.endpoint_gid): _NAMELESS
+            if _UNKNOWN in info.node_name
+            else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             for info in self._node.get_publishers_info_by_topic(self.topic_name)
-            if _UNKNOWN not in info.node_name
         }
-        who = " and ".join(sorted(names))
-        told = f"{self._topic.name} is published by {who}: not used until one is left"
-        self._several = told if len(names) > 1 else None
-        self._node.health.concern(f"publishers of {self._topic.name}", self._several, ERROR)
+        self._beside &= self._there.keys()
+
+    def _sort(self) -> None:
+        """Take the messages that wait, unless there is one publisher, which is known: then rclpy
+        does that as well, and sooner."""
+        connected = self.get_publisher_count()
+        if connected != self._connected:
+            self._connected, self._settled = connected, False
+            self._look()
+        if self._settled:
+            return
+        while (taken := take_next(self._subscription)) is not None:
+            data, gid = taken
+            why = None if gid is None else self._drop(gid, connected <= 1)
+            self._settled = connected == 1
+            if why is not None:
+                self._node.health.drop(self._topic.name, why)
+            else:
+                self._take(data if self._raw else deserialize_message(data, self.type))
+
+    def _drop(self, gid: bytes, alone: bool) -> str | None:
+        """Return why a message of a publisher, which may be the only one now, is not to be used
+        (None = it is)."""
+        if gid not in self._there or (gid != self._used and not self._succeeds(gid)):
+            self._look()
+        if gid == self._used:
+            self._beside |= self._there.keys() - {gid}
+        elif gid == self._before and self._used is not None:
+            self._beside.add(self._used)
+            self._used, self._before = gid, None
+        elif self._used is None or alone or self._succeeds(gid):
+            seems_there = not alone and self._used in self._there
+            self._before = self._used if seems_there else None
+            self._used = gid
+        else:
+            return f"of a second publisher, {self._other(gid)}: {self._name(self._used)} is used"
+        return None
+
+    def _succeeds(self, gid: bytes) -> bool:
+        """Whether a publisher takes the place of the one that is used."""
+        if self._used not in self._there:
+            return True
+        may_be = self._there.get(gid, _NAMELESS) in (_NAMELESS, self._there[self._used])
+        return may_be and gid not in self._beside
+
+    def _name(self, gid: bytes | None) -> str:
+        return self._there.get(gid or b"", _NAMELESS)
+
+    def _other(self, gid: bytes) -> str:
+        name = self._name(gid)
+        return f"another {name}" if name == self._name(self._used) else name
+
+    def _several(self) -> str | None:
+        """Say that there are other publishers than the one that is used; None = there are
+        none."""
+        if self._used not in self._there:
+            return None
+        others = {
+            self._other(gid)
+            for gid in self._there
+            if gid != self._used and not self._succeeds(gid)
+        }
+        if not others:
+            return None
+        too = f"{self._topic.name} is published by {', '.join(sorted(others))}, too"
+        return f"{too}: {self._name(self._used)} is used"
 
     def _refuse(self, _event: QoSRequestedIncompatibleQoSInfo) -> None:
         """Note that a publisher offers less than is asked for."""
@@ -124,9 +183,10 @@ class Listening:
             return
         if self._single:
             self._look()
+            self._node.health.concern(f"publishers of {self._topic.name}", self._several())
         if self._retyped():
             return
-        # one that is heard without loss is not to lose messages for another
+        # one that is heard without loss is not to lose messages for another that is not used
         if not self._refused or (self._single and self.get_publisher_count()):
             return
         self._refused = False
