@@ -42,9 +42,10 @@ def test_a_wrong_map_is_reported_and_does_no_harm(feed, tmp_path, what) -> None:
     player = assumed.player()
     levels, warned = {}, {}
     player.bus.hear(topics.DIAGNOSTICS, lambda data: take_levels(data, levels))
-    for ns in sorted(player.recorded.sensors[topics.IMU]):
-        player.play(ns / 1e9)
-        warned[ns / 1e9] = any(levels.values())
+    with player.bus:
+        for ns in sorted(player.recorded.sensors[topics.IMU]):
+            player.play(ns / 1e9)
+            warned[ns / 1e9] = any(levels.values())
     track = track_of(player.collector)
     reports = [now for now, text in player.reports if "agree" in text or "lost" in text]
     assert bool(reports) == (what in WRONG)

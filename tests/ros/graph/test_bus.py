@@ -1,4 +1,4 @@
-"""Nodes without middleware: the same classes say the same, to the bit."""
+"""Nodes whose messages go past the middleware say the same, to the bit."""
 
 from rclpy.serialization import deserialize_message
 
