@@ -294,8 +294,9 @@ def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_k
 def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
     tmp_path_factory, scenario
 ) -> None:
-    """In a domain that the environment names: neither hears anything of the other, and the killed
-    nodes go on until their vehicle has arrived."""
+    """In a domain that the environment names: neither hears anything of the other, the killed
+    nodes go on until their vehicle has arrived, and the other vehicle loses its satellites and
+    gets them back."""
     killed = [topics.UKF_FUSION, RECORDER, topics.INS_SIM]
     # long enough that it has not arrived before all are killed, however long they take to start
     more = {"ship": {"rate": "15.0", "respawn": "true"}, "boat": {"rate": "0.0", "run": "1"}}
@@ -303,10 +304,14 @@ def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
     try:
         with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
             patch.setenv(DOMAIN, str(domain))
-            for name, duration in (("ship", 180.0), ("boat", 120.0)):
+            there = "gnss.available=[[0, 30], [90, 120]]"
+            for name, *keys in (
+                ("ship", "route.duration=180.0"),
+                ("boat", "route.duration=120.0", there),
+            ):
                 folder = tmp_path_factory.mktemp(name)
                 file = folder / "params.yaml"
-                file.write_text(parameter_file(scenario(f"route.duration={duration}"), {}))
+                file.write_text(parameter_file(scenario(*keys), {}))
                 words = {"params": str(file), "bag": str(folder / "bag"), "namespace": name}
                 made[name] = Launch(FILE, words | more[name], folder, patch)
                 made[name].describe()
@@ -336,6 +341,9 @@ def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
             assert "dropped" not in output
             assert len(collected.truth) == 121
             assert len(collected.batches) == len(collected.fixes)
+            aids = [one.text for one in collected.aids if one.name.endswith("gnss/fix")]
+            assert "not since 30 s: the receiver has no fix" in aids
+            assert aids[-1] == "used"
         else:
             assert one.died[:-1] == [(node, -9) for node in killed], output
             for words in ("begun", "goes on from the checkpoint", "arrived"):
