@@ -35,8 +35,9 @@ INTERVAL = 10.0
 """s from one scan to the next, `gravimeter.interval` of car.yaml."""
 SPACING = 350.0
 """m between heights that are compared with the map: half the correlation length of its error. What
-is measured again at the same place has the same error of the map with it, and says of the place
-only by how much a map that is not linear departs from its tangent there."""
+is measured again at the same place has the same error of the map, and says nothing new of the
+place.
+"""
 
 
 @dataclass(frozen=True, eq=False)
