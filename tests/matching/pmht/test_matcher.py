@@ -99,16 +99,18 @@ def test_a_fix_that_would_have_widened_and_was_refused_narrows_nothing():
     ((batch, _, memory, _),) = flight(1, pmht(**LETTER))
     known = batch.covariance
     taken = np.r_[6.0 * np.sqrt(known[0, 0]), np.zeros(6)]
-    memory = replace(memory, untaken=known, covariance=4.0 * known).moved(taken - memory.taken)
+    last = replace(memory.diverged.last, left=4.0 * known)
+    memory = replace(memory, untaken=known, diverged=memory.diverged.with_last(last))
+    memory = memory.moved(taken - memory.taken)
     before = memory.fields[0].bank
     later = replace(
         batch, time=batch.time + batch.time[-1] - batch.time[0], correction=np.zeros(7)
     )
     first = len(later) - later.new - 1
     back = later.backward[max(first, 0)].copy()
-    back[:2] -= (later.time[max(first, 0)] - memory.time) * back[2:4]
+    back[:2] -= (later.time[max(first, 0)] - last.time) * back[2:4]
     forward = np.linalg.inv(back)
-    after = matcher_of._propagated(memory, later, forward @ known @ forward.T)
+    after = memory.propagated(replace(later, covariance=forward @ known @ forward.T))
     bank = after.fields[0].bank
     whole = forward @ before.moments()[1] @ forward.T
     np.testing.assert_allclose(bank.moments()[1], whole, rtol=1e-6, atol=1e-9 * whole.max())

@@ -230,8 +230,6 @@ class Hypotheses:
             return self
         moved = self.moved(-by.jump)
         alone = self.models.family[self.which] == DECEIVED
-        if not alone.any():
-            return moved.informed(by.information(prior), prior).normalised()
         told = moved.part(~alone)
         told, before = told.informed(by.information(prior), prior), told.log_evidence
         rest = moved.part(alone)
@@ -369,23 +367,15 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     larger sigma keeps its places, which are wider (docs/mathematics.md, section 6.4)."""
     models, total = bank.models, bank.of_models
     near = total > largest(total, models.group) - NEGLIGIBLE
-    larger, smaller = neighbours(near, models.group)
-    there = np.isfinite(total)
-    those = bank.part((near | larger & there)[bank.which])
-    from_below = np.r_[(larger & ~there)[1:], False]
-    from_above = np.r_[False, (smaller & ~larger)[:-1]]
-    one_up = _of_neighbour(those, (near & from_below)[those.which], 1, errors, there)
-    one_down = _of_neighbour(those, (near & from_above)[those.which], -1, errors, there)
-    return joined([those, one_up, one_down])
-
-
-def neighbours(near: Booleans, group: Integers) -> tuple[Booleans, Booleans]:
-    """Return (M,) which models are not near (M,), but are the next of a larger sigma to one that
-    is, and the same of a smaller sigma."""
-    alike = group[1:] == group[:-1]
+    alike, there = models.group[1:] == models.group[:-1], np.isfinite(total)
     larger = np.r_[False, near[:-1] & alike] & ~near
-    smaller = np.r_[near[1:] & alike, False] & ~near
-    return larger, smaller
+    smaller = np.r_[near[1:] & alike, False] & ~near & ~larger
+    those = bank.part((near | larger & there)[bank.which])
+    parts = [those]
+    for step, anew in ((1, larger & ~there), (-1, smaller)):
+        from_there = near & np.roll(anew, -step)
+        parts.append(_of_neighbour(those, from_there[those.which], step, errors, there))
+    return joined(parts)
 
 
 def _of_neighbour(

@@ -147,7 +147,7 @@ def _filtered(
     A reading is good or, with a small probability, an outlier, which says nothing and is as likely
     everywhere; the two posteriors are merged by their moments."""
     wrong, width = OUTLIER
-    square, determinant, evidence = 0.0, 1.0, 0.0
+    evidence = 0.0
     n, c, used, shape = BATCH_STATES, models.sizes[m], models.used[m], models.shape[m]
     map_errors = c > n and used[n] == n
     for t in range(z.shape[0]):
@@ -172,14 +172,11 @@ def _filtered(
             innovation -= H[t, i] * x[i]
         gain = 1.0 / S
         less, fit = gain, innovation * innovation * gain
+        good = -0.5 * (math.log(S) + fit)
         if fit < SUSPECT:
-            square += fit
-            determinant *= S
-            if not 1e-200 < determinant < 1e200:
-                evidence -= 0.5 * math.log(determinant)
-                determinant = 1.0
+            evidence += good
         else:
-            good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
+            good += math.log(1.0 - wrong)
             bad = -0.5 * math.log(S + width * noise) + math.log(wrong)
             both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
             evidence += both
@@ -192,7 +189,6 @@ def _filtered(
             for j in range(i + 1):
                 P[i, j] -= weighted * PH[j]
                 P[j, i] = P[i, j]
-    evidence -= 0.5 * (square + math.log(determinant))
     return evidence - 0.5 * z.shape[0] * math.log(2.0 * math.pi)
 
 
@@ -271,7 +267,7 @@ def merged(
     place, spreads : (K, 2) and (K, 2, 2) arrays
         See `Hypotheses.places`, m.
     """
-    count, size = mean.shape
+    count = mean.shape[0]
     kept = np.ones(count, np.bool_)
     for a in range(count):
         if not kept[a]:
@@ -286,13 +282,9 @@ def merged(
                 kept[b] = False
                 total = np.logaddexp(log_weight[a], log_weight[b])
                 w = math.exp(log_weight[b] - total)
-                for i in range(size):
-                    apart = w * (1.0 - w) * (mean[b, i] - mean[a, i])
-                    for j in range(size):
-                        P, Q = covariance[a, i, j], covariance[b, i, j]
-                        covariance[a, i, j] = P + w * (Q - P) + apart * (mean[b, j] - mean[a, j])
-                for i in range(size):
-                    mean[a, i] += w * (mean[b, i] - mean[a, i])
+                d = mean[b] - mean[a]
+                covariance[a] += w * (covariance[b] - covariance[a] + (1.0 - w) * np.outer(d, d))
+                mean[a] += w * d
                 log_weight[a] = total
             b += 1
     return np.flatnonzero(kept)

@@ -31,7 +31,7 @@ from isogal.matching.interfaces import (
     declined,
 )
 from isogal.matching.pmht.hypotheses import Hypotheses, with_needed
-from isogal.matching.pmht.memory import Memory, decided, grown, undeceived
+from isogal.matching.pmht.memory import Memory, decided, undeceived
 from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
 from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
@@ -39,10 +39,6 @@ from isogal.matching.pmht.search import WIDE_M, Diverged, FieldMemory, pursued
 from isogal.matching.pmht.states import States
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
-
-SAME_ESTIMATE = 0.25
-"""Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and
-the one that was made, up to which the fix counts as taken: half a 1-sigma."""
 
 
 @dataclass(frozen=True)
@@ -86,20 +82,20 @@ class Pmht:
         each = (SecondaryBatch(self.lead, batch, field_map), *batch.secondary)
         whys = (unusable(one.batch) or _unlike(one) for one in each)
         reason = next((why for why in whys if why is not None), None)
-        if reason is not None and (memory is None or unusable(_silent(batch)) is not None):
+        silent = replace(batch, reading=np.full(len(batch), np.nan))
+        if reason is not None and (memory is None or unusable(silent) is not None):
             return declined(batch, reason), memory
         prior = batch.covariance
         if memory is None:
             memory = Memory({}, Diverged.before(prior, float(batch.time[-1])), prior)
         else:
-            memory = _propagated(memory, batch, prior)
+            memory = memory.propagated(batch)
         if reason is not None:  # of the readings: the navigator has gone on
             return declined(batch, reason), memory
         memory, rows = self._readings(each, memory, prior)
         if all(new is None for new in rows):
             return declined(batch, "there is no new reading"), memory
-        curved = [options_of(one).curved for one in self.settings]
-        observed = _observed(each, rows, memory, prior, curved)
+        observed = self._observed(each, rows, memory, prior)
         if observed is None:
             return declined(batch, "none of the likely places is on the map"), memory
         memory, information, evidence = observed
@@ -154,10 +150,47 @@ class Pmht:
             rows.append(new)
         return replace(memory, fields=fields), rows
 
+    def _observed(
+        self,
+        each: Sequence[SecondaryBatch],
+        rows: Sequence[Rows | None],
+        memory: Memory,
+        prior: Array,
+    ) -> tuple[Memory, Information, float] | None:
+        """Return the memory after new readings, what they say, and the log evidence of the first
+        field's; None where none of its hypotheses is on the map.
 
-def _silent(batch: Batch) -> Batch:
-    """Return the batch without its readings."""
-    return replace(batch, reading=np.full(len(batch), np.nan))
+        Readings of two fields are independent given where the vehicle was: what one says of the
+        navigator informs the hypotheses of the others (expectation propagation; Minka 2001)."""
+        fields, said, evidence = dict(memory.fields), dict[int, Information](), 0.0
+        for one, new in zip(each, rows, strict=True):
+            field = fields[one.field]
+            if new is None or field.bank is None:
+                continue
+            curved = options_of(self.settings[one.field]).curved
+            bank, log = field.bank.informed(total(said.values()), prior).normalised(), 0.0
+            for part in parts_of(new):
+                whole = bank.split(one.field_map.grid, part, curved=curved)
+                seen = whole.observed(one.field_map.grid, part)
+                if not len(seen):
+                    break
+                log += seen.log_evidence
+                bank = with_needed(seen, part.load.shape[2]).reduced(part.place[-1])
+            if not len(seen):
+                if one is each[0]:
+                    return None
+                continue
+            if one is each[0]:
+                evidence = log
+            fields[one.field] = replace(field, bank=bank)
+            said[one.field] = added(bank, prior, total(said.values()))
+        order = list(said)
+        for index, field in fields.items():
+            if field.bank is not None:
+                since = order[order.index(index) + 1 :] if index in said else order
+                later = field.bank.informed(total(said[k] for k in since), prior).normalised()
+                fields[index] = replace(field, bank=later)
+        return replace(memory, fields=fields), total(said.values()), evidence
 
 
 def _unlike(one: SecondaryBatch) -> str | None:
@@ -167,70 +200,3 @@ def _unlike(one: SecondaryBatch) -> str | None:
     if channels <= maps:
         return None
     return f"the readings have {channels} channels, the map {maps}"
-
-
-def _same(off: Array, covariance: Array) -> bool:
-    """Whether estimates that differ by so much (7,) are the same to a navigator."""
-    return bool(off @ np.linalg.solve(covariance, off) <= SAME_ESTIMATE)
-
-
-def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
-    """Return the memory at the end of a batch, before its readings."""
-    first = max(len(batch) - batch.new - 1, 0)
-    back = batch.backward[first].copy()
-    # the last batch ended before that where all scans are new, or one was not matched
-    back[:2] -= (batch.time[first] - memory.diverged.last.time) * back[2:4]
-    before = memory.covariance
-    if batch.correction is not None:
-        off = -batch.correction - memory.taken
-        if not _same(off, before):
-            # the fix was not taken as it was: if not at all, the navigator knew what it had known
-            # before; else, where it knows less than by the fix, it knew no more then, and where
-            # it knows more, other aids have informed it since
-            refused = _same(batch.correction, memory.untaken)
-            more = grown(before, back @ prior @ back.T)[0]
-            before = memory.untaken if refused else before + more
-        memory = memory.moved(off)
-    return memory.propagated(before, back, prior, float(batch.time[-1]), batch.aided)
-
-
-def _observed(
-    each: Sequence[SecondaryBatch],
-    rows: Sequence[Rows | None],
-    memory: Memory,
-    prior: Array,
-    curved: Sequence[float],
-) -> tuple[Memory, Information, float] | None:
-    """Return the memory after new readings, what they say, and the log evidence of the first
-    field's; None where none of its hypotheses is on the map. `curved`: see `models.Options`.
-
-    Readings of two fields are independent given where the vehicle was: what one says of the
-    navigator informs the hypotheses of the others (expectation propagation; Minka 2001)."""
-    fields, said, evidence = dict(memory.fields), dict[int, Information](), 0.0
-    for one, new in zip(each, rows, strict=True):
-        field = fields[one.field]
-        if new is None or field.bank is None:
-            continue
-        bank, log = field.bank.informed(total(said.values()), prior).normalised(), 0.0
-        for part in parts_of(new):
-            whole = bank.split(one.field_map.grid, part, curved=curved[one.field])
-            seen = whole.observed(one.field_map.grid, part)
-            if not len(seen):
-                break
-            log += seen.log_evidence
-            bank = with_needed(seen, part.load.shape[2]).reduced(part.place[-1])
-        if not len(seen):
-            if one is each[0]:
-                return None
-            continue
-        if one is each[0]:
-            evidence = log
-        fields[one.field] = replace(field, bank=bank)
-        said[one.field] = added(bank, prior, total(said.values()))
-    order = list(said)
-    for index, field in fields.items():
-        if field.bank is not None:
-            since = order[order.index(index) + 1 :] if index in said else order
-            later = field.bank.informed(total(said[k] for k in since), prior).normalised()
-            fields[index] = replace(field, bank=later)
-    return replace(memory, fields=fields), total(said.values()), evidence

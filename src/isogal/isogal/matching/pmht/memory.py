@@ -10,11 +10,14 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
-from isogal.matching.interfaces import Aided
+from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import DECEIVED, RARE
 from isogal.matching.pmht.search import Diverged, FieldMemory, Past, ranked, resolved, spread_over
 
+SAME_ESTIMATE = 0.25
+"""Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and
+the one that was made, up to which the fix counts as taken: half a 1-sigma."""
 SAYS = math.log((1.0 - RARE) / RARE)
 """Log odds at which the bank is given up for what a search has found."""
 
@@ -45,21 +48,24 @@ class Memory:
             taken=self.taken + by,
         )
 
-    def propagated(
-        self, before: Array, back: Array, prior: Array, time: float, aided: Aided | None = None
-    ) -> "Memory":
-        """Return it at the end of the next batch, at a time (s), before its readings.
-
-        Parameters
-        ----------
-        before, prior : (7, 7) arrays
-            The navigator's covariance at the last batch end after its fix, and at this one. What
-            it has learnt from other aids makes every hypothesis as much narrower.
-        back : (7, 7) array
-            Error there per unit of error here.
-        aided : Aided, optional
-            What satellites have told of the error at that end.
-        """
+    def propagated(self, batch: Batch) -> "Memory":
+        """Return it at the end of the next batch, before its readings. What the navigator has
+        learnt from other aids makes every hypothesis as much narrower."""
+        prior, aided, before, memory = batch.covariance, batch.aided, self.covariance, self
+        first = max(len(batch) - batch.new - 1, 0)
+        back = batch.backward[first].copy()
+        # the last batch ended before that where all scans are new, or one was not matched
+        back[:2] -= (batch.time[first] - self.diverged.last.time) * back[2:4]
+        if batch.correction is not None:
+            off = -batch.correction - self.taken
+            if not _same(off, before):
+                # the fix was not taken as it was: if not at all, the navigator knew what it had
+                # known before; else, where it knows less than by the fix, it knew no more then,
+                # and where it knows more, other aids have informed it since
+                refused = _same(batch.correction, self.untaken)
+                more = grown(before, back @ prior @ back.T)[0]
+                before = self.untaken if refused else before + more
+            memory = self.moved(off)
         told = prior if aided is None else aided.covariance
         forward, growth, learnt = steps(before, back, told)
 
@@ -70,25 +76,24 @@ class Memory:
 
         # of kilometres, what is not linear in them looks like growth
         lost = any(one.bank is None for one in self.fields.values())
-        passed = Past(forward, np.zeros_like(prior) if lost else growth, prior, time)
-        if aided is not None:
-            passed = replace(passed, taken=-aided.jump)
-        diverged = self.diverged.with_last(replace(self.diverged.last, left=before))
-        return Memory(self._each(followed).fields, diverged.later(passed), prior)
+        taken = np.zeros(BATCH_STATES) if aided is None else -aided.jump
+        passed = Past(
+            forward, 0.0 * growth if lost else growth, prior, float(batch.time[-1]), taken
+        )
+        last = replace(memory.diverged.last, left=before)
+        diverged = memory.diverged.with_last(last).later(passed)
+        return Memory(memory._each(followed).fields, diverged, prior)
 
     def after(self, taken: Array, covariance: Array) -> "Memory":
         """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
         a covariance (7, 7) then."""
-        diverged, last = self.diverged, self.diverged.last
+        memory = self.moved(taken)
+        diverged, last = memory.diverged, memory.diverged.last
         if len(diverged.past) == 1 and last.rows is None:  # its place has just been found
             diverged = Diverged.before(covariance, last.time)
         else:
-            diverged = diverged.with_last(replace(last, taken=last.taken + taken, left=covariance))
-        return replace(
-            self._each(lambda bank: bank.moved(taken)),
-            diverged=diverged,
-            taken=taken,
-        )
+            diverged = diverged.with_last(replace(last, left=covariance))
+        return replace(memory, diverged=diverged)
 
     def _each(self, change: Callable[[Hypotheses], Hypotheses]) -> "Memory":
         fields = {
@@ -98,10 +103,15 @@ class Memory:
         return replace(self, fields=fields)
 
 
+def _same(off: Array, covariance: Array) -> bool:
+    """Whether estimates that differ by so much (7,) are the same to a navigator."""
+    return bool(off @ np.linalg.solve(covariance, off) <= SAME_ESTIMATE)
+
+
 def steps(before: Array, back: Array, told: Array) -> tuple[Array, Array, Array | None]:
-    """Return (7, 7) what the dynamics make of an error, what joins its covariance, and what then
-    makes that covariance the navigator's, `told`; None where it is that already. See
-    `Memory.propagated`."""
+    """Return (7, 7) what the dynamics make of an error, what joins its covariance, `before`, and
+    what makes of that then the navigator's, `told`; None where it is that already. `back`: error
+    before per unit of error now."""
     forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
     dynamic = forward @ before @ forward.T
     growth, narrower = grown(dynamic, told)

@@ -385,9 +385,8 @@ def few(models: Models, noise: float) -> Models:
     length, with no map error and with sigmas that are at least a factor of two apart, down to
     what readings of a 1-sigma can distinguish."""
     plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
-    sigma, wanted = models.sigma[plain], list[int]()
-    for k in np.argsort(-sigma):
-        if not wanted or sigma[k] == 0.0 or (NARROW * noise < sigma[k] < 0.6 * sigma[wanted[-1]]):
-            wanted.append(int(k))
-    part = Models._make(column[plain[np.sort(wanted)]] for column in models)
+    sigma = models.sigma[plain]
+    wanted = sigma > NARROW * noise
+    wanted[-2::-2], wanted[-1] = False, True  # every second step of SIGMA_STEP
+    part = Models._make(column[plain[wanted | (sigma == 0.0)]] for column in models)
     return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))

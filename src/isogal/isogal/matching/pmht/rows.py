@@ -144,18 +144,15 @@ def rows_of(
     elapsed = np.diff(time, prepend=first.time)
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
-    steps, travelled, chain = first.steps, np.hypot(*moved.T), _chain_of(batch, states)
-    if chain is not None:
-        steps, step, joined = chained(chain, moved, steps, lengths, last is None)
-    elif batch.filter_path is not None and states.channels == 2:
-        memory = batch.filter_path.memory
-        step, joined = filtered_chain(memory, travelled, lengths, last is None)
-    else:
-        step, joined = independent(states.channels, travelled, lengths)
+    steps, step, joined = _of_map(batch, states, moved, first.steps, lengths, last is None)
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
     place, reading = _effects(batch, which, states, first)
     rough = np.zeros(len(lengths)) if rough is None else rough
+    if batch.filter_path is None:
+        nodes = np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
+    else:
+        nodes = batch.filter_path.part(which).nodes(latitude)
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
@@ -163,7 +160,7 @@ def rows_of(
         batch.reading[which],
         place,
         reading,
-        loads_of(batch, which, field_map, states.channels, channel, rough),
+        _loads(batch, which, field_map, states.channels, channel, rough),
         batch.sigma[which] ** 2 + rounding[channel],
         keep,
         fresh,
@@ -171,25 +168,27 @@ def rows_of(
         joined,
         np.zeros(len(which)) if batch.reading_rate is None else batch.reading_rate[which],
         np.ascontiguousarray(velocity),
-        _nodes(batch, which, latitude),
+        nodes,
         channel.astype(np.int64),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
 
 
-def _chain_of(batch: Batch, states: States) -> Chain | None:
-    """Return how map errors of a batch depend on each other; None where they do not."""
+def _of_map(
+    batch: Batch, states: States, moved: Array, before: Array, lengths: Array, begins: bool
+) -> tuple[Array, Array, Array]:
+    """Return how map errors go on; parameters and results as those of `chained`."""
     count = states.channels // states.order
     if batch.of_one_potential is not None:
-        return Chain(states.order, np.zeros((count, 2)), batch.of_one_potential)
-    return None if batch.beam is None else Chain(states.order, footprints(batch, count), None)
-
-
-def _nodes(batch: Batch, which: Integers, latitude: Array) -> Array:
-    """Return `Rows.nodes`."""
-    if batch.filter_path is None:
-        return np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
-    return batch.filter_path.part(which).nodes(latitude)
+        chain = Chain(states.order, np.zeros((count, 2)), batch.of_one_potential)
+        return chained(chain, moved, before, lengths, begins)
+    if batch.beam is not None:
+        chain = Chain(states.order, footprints(batch, count), None)
+        return chained(chain, moved, before, lengths, begins)
+    travelled = np.hypot(*moved.T)
+    if batch.filter_path is not None and count == 2:
+        return before, *filtered_chain(batch.filter_path.memory, travelled, lengths, begins)
+    return before, *independent(count, travelled, lengths)
 
 
 def _before(batch: Batch, which: Integers, order: int, last: Epoch | None) -> Epoch:
@@ -247,31 +246,13 @@ def usual_noise(rows: Rows) -> float:
     return math.sqrt(float(np.median(rows.noise)))
 
 
-def loads_of(
-    batch: Batch,
-    which: Integers,
-    field_map: AnyMap,
-    errors: int,
-    channel: Integers,
-    rough: Array,
+def _loads(
+    batch: Batch, which: Integers, field_map: AnyMap, errors: int, channel: Integers, rough: Array
 ) -> Array:
-    """Return `rows.Rows.load` (L, n, U): map errors in units of their own 1-sigmas, those of this
-    scan's channels or beams first; what a grid leaves out is in proportion to how rough the map is
-    there.
-
-    Parameters
-    ----------
-    batch : Batch
-    which : (n,) array of int
-        Its rows.
-    field_map : FieldMap or ChannelMap
-    errors : int
-        U.
-    channel : (n,) array of int
-        Of the rows.
-    rough : (L,) array
-        See `Models.shapes`.
-    """
+    """Return `Rows.load` (L, n, U) of rows `which` (n,) of a batch, with a channel each: map
+    errors in units of their own 1-sigmas, those of this scan's channels or beams first; what a
+    grid leaves out is in proportion to how rough the map is there, `rough` (L,) as
+    `Models.shapes` has it."""
     maps = channels_of(field_map)
     place = batch.latitude[which], batch.longitude[which]
     own = by_channel(field_map, channel, FieldMap.sigma_at, *place)

@@ -110,7 +110,12 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array, 
                 )
             )
         b = b - past.taken
-    return _together(parts), np.concatenate(since), A, b
+    axis = dict.fromkeys(OF_LENGTHS, 1)
+    together = Rows._make(
+        np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
+        for name in Rows._fields
+    )
+    return together, np.concatenate(since), A, b
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,15 +155,6 @@ class Search:
             log_odds += them.log_evidence - past.evidence
             them, done = them.normalised(), done + 1
         return Search(them, log_odds, done)
-
-
-def _together(parts: Sequence[Rows]) -> Rows:
-    """Return the rows of several batches."""
-    axis = dict.fromkeys(OF_LENGTHS, 1)
-    return Rows._make(
-        np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
-        for name in Rows._fields
-    )
 
 
 def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
