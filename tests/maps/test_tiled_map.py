@@ -16,7 +16,7 @@ from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap, map_along
 from isogal.maps.variability import feature_variability
-from isogal.montecarlo.chunks import map_digest
+from isogal.montecarlo.cases import map_digest
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import load_scenario
 

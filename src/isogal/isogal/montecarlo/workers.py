@@ -1,4 +1,4 @@
-"""Who computes chunks: processes of this machine, or the workers of a Dask cluster, both by the
+"""Who computes runs: processes of this machine, or the workers of a Dask cluster, both by the
 interface of `concurrent.futures`.
 
 A script that computes by processes needs the guard ``if __name__ == "__main__"``, since each of
@@ -17,24 +17,24 @@ from typing import TYPE_CHECKING
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.several import RunMap
-from isogal.montecarlo.chunks import Chunk, Task, compute, source_digest
+from isogal.montecarlo.cases import Job, Task, compute, source_digest
 from isogal.threads import VARIABLES
 
 if TYPE_CHECKING:
     from distributed import Client
 
 ATTEMPTS = 3
-"""How often in a row worker processes may die before any chunk is finished."""
+"""How often in a row worker processes may die before any run is finished."""
 TIMEOUT = 10.0
 """s to wait for a scheduler."""
 _THREADS = (*VARIABLES, "NUMBA_NUM_THREADS")
 
-Submit = Callable[[Chunk], Future[Runs]]
-"""Has a chunk computed."""
+Submit = Callable[[Job], Future[Runs]]
+"""Has a run computed."""
 
 
 class WorkerError(RuntimeError):
-    """Chunks cannot be computed; one line says why."""
+    """Runs cannot be computed; one line says why."""
 
 
 def available_cores() -> int:
@@ -43,52 +43,52 @@ def available_cores() -> int:
 
 
 def computed(
-    chunks: Sequence[Chunk], start: Callable[[Sequence[Chunk]], AbstractContextManager[Submit]]
-) -> Generator[tuple[Chunk, Runs], None, None]:
-    """Yield chunks with their runs as they are finished. Where a worker process dies, new ones
+    jobs: Sequence[Job], start: Callable[[Sequence[Job]], AbstractContextManager[Submit]]
+) -> Generator[tuple[Job, Runs], None, None]:
+    """Yield jobs with their runs as they are finished. Where a worker process dies, new ones
     take its place and what is left.
 
     Parameters
     ----------
-    chunks : sequence of Chunk
+    jobs : sequence of Job
         Begun in this order.
     start : callable
-        Returns workers for chunks: `processes` or `cluster` of their maps.
+        Returns workers for jobs: `processes` or `cluster` of their maps.
 
     Raises
     ------
     InputError
-        The scenario of a chunk cannot be used; see also `cluster`.
+        The scenario of a job cannot be used; see also `cluster`.
     WorkerError
-        Anything else has gone wrong with a chunk, or workers died `ATTEMPTS` times in a row.
+        Anything else has gone wrong with a job, or workers died `ATTEMPTS` times in a row.
     """
-    left, deaths = list(chunks), 0
+    left, deaths = list(jobs), 0
     while left:
         try:
             with start(left) as submit:
-                futures = {submit(chunk): chunk for chunk in left}
+                futures = {submit(job): job for job in left}
                 for future in as_completed(futures):
-                    chunk = futures.pop(future)  # which drops its result, too
-                    runs = _result(future, chunk)
-                    left.remove(chunk)
+                    job = futures.pop(future)  # which drops its result, too
+                    runs = _result(future, job)
+                    left.remove(job)
                     deaths = 0
-                    yield chunk, runs
+                    yield job, runs
         except BrokenProcessPool:
             deaths += 1
             if deaths == ATTEMPTS:
                 raise WorkerError(
                     f"{left[0]} and after it: workers were killed {deaths} times in a row before"
-                    " a chunk was finished; is there too little memory?"
+                    " a run was finished; is there too little memory?"
                 ) from None
 
 
-def _result(future: Future[Runs], chunk: Chunk) -> Runs:
+def _result(future: Future[Runs], job: Job) -> Runs:
     try:
         return future.result()
     except (InputError, BrokenProcessPool):
         raise
     except Exception as error:
-        raise WorkerError(f"{chunk}: {type(error).__name__}: {error}") from error
+        raise WorkerError(f"{job}: {type(error).__name__}: {error}") from error
 
 
 @contextmanager
@@ -108,9 +108,9 @@ def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, context, _take, (maps,))
 
-    def submit(chunk: Chunk) -> Future[Runs]:
+    def submit(job: Job) -> Future[Runs]:
         with _as_worker():
-            return pool.submit(_compute, chunk.task)
+            return pool.submit(_compute, job.task)
 
     try:
         yield submit
@@ -151,7 +151,7 @@ def _as_worker() -> Iterator[None]:
 
 @contextmanager
 def cluster(maps: Mapping[str, RunMap], address: str) -> Iterator[Submit]:
-    """Use the workers of a Dask cluster. If one dies, Dask gives its chunk to another,
+    """Use the workers of a Dask cluster. If one dies, Dask gives its run to another,
     `distributed.scheduler.allowed-failures` times.
 
     Parameters
@@ -175,7 +175,7 @@ def cluster(maps: Mapping[str, RunMap], address: str) -> Iterator[Submit]:
         }
         pool = client.get_executor(pure=False)
         try:
-            yield lambda chunk: pool.submit(compute, chunk.task, spread[chunk.task.map_key])
+            yield lambda job: pool.submit(compute, job.task, spread[job.task.map_key])
         finally:
             pool.shutdown(wait=False)
     finally:
