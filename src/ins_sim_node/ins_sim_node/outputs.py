@@ -3,24 +3,19 @@
 import math
 import time
 
-import numpy as np
 from rclpy.serialization import deserialize_message
 
-from ins_sim_node.late_aids import LateAids
+from ins_sim_node.aids import Aids
 from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal_ros import topics
-from isogal_ros.messages.aids import (
-    fill_ground_velocity,
-    fill_pressure,
-    fill_velocity,
-)
-from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.frames import BASE, framed, map_frame
 from isogal_ros.messages.imu import fill_imu, fill_noise
-from isogal_ros.messages.ins_solution import inertial_topics
-from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.ins_solution import SolutionMessages
+from isogal_ros.messages.odometry import empty_odometry, fill_odom
 from isogal_ros.messages.position import fill_fix
-from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
+from isogal_ros.messages.prepared import Prepared, write
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
 COMPARE_EVERY = 0.5
@@ -31,26 +26,13 @@ class Solution:
     """What an INS publishes of itself in place of samples."""
 
     def __init__(self, node: GraphNode, solution: Array) -> None:
-        self._rows, self._whole = solution, node.scenario.ins.attitude
-        self._frame = map_frame(node.scenario)
-        each = inertial_topics(node.scenario.ins)
-        self._publishers = [node.advertise(topic) for topic in each]
-        self._messages = [topic.type() for topic in each]
-        for message in self._messages:
-            message.header.frame_id = MAP if self._whole else BASE
-        if self._whole:
-            self._messages[0].child_frame_id = BASE
+        self._rows, self._messages = solution, SolutionMessages(node.scenario)
+        self._publishers = [node.advertise(topic) for topic in self._messages.topics]
 
     def publish(self, k: int, ns: int, turn_rate: Array) -> None:
         """Publish the solution at the end of step k."""
-        row = self._rows[k]
-        if self._whole:
-            fill_odom(self._messages[0], ns, self._frame, row, turn_rate)
-        else:
-            twist, fix = self._messages
-            fill_ground_velocity(twist, ns, row[3:6])
-            fill_fix(fix, ns, *row[:3].tolist())
-        for publisher, message in zip(self._publishers, self._messages, strict=True):
+        messages = self._messages.of(ns, self._rows[k], turn_rate)
+        for publisher, message in zip(self._publishers, messages, strict=True):
             publisher.publish(message)
 
 
@@ -70,35 +52,28 @@ class Outputs:
             self._solution = Solution(node, vehicle.solution)
         else:
             self._imu = node.advertise(topics.IMU)
-        self._height = node.scenario.true.height
-        if vehicle.aids.height is not None:
-            self._pressure = node.advertise(topics.BAROMETER)
-        if vehicle.aids.velocity is not None:
-            self._velocity = node.advertise(topics.VELOCITY)
-        self._late = LateAids(node, vehicle)
+        self._aids = Aids(node, vehicle)
         self._truth_fix = node.advertise(topics.TRUTH_FIX)
         self._truth_odom = node.advertise(topics.TRUTH_ODOM)
         self._ins_fix = node.advertise(topics.INS_FIX)
-        self._m_clock, self._m_imu = topics.CLOCK.type(), topics.IMU.type()
-        self._m_truth, self._m_ins = topics.TRUTH_FIX.type(), topics.INS_FIX.type()
-        self._m_odom = topics.TRUTH_ODOM.type(child_frame_id=BASE)
-        self._m_odom.header.frame_id = MAP
-        self._m_pressure, self._m_velocity = topics.BAROMETER.type(), topics.VELOCITY.type()
-        framed = self._m_imu, self._m_truth, self._m_ins, self._m_pressure, self._m_velocity
-        for message in framed:
-            message.header.frame_id = BASE
-        self._m_imu.orientation_covariance[0] = -1.0  # no orientation
+        self._m_clock = Prepared(topics.CLOCK.type())
+        self._m_truth = Prepared(framed(topics.TRUTH_FIX, BASE))
+        self._m_ins = Prepared(framed(topics.INS_FIX, BASE))
+        self._m_odom = empty_odometry(topics.TRUTH_ODOM)
+        imu = framed(topics.IMU, BASE)
+        imu.orientation_covariance[0] = -1.0  # no orientation
         interval = vehicle.trajectory.dt / vehicle.samples.shape[1]
-        fill_noise(self._m_imu, node.scenario.imu.sensors, interval)
+        fill_noise(imu, node.scenario.imu.sensors, interval)
+        self._m_imu = Prepared(imu)
 
     def publish(self, k: int, ns: int) -> None:
         """Publish step k: the clock, then the IMU's samples of the step, or the INS's solution, so
         that the filter works while the rest is made. The start (k = 0) has no sample."""
         run = self._vehicle
-        set_stamp(self._m_clock.clock, ns)
+        write(self._m_clock, ns)
         self._clock.publish(self._m_clock)
         if k > 0:
-            self._publish_aids(k, ns)
+            self._aids.publish(k, ns)
             if self._solution is None:
                 self._publish_samples(run.samples[k - 1], ns)
         if self._solution is not None:
@@ -110,18 +85,6 @@ class Outputs:
         self._truth_odom.publish(self._m_odom)
         self._ins_fix.publish(self._m_ins)
         self._truth_fix.publish(self._m_truth)
-
-    def _publish_aids(self, k: int, ns: int) -> None:
-        """Publish what the sensors of height and velocity read at the end of step k > 0, if
-        anything."""
-        height, velocity = self._vehicle.aids.height, self._vehicle.aids.velocity
-        if height is not None and not math.isnan(height[0, k - 1]):
-            fill_pressure(self._m_pressure, ns, float(height[0, k - 1]), self._height)
-            self._pressure.publish(self._m_pressure)
-        if velocity is not None and np.isfinite(velocity[0, k - 1]).any():
-            fill_velocity(self._m_velocity, ns, velocity[0, k - 1])
-            self._velocity.publish(self._m_velocity)
-        self._late.publish(k, ns)
 
     def _publish_samples(self, samples: Array, ns: int) -> None:
         """Publish the samples (n, 6) of a step that ends at a stamp."""
@@ -140,8 +103,8 @@ class Outputs:
             return
         self._compared = now
         point = deserialize_message(odometry, topics.NAV_ODOM.type).pose.pose.position
-        truth = self._m_odom.pose.pose.position
-        self._error = math.hypot(point.x - truth.x, point.y - truth.y)
+        x, y = self._m_odom.numbers[:2].tolist()
+        self._error = math.hypot(point.x - x, point.y - y)
 
     def progress(self, ns: int, elapsed: float) -> dict[str, float]:
         """Return figures of the progress at a stamp, `elapsed` s of wall time after the first

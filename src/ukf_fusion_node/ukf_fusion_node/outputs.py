@@ -2,15 +2,15 @@
 
 import numpy as np
 from sensor_msgs.msg import NavSatStatus
-from std_msgs.msg import Float64
 
 from isogal.arrays import Array
 from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
 from isogal_ros import topics
-from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.frames import BASE, framed, map_frame
+from isogal_ros.messages.odometry import POSE, empty_odometry, fill_odom
 from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamped_numbers import AidedSince, fill_nav_covariance
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.track import Track
@@ -29,13 +29,13 @@ class Outputs:
         self._fix, self._odom = node.advertise(topics.NAV_FIX), node.advertise(topics.NAV_ODOM)
         self._covariance = node.advertise(topics.NAV_COVARIANCE)
         self._track = Track(node)
-        self._level, self._m_level = node.advertise(topics.PROTECTION_LEVEL), Float64()
+        self._level = node.advertise(topics.PROTECTION_LEVEL)
         self._integrity = node.scenario.integrity
-        self._m_fix, self._m_covariance = topics.NAV_FIX.type(), topics.NAV_COVARIANCE.type()
-        self._m_odom = topics.NAV_ODOM.type(child_frame_id=BASE)
-        self._m_fix.header.frame_id = BASE
+        self._m_odom = empty_odometry(topics.NAV_ODOM)
+        self._m_fix = Prepared(framed(topics.NAV_FIX, BASE))
+        self._m_covariance = Prepared(topics.NAV_COVARIANCE.type())
+        self._m_level = Prepared(topics.PROTECTION_LEVEL.type())
         self._transforms = Transforms(node)
-        self._m_odom.header.frame_id = MAP
 
     def publish(
         self,
@@ -55,9 +55,9 @@ class Outputs:
         self._publish_odometry(ns, state, angular_rate)
         if aligned:
             promise = self._integrity
-            self._m_level.data = float(
-                protection_level(covariance[:2, :2], promise.risk, promise.correlation_time)
-            )
+            of_position = covariance[:2, :2]
+            level = protection_level(of_position, promise.risk, promise.correlation_time)
+            write(self._m_level, ns, level[None])
             self._level.publish(self._m_level)
         fill_nav_covariance(self._m_covariance, ns, state.batch_prior, aided)
         self._covariance.publish(self._m_covariance)
@@ -66,13 +66,14 @@ class Outputs:
         self._fix.publish(self._m_fix)
         if not aligned:
             return
-        self._transforms.publish(ns, self._m_odom.pose.pose)
-        self._track.extend(ns, self._m_odom)
+        pose = self._m_odom.numbers[POSE]
+        self._transforms.publish(ns, pose)
+        self._track.extend(ns, pose)
 
     def publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
         """Publish a state within a step on nav/odom and /tf only."""
         self._publish_odometry(ns, state, angular_rate)
-        self._transforms.publish(ns, self._m_odom.pose.pose)
+        self._transforms.publish(ns, self._m_odom.numbers[POSE])
 
     def _publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
         self.newest = ns

@@ -4,8 +4,8 @@ import numpy as np
 
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
-from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.odometry import empty_odometry, fill_odom
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 
@@ -21,8 +21,7 @@ class Smoothed:
         self.lag = node.scenario.fusion.lag
         """s; 0 = nothing is published."""
         self._frame, self._reached = map_frame(node.scenario), -np.inf
-        self._message = topics.SMOOTHED.type(child_frame_id=BASE)
-        self._message.header.frame_id = MAP
+        self._message = empty_odometry(topics.SMOOTHED)
         self._publisher = node.advertise(topics.SMOOTHED) if self.lag > 0.0 else None
 
     def publish(self, navigator: InertialNavigator | None) -> None:

@@ -3,10 +3,12 @@
 import struct
 
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
+from isogal.arrays import Array
 from isogal_ros import topics
+from isogal_ros.messages.frames import MAP
+from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 
@@ -34,8 +36,10 @@ class Track:
 
     def __init__(self, node: GraphNode) -> None:
         self._interval = from_seconds(node.settings.path_interval)
-        self._publisher, self._names = node.advertise(topics.NAV_PATH), node.frame_names
-        self._pose = PoseStamped()
+        self._publisher, pose = node.advertise(topics.NAV_PATH), PoseStamped()
+        pose.header.frame_id = MAP
+        node.frame_names.outward(pose)
+        self._pose = Prepared(pose)
         self._head, self._count_at = b"", 0
         """The message with the first pose alone, and where it says how many there are."""
         self._poses: list[bytes] = []
@@ -43,16 +47,14 @@ class Track:
         self._newest = self._kept = -1
         """Stamps of the newest pose and of the newest that is kept, ns."""
 
-    def extend(self, ns: int, odometry: Odometry) -> None:
-        """Take the odometry of a stamp, unless there was one before, and publish the poses where
-        somebody listens."""
+    def extend(self, ns: int, pose: Array) -> None:
+        """Take the pose (7,) of a stamp's odometry, unless there was one before, and publish the
+        poses where somebody listens."""
         keep = not self._head or ns - self._kept >= self._interval
         if ns <= self._newest or not (keep or self._publisher.get_subscription_count()):
             return
         self._newest = ns
-        self._pose.header, self._pose.pose = odometry.header, odometry.pose.pose
-        self._names.outward(self._pose)
-        newest = self._add(self._pose, keep)
+        newest = self._add(ns, pose, keep)
         if keep:
             self._kept = ns
         data = bytearray(b"".join((self._head, *self._poses, *newest)))
@@ -60,15 +62,18 @@ class Track:
         _COUNT.pack_into(data, self._count_at, 1 + len(self._poses) + len(newest))
         self._publisher.publish(bytes(data))
 
-    def _add(self, pose: PoseStamped, keep: bool) -> list[bytes]:
+    def _add(self, ns: int, pose: Array, keep: bool) -> list[bytes]:
         """Keep a pose, or return it serialised."""
         if not self._head:
-            path = topics.NAV_PATH.type(header=pose.header)
+            first = self._pose.message
+            write(first, ns, pose)
+            path = topics.NAV_PATH.type(header=first.header)
             self._count_at = len(serialize_message(path)) - _COUNT.size
-            path.poses = [pose]
+            path.poses = [first]
             self._head = serialize_message(path)
             return []
-        one = serialize_message(pose)[_CDR:]
+        write(self._pose, ns, pose)
+        one = self._pose.serialised()[_CDR:]
         if not keep:
             return [one]
         if 1 + len(self._poses) >= PATH_POSES:

@@ -2,7 +2,6 @@
 ``map`` to ``odom``, which takes the jumps of fixes; and where the instruments are."""
 
 import numpy as np
-from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import TransformStamped
 from rclpy.publisher import Publisher
 
@@ -74,14 +73,11 @@ class Transforms:
         node.frame_names.outward(message)
         self._static.publish(message)
 
-    def publish(self, ns: int, pose: PoseMessage) -> None:
-        """Publish the transforms of a stamp from the pose of nav/odom."""
+    def publish(self, ns: int, pose: Array) -> None:
+        """Publish the transforms of a stamp from the pose (7,) of nav/odom."""
         if self._publisher is None:
             return
-        point, q = pose.position, pose.orientation
-        poses = self._track.take(
-            ns, np.array([point.x, point.y, point.z]), np.array([q.w, q.x, q.y, q.z])
-        )
+        poses = self._track.take(ns, pose[:3], pose[[6, 3, 4, 5]])
         for message, (position, rotation) in zip(self._messages, poses, strict=True):
             fill(message, ns, position, rotation)
         self._publisher.publish(self._type(transforms=list(self._messages[self._first :])))

@@ -50,6 +50,12 @@ def number(
     return option
 
 
+def text(metavar: str, help_: str) -> OptionInfo:
+    """Return an option that is a word or a file, in place of which `metavar` is shown."""
+    option: OptionInfo = typer.Option(metavar=metavar, help=help_)
+    return option
+
+
 def written_folder(help_: str) -> OptionInfo:
     """Return the option of a folder that is written into, which is checked before all else."""
     option: OptionInfo = typer.Option(

@@ -166,14 +166,15 @@ class InertialNavigator:
         FilterDivergenceError
             The covariance is no longer positive definite; nothing is changed.
         """
-        times = np.atleast_1d(np.asarray(time, dtype=float))
-        force, rate = (
-            np.array(part, dtype=float).reshape(-1, 3) for part in (specific_force, angular_rate)
-        )
+        times = np.array(time, dtype=float, ndmin=1)
+        force = np.array(specific_force, dtype=float, ndmin=2)
+        rate = np.array(angular_rate, dtype=float, ndmin=2)
         if not times[0] > self.time:
             raise ValueError(f"stamp {times[0]:.3f} s is not later than {self.time:.3f} s")
-        heights = np.broadcast_to(np.asarray(height, dtype=float), times.shape)
-        if not (np.isfinite(force).all() and np.isfinite(rate).all()) or np.isinf(heights).any():
+        heights = np.empty(len(times))
+        heights[:] = height
+        # a sum is not finite where one of its terms is not
+        if not math.isfinite(force.sum() + rate.sum()) or np.isinf(heights).any():
             raise ValueError("IMU sample is not finite")
         dt = self.model.dt
         if len(times) == 1:

@@ -58,7 +58,9 @@ def propagate(
         The covariance is no longer positive definite; it is not repaired.
     """
     compiled = model.filter != "reference" or trace is not None
-    assumed = model.assumptions if dt is None else model.assumptions._replace(dt=dt)
+    assumed = model.assumptions
+    if dt is not None and dt != assumed.dt:
+        assumed = assumed._replace(dt=dt)
     track = np.empty((len(specific_force), TRACK_COLUMNS))
     # in one memory layout, whatever came: the filter is compiled anew for each, for ten seconds
     samples = (

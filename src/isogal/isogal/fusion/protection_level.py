@@ -12,6 +12,7 @@ the mean over phi of (1 + rho² / nu)^(-nu / 2). An error that forgets itself as
 the circle of radius h f(h) / T times per unit of time, where f is the density of the horizontal
 error."""
 
+import math
 from functools import lru_cache
 from typing import cast
 
@@ -20,6 +21,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 
 INFLATION = 1.03
 """Of the claimed covariance; 1.0 to 1.1 in told rows for the t distribution that fits e' P^-1 e
@@ -65,30 +67,47 @@ def protection_level(covariance: ArrayLike, risk: float, correlation_time: float
             f"risk x correlation time must be above 0 and at most 0.1, is {per_time:g}"
         )
     major, minor = axes(covariance)
-    known = np.isfinite(major) & (minor >= 0.0)
-    safe = np.where(known, major, 1.0)
-    ratio = np.divide(minor, safe, out=np.zeros_like(safe), where=known & (safe > 0.0))
-    level = safe * chebyshev.chebval(2.0 * ratio - 1.0, _level_of_ratio(per_time))
-    return np.where(known, level, np.inf)
+    level = np.empty(major.shape)
+    _write_levels(*(one.reshape(-1) for one in (level, major, minor)), _level_of_ratio(per_time))
+    return level
+
+
+@kernel
+def _write_levels(level: Array, major: Array, minor: Array, polynomial: Array) -> None:
+    """Write the levels (N,) of ellipses (N,): the major axis times the polynomial of the ratio, by
+    Clenshaw's recurrence."""
+    for i in range(len(level)):
+        x = 2.0 * (minor[i] / major[i] if major[i] > 0.0 else 0.0) - 1.0
+        one, two = 0.0, 0.0
+        for k in range(len(polynomial) - 1, 0, -1):
+            one, two = polynomial[k] + 2.0 * x * one - two, one
+        level[i] = major[i] * (polynomial[0] + x * one - two)
+        if np.isnan(level[i]):
+            level[i] = np.inf
 
 
 def axes(covariance: ArrayLike) -> tuple[Array, Array]:
     """Return the sigmas (m) along the major and the minor axis of covariances (..., 2, 2); NaN
     where a covariance is not finite or has a negative eigenvalue."""
-    covariance = np.asarray(covariance, dtype=np.float64)
-    north, east = covariance[..., 0, 0], covariance[..., 1, 1]
-    across = 0.5 * (covariance[..., 0, 1] + covariance[..., 1, 0])
-    with np.errstate(invalid="ignore", over="ignore"):
-        middle, half = 0.5 * (north + east), np.hypot(0.5 * (north - east), across)
-        major = middle + half
+    whole = np.asarray(covariance, dtype=np.float64)
+    sigmas = np.empty((2, *whole.shape[:-2]))
+    _write_axes(sigmas.reshape(2, -1), whole.reshape(-1, 4))
+    return sigmas[0], sigmas[1]
+
+
+@kernel
+def _write_axes(sigmas: Array, covariance: Array) -> None:
+    """Write the sigmas (2, N) of covariances (N, 4), row by row."""
+    for i in range(len(covariance)):
+        north, east = covariance[i, 0], covariance[i, 3]
+        across = 0.5 * (covariance[i, 1] + covariance[i, 2])
+        middle = 0.5 * (north + east)
+        major = middle + math.hypot(0.5 * (north - east), across)
         # the small eigenvalue from the determinant, which loses fewer digits
-        determinant = north * east - across**2
-        minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0.0)
-        valid = (major >= 0.0) & (minor >= -_ROUNDING * major) & (middle >= 0.0)
-    return (
-        np.sqrt(np.where(valid, major, np.nan)),
-        np.sqrt(np.where(valid, np.maximum(minor, 0.0), np.nan)),
-    )
+        minor = (north * east - across * across) / major if major > 0.0 else 0.0
+        valid = np.isfinite(major) and middle >= 0.0 and minor >= -_ROUNDING * major
+        sigmas[0, i] = math.sqrt(major) if valid else np.nan
+        sigmas[1, i] = math.sqrt(max(minor, 0.0)) if valid else np.nan
 
 
 @lru_cache(maxsize=64)

@@ -9,7 +9,8 @@ from isogal.errors import InputError
 from isogal.montecarlo.cases import Case, Job, map_digest
 from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
-from isogal.montecarlo.workers import Submit, available_cores, cluster, computed, processes
+from isogal.montecarlo.workers import Submit, cluster, computed, processes
+from isogal.threads import available_cores
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,11 +37,6 @@ class WorkerError(RuntimeError):
     """Runs cannot be computed; one line says why."""
 
 
-def available_cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def computed(
     jobs: Sequence[Job], start: Callable[[Sequence[Job]], AbstractContextManager[Submit]]
 ) -> Generator[tuple[Job, Runs], None, None]:

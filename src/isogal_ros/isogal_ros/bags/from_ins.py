@@ -8,11 +8,7 @@ from isogal.scenario import Scenario
 from isogal.tracks.ins_file import InsFile
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.aids import fill_ground_velocity
-from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.ins_solution import inertial_topics
-from isogal_ros.messages.odometry import fill_odom
-from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.ins_solution import SolutionMessages
 from isogal_ros.messages.stamps import from_seconds
 
 _NO_TURN = np.zeros(3)
@@ -42,21 +38,11 @@ def write_ins_bag(
     """
     writer = BagWriter(folder, {"scenario": scenario_text(scenario), "run": "0"}, replace)
     try:
-        frame, each = map_frame(scenario), inertial_topics(scenario.ins)
-        adapter = adapter_of(scenario)
-        messages = [topic.type() for topic in each]
-        for message in messages:
-            message.header.frame_id = MAP if scenario.ins.attitude else BASE
-        if scenario.ins.attitude:
-            messages[0].child_frame_id = BASE
+        messages, adapter = SolutionMessages(scenario), adapter_of(scenario)
         for k, (time, row) in enumerate(zip(said.time.tolist(), said.solution, strict=True)):
             ns = from_seconds(time)
-            if scenario.ins.attitude:
-                fill_odom(messages[0], ns, frame, row, _NO_TURN)
-            else:
-                fill_ground_velocity(messages[0], ns, row[3:6])
-                fill_fix(messages[1], ns, *row[:3].tolist())
-            for topic, message in zip(each, messages, strict=True):
+            said_so = messages.of(ns, row, _NO_TURN)
+            for topic, message in zip(messages.topics, said_so, strict=True):
                 writer.put(topic, message, ns)
             if value is not None and np.isfinite(value[k, 0]):
                 reading, sigma = value[k].tolist()

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import yaml
 from pydantic import JsonValue
-from rclpy.serialization import serialize_message
 
 from isogal.errors import InputError
 from isogal.files import make_folder, write_atomic
@@ -28,6 +27,7 @@ from isogal_ros.bags.metadata import (
     qos_entries,
 )
 from isogal_ros.bags.reader import parts
+from isogal_ros.messages.prepared import serialised
 from isogal_ros.parameters.values import yaml_text
 from isogal_ros.topics import LOSSLESS, Message, Topic, type_name
 
@@ -139,7 +139,7 @@ class BagWriter:
         name = f"/{topic.name}"
         if not self.knows(name):
             self.add_topic(name, type_name(topic.type), qos_entries([LOSSLESS]), "")
-        self.write(name, serialize_message(message), ns, ns)
+        self.write(name, serialised(message), ns, ns)
 
     def flush(self) -> None:
         """Write out what is not on the disk yet, so that a killed recorder loses little; not more

@@ -31,8 +31,8 @@ from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.running import Report, no_report
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.frames import BASE, MAP, map_frame
-from isogal_ros.messages.odometry import fill_odom
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.odometry import empty_odometry, fill_odom
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.signals import Interrupt
 
@@ -150,8 +150,7 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
 def write_bag(found: SmoothedBag, folder: Path) -> None:
     """Write a bag with the states on nav/smoothed; a bag in the folder is replaced."""
     scenario = found.played.scenario
-    frame, message = map_frame(scenario), topics.SMOOTHED.type(child_frame_id=BASE)
-    message.header.frame_id = MAP
+    frame, message = map_frame(scenario), empty_odometry(topics.SMOOTHED)
     writer = BagWriter(folder, {"scenario": scenario_text(scenario)}, replace=True)
     try:
         for time, state, rate in zip(

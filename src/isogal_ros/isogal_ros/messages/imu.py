@@ -1,6 +1,7 @@
 """Inertial samples as Imu messages."""
 
 import math
+import struct
 
 import numpy as np
 from sensor_msgs.msg import Imu
@@ -10,7 +11,7 @@ from isogal.scenario import ImuErrors
 from isogal.sensors.imu_model import noise_density
 from isogal_ros.messages.checks import BadMessageError, require_frame
 from isogal_ros.messages.frames import BASE, FRD_FLU
-from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.messages.prepared import Prepared, numbers_of, write
 
 _TEXT, _COUNT = 16, 37
 """Where the text of the frame begins in a serialised message, and how many numbers follow it."""
@@ -21,7 +22,7 @@ LARGEST_FORCE, LARGEST_RATE = 1000.0, 100.0
 """m/s² and rad/s: no vehicle of this kind reaches them, a broken sensor does."""
 
 
-def fill_imu(message: Imu, ns: int, specific_force: Array, angular_rate: Array) -> None:
+def fill_imu(message: Imu | Prepared, ns: int, specific_force: Array, angular_rate: Array) -> None:
     """Write the means over an interval that ends at the stamp into an Imu message, which has no
     orientation (REP-145).
 
@@ -30,10 +31,9 @@ def fill_imu(message: Imu, ns: int, specific_force: Array, angular_rate: Array) 
     specific_force, angular_rate : (3,) arrays
         FRD, m/s² and rad/s.
     """
-    set_stamp(message.header.stamp, ns)
-    force, rate = message.linear_acceleration, message.angular_velocity
-    force.x, force.y, force.z = (specific_force * FRD_FLU).tolist()
-    rate.x, rate.y, rate.z = (angular_rate * FRD_FLU).tolist()
+    numbers = numbers_of(message)
+    numbers[_FORCE], numbers[_RATE] = specific_force * FRD_FLU, angular_rate * FRD_FLU
+    write(message, ns, numbers)
 
 
 def fill_noise(message: Imu, errors: ImuErrors, interval: float) -> None:
@@ -47,8 +47,9 @@ def fill_noise(message: Imu, errors: ImuErrors, interval: float) -> None:
 def declared_variance(data: bytes) -> Array | None:
     """Return the variance of the angular rate (3,), (rad/s)², that a serialised Imu message
     declares; None where it declares none."""
-    variance = _content(data)[1][_VARIANCES[3:]]
-    return variance if variance.max() > 0.0 else None
+    numbers = _content(data)[1]
+    variance = [numbers[k] for k in _VARIANCES[3:]]
+    return np.array(variance) if max(variance) > 0.0 else None
 
 
 def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array]:
@@ -64,29 +65,29 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array]:
     """
     own, numbers = _content(data)
     require_frame(own, frame, "imu_frame")
-    force, rate = numbers[_FORCE] * FRD_FLU, numbers[_RATE] * FRD_FLU
-    largest = float(np.abs(force).max()), float(np.abs(rate).max())
-    if not (math.isfinite(largest[0]) and math.isfinite(largest[1])):
+    force, rate = numbers[_FORCE], numbers[_RATE]
+    largest = max(map(abs, force)), max(map(abs, rate))
+    if not math.isfinite(sum(force) + sum(rate)):
         raise BadMessageError("specific force or angular rate is not finite")
     if largest[0] > LARGEST_FORCE or largest[1] > LARGEST_RATE:
         raise BadMessageError(
             f"specific force above {LARGEST_FORCE:g} m/s² or angular rate above {LARGEST_RATE:g}"
             " rad/s"
         )
-    variances = numbers[_VARIANCES].tolist()
+    variances = [numbers[k] for k in _VARIANCES]
     if variances[0] == -1.0 or variances[3] == -1.0:
         raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
     if min(variances) < 0.0:
         raise BadMessageError("negative variance")
-    return force, rate
+    return np.array(force) * FRD_FLU, np.array(rate) * FRD_FLU
 
 
-def _content(data: bytes) -> tuple[str, Array]:
+def _content(data: bytes) -> tuple[str, tuple[float, ...]]:
     """Return the frame of a serialised Imu and the numbers (37,) after its header: orientation,
     angular velocity and linear acceleration, each with its covariance. CDR aligns them to eight
     bytes from where the message begins, behind four that say how it is represented."""
     order = "<" if data[1] & 1 else ">"
-    length = int(np.frombuffer(data, f"{order}u4", 1, _TEXT - 4)[0])
+    (length,) = struct.unpack_from(f"{order}I", data, _TEXT - 4)
     start = 4 + -(-(_TEXT - 4 + length) // 8) * 8
-    numbers = np.frombuffer(data, f"{order}f8", _COUNT, start).astype(float)
+    numbers = struct.unpack_from(f"{order}{_COUNT}d", data, start)
     return data[_TEXT : _TEXT + length - 1].decode(), numbers

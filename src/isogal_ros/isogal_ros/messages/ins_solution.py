@@ -19,19 +19,19 @@ from isogal.inertial.rotations import (
     multiply,
     to_rotation_vector,
 )
-from isogal.scenario import Ins
+from isogal.scenario import Ins, Scenario
 from isogal_ros import topics
+from isogal_ros.messages.aids import fill_ground_velocity
 from isogal_ros.messages.checks import BadMessageError, require_frame
-from isogal_ros.messages.frames import BASE, NED_ENU
-from isogal_ros.messages.odometry import FASTEST, read_velocity
-from isogal_ros.messages.position import read_position
+from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
+from isogal_ros.messages.odometry import FASTEST, empty_odometry, fill_odom, read_velocity
+from isogal_ros.messages.position import fill_fix, read_point, read_position
+from isogal_ros.messages.prepared import Prepared
 from isogal_ros.messages.stamps import set_stamp
-from isogal_ros.topics import Topic
+from isogal_ros.topics import Message, Topic
 
 ENU = "enu"
 """Axes east, north, up at the vehicle."""
-FARTHEST = 1.4e7
-"""m from the origin of the frame ``map``: no place on the Earth is farther."""
 HIGHEST = 1e5
 """m."""
 _POSE = [0, 1, 2, 6, 7, 8]
@@ -47,6 +47,35 @@ def inertial_topics(ins: Ins) -> tuple[Topic, ...]:
     return topics.INS_SOLUTION_VELOCITY, topics.INS_SOLUTION_FIX
 
 
+class SolutionMessages:
+    """What a solution is said with, on the topics of `inertial_topics`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.topics = inertial_topics(scenario.ins)
+        self._whole, self._frame = scenario.ins.attitude, map_frame(scenario)
+        self._messages = (
+            [empty_odometry(topics.INS_SOLUTION)]
+            if self._whole
+            else [framed(topic, BASE) for topic in self.topics]
+        )
+
+    def of(self, ns: int, solution: Array, turn_rate: Array) -> list[Message | Prepared]:
+        """Return the messages, one for each topic, of a solution (10,) as `read_solution` has it,
+        with the angular rate (3,) relative to the Earth, FRD, rad/s; they are overwritten by the
+        next."""
+        if self._whole:
+            fill_odom(self._messages[0], ns, self._frame, solution, turn_rate)
+        else:
+            fill_ground_velocity(self._messages[0], ns, solution[3:6])
+            fill_fix(self._messages[1], ns, *solution[:3].tolist())
+        return self._messages
+
+
 def read_solution(message: Odometry, frame: LocalFrame) -> Array:
     """Return (10,) latitude rad, longitude rad, height m, velocity NED m/s, quaternion FRD to
     NED.
@@ -57,11 +86,7 @@ def read_solution(message: Odometry, frame: LocalFrame) -> Array:
         The message is of other frames or not finite, of no place on the Earth, or its orientation
         is not a unit quaternion.
     """
-    point = message.pose.pose.position
-    place = np.array([point.x, point.y, point.z])
-    if not (np.isfinite(place).all() and np.abs(place).max() <= FARTHEST):
-        raise BadMessageError("position is not finite, or not on the Earth")
-    latitude, longitude, height = (float(part) for part in frame.to_geodetic(place))
+    latitude, longitude, height = read_point(message.pose.pose.position, frame).tolist()
     velocity, _, attitude = read_velocity(message, frame, latitude, longitude)
     if abs(height) > HIGHEST:
         raise BadMessageError(f"height of {height:.0f} m: is the pose in the frame 'map'?")

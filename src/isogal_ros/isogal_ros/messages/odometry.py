@@ -1,24 +1,43 @@
 """Navigation states as Odometry messages of the frame ``map`` and the child ``base_link``."""
 
+import math
+
 import numpy as np
 from nav_msgs.msg import Odometry
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
+from isogal.earth.ellipsoid import E2, A
 from isogal.earth.frames import LocalFrame
-from isogal.inertial.rotations import from_matrix, matrix
-from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
-from isogal_ros.messages.frames import BASE, FRD_FLU, MAP, NED_ENU
-from isogal_ros.messages.stamps import set_stamp
+from isogal.inertial.rotations import from_matrix, matrix, rotate
+from isogal_ros.messages.checks import (
+    BadMessageError,
+    require_covariance,
+    require_frame,
+    unit_quaternion,
+)
+from isogal_ros.messages.frames import BASE, FRD_FLU, MAP, NED_ENU, framed
+from isogal_ros.messages.prepared import Prepared, write
+from isogal_ros.topics import Topic
 
 FASTEST = 1e6
 """m/s: nothing that this navigates moves faster."""
 _NO_COVARIANCE = np.zeros((0, 0))
-_POSE = np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])
-"""Position and attitude among the errors of a navigation state."""
+_NUMBERS, _POSE, _TWIST = 85, 7, 49
+"""Of a message; where the covariance of the pose begins among them, and that of the twist."""
+POSE = slice(0, 7)
+"""Position (x, y, z) and orientation (x, y, z, w) among the numbers of a message."""
+
+
+def empty_odometry(topic: Topic) -> Prepared:
+    """Return a message of a topic."""
+    message = framed(topic, MAP)
+    message.child_frame_id = BASE
+    return Prepared(message)
 
 
 def fill_odom(
-    message: Odometry,
+    message: Odometry | Prepared,
     ns: int,
     frame: LocalFrame,
     state: Array,
@@ -36,27 +55,74 @@ def fill_odom(
     angular_rate : (3,) array
         FRD, rad/s, relative to the Earth.
     covariance : (9+, 9+) array
-        Position, velocity, attitude errors, NED; (0, 0) = the message's stays as it is. The
-        twist's covariance is that of the NED velocity turned into body axes, so that turning it
-        back with the message's orientation gives it unchanged.
+        Position, velocity, attitude errors, NED; (0, 0) = zeros are written. The twist's
+        covariance is that of the NED velocity turned into body axes, so that turning it back with
+        the message's orientation gives it unchanged.
     """
-    set_stamp(message.header.stamp, ns)
-    latitude, longitude, height = state[:3].tolist()
-    to_map = frame.rotation_from(latitude, longitude) @ NED_ENU
-    body = matrix(state[6:]) * FRD_FLU
-    point, orientation = message.pose.pose.position, message.pose.pose.orientation
-    point.x, point.y, point.z = frame.from_geodetic(latitude, longitude, height).tolist()
-    q = from_matrix(to_map @ body).tolist()
-    orientation.w, orientation.x, orientation.y, orientation.z = q
-    linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    linear.x, linear.y, linear.z = (state[3:6] @ body).tolist()
-    angular.x, angular.y, angular.z = (angular_rate * FRD_FLU).tolist()
-    if covariance.shape[0]:
-        axes, twist = np.zeros((6, 6)), np.zeros((6, 6))
-        axes[:3, :3] = axes[3:, 3:] = to_map
-        twist[:3, :3] = body.T @ covariance[3:6, 3:6] @ body
-        pose = axes @ covariance[_POSE] @ axes.T
-        message.pose.covariance, message.twist.covariance = pose.ravel(), twist.ravel()
+    numbers = np.zeros(_NUMBERS)
+    _write_state(numbers, frame.axes, frame.origin, state, angular_rate, covariance)
+    write(message, ns, numbers)
+
+
+@kernel
+def _turn(
+    numbers: Array, first: int, rotation: Array, covariance: Array, row: int, column: int
+) -> None:
+    """Write the block (3, 3) that begins at a row and a column of a covariance, turned, into one
+    of (6, 6)."""
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for k in range(3):
+                for m in range(3):
+                    of_error = covariance[row + k, column + m]
+                    total += rotation[i, k] * of_error * rotation[j, m]
+            numbers[first + 6 * i + j] = total
+
+
+@kernel
+def _write_state(
+    numbers: Array,
+    axes: Array,
+    origin: Array,
+    state: Array,
+    angular_rate: Array,
+    covariance: Array,
+) -> None:
+    """Write an Odometry's numbers (85,) of a state in a frame (its axes (3, 3) in ECEF, and its
+    origin (3,) there, m)."""
+    sl, cl = math.sin(state[0]), math.cos(state[0])
+    so, co = math.sin(state[1]), math.cos(state[1])
+    n = A / math.sqrt(1.0 - E2 * (sl * sl))
+    p = (n + state[2]) * cl
+    x, y = p * co - origin[0], p * so - origin[1]
+    z = (n * (1.0 - E2) + state[2]) * sl - origin[2]
+    w, qx, qy, qz = state[6], state[7], state[8], state[9]
+    to_map, to_body, turned = np.empty((3, 3)), np.empty((3, 3)), np.zeros((3, 3))
+    for i in range(3):
+        a, b, c = axes[i, 0], axes[i, 1], axes[i, 2]
+        numbers[i] = a * x + b * y + c * z
+        outward = a * co + b * so
+        to_map[i, 0] = c * cl - outward * sl
+        to_map[i, 1] = b * co - a * so
+        to_map[i, 2] = -c * sl - outward * cl
+        sign = 1.0 if i == 0 else -1.0  # forward, left, up
+        axis = rotate(w, qx, qy, qz, sign * (i == 0), sign * (i == 1), sign * (i == 2))
+        to_body[i, 0], to_body[i, 1], to_body[i, 2] = axis
+        numbers[_TWIST - 6 + i] = axis[0] * state[3] + axis[1] * state[4] + axis[2] * state[5]
+        numbers[_TWIST - 3 + i] = sign * angular_rate[i]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                turned[i, j] += to_map[i, k] * to_body[j, k]
+    attitude = from_matrix(turned)
+    for i in range(4):
+        numbers[3 + i] = attitude[(i + 1) % 4]
+    if covariance.shape[0] > 0:
+        _turn(numbers, _TWIST, to_body, covariance, 3, 3)
+        for i in range(2):
+            for j in range(2):
+                _turn(numbers, _POSE + 18 * i + 3 * j, to_map, covariance, 6 * i, 6 * j)
 
 
 def read_velocity(
@@ -81,15 +147,11 @@ def read_velocity(
     require_frame(message, MAP)
     if message.child_frame_id != BASE:
         raise BadMessageError(f"child_frame_id must be '{BASE}', is '{message.child_frame_id}'")
-    q, linear = message.pose.pose.orientation, message.twist.twist.linear
-    values = np.array([q.w, q.x, q.y, q.z, linear.x, linear.y, linear.z])
+    turn, linear = unit_quaternion(message.pose.pose.orientation), message.twist.twist.linear
+    velocity = np.array([linear.x, linear.y, linear.z])
     covariance = np.asarray(message.twist.covariance).reshape(6, 6)[:3, :3]
-    if not np.isfinite(values).all():
-        raise BadMessageError("orientation or velocity is not finite")
-    if np.abs(values[4:]).max() > FASTEST:
-        raise BadMessageError(f"velocity above {FASTEST:g} m/s")
-    if abs(values[:4] @ values[:4] - 1.0) > 1e-3:
-        raise BadMessageError("orientation is not a unit quaternion")
+    if not np.isfinite(velocity).all() or np.abs(velocity).max() > FASTEST:
+        raise BadMessageError(f"velocity is not finite, or above {FASTEST:g} m/s")
     require_covariance(covariance)
-    to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T @ matrix(values[:4])
-    return to_ned @ values[4:], to_ned @ covariance @ to_ned.T, to_ned * FRD_FLU
+    to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T @ matrix(turn)
+    return to_ned @ velocity, to_ned @ covariance @ to_ned.T, to_ned * FRD_FLU

@@ -5,17 +5,20 @@ Earth."""
 import math
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
 from isogal_ros.messages.frames import BASE, NED_ENU
+from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import set_stamp
 
 NOT_MEASURED = 1e6
 """Variance that stands for a direction that a sensor does not measure, in the message's unit."""
+FARTHEST = 1.4e7
+"""m from the origin of the frame ``map``: no place on the Earth is farther."""
 HEIGHT_VARIANCE = 1e4
 """m². A fix measures no height: its height is the navigator's. Far from the origin the plane of a
 fix is tilted against that of the map (by 2.7 degrees after 300 km), and a variance that means
@@ -23,7 +26,7 @@ fix is tilted against that of the map (by 2.7 degrees after 300 km), and a varia
 
 
 def fill_fix(
-    message: NavSatFix,
+    message: NavSatFix | Prepared,
     ns: int,
     latitude: float,
     longitude: float,
@@ -44,17 +47,20 @@ def fill_fix(
     status : int
         Of NavSatStatus.
     """
-    set_stamp(message.header.stamp, ns)
-    message.latitude = math.degrees(latitude)
-    message.longitude = math.degrees(math.remainder(longitude, 2.0 * math.pi))
-    message.altitude = float(height)
-    message.status.status = status
-    if covariance is None:
-        message.position_covariance = np.zeros(9)
-        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
-    else:
-        message.position_covariance = (NED_ENU @ covariance @ NED_ENU).ravel()
-        message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_KNOWN
+    numbers = np.zeros(12)
+    numbers[0] = math.degrees(latitude)
+    numbers[1] = math.degrees(math.remainder(longitude, 2.0 * math.pi))
+    numbers[2] = height
+    kind = NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    if covariance is not None:
+        numbers[3:] = (NED_ENU @ covariance @ NED_ENU).ravel()
+        kind = NavSatFix.COVARIANCE_TYPE_KNOWN
+    whole = message.message if isinstance(message, Prepared) else message
+    if (whole.status.status, whole.position_covariance_type) != (status, kind):
+        whole.status.status, whole.position_covariance_type = status, kind
+        if isinstance(message, Prepared):
+            message.prepare()
+    write(message, ns, numbers)
 
 
 def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, float]:
@@ -78,6 +84,15 @@ def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, 
             f" {message.longitude:.4f} deg"
         )
     return math.radians(message.latitude), math.radians(message.longitude), message.altitude
+
+
+def read_point(point: Point, frame: LocalFrame) -> Array:
+    """Return latitude, longitude (rad) and height (m) as (3,) of a point in the frame ``map``;
+    raises BadMessageError where it is not finite, or at no place on the Earth."""
+    local = np.array([point.x, point.y, point.z])
+    if not (np.isfinite(local).all() and np.abs(local).max() <= FARTHEST):
+        raise BadMessageError("position is not finite, or not on the Earth")
+    return np.array([float(part) for part in frame.to_geodetic(local)])
 
 
 def read_covariance(message: NavSatFix) -> Array:

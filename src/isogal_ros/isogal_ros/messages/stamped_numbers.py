@@ -12,6 +12,7 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.matching.interfaces import Aided
 from isogal_ros.messages.checks import BadMessageError, require_covariance
+from isogal_ros.messages.prepared import Prepared, write
 
 _SECOND = 1_000_000_000
 _HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
@@ -27,14 +28,10 @@ class AidedSince(NamedTuple):
     told: Aided
 
 
-def fill_numbers(message: Float64MultiArray, ns: int, *arrays: Array) -> None:
+def fill_numbers(message: Float64MultiArray | Prepared, ns: int, *arrays: Array) -> None:
     """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray,
     which has no header."""
-    seconds, rest = divmod(ns, _SECOND)
-    data = [float(seconds), float(rest)]
-    for array in arrays:
-        data += array.ravel().tolist()
-    message.data = data
+    write(message, ns, np.concatenate((divmod(ns, _SECOND), *(one.ravel() for one in arrays))))
 
 
 def peek_numbers_ns(serialised: bytes) -> int:
@@ -55,7 +52,10 @@ def peek_numbers_ns(serialised: bytes) -> int:
 
 
 def fill_nav_covariance(
-    message: Float64MultiArray, ns: int, covariance: Array, aided: AidedSince | None = None
+    message: Float64MultiArray | Prepared,
+    ns: int,
+    covariance: Array,
+    aided: AidedSince | None = None,
 ) -> None:
     """Write the covariance (7, 7) of a batch's states at a stamp and, where satellites have told
     something since the last fix, the stamp of that, the covariance without them (7, 7), and what

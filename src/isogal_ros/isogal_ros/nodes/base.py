@@ -33,6 +33,7 @@ from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
+from isogal_ros.messages.prepared import Prepared
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.listening import Listening, Take
@@ -237,14 +238,19 @@ class GraphNode(LifecycleNode):
         def publish(message: topics.Message) -> None:
             # what is serialised is a recording's, and goes out as it is
             if in_order and not isinstance(message, bytes):
-                ns = to_ns(message.header.stamp)
+                is_prepared = isinstance(message, Prepared)
+                ns = message.ns if is_prepared else to_ns(message.header.stamp)
                 newest = self._sent.setdefault(topic.name, ns)
                 if ns < newest:
                     text = f"{to_seconds(ns):.3f} s is older than {to_seconds(newest):.3f} s"
                     self.health.drop(topic.name, f"not published, {text}")
                     return
                 self._sent[topic.name] = ns
-            if renamed and not isinstance(message, bytes):
+            if isinstance(message, Prepared):
+                if renamed:
+                    message.rename(self.frame_names.outward)
+                message = message.serialised()
+            elif renamed and not isinstance(message, bytes):
                 self.frame_names.outward(message)
             try:
                 send(message)

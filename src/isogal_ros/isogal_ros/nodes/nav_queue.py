@@ -83,7 +83,7 @@ class NavQueue(Generic[Item]):
         Called with stamp (ns), item, and the navigator's state; None = it said nothing usable of
         that stamp.
     arrived : callable
-        Called without arguments when something of the navigator has come.
+        Called without arguments when the navigator has gone on, or an item has come.
     """
 
     def __init__(
@@ -115,11 +115,11 @@ class NavQueue(Generic[Item]):
     def put(self, ns: int, item: Item) -> None:
         """Take an item."""
         self.waiting.append((ns, item))
+        self._arrived()
         self._process()
 
     def _process(self) -> None:
         """Deal with the waiting items as far as the navigator's states reach."""
-        self._arrived()
         while self.waiting:
             ns, item = self.waiting[0]
             try:
@@ -204,7 +204,9 @@ class NavQueue(Generic[Item]):
             if 0 <= self.newest < ns - self._interval - from_seconds(HELD):
                 self._gaps.append((self.newest, ns))
             self.newest = ns
-        self._process()
+            self._arrived()
+        if self.waiting:
+            self._process()
 
     def _forget_alone(self, ns: int) -> None:
         """Forget odometry from long before a fix (its stamp) that none has come for."""
@@ -222,7 +224,8 @@ class NavQueue(Generic[Item]):
         if stamp.covariance is None:
             stamp.covariance = data
             self._newest_covariance = max(self._newest_covariance, ns)
-            self._process()
+            if self.waiting:
+                self._process()
 
     def _note_jump(self, ns: int, stamp: _Stamp) -> None:
         after, before = self._state(stamp, stamp.pairs - 1), self._state(stamp, stamp.pairs - 2)

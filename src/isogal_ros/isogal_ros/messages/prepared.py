@@ -1,0 +1,141 @@
+"""Messages that are serialised once: of one after the other only stamp and numbers change.
+
+rclpy takes a message apart field by field, which takes longer than all that the filter does with a
+sample. Of the messages of every step the layout is fixed: in CDR (OMG DDS-XTypes 1.3, section 7.4)
+their float64 follow one another as in memory, aligned to eight bytes."""
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import cache, reduce
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from isogal.arrays import Array
+from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.topics import Message
+
+_STAMP, _STAMP_AT = struct.Struct("=iI"), 4
+"""Behind four bytes that say how the message is represented."""
+_SECOND = 1_000_000_000
+
+
+class Prepared:
+    """A message whose stamp and numbers are written into what it is serialised to.
+
+    Parameters
+    ----------
+    message : Message
+        With all that stays as it is; its numbers are those to begin with.
+
+    Raises
+    ------
+    ValueError
+        Its numbers do not follow one another.
+    """
+
+    def __init__(self, message: Message) -> None:
+        self.message = message
+        """What `prepare` serialises."""
+        self.ns = 0
+        """Stamp."""
+        self.numbers = numbers_of(message)
+        """(N,) all float64 of the message, in the order of its fields."""
+        self._renamed = False
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Serialise what is not stamp or number anew."""
+        _write_object(self.message, marks := 1.0 + np.arange(len(self.numbers)))
+        data = serialize_message(self.message)
+        start = data.rfind(marks.tobytes())
+        if start < 0:
+            raise ValueError(f"{type(self.message).__name__}: numbers that do not follow another")
+        self._head, self._tail = bytearray(data[:start]), data[start + marks.nbytes :]
+
+    def rename(self, change: Callable[[Message], None]) -> None:
+        """Let a function change the names of the message's frames, once."""
+        if not self._renamed:
+            self._renamed = True
+            change(self.message)
+            self.prepare()
+
+    def serialised(self) -> bytes:
+        """Return the message as it is now."""
+        return b"".join((self._head, self.numbers, self._tail))
+
+    def write(self, ns: int, numbers: Array) -> None:
+        """Write a stamp, where the message has one, and all numbers; where it holds as many as
+        one likes, they may become more or fewer."""
+        self.ns = ns
+        is_longer = len(numbers) != len(self.numbers)
+        self.numbers = numbers
+        if is_longer:
+            self.prepare()
+        if _has_stamp(type(self.message)):
+            _STAMP.pack_into(self._head, _STAMP_AT, *divmod(ns, _SECOND))
+
+
+def serialised(message: Message | Prepared) -> bytes:
+    """Return a message as bytes."""
+    if isinstance(message, Prepared):
+        return message.serialised()
+    return message if isinstance(message, bytes) else serialize_message(message)
+
+
+def numbers_of(message: Message | Prepared) -> Array:
+    """Return (N,) all float64 of a message, in the order of its fields."""
+    if isinstance(message, Prepared):
+        return message.numbers
+    parts = (reduce(getattr, way, message) for way, _ in _paths(type(message)))
+    return np.concatenate([np.empty(0), *(np.atleast_1d(np.asarray(one, float)) for one in parts)])
+
+
+_NONE = np.empty(0)
+
+
+def write(message: Message | Prepared, ns: int, numbers: Array = _NONE) -> None:
+    """Write a stamp into the header of a message, and all its numbers."""
+    if isinstance(message, Prepared):
+        message.write(ns, numbers)
+        return
+    _write_object(message, numbers)
+    if hasattr(message, "header"):
+        set_stamp(message.header.stamp, ns)
+
+
+def _write_object(message: Message, numbers: Array) -> None:
+    rest = numbers
+    for way, kind in _paths(type(message)):
+        owner = reduce(getattr, way[:-1], message)
+        if kind == "double":
+            setattr(owner, way[-1], float(rest[0]))
+            rest = rest[1:]
+        elif kind == "sequence<double>":
+            setattr(owner, way[-1], rest.tolist())
+        else:
+            size = len(getattr(owner, way[-1]))
+            setattr(owner, way[-1], rest[:size].copy())
+            rest = rest[size:]
+
+
+@cache
+def _paths(kind: type[Message]) -> tuple[tuple[tuple[str, ...], str], ...]:
+    """Return the names that lead to each field of float64, or of an array of them, and what it
+    is."""
+    return tuple(_walk(kind()))
+
+
+def _walk(message: Message) -> Iterator[tuple[tuple[str, ...], str]]:
+    for name, kind in message.get_fields_and_field_types().items():
+        if "double" in kind:
+            yield (name,), kind
+        elif "/" in kind and "sequence" not in kind:
+            yield from (((name, *way), inner) for way, inner in _walk(getattr(message, name)))
+
+
+@cache
+def _has_stamp(kind: type[Message]) -> bool:
+    """Whether a message begins with a stamp, in a header or alone."""
+    first = next(iter(kind.get_fields_and_field_types().values()))
+    return first in ("std_msgs/Header", "builtin_interfaces/Time")
