@@ -130,7 +130,7 @@ class Killing:
     def start(self, jobs: Sequence[Job]) -> Iterator[Submit]:
         with Backend(workers=1).start(jobs) as submit:
 
-            def deadly(job: Job) -> Future[Runs]:
+            def deadly(job: Job) -> Future[Runs | Path]:
                 future = submit(job)
                 if self.times > 0:
                     self.times -= 1

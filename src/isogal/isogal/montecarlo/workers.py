@@ -12,7 +12,10 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
+from uuid import uuid4
 
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
@@ -29,8 +32,8 @@ TIMEOUT = 10.0
 """s to wait for a scheduler."""
 _THREADS = (*VARIABLES, "NUMBA_NUM_THREADS")
 
-Submit = Callable[[Job], Future[Runs]]
-"""Has a run computed."""
+Submit = Callable[[Job], Future[Runs | Path]]
+"""Has a run computed, and returns it or the file that it is in."""
 
 
 class WorkerError(RuntimeError):
@@ -77,13 +80,18 @@ def computed(
                 ) from None
 
 
-def _result(future: Future[Runs], job: Job) -> Runs:
+def _result(future: Future[Runs | Path], job: Job) -> Runs:
     try:
-        return future.result()
+        found = future.result()
     except (InputError, BrokenProcessPool):
         raise
     except Exception as error:
         raise WorkerError(f"{job}: {type(error).__name__}: {error}") from error
+    if isinstance(found, Runs):
+        return found
+    runs = Runs.load(found)
+    found.unlink()
+    return runs
 
 
 @contextmanager
@@ -102,17 +110,18 @@ def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
     context.set_forkserver_preload(["__main__", __name__])
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, context, _take, (maps,))
+    with TemporaryDirectory(prefix="isogal-") as folder:
 
-    def submit(job: Job) -> Future[Runs]:
-        with _as_worker():
-            return pool.submit(_compute, job.task)
+        def submit(job: Job) -> Future[Runs | Path]:
+            with _as_worker():
+                return pool.submit(_compute, job.task, Path(folder))
 
-    try:
-        yield submit
-    finally:
-        for process in set(multiprocessing.active_children()) - others:
-            process.kill()
-        pool.shutdown(cancel_futures=True)
+        try:
+            yield submit
+        finally:
+            for process in set(multiprocessing.active_children()) - others:
+                process.kill()
+            pool.shutdown(cancel_futures=True)
 
 
 _maps: dict[str, RunMap] = {}
@@ -123,8 +132,12 @@ def _take(maps: Mapping[str, RunMap]) -> None:
     _maps.update(maps)
 
 
-def _compute(task: Task) -> Runs:
-    return compute(task, _maps[task.map_key])
+def _compute(task: Task, folder: Path) -> Path:
+    """Compute a task; return the file that the run is in. A worker that is killed while it sends
+    more than fits into the pool's pipe would leave the parent waiting for the rest."""
+    path = folder / f"{uuid4().hex}.npz"
+    compute(task, _maps[task.map_key]).save(path)
+    return path
 
 
 @contextmanager
