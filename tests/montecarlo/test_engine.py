@@ -2,7 +2,6 @@
 says."""
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
-from isogal.matching.joint_batches import JointBatches
 from isogal.montecarlo.engine import simulate, simulate_unaided
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
@@ -321,19 +319,6 @@ def test_the_navigator_takes_horizontal_gravity_for_as_wrong_as_the_matcher_find
         P[2, 2] += 0.5 * ((3e-4) ** 2 - (2e-5) ** 2) * (1.0 - kept**2)
     more = spread[3e-4][0] - spread[None][0]
     assert np.sqrt(more) == pytest.approx(np.sqrt(P[0, 0]), rel=0.1)
-
-
-def test_batches_learn_of_each_fix_of_their_own_run(monkeypatch):
-    seen = {}
-    monkeypatch.setattr(
-        JointBatches, "learn", lambda self, fix: seen.setdefault(self, []).append(fix)
-    )
-    runs = simulate(
-        scenario(), [0, 1], MAP, Scripted(lambda batch: declined(batch, str(batch.reading[0])))
-    )
-    told = [[fix.reason for fix in fixes] for fixes in seen.values()]
-    assert told == runs.fix_reason.tolist()
-    assert told[0] != told[1]
 
 
 @pytest.mark.slow
