@@ -122,12 +122,11 @@ def new_runs(scenario: Scenario, runs: range, pool: Executor, chunk: int = CHUNK
     return Runs.concatenate(list(pool.map(partial(simulate, scenario), parts)))
 
 
-def bound_of(scenario: Scenario, record: Runs, *, batchwise: bool = False) -> Array:
-    """Return (K,) m, the RMS bound at the times of a record; `batchwise`: of a navigator that
-    learns of readings at the ends of batches only."""
+def bound_of(scenario: Scenario, record: Runs) -> Array:
+    """Return (K,) m, the RMS bound at the times of a record."""
     trajectory = build_trajectory(scenario)
     maps = maps_for_scenario(scenario, trajectory)
-    bound = posterior_cramer_rao(scenario, trajectory, maps, batchwise=batchwise)
+    bound = posterior_cramer_rao(scenario, trajectory, maps)
     return bound.rms_at(record.time)
 
 

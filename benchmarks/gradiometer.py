@@ -6,7 +6,6 @@
 Ratio is the RMS error of all scans after the first half hour over the RMS bound of that world at
 the same scans, for a navigator that learns at the ends of batches."""
 
-from functools import partial
 from pathlib import Path
 
 import closed_loop
@@ -77,8 +76,7 @@ def main() -> None:
         for kind in ("told", "untold")
         if closed_loop.matching(name, options.case) and (kind == "told" or keys)
     }
-    bound = partial(closed_loop.bound_of, batchwise=True)
-    closed_loop.study(("what errs", ""), cases, COLUMNS, options, bound=bound, settled=SETTLED)
+    closed_loop.study(("what errs", ""), cases, COLUMNS, options, settled=SETTLED)
 
 
 if __name__ == "__main__":

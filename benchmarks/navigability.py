@@ -29,7 +29,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.matching.pmht.memory import Diverged
+from isogal.matching.pmht.search import Diverged
 from isogal.matching.registry import load_matcher
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario

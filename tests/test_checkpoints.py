@@ -17,6 +17,7 @@ from isogal.errors import InputError
 from isogal.inertial.error_state import Estimate
 from isogal.matching.interfaces import Information, SecondaryBatch
 from isogal.matching.pmht.memory import Memory
+from isogal.matching.pmht.search import Diverged
 
 ME = owner({"seed": 1}, 0)
 
@@ -61,7 +62,7 @@ def test_arrays(kind, shape) -> None:
 
 
 def test_dataclasses_and_named_tuples_of_the_library(tmp_path) -> None:
-    memory = Memory.before(3.0 * np.eye(7), 5.0)
+    memory = Memory({}, Diverged.before(3.0 * np.eye(7), 5.0), np.eye(7))
     estimate = Estimate(np.ones(3), np.zeros(3), np.array([1.0, 0, 0, 0]))
     path = tmp_path / "deep" / "file"
     save(
@@ -121,7 +122,7 @@ def forged(content: object, arrays: list | None = None) -> bytes:
     (forged({"class": "subprocess:Popen", "fields": {"args": "true"}}), "class subprocess:Popen"),
     (forged({"class": "isogal.files:os.system", "fields": {}}), "class isogal.files:os.system"),
     (forged({"class": "isogal.files:write_atomic", "fields": {}}), "class isogal.files"),
-    (forged({"class": "isogal.matching.pmht.memory:Memory", "fields": {}}), "missing 4 required"),
+    (forged({"class": "isogal.matching.pmht.memory:Memory", "fields": {}}), "missing 3 required"),
     (forged({"array": 0}), "IndexError"),
     (forged(1, [["<f8", [10**12]]]), "ValueError"),
     (forged(1, [["|O", [1]]]), "array of"),

@@ -283,27 +283,6 @@ def test_rms_between_scans():
     assert np.isnan(bound.rms_at(np.array([-1.0, 11.0]))).all()
 
 
-def test_batchwise_bound():
-    """At a batch end it equals the bound with every reading at once; in between the navigator is
-    propagated alone, and is worse."""
-    settings = {
-        "route": {"duration": 3000.0},
-        "matcher": {"batch_length": 20, "stride": 10},
-        "map_error": {"sigma": 2e-5},
-    }
-    at_once, batchwise = (
-        bound(how={"batchwise": batchwise}, **settings).covariance for batchwise in (False, True)
-    )
-    ends = np.arange(20, 301, 10)
-    np.testing.assert_array_equal(batchwise[ends], at_once[ends])
-    alone = bound(None, **settings).covariance
-    np.testing.assert_allclose(batchwise[:20], alone[:20], rtol=1e-12)
-    between = np.setdiff1d(np.arange(20, 301), ends)
-    worse, least = (np.trace(one[between], axis1=1, axis2=2) for one in (batchwise, at_once))
-    assert (worse > least).all()
-    assert np.trace(batchwise[-2]) < 0.5 * np.trace(alone[-2])
-
-
 @pytest.mark.parametrize("field_map", [tilted(3e-9, 1e-9), None], ids=["aided", "unaided"])
 def test_it_is_of_the_true_world(field_map):
     true = {"imu": {"grade": "quantum"}, "gravimeter": {"sigma": 3e-5}}

@@ -1,6 +1,5 @@
 """Gravity that the vehicle feels, its errors, and what a navigator knows of it."""
 
-from collections import OrderedDict
 from dataclasses import replace
 
 import numpy as np
@@ -82,7 +81,7 @@ def test_the_vehicle_feels_what_a_point_mass_does(world):
 
 def test_of_a_map_in_tiles_it_feels_the_same(world, monkeypatch):
     """But for what lies off the corridor of a long route, which counts as nothing."""
-    monkeypatch.setattr(vector, "_kept", OrderedDict())
+    monkeypatch.setattr(vector, "_vector", vector._vector.__wrapped__)  # without a cache
     monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 5000)
     trajectory = build_trajectory(world)
     assert isinstance(gravity_vector(world, trajectory).disturbance, TiledMap)

@@ -77,7 +77,10 @@ def test_depths_count_downwards(tmp_path):
     [
         ({"column": "grav"}, r"readings\.column: \S+ has no column grav; it has time, faa"),
         ({"unit": "nT"}, r"column faa: nT is no unit of disturbance; allowed: m/s², mGal"),
-        ({"unit": "m/s²"}, r"column faa in m/s²: readings of 0 to 10 cannot be disturbance"),
+        (
+            {"unit": "m/s²"},
+            r"csv:faa: values 0 to 10 m/s² cannot be a dist.* give unit=mGal",
+        ),
         ({"source": "none.csv"}, r"none\.csv"),
     ],
 )

@@ -34,13 +34,13 @@ def pmht(**keys: Any) -> Pmht:
 def states_of(channels: int = 1) -> States:
     """The instrument's states of plain readings."""
     more = len(UNKNOWN)
-    return States((), np.zeros(more), np.full(more, np.inf), np.zeros(more), channels, more)
+    return States(UNKNOWN, np.zeros(more), np.full(more, np.inf), np.zeros(more), channels, more)
 
 
 def models(**keys: Any) -> Models:
     """Those of plain readings of 1 mGal on a map of 10 mGal."""
     return models_of(
-        Assumed(**({"noise": 1e-5, "scale": 1e-4, "rough": 1e-5, "shaken": True} | keys)),
+        Assumed(**({"noise": 1e-5, "scale": 1e-4, "rough": 1e-5} | keys)),
         states_of(),
     )
 

@@ -9,7 +9,6 @@ from isogal.arrays import Array
 from isogal.magnetics.aircraft import MagneticAircraft, VectorErrors
 from isogal.magnetics.manoeuvres import Flight
 from isogal.magnetics.readings import Readings
-from isogal.magnetics.terms import derivative
 
 MAIN_FIELD = np.array([17_281.0, -169.0, 47_147.0])
 """nT, north, east, down: in Scotland."""
@@ -76,7 +75,7 @@ def fly(
     anomaly = anomaly * np.cos(2.0 * np.pi * flight.east / 5000.0)
     total = INTENSITY + anomaly + around.diurnal * np.sin(2.0 * np.pi * flight.time / 1800.0)
     body = flight.in_body(total[:, None] * MAIN_FIELD / INTENSITY)
-    felt, currents = craft.field_on_board(body, derivative(body, flight.time)), {}
+    felt, currents = craft.field_on_board(body, np.gradient(body, flight.time, axis=0)), {}
     if around.strobe:
         currents["strobe"] = 5.0 * (np.sin(2.0 * np.pi * flight.time / 7.3) > 0.3)
         felt = felt + currents["strobe"][:, None] * STROBE

@@ -63,16 +63,11 @@ class Watcher:
     def __init__(self) -> None:
         self.todo: list[Chunk] = []
         self.kept = 0
-        self.reports = 0
         self.done: list[Chunk] = []
         self.said: list[str] = []
 
     def begin(self, todo: Sequence[Chunk], kept: int) -> None:
         self.todo, self.kept = list(todo), kept
-
-    def reached(self, chunk: Chunk, seconds: float) -> None:
-        assert 0.0 <= seconds <= chunk.case.duration
-        self.reports += 1
 
     def finished(self, chunk: Chunk) -> None:
         self.done.append(chunk)

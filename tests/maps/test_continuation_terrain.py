@@ -122,22 +122,6 @@ def test_a_source_in_a_mountain_pulls_upwards_in_the_valley():
         assert error < 0.03 * np.abs(right[place]).max()
 
 
-def test_cubics_are_kept_between_levels():
-    terrain = np.random.default_rng(0).uniform(0.0, 900.0, (6, 7)).astype(np.float32)
-    layer = source_layer.SourceLayer(
-        terrain, 200.0, [source_layer.Scale(200.0, np.ones(6, np.float32))]
-    )
-    place = layer.ground.ravel()
-    weights = np.zeros((layer.levels + source_layer.DEPTH, place.size))
-    for level, row in enumerate(weights):
-        near, weight = layer.on_level(level)
-        row[near] = weight
-    for power in range(4):
-        found = np.arange(len(weights), dtype=float) ** power @ weights
-        np.testing.assert_allclose(found, place**power, rtol=1e-4)
-    assert ((weights != 0.0).sum(axis=0) <= 4).all()
-
-
 def test_what_cannot_be_continued_from_the_ground_is_refused(mountain_map):
     low, terrain = mountain_map
     with pytest.raises(InputError, match="must be a map of height, is one of disturbance"):

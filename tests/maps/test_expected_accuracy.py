@@ -44,19 +44,6 @@ def test_white_noise_by_hand():
     assert found.gradient[0] == pytest.approx(np.sqrt(np.mean(np.sum(slope**2, axis=1))), rel=1e-4)
 
 
-def test_map_error_and_offset_cost_accuracy_and_more_readings_win_it():
-    latitude, longitude = track()
-
-    def worst(errors, **options):
-        return position_information(saddle(), latitude, longitude, errors, **options).axes[1][0]
-
-    plain = worst(Errors(0.5, 0.0), stretch=0.0)
-    assert worst(Errors(0.5, 0.5), stretch=0.0) > 1.5 * plain
-    assert worst(Errors(0.5, 0.0, bias_sigma=1.0), stretch=0.0) > plain
-    assert worst(Errors(0.5, 0.0), stretch=10_000.0) > 1.5 * plain
-    assert worst(Errors(1.0, 0.0), stretch=0.0) == pytest.approx(2.0 * plain, rel=1e-6)
-
-
 def test_stretches_cover_the_track():
     latitude, longitude = track()
     found = position_information(saddle(), latitude, longitude, Errors(0.5), stretch=5000.0)

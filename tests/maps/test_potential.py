@@ -1,7 +1,6 @@
 """The gravity vector and the gradient tensor by FFT: against a point mass, a plane wave and random
 fields whose components are known."""
 
-import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -13,14 +12,12 @@ from helpers.point_masses import drawn_errors
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
-from isogal.maps import spectral
 from isogal.maps.potential import (
     COMPONENTS,
     INDEPENDENT,
     VECTOR,
     from_deflections,
     gravity_vector,
-    operator,
     tensor_maps,
 )
 
@@ -196,7 +193,7 @@ def test_components_that_are_not_known(components, message):
 @pytest.mark.parametrize("length", [None, 3000.0])
 def test_errors_of_the_map_go_through_the_transform(length):
     """Draws of white noise or of a field with covariance exp(-d / L), against the gain by their
-    spectrum."""
+    spectrum, which takes the grid's rectangle of wavenumbers for a disc."""
     flat = field_map_of(lambda n, e: 0.0 * n * e, half=60e3, step=600.0)
     spread = {name: [] for name in COMPONENTS}
     for seed in range(6):
@@ -210,27 +207,28 @@ def test_errors_of_the_map_go_through_the_transform(length):
     maps = tensor_maps(replace(flat, **stated), COMPONENTS, height=200.0)
     for name, channel in zip(COMPONENTS, maps.channels, strict=True):
         gain = channel.quantisation if length is None else channel.sigma
-        assert gain == pytest.approx(np.sqrt(np.mean(spread[name])), rel=0.05), name
+        drawn = np.sqrt(np.mean(spread[name]))
+        assert gain == pytest.approx(drawn, rel=0.08 if length is None else 0.05), name
         assert (channel.sigma if length is None else channel.quantisation) == 0.0
 
 
 def test_errors_of_a_gradient_hold_together_over_the_height_or_a_cell():
-    fine, coarse = (200.0, 200.0), (900.0, 900.0)
+    def error_lengths(step, height, length=4000.0):
+        flat = field_map_of(lambda n, e: 0.0 * n * e, half=30e3, step=step)
+        stated = replace(flat, sigma=1e-5, correlation_length=length)
+        maps = tensor_maps(stated, COMPONENTS, height=height, edge=0.0).channels
+        return np.array([one.correlation_length for one in maps])
 
-    def error_length(name, cell, height, length=4000.0):
-        return spectral.error_length(partial(operator, name, height), cell, length)
-
-    for name in COMPONENTS:
-        assert 0.3 * 900.0 < error_length(name, coarse, 100.0) < 1.5 * 900.0, name
-        assert 1.0 < error_length(name, fine, 1000.0) / 2000.0 < 2.0, name
-        assert error_length(name, fine, 100.0) < error_length(name, fine, 400.0), name
-    assert error_length("dd", fine, 100.0) == pytest.approx(
-        error_length("dd", fine, 100.0, 8000.0), rel=0.1
-    )
+    coarse, fine = error_lengths(900.0, 100.0), error_lengths(200.0, 100.0)
+    assert (coarse > 0.3 * 900.0).all() and (coarse < 1.5 * 900.0).all()
+    high = error_lengths(200.0, 1000.0)
+    assert (high > 2000.0).all() and (high < 4000.0).all()
+    assert (fine < error_lengths(200.0, 400.0)).all()
+    np.testing.assert_allclose(fine, error_lengths(200.0, 100.0, 8000.0), rtol=0.1)
 
 
 def test_errors_of_the_map_go_into_each_component_of_the_vector():
-    """Half of the variance each; without masses beyond the map nothing else."""
+    """Half of the variance each."""
     flat = field_map_of(lambda n, e: 0.0 * n * e, half=60e3, step=1000.0)
     stated = replace(flat, sigma=2 * MGAL, correlation_length=3000.0, height=100.0)
     down, north, east = gravity_vector(stated).channels
@@ -243,51 +241,6 @@ def test_errors_of_the_map_go_into_each_component_of_the_vector():
     assert above.sigma < 1.6 * MGAL
     assert [one.correlation_length for one in gravity_vector(flat).channels] == [None] * 3
     assert gravity_vector(replace(flat, quantisation=1e-6)).channels[0].sigma > 0.28e-6
-
-
-def random_field(nodes, step, seed):
-    """Disturbance and its horizontal components on a torus: 28 mGal RMS, with the spectrum of
-    Tscherning and Rapp (1974) from degree 10."""
-    waves = spectral.waves_of((nodes, nodes), (step, step))
-    k = np.where(waves.size > 0.0, waves.size, 1.0)
-    degree = 6.371e6 * k
-    power = np.exp(-2.0 * k * 3e3) / ((degree + 1.0) * (degree + 24.0))
-    power *= np.minimum(degree / 10.0, 1.0) ** 4
-    power[0, 0] = 0.0
-    white = np.random.default_rng(seed).standard_normal((nodes, nodes))
-    transform = np.fft.rfft2(white) * np.sqrt(power)
-    transform *= 28.0 * MGAL / np.fft.irfft2(transform).std()
-    factors = 1.0, 1j * waves.odd_north / k, 1j * waves.odd_east / k
-    return tuple(np.fft.irfft2(transform * factor) for factor in factors)
-
-
-def windows(width=400e3, step=4000.0):
-    """Windows of random fields, as maps, with their true horizontal components."""
-    nodes = round(width / step)
-    small = field_map_of(lambda n, e: 0.0 * n * e, half=0.5 * width, step=step)
-    small = small.part(slice(0, nodes), slice(0, nodes))
-    for seed in range(5):
-        fields = random_field(1024, step, seed)
-        for row, column in itertools.product(range(0, 1024 - nodes, 4 * nodes), repeat=2):
-            cut = slice(row, row + nodes), slice(column, column + nodes)
-            yield replace(small, values=fields[0][cut]), fields[1][cut], fields[2][cut]
-
-
-def test_sigma_says_what_is_unknown_beyond_the_map():
-    """Maps of 400 km cut out of random fields. From field to field the error in the middle varies
-    by a third, as few long waves make it."""
-    rim, middle = [], []
-    for disturbance, *expected in windows():
-        maps = horizontal(disturbance, edge=8e3)
-        for channel, right in zip(maps.channels, expected, strict=True):
-            error, sigma = channel.values - right, np.asarray(channel.sigma)
-            rim.append((np.mean(error[3:8, 3:-3] ** 2), np.mean(sigma[3:8, 3:-3] ** 2)))
-            middle.append((np.mean(error[40:60, 40:60] ** 2), np.mean(sigma[40:60, 40:60] ** 2)))
-            assert channel.correlation_length == pytest.approx(200e3, rel=0.05)
-    for place, least, most in ((rim, 8.0, 12.0), (middle, 4.0, 8.0)):
-        error, sigma = np.sqrt(np.mean(place, axis=0)) / MGAL
-        assert least < error < most
-        assert 1.0 < sigma / error < 1.9
 
 
 def test_deflections_become_gravity_and_back():

@@ -15,7 +15,6 @@ from isogal.maps.axes import TWO_PI, EmptyWindowError, TooManyCellsError
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap, map_along
-from isogal.maps.variability import feature_variability
 from isogal.montecarlo.chunks import map_digest
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import load_scenario
@@ -181,12 +180,6 @@ def test_overview_is_empty_off_the_corridor(whole, tiled):
     )
     framed = tiled.overview(30, tiled.corridor.window.grown(30e3))
     assert framed.values.shape == (30, 30) and 0.02 < np.isfinite(framed.values).mean() < 0.2
-
-
-def test_feature_variability_reaches_across_tiles(whole, tiled, places):
-    np.testing.assert_allclose(
-        feature_variability(tiled, *places), feature_variability(whole, *places), rtol=1e-6
-    )
 
 
 def test_a_small_map_is_read_as_a_whole(whole, tiled, monkeypatch):

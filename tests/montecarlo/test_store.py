@@ -7,7 +7,7 @@ from helpers.studies import same_runs, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo.chunks import Case, Chunk
+from isogal.montecarlo.chunks import Case, Chunk, compute
 from isogal.montecarlo.store import Store
 
 CASE_RUNS = 5
@@ -19,7 +19,7 @@ def case(field_map: FieldMap) -> Case:
 
 
 def computed(case: Case, runs: range) -> Runs:
-    return Chunk(case, tuple(runs)).task.compute(case.field_map)
+    return compute(Chunk(case, tuple(runs)).task, case.field_map)
 
 
 @pytest.fixture(scope="module")
@@ -32,15 +32,7 @@ def fill(store: Store, case: Case, *parts: range) -> None:
         store.put(Chunk(case, tuple(part)), computed(case, part))
 
 
-@pytest.mark.parametrize(
-    "parts",
-    [
-        [range(5)],
-        [range(2), range(2, 5)],
-        [range(3, 5), range(1), range(1, 3)],
-        [range(4), range(2, 5)],
-    ],
-)
+@pytest.mark.parametrize("parts", [[range(5)], [range(3, 5), range(1), range(1, 4)]])
 def test_any_chunking_gives_the_same_runs(
     tmp_path: Path, case: Case, whole: Runs, parts: list[range]
 ) -> None:
@@ -56,31 +48,24 @@ def test_fewer_and_more_runs_use_what_is_there(tmp_path: Path, case: Case, whole
     fill(store, case, range(3))
     same_runs(store.load(replace(case, runs=2)), whole.part(range(2)))
     assert store.missing(replace(case, runs=5)) == [3, 4]
-    with pytest.raises(InputError, match="run 3 of 5 is not there"):
+    with pytest.raises(InputError, match=r"000003\.npz: cannot be read: No such file"):
         store.load(case)
 
 
-@pytest.mark.parametrize("damage", ["cut", "renamed"])
-def test_damaged_file_is_computed_again(
-    tmp_path: Path, case: Case, whole: Runs, damage: str
-) -> None:
+def test_damaged_file_is_computed_again(tmp_path: Path, case: Case, whole: Runs) -> None:
     store = Store(tmp_path)
-    fill(store, case, range(2), range(2, 5))
-    (path,) = tmp_path.rglob("000002-000004.npz")
-    if damage == "cut":
-        path.write_bytes(path.read_bytes()[:-1000])
-    else:
-        path.rename(path.with_name("000002-000009.npz"))
-    assert store.missing(case) == [2, 3, 4]
+    fill(store, case, range(5))
+    (path,) = tmp_path.rglob("000002.npz")
+    path.write_bytes(path.read_bytes()[:-1000])
+    assert store.missing(case) == [2]
     assert len(store.damaged) == 1
-    assert "00000" in store.damaged[0]
-    fill(store, case, range(2, 5))
+    assert "000002" in store.damaged[0]
+    fill(store, case, range(2, 3))
     same_runs(store.load(case), whole)
 
 
 def test_details_are_those_of_run_0(tmp_path: Path, case: Case) -> None:
     store = Store(tmp_path)
-    fill(store, case, range(2), range(2, 5))
-    (path,) = tmp_path.rglob("000002-000004.npz")
-    assert Runs.load(path).detail is None
-    assert store.load(case).detail is not None
+    fill(store, case, range(2), range(2, 4))
+    found = [Runs.load(path).detail for path in sorted(tmp_path.rglob("*.npz"))]
+    assert [detail is None for detail in found] == [False, True, True, True]

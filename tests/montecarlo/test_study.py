@@ -4,13 +4,13 @@ user interrupts."""
 import multiprocessing
 import os
 import signal
-import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import replace
-from multiprocessing.process import BaseProcess
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import TYPE_CHECKING
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -18,14 +18,15 @@ import pytest
 from helpers.studies import Watcher, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.evaluation.records import Runs
 from isogal.evaluation.results import canonical_json
 from isogal.evaluation.summary import summarise
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import chunks, workers
-from isogal.montecarlo.chunks import Case, Chunk, WorkerError, runs_of
-from isogal.montecarlo.cluster import check_code
+from isogal.montecarlo.chunks import Case, Chunk
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, compute_cases
+from isogal.montecarlo.workers import Submit, WorkerError, check_code
 from isogal.sensors.trajectory import build_trajectory
 
 if TYPE_CHECKING:
@@ -48,8 +49,9 @@ def one_worker(tmp_path_factory: pytest.TempPathFactory, small_case: Case) -> St
     return store
 
 
-def workers_alive() -> list[BaseProcess]:
-    return [child for child in multiprocessing.active_children() if child.name == "isogal-worker"]
+def workers_alive() -> list[ForkServerProcess]:
+    alive = multiprocessing.active_children()
+    return [child for child in alive if isinstance(child, ForkServerProcess)]
 
 
 def test_two_workers_and_other_chunks_give_the_same(
@@ -104,9 +106,7 @@ def test_no_scheduler_there(
     monkeypatch: pytest.MonkeyPatch,
     address: str,
 ) -> None:
-    from isogal.montecarlo import cluster as module
-
-    monkeypatch.setattr(module, "TIMEOUT", 0.5)
+    monkeypatch.setattr(workers, "TIMEOUT", 0.5)
     with pytest.raises(InputError, match=f"--scheduler {address}: no Dask scheduler answers"):
         compute_cases([small_case], Store(tmp_path), Backend(scheduler=address), watcher)
 
@@ -125,37 +125,45 @@ def test_only_what_is_new_is_computed(
     assert results_json(small_case, store) == results_json(small_case, one_worker)
 
 
-class Killer(Watcher):
-    """Kills the workers when they report progress, so many times."""
+class Killing:
+    """One worker process, which is killed so many times as soon as it has something to do."""
+
+    count = 1
 
     def __init__(self, times: int) -> None:
-        super().__init__()
         self.times = times
 
-    def reached(self, chunk: Chunk, seconds: float) -> None:
-        if seconds > 0.0 and self.times > 0:
-            self.times -= 1
-            for child in workers_alive():
-                os.kill(child.pid, signal.SIGKILL)
+    @contextmanager
+    def start(self, chunks: Sequence[Chunk]) -> Iterator[Submit]:
+        with Backend(workers=1).start(chunks) as submit:
+
+            def deadly(chunk: Chunk) -> Future[Runs]:
+                future = submit(chunk)
+                if self.times > 0:
+                    self.times -= 1
+                    for child in workers_alive():
+                        os.kill(child.pid, signal.SIGKILL)
+                return future
+
+            yield deadly
 
 
 def test_chunk_of_a_dead_worker_is_done_again(
-    tmp_path: Path, small_case: Case, one_worker: Store
+    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
 ) -> None:
-    killer = Killer(times=1)
-    store = Store(tmp_path)
-    compute_cases([small_case], store, Backend(workers=1), killer)
-    assert killer.times == 0
+    backend, store = Killing(times=1), Store(tmp_path)
+    compute_cases([small_case], store, backend, watcher)
+    assert backend.times == 0
     assert results_json(small_case, store) == results_json(small_case, one_worker)
 
 
-def test_workers_that_keep_dying_end_in_one_line(tmp_path: Path, small_case: Case) -> None:
+def test_workers_that_keep_dying_end_in_one_line(
+    tmp_path: Path, small_case: Case, watcher: Watcher
+) -> None:
     with pytest.raises(
-        WorkerError, match=r"small, run 0: the worker was killed by signal 9 \(SIGKILL\), 3 times"
+        WorkerError, match="small, run 0 and after it: workers were killed 3 times"
     ):
-        compute_cases(
-            [replace(small_case, runs=1)], Store(tmp_path), Backend(workers=1), Killer(times=100)
-        )
+        compute_cases([replace(small_case, runs=1)], Store(tmp_path), Killing(100), watcher)
     assert not workers_alive()
 
 
@@ -167,34 +175,10 @@ def test_scenario_that_cannot_be_used_is_bad_input(
         compute_cases([beyond], Store(tmp_path), Backend(workers=1), watcher)
 
 
-@pytest.mark.parametrize(
-    ("raised", "ends", "said"),
-    [
-        (ZeroDivisionError, WorkerError, "small, runs 0 to 3: ZeroDivisionError: of a chunk"),
-        (InputError, InputError, "of a chunk"),
-    ],
-)
-def test_what_a_worker_raises_is_raised_here(
-    small_case: Case, monkeypatch: pytest.MonkeyPatch, raised, ends, said
-) -> None:
-    """The work of a worker's process, in a thread."""
-    simulate = Mock(side_effect=raised("of a chunk"))
-    monkeypatch.setattr(chunks, "simulate", simulate)
-    chunk = Chunk(small_case, (0, 1, 2, 3))
-    ours, theirs = multiprocessing.Pipe()
-    maps = {chunk.task.map_key: small_case.field_map}
-    thread = threading.Thread(target=workers.serve, args=(theirs, maps))
-    thread.start()
-    ours.send(chunk.task)
-    answer = ours.recv()
-    ours.close()
-    thread.join(10.0)
-    assert not thread.is_alive()
-    with pytest.raises(ends) as caught:
-        runs_of(answer, chunk)
-    assert str(caught.value) == said
-    traced = "".join(getattr(caught.value, "__notes__", []))
-    assert ("in compute" in traced) == (ends is WorkerError)
+def test_what_goes_wrong_in_a_worker_is_one_line_here(small_case: Case) -> None:
+    no_such_run = Chunk(small_case, (-1,))
+    with pytest.raises(WorkerError, match="small, run -1: ValueError: "):
+        list(workers.computed([no_such_run], Backend(workers=1).start))
 
 
 def test_unaided_runs_take_no_fix(tmp_path: Path, field_map: FieldMap, watcher: Watcher) -> None:

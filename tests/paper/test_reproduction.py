@@ -15,7 +15,7 @@ from isogal.paper.published import ROWS
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 FIGURES = ["51", "52", "54", "54a", "56", "56a", "56b", "57", "60", "61", "61a", "64"]
-EXTRA = ["retrodiction", "sensitivity", "unaided-spread"]
+EXTRA = ["retrodiction"]
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

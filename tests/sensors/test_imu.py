@@ -99,20 +99,6 @@ def test_biases_are_drawn_once_per_run(grade):
     assert len(trajectory) == 2
 
 
-def test_a_bias_is_constant_over_a_run():
-    # long enough for the mean to show a bias well above the noise: accelerometers of the precision
-    # grade, 40 runs
-    _, error = simulate(range(40), 12000.0, grade="precision")
-    halves = error[..., :2].reshape(40, 2, 6000, 2).mean(axis=2)
-    of_mean = 8e-5 / np.sqrt(6000.0)
-    assert within_chi_square(
-        ((halves[:, 0] - halves[:, 1]) ** 2 / (2 * of_mean**2)).sum(axis=0), 40
-    )
-    assert within_chi_square(
-        (halves.mean(axis=1) ** 2 / (2e-6**2 + of_mean**2 / 2)).sum(axis=0), 40
-    )
-
-
 def test_bias_instability_is_a_gauss_markov_process():
     time, sigma = 100.0, 0.35 * np.pi / 180.0 / 3600.0
     _, errors = simulate_only(

@@ -7,9 +7,9 @@ import pytest
 
 from helpers.tracks import field_of, made_track
 from isogal.matching.interfaces import declined
-from isogal.scenario import Matcher
+from isogal.tracks.fields import TrackField
 from isogal.tracks.match_report import write_match_report
-from isogal.tracks.matching import Uncertainty, match_track
+from isogal.tracks.matching import Uncertainty, match_fields
 
 HEIGHT = field_of("height")
 PRIOR = Uncertainty(position=800.0)
@@ -29,8 +29,9 @@ class Decliner:
 def test_report_has_figures_and_reasons(tmp_path, matcher):
     track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
     holed = replace(track, value=np.where(np.arange(60) % 7 == 0, np.nan, track.value))
-    matches = match_track(holed, HEIGHT, Matcher(), PRIOR, matcher=matcher)
-    page = write_match_report(holed, HEIGHT, Matcher(), PRIOR, matches, tmp_path)
+    field = TrackField("height", holed, HEIGHT, unit="m")
+    matches = match_fields([field], PRIOR, matcher=matcher)
+    page = write_match_report(field, PRIOR, matches, tmp_path)
     text = page.read_text()
     figures = {"track.png", "readings.png"} | ({"shifts.png"} if matcher is None else set())
     assert text.count("data:image/png") == len(figures)

@@ -3,17 +3,12 @@
 import math
 import time
 
-import numpy as np
 from rclpy.serialization import deserialize_message
 
-from ins_sim_node.late_aids import LateAids
+from ins_sim_node.aids import Aids
 from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal_ros import topics
-from isogal_ros.messages.aids import (
-    fill_pressure,
-    fill_velocity,
-)
 from isogal_ros.messages.frames import BASE, framed, map_frame
 from isogal_ros.messages.imu import fill_imu, fill_noise
 from isogal_ros.messages.ins_solution import SolutionMessages
@@ -57,12 +52,7 @@ class Outputs:
             self._solution = Solution(node, vehicle.solution)
         else:
             self._imu = node.advertise(topics.IMU)
-        self._height = node.scenario.true.height
-        if vehicle.aids.height is not None:
-            self._pressure = node.advertise(topics.BAROMETER)
-        if vehicle.aids.velocity is not None:
-            self._velocity = node.advertise(topics.VELOCITY)
-        self._late = LateAids(node, vehicle)
+        self._aids = Aids(node, vehicle)
         self._truth_fix = node.advertise(topics.TRUTH_FIX)
         self._truth_odom = node.advertise(topics.TRUTH_ODOM)
         self._ins_fix = node.advertise(topics.INS_FIX)
@@ -70,8 +60,7 @@ class Outputs:
         self._m_truth = Prepared(framed(topics.TRUTH_FIX, BASE))
         self._m_ins = Prepared(framed(topics.INS_FIX, BASE))
         self._m_odom = empty_odometry(topics.TRUTH_ODOM)
-        self._m_pressure = framed(topics.BAROMETER, BASE)
-        self._m_velocity, imu = framed(topics.VELOCITY, BASE), framed(topics.IMU, BASE)
+        imu = framed(topics.IMU, BASE)
         imu.orientation_covariance[0] = -1.0  # no orientation
         interval = vehicle.trajectory.dt / vehicle.samples.shape[1]
         fill_noise(imu, node.scenario.imu.sensors, interval)
@@ -84,7 +73,7 @@ class Outputs:
         write(self._m_clock, ns)
         self._clock.publish(self._m_clock)
         if k > 0:
-            self._publish_aids(k, ns)
+            self._aids.publish(k, ns)
             if self._solution is None:
                 self._publish_samples(run.samples[k - 1], ns)
         if self._solution is not None:
@@ -96,18 +85,6 @@ class Outputs:
         self._truth_odom.publish(self._m_odom)
         self._ins_fix.publish(self._m_ins)
         self._truth_fix.publish(self._m_truth)
-
-    def _publish_aids(self, k: int, ns: int) -> None:
-        """Publish what the sensors of height and velocity read at the end of step k > 0, if
-        anything."""
-        height, velocity = self._vehicle.aids.height, self._vehicle.aids.velocity
-        if height is not None and not math.isnan(height[0, k - 1]):
-            fill_pressure(self._m_pressure, ns, float(height[0, k - 1]), self._height)
-            self._pressure.publish(self._m_pressure)
-        if velocity is not None and np.isfinite(velocity[0, k - 1]).any():
-            fill_velocity(self._m_velocity, ns, velocity[0, k - 1])
-            self._velocity.publish(self._m_velocity)
-        self._late.publish(k, ns)
 
     def _publish_samples(self, samples: Array, ns: int) -> None:
         """Publish the samples (n, 6) of a step that ends at a stamp."""

@@ -1,5 +1,7 @@
 """Files that are either whole or absent, and the folders that they are in."""
 
+import csv
+import io
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -116,3 +118,13 @@ def reading(path: str | Path, kind: str | None = None) -> Iterator[None]:
         if isinstance(error, UnicodeDecodeError):
             raise InputError(f"{path}: is not a text file (UTF-8)") from None
         raise
+
+
+def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
+    """Return rows as comma-separated values with a header; a cell that a row has not is empty."""
+    stream = io.StringIO()
+    names = dict.fromkeys(key for row in rows for key in row)
+    writer = csv.DictWriter(stream, fieldnames=list(names), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()

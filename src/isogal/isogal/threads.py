@@ -1,5 +1,5 @@
-"""How many threads linear algebra takes: one in Isogal's own programs, whose matrices are too
-small to share.
+"""How many cores there are, and how many threads linear algebra takes: one in Isogal's own
+programs, whose matrices are too small to share.
 
 A program that uses the library decides for itself: nothing is set when `isogal` is imported.
 """
@@ -10,6 +10,11 @@ from collections.abc import MutableMapping
 
 VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Read by the libraries under NumPy when these are loaded."""
+
+
+def available_cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0))
 
 
 def one_thread(environment: MutableMapping[str, str] | None = None) -> None:

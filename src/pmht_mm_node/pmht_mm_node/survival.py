@@ -8,6 +8,7 @@ from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap
 from isogal.matching.interfaces import Batch, Matcher
+from isogal.matching.joint_batches import JointBatches
 from isogal.matching.scans import Collected
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
@@ -61,11 +62,10 @@ class Survival:
             return None
         return collected, memory, last
 
-    def keep(
-        self, ns: int, collected: tuple[Collected, ...], memory: Any, last: tuple[int, ...]
-    ) -> None:
+    def keep(self, ns: int, batches: JointBatches, memory: Any, last: tuple[int, ...]) -> None:
         """Write what is true after the scan of a stamp."""
-        self._checkpoint.save(ns, (collected, memory, last))
+        if self._checkpoint.is_kept:
+            self._checkpoint.save(ns, (batches.collected, memory, last))
 
     def forget(self) -> None:
         """Delete it."""

@@ -7,8 +7,7 @@ navigation      the filter from its start on: gaps, and what survives a restart
 unresolved_gap  what is not known after a long gap
 watch           what is wrong with IMU samples that could each be right
 pose            a pose that a user gives
-fixes           which fixes are to be used, each stamp once
-corrections     fixes applied to the filter
+fixes           fixes applied to the filter, each once
 measuring       what became of measurements, counted by topic
 outputs         messages on nav/*
 track           the way so far on nav/path

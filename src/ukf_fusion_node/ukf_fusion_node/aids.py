@@ -38,7 +38,7 @@ from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Topic
 from ukf_fusion_node.aid_report import AidReport
-from ukf_fusion_node.measuring import Measuring
+from ukf_fusion_node.measuring import Measured
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
@@ -63,6 +63,7 @@ class _Source:
     delay: int
     """ns by which they come later than their stamps."""
     publishers: Callable[[], int]
+    measured: Measured
     newest: int = -1
     """Stamp of the newest reading; -1 = none yet."""
     waiting: dict[int, _Read] = field(default_factory=dict)
@@ -91,7 +92,7 @@ class Aids:
     def __init__(self, node: GraphNode, advance: Callable[[], None]) -> None:
         self._scenario, self._advance = node.scenario, advance
         self._frame = node.settings.velocity_frame
-        self._measuring, self._report = Measuring(node.health), AidReport(node)
+        self._report = AidReport(node)
         self._map = map_frame(node.scenario)
         self._off: set[str] = set()
         """Topics of aids that somebody has switched off."""
@@ -134,10 +135,10 @@ class Aids:
 
         subscription = node.listen(topic, take)
         times = from_seconds(interval), from_seconds(delay)
-        source = _Source(topic, *times, subscription.get_publisher_count)
+        measured = self._report.add(topic.name, interval)
+        source = _Source(topic, *times, subscription.get_publisher_count, measured)
         self._sources.append(source)
         self._offer_toggle(node, topic.name)
-        self._report.add(topic.name, interval)
 
     def _offer_toggle(self, node: GraphNode, name: str) -> None:
         """Offer the service toggle/<topic>, which says whether an aid is used."""
@@ -166,16 +167,14 @@ class Aids:
                 reading, describe = source.waiting.pop(stamp)
                 if navigator is None:
                     continue
-                if source.topic.name in self._off:
-                    self._report.absent(source.topic.name, SWITCHED_OFF)
-                    continue
                 time = to_seconds(stamp)
-                if (measurement := reading(navigator, time)) is None:
-                    self._report.absent(source.topic.name, NO_FIX)
-                    continue
-                result = navigator.measure(time, measurement)
-                self._measuring.reading(source.topic.name, result, describe)
-                self._report.note(source.topic.name, stamp, result)
+                if source.topic.name in self._off:
+                    source.measured.absent(SWITCHED_OFF)
+                elif (measurement := reading(navigator, time)) is None:
+                    source.measured.absent(NO_FIX)
+                else:
+                    result = navigator.measure(time, measurement)
+                    source.measured.take(stamp, result, describe)
 
     def _pressure(self, message: FluidPressure) -> _Read:
         settings = self._scenario.height

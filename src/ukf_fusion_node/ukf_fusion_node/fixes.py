@@ -1,125 +1,202 @@
-"""What comes on pmht_mm/information, a whole fix in one message, and on pmht_mm/fix, its position
-for all others: each stamp is used once, in whatever order the messages come."""
+"""The matcher's fixes: each is used once, when it is its turn.
 
-import time
+A fix comes whole on pmht_mm/information. Its position on pmht_mm/fix is for all others, and is
+used only where nobody publishes the whole."""
+
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
 
-from sensor_msgs.msg import NavSatFix
+import numpy as np
+from rclpy.impl.rcutils_logger import RcutilsLogger as Logger
+from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
+from isogal.fix import Fix
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.measurements import Innovation, Outcome, measurements_of
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.stamps import to_seconds
-from isogal_ros.messages.whole_fix import WholeFix
+from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.messages.whole_fix import WholeFix, read_whole_fix
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import Health
+from isogal_ros.topics import FIX, INFORMATION, Message
+from ukf_fusion_node.measuring import Measured
+from ukf_fusion_node.navigation import Navigation
 
-Content: TypeAlias = WholeFix | NavSatFix
 KEPT = 8192
-"""Stamps kept of fixes, of those that wait and of those that were used: hours of them: more
-than the filter goes back."""
-PATIENCE = 30.0
-"""s of wall time that a position waits, from its arrival on, for the whole fix of its stamp."""
-
-
-@dataclass(slots=True)
-class _Stamp:
-    """What has come of a stamp."""
-
-    content: Content | None = None
-    """While it waits to be used."""
-    arrived: float = 0.0
-    used: bool = False
-    position_came: bool = False
+"""Fixes that wait at most, and stamps kept of those that have come: hours of them, more than the
+filter goes back."""
+IMPROBABLE = 23.0
+"""Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
+LOG_EVERY = 5.0
+"""s of wall time between lines about fixes."""
 
 
 class FixQueue:
-    """Says which fixes are to be used now.
+    """Says which fixes are to be used now, in whatever order they come.
 
     Parameters
     ----------
-    publishers : callable
-        Returns how many publishers pmht_mm/information has; without any, a position is all there
-        is and waits for nothing.
-    ahead_ns : int
+    ahead : int
         How far ahead of the navigator a fix may be to wait for it, ns.
-    clock : callable
-        Wall time, s.
     """
 
-    def __init__(
-        self,
-        publishers: Callable[[], int],
-        ahead_ns: int = 0,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._publishers, self._ahead, self._clock = publishers, ahead_ns, clock
-        self._stamps: dict[int, _Stamp] = {}
-        self._waiting: dict[int, _Stamp] = {}
+    def __init__(self, ahead: int = 0) -> None:
+        self._ahead = ahead
+        self._known: dict[int, None] = {}
+        self._waiting: dict[int, WholeFix] = {}
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def add_whole(self, ns: int, whole: WholeFix) -> None:
-        """Take a whole fix; raises BadMessageError where its stamp has been used, or is none."""
-        _require_stamp(ns)
-        stamp = self._of(ns)
-        if stamp.used or isinstance(stamp.content, WholeFix):
-            raise BadMessageError(_repeated(ns))
-        stamp.content = whole
-        self._waiting[ns] = stamp
+    def add(self, ns: int, whole: WholeFix) -> None:
+        """Take a fix of a stamp; raises BadMessageError where there has been one of it, or too
+        many wait."""
+        if ns == 0:  # within the horizon at a run's beginning, and a position of much later
+            raise BadMessageError("stamp is zero: not set")
+        if ns in self._known:
+            raise BadMessageError(f"a fix of {to_seconds(ns):.3f} s has come before")
+        if len(self._waiting) >= KEPT:
+            raise BadMessageError(f"more than {KEPT} fixes wait")
+        if len(self._known) >= KEPT:
+            del self._known[next(iter(self._known))]
+        self._known[ns], self._waiting[ns] = None, whole
 
-    def add_position(self, ns: int, message: NavSatFix) -> None:
-        """Take a NavSatFix; raises BadMessageError where its stamp has had one, or is none."""
-        _require_stamp(ns)
-        stamp = self._of(ns)
-        if stamp.position_came:
-            raise BadMessageError(_repeated(ns))
-        stamp.position_came = True
-        if not stamp.used and stamp.content is None:
-            stamp.content, stamp.arrived = message, self._clock()
-            self._waiting[ns] = stamp
+    def due(self, now: int) -> list[tuple[int, WholeFix]]:
+        """Take out stamps and fixes that need not wait any longer for the navigator, which is at a
+        time (ns)."""
+        found = [ns for ns in self._waiting if not 0 < ns - now <= self._ahead]
+        return [(ns, self._waiting.pop(ns)) for ns in found]
 
-    def due(self, now_ns: int) -> list[tuple[int, Content]]:
-        """Take out stamps and content of what need not wait any longer; the navigator is at a time
-        (ns)."""
-        if not self._waiting:
-            return []
-        alone = self._publishers() == 0
-        found = [
-            ns
-            for ns, stamp in self._waiting.items()
-            if not (0 < ns - now_ns <= self._ahead)
-            and (
-                alone
-                or isinstance(stamp.content, WholeFix)
-                or self._clock() - stamp.arrived > PATIENCE
+
+class Corrections:
+    """Corrects the filter by fixes, and counts which it accepts.
+
+    Parameters
+    ----------
+    health : Health
+        Gets the figures of the last fix.
+    log : logger, optional
+        Gets a line for a fix, at most one in `LOG_EVERY`.
+    unfit : callable, optional
+        Called when a fix does not agree with the navigator.
+    """
+
+    def __init__(
+        self, health: Health, log: Logger | None = None, unfit: Callable[[], None] = lambda: None
+    ) -> None:
+        self._health, self._log, self._unfit = health, log, unfit
+        self._measured = Measured(FIX.name, health)
+        self._odd = 0
+        self._accepted = self._refused = 0
+
+    def apply(self, navigator: InertialNavigator | None, whole: WholeFix) -> None:
+        """Correct the filter (None = it has not started).
+
+        Raises
+        ------
+        BadMessageError
+            The fix cannot be used, or the filter refuses it.
+        """
+        fix = whole.fix
+        if fix.reset:
+            self._unfit()
+        parts = [(fix.time, part) for part in measurements_of(fix, whole.relative_to)]
+        if navigator is None and (fix.published or fix.widening is not None):
+            raise BadMessageError("came before the first IMU sample")
+        if navigator is None or not parts:
+            return
+        late = navigator.time - fix.time
+        result = navigator.measure_all(parts)[-1]
+        if not fix.published:
+            return
+        self._accepted += result.used
+        self._refused += not result.used
+        self._health.figures |= {
+            "fixes accepted": self._accepted,
+            "fixes refused": self._refused,
+            "innovation north": float(result.innovation[0]),
+            "innovation east": float(result.innovation[1]),
+            "normalised innovation squared": float(result.nis),
+            "age of the last fix": float(late),
+        }
+        self._judge(result, late)
+        if not result.used:
+            raise BadMessageError(result.reason or "refused")
+
+    def _judge(self, result: Innovation, late: float) -> None:
+        """Say where the fixes do not fit the navigator, one after the other."""
+        rejected = result.outcome is Outcome.REJECTED
+        if result.used or rejected:
+            self._measured.judge(result)
+        odd = rejected or (result.used and result.nis > IMPROBABLE)
+        self._odd = self._odd + 1 if odd else 0
+        if odd:
+            self._unfit()
+        text = f"{self._odd} fixes in a row are improbable for the navigator"
+        self._health.concern("improbable", text if self._odd >= 2 else None)
+        if result.used and self._log is not None:
+            moved = float(np.hypot(*result.innovation))
+            self._log.info(
+                f"{late:.0f} s old fix taken; {moved:.0f} m from the estimate",
+                throttle_duration_sec=LOG_EVERY,
             )
-        ]
-        return [(ns, self._use(ns)) for ns in found]
-
-    def _use(self, ns: int) -> Content:
-        stamp = self._waiting.pop(ns)
-        content, stamp.content, stamp.used = stamp.content, None, True
-        assert content is not None
-        return content
-
-    def _of(self, ns: int) -> _Stamp:
-        found = self._stamps.get(ns)
-        if found is None:
-            if len(self._stamps) >= KEPT:
-                oldest = next((one for one in self._stamps if one not in self._waiting), None)
-                if oldest is None:
-                    raise BadMessageError(f"more than {KEPT} fixes wait")
-                del self._stamps[oldest]
-            found = self._stamps[ns] = _Stamp()
-        return found
 
 
-def _require_stamp(ns: int) -> None:
-    """A stamp of zero is one that nobody has set: within the horizon at a run's beginning, and a
-    position of much later."""
-    if ns == 0:
-        raise BadMessageError("stamp is zero: not set")
+def read_fix(message: NavSatFix) -> WholeFix:
+    """Return the fix of a NavSatFix; raises BadMessageError where it cannot be used."""
+    time = to_seconds(to_ns(message.header.stamp))
+    if message.status.status == NavSatStatus.STATUS_NO_FIX:
+        nothing = np.full((2, 2), np.nan)
+        return WholeFix(Fix(time, np.nan, np.nan, nothing, reason="no fix"))
+    latitude, longitude, _ = read_position(message)
+    return WholeFix(Fix(time, latitude, longitude, read_covariance(message)[:2, :2]))
 
 
-def _repeated(ns: int) -> str:
-    return f"a fix of {to_seconds(ns):.3f} s has come before"
+class Fixes:
+    """Hears the matcher's fixes, and applies each when it is its turn.
+
+    Parameters
+    ----------
+    node : GraphNode
+    navigation : Navigation
+    within : callable
+        Whether something has been published of a time after the newest step: fixes then wait for
+        the next.
+    answer : callable
+        Called after each fix, even one that is dropped.
+    """
+
+    def __init__(
+        self,
+        node: GraphNode,
+        navigation: Navigation,
+        within: Callable[[], bool],
+        answer: Callable[[], None],
+    ) -> None:
+        self._guard, self._navigation, self._within = node.guard, navigation, within
+        self._answer = answer
+        self._corrections = Corrections(node.health, node.get_logger(), navigation.unfit)
+        self._queue = FixQueue(from_seconds(node.settings.max_gap))
+        node.listen(FIX, self._take_position)
+        self._whole = node.listen(INFORMATION, lambda one: self._take(one, read_whole_fix))
+
+    def _take_position(self, message: NavSatFix) -> None:
+        if not self._whole.get_publisher_count():
+            self._take(message, read_fix)
+
+    def _take(self, message: NavSatFix | PointCloud2, read: Callable[[Message], WholeFix]) -> None:
+        try:
+            self._queue.add(to_ns(message.header.stamp), read(message))
+        except BadMessageError:
+            self._answer()
+            raise
+        self.settle()
+
+    def settle(self) -> None:
+        """Apply the fixes that need not wait, and answer each, even one that is dropped."""
+        if self._within() or not self._queue:
+            return
+        for ns, whole in self._queue.due(self._navigation.ns):
+            self._guard(FIX, self._corrections.apply, self._navigation.navigator, whole)
+            self._navigation.matched(ns)
+            self._answer()

@@ -1,52 +1,94 @@
-"""Measurements applied to the filter, and counted by the topic that they come from."""
+"""What became of measurements, counted by the topic that they come from."""
 
-from collections import defaultdict
+import math
+from collections import deque
 from collections.abc import Callable
 
 from isogal.fusion.measurements import Innovation, Outcome
+from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, Health
 
 SEVERAL = 3
 """So many beyond the gate in a row are no outliers: what measures is wrong, or the navigator."""
+JUDGED = 100
+"""Measurements over which the mean of the normalised innovations squared is judged."""
+LIKELY = 0.5, 2.0
+"""What it may be: of 100 numbers of one dimension its 1-sigma is sqrt(2 / 100) = 0.14, so that
+honest ones are outside once in 2,000 below and never above; slow errors that are no states, and
+covariances that are rounded up, are what is found."""
+LOST_AFTER = 3.0
+"""Intervals without a measurement that is used, after which an aid is not in use."""
 
 
-class Measuring:
-    """Says of each topic what became of its measurements.
+class Measured:
+    """Counts the measurements of one topic, and says in the diagnostics what is wrong with them.
 
     Parameters
     ----------
+    topic : str
     health : Health
+    interval : float
+        s between measurements.
     """
 
-    def __init__(self, health: Health) -> None:
-        self._health = health
-        self._used: defaultdict[str, int] = defaultdict(int)
-        self._rejected: defaultdict[str, int] = defaultdict(int)
-        self._in_a_row: defaultdict[str, int] = defaultdict(int)
+    def __init__(self, topic: str, health: Health, interval: float = 0.0) -> None:
+        self._topic, self._health = topic, health
+        self._silent = from_seconds(LOST_AFTER * interval)
+        self.used = self.not_used = 0
+        self.newest = -1
+        """Stamp of the last measurement that was used; -1 = there was none."""
+        self.why = "nothing has come yet"
+        """Why the last was not used."""
+        self._rejected = self._in_a_row = 0
+        self._seen: deque[tuple[float, int]] = deque(maxlen=JUDGED)
+        """Normalised innovation squared and dimensions of the newest measurements that were
+        used."""
 
-    def note(self, topic: str, result: Innovation) -> None:
+    def judge(self, result: Innovation) -> None:
         """Note whether a measurement was beyond the gate; one that was not ends a row."""
         rejected = result.outcome is Outcome.REJECTED
-        row = self._in_a_row[topic] = self._in_a_row[topic] + 1 if rejected else 0
+        self._in_a_row = self._in_a_row + 1 if rejected else 0
         if rejected:
-            self._rejected[topic] += 1
-            self._health.figures[f"{topic} rejected"] = self._rejected[topic]
-        text = f"{row} in a row on {topic} rejected: measurement or navigator wrong"
-        self._health.concern(f"rejecting {topic}", text if row >= SEVERAL else None, ERROR)
+            self._rejected += 1
+            self._health.figures[f"{self._topic} rejected"] = self._rejected
+        row = f"{self._in_a_row} in a row on {self._topic} rejected"
+        text = f"{row}: measurement or navigator wrong" if self._in_a_row >= SEVERAL else None
+        self._health.concern(f"rejecting {self._topic}", text, ERROR)
 
-    def reading(
-        self, topic: str, result: Innovation, describe: Callable[[Innovation], str]
-    ) -> None:
-        """Note what became of a reading, and drop one that was not used with what is wrong with
-        it."""
-        if result.outcome is Outcome.REFUSED:
-            self._health.drop(topic, result.reason or "refused")
+    def take(self, stamp: int, result: Innovation, describe: Callable[[Innovation], str]) -> None:
+        """Note what became of a measurement of a stamp (ns), and drop one that was not used with
+        what is wrong with it; `describe` says that of one beyond the gate."""
+        if result.outcome is not Outcome.REFUSED:
+            self.judge(result)
+        if not result.used:
+            why = result.reason or "not used"
+            self.absent(why)
+            rejected = result.outcome is Outcome.REJECTED
+            self._health.drop(self._topic, f"{describe(result)} ({why})" if rejected else why)
             return
-        self.note(topic, result)
-        if result.outcome is Outcome.REJECTED:
-            self._health.drop(topic, f"{describe(result)} ({result.reason})")
-        elif result.outcome is Outcome.UNTRUSTED:
-            self._health.drop(topic, result.reason or "not used")
-        else:
-            self._used[topic] += 1
-            self._health.figures[f"{topic} used"] = self._used[topic]
+        self.newest, self.used = max(stamp, self.newest), self.used + 1
+        self._health.figures[f"{self._topic} used"] = self.used
+        if math.isfinite(result.nis):  # it is not known while a navigator is being aligned
+            self._seen.append((result.nis, max(1, len(result.innovation))))
+        self._health.concern(f"noise {self._topic}", self._unlike)
+
+    def absent(self, why: str) -> None:
+        """Note that a message could not be used, and why."""
+        self.not_used, self.why = self.not_used + 1, why
+
+    def in_use(self, ns: int) -> bool:
+        """Whether measurements are used at a stamp (ns)."""
+        return self.newest >= 0 and ns - self.newest <= self._silent
+
+    @property
+    def nis(self) -> float:
+        """Mean normalised innovation squared per dimension of the newest that were used."""
+        return sum(one for one, _ in self._seen) / max(1, sum(size for _, size in self._seen))
+
+    @property
+    def _unlike(self) -> str | None:
+        """Say that the noise is not what it is said to be; None = it may be."""
+        if len(self._seen) < JUDGED or LIKELY[0] <= self.nis <= LIKELY[1]:
+            return None
+        times = f"{math.sqrt(self.nis):.2g} times"
+        return f"{self._topic}: innovations are {times} as large as its covariance says"

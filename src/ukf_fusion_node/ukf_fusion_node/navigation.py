@@ -26,7 +26,7 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
-from ukf_fusion_node.start import aligner, initial_state, start_ns, with_given
+from ukf_fusion_node.start import initial_state, with_given
 from ukf_fusion_node.unresolved_gap import UnresolvedGap
 from ukf_fusion_node.upright import Upright
 
@@ -48,7 +48,7 @@ class Navigation:
     """
 
     def __init__(self, node: GraphNode) -> None:
-        self._settings, self._health = node.settings, node.health
+        self._settings, self._health, self._scenario = node.settings, node.health, node.scenario
         self._horizon = max(node.settings.horizon, REACH * node.scenario.fusion.lag)
         measured = node.scenario.height.measured
         self._height = math.nan if measured else node.scenario.route.height
@@ -66,7 +66,6 @@ class Navigation:
             node.settings.outage_turn_rate,
             node.settings.manoeuvre_interval,
         )
-        self._align = aligner(node.scenario, node.settings, self._motion)
         self._checkpoint = Checkpoint(node)
         self._from_start, self._why_not = True, ""
         self._placed: FilterState | None = None
@@ -168,12 +167,21 @@ class Navigation:
             start_of = with_given(self._settings, Estimate(*np.split(solution, [3, 6])))
             self._set(ns, FilterState.start(start_of, self.model))
             fresh = True
-        elif self._align is not None:
-            self.navigator = self._align(self.model, self._start.position, to_seconds(first))
+        elif self._scenario.fusion.start == "align":
+            self.navigator = Alignment(
+                self.model,
+                self._start.position,
+                to_seconds(first),
+                measured=self._scenario.gnss.used,
+                aim=self._scenario.fusion.align_to,
+                horizon=self._settings.horizon,
+                motion=self._motion,
+            )
             self.ns = self._fixed = first
             fresh = True
         elif self._from_start:
-            start = start_ns(self._settings, first)
+            given = self._settings.start_time
+            start = from_seconds(given) if math.isfinite(given) else first
             margin = from_seconds(min(0.5 * self.model.dt, 1.0))
             if start - margin <= first <= start + from_seconds(self._settings.max_gap):
                 # of a sample or two less than a millisecond apart the stamps are the same

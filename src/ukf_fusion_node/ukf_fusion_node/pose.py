@@ -9,13 +9,17 @@ from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import from_matrix, matrix
-from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
+from isogal_ros.messages.checks import (
+    BadMessageError,
+    require_covariance,
+    require_frame,
+    unit_quaternion,
+)
 from isogal_ros.messages.frames import FRD_FLU, MAP, NED_ENU
+from isogal_ros.messages.position import read_point
 
 SPEED_SHARE = 0.25
 """1-sigma of the velocity that a pose leaves open, as a share of the speed."""
-LARGEST_DISTANCE = 1e7
-"""m from the origin of the frame ``map``."""
 
 
 def placed(
@@ -33,18 +37,12 @@ def placed(
         orientation is not a unit quaternion.
     """
     require_frame(message, MAP)
-    pose, q = message.pose.pose, message.pose.pose.orientation
-    point = np.array([pose.position.x, pose.position.y, pose.position.z])
-    turn = np.array([q.w, q.x, q.y, q.z])
+    latitude, longitude, height = read_point(message.pose.pose.position, frame).tolist()
+    turn = unit_quaternion(message.pose.pose.orientation)
     covariance = np.asarray(message.pose.covariance).reshape(6, 6)
-    if not (np.isfinite(point).all() and np.abs(point).max() < LARGEST_DISTANCE):
-        raise BadMessageError("position is not finite, or too far away")
-    if not (np.abs(turn) < 2.0).all() or abs(turn @ turn - 1.0) > 1e-3:  # NaN is not below
-        raise BadMessageError("orientation is not a unit quaternion")
     require_covariance(covariance)
     if min(covariance[0, 0], covariance[1, 1]) <= 0.0:
         raise BadMessageError("the variances of x and y must be positive")
-    latitude, longitude, height = (float(x) for x in frame.to_geodetic(point))
     to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T
     attitude = to_ned @ matrix(turn) * FRD_FLU
     new = state.copy()

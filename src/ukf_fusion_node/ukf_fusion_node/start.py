@@ -1,21 +1,15 @@
 """The filter's first state."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.fusion.alignment import Alignment
-from isogal.fusion.model import FilterModel
-from isogal.fusion.outage import UnknownMotion
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_angles
 from isogal.scenario import Scenario
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
-from isogal_ros.messages.stamps import from_seconds
 from ukf_fusion_node.settings import UkfFusionSettings
 
 
@@ -59,32 +53,3 @@ def with_given(settings: UkfFusionSettings, state: Estimate) -> Estimate:
     if "start_attitude" in given:
         state.attitude[:] = from_angles(*np.radians(given["start_attitude"]))
     return state
-
-
-def aligner(
-    scenario: Scenario, settings: UkfFusionSettings, motion: UnknownMotion
-) -> Callable[[FilterModel, Array, float], Alignment] | None:
-    """Return what begins an alignment with a model, a position and a time (s); None where the
-    scenario begins with a state."""
-    if scenario.fusion.start != "align":
-        return None
-
-    def begin(model: FilterModel, position: Array, time: float) -> Alignment:
-        return Alignment(
-            model,
-            position,
-            time,
-            measured=scenario.gnss.used,
-            aim=scenario.fusion.align_to,
-            horizon=settings.horizon,
-            motion=motion,
-        )
-
-    return begin
-
-
-def start_ns(settings: UkfFusionSettings, first: int) -> int:
-    """Return the stamp (ns) at which the start is true; `first` is that of the first data's
-    beginning."""
-    time = settings.start_time
-    return from_seconds(time) if math.isfinite(time) else first

@@ -19,7 +19,7 @@ CASES = {
         (("--window", "1", "nan", "1", "4"), "must be SOUTH NORTH WEST EAST"),
         (("--set", "rute.speed=3"), "unknown key 'rute'"),
         (("--scenario", "none.yaml"), "none.yaml"),
-        (("--figure", "a.gif"), "--figure a.gif: must end in .png"),
+        (("--figure", "a.gif"), "a.gif: must end in .png"),
         (("--margin", "inf"), "--margin: must be finite, is inf"),
         (("--margin", "-1"), "'--margin'"),
         (("--margin", "nan"), "'--margin'"),
@@ -73,7 +73,7 @@ CASES = {
         ((), "Missing option '--base-url'"),
     ],
     "navigability MAP": [
-        (("--out", "a.png"), "must end in .nc or .tif"),
+        (("--out", "a.png"), "must end in .nc or .nc4 or .tif"),
         (("--set", "field=gradient"), "field gradient"),
         (("--set", "gravimeter.sigma=-1"), "gravimeter.sigma"),
     ],

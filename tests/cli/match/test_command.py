@@ -132,7 +132,7 @@ BAD = {
     ),
     "prior that is no number": (
         ["--prior-sigma", "nan"],
-        "(--prior-sigma) must be 0.001 to 1e+06 m, is nan",
+        "--prior-sigma: must be finite, is nan",
     ),
     "sensor of another unit": (["--sensor-sigma", "0.5"], "did you mean 0.5mGal?"),
     "unit of the map's error": (["--map-sigma", "3nT"], "'nT' does not fit a disturbance map"),

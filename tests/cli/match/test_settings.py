@@ -2,24 +2,28 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from helpers.command_line import call
 from helpers.tracks import field_of, made_track, squared_distance, write_csv
-from isogal.cli.match.command import matcher_settings
-from isogal.cli.match.inputs import Inputs
-from isogal.cli.match.options import Assumptions, MatcherChoice
+from isogal.cli.map_choice import MapChoice
+from isogal.cli.match.inputs import FieldChoice
+from isogal.cli.match.options import Assumptions, MatcherChoice, TrackChoice
 from isogal.earth.gravity import normal_gravity
+from isogal.tracks.fields import TrackField
 
 DISTURBANCE = field_of("disturbance")
 
 
-def settings_of(assumed=None, matching=None, factor=1e-5, **of_map):
+def settings_of(assumed=None, matching=None, **of_map):
     """The matcher's settings for a track in mGal."""
-    track, _, _ = made_track(DISTURBANCE)
-    inputs = Inputs(track, replace(DISTURBANCE, **of_map), "mGal", factor)
-    return matcher_settings(matching or MatcherChoice(), assumed or Assumptions(), inputs, None)
+    track = replace(made_track(DISTURBANCE)[0], factor=1e-5)
+    chosen = TrackChoice(Path("track.csv"))
+    choice = FieldChoice("value", MapChoice("map.nc"), chosen, assumed or Assumptions())
+    field = TrackField("value", track, replace(DISTURBANCE, **of_map), unit="mGal")
+    return choice.settings(matching or MatcherChoice(), field)
 
 
 def test_keys_of_set_are_in_the_unit_inside_and_options_win():

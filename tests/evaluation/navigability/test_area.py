@@ -49,17 +49,6 @@ def area_unaided(area, heading):
     return np.sqrt((leg.position[-1] ** 2).sum() + leg.rest)
 
 
-def test_nodes_side_by_side_are_as_each_alone():
-    area = Area(scenario(map_error={"sigma": 1e-5}), ROUGH)
-    leg = area.leg(1.0)
-    rows, columns = np.array([40, 77]), np.arange(0, ROUGH.shape[1], 2)
-    together = area.errors(leg, rows, columns)
-    for b in (0, 20, 33, len(columns) - 1):
-        alone = area.errors(leg, rows[1:], columns[b : b + 1])[0, 0]
-        assert together[1, b] == pytest.approx(alone, rel=1e-12)
-    assert area.ambiguity(leg, rows, columns).shape == together.shape
-
-
 def test_a_map_that_is_flat_tells_nothing():
     flat = field_map_of(lambda north, east: 1e-5 + 0.0 * north, half=20e3, step=1000.0)
     area = Area(scenario(initial_error={"velocity": 1e-3}), flat)

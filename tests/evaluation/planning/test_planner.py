@@ -12,7 +12,7 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.planning.areas import inside, read_areas
-from isogal.evaluation.planning.belief import along_edge, edges_of, start_covariance
+from isogal.evaluation.planning.belief import Edges
 from isogal.evaluation.planning.files import write_path, write_route
 from isogal.evaluation.planning.lattice import lattice_between
 from isogal.evaluation.planning.planner import RouteRequest, plan_route, with_waypoints
@@ -64,17 +64,9 @@ def test_what_it_promises_is_the_bound_of_the_route_that_it_writes(planned, tmp_
 
 def test_the_belief_along_an_edge_is_the_bound():
     lattice = lattice_between(START, GOAL, 0.15, [], columns=1)
-    edges = edges_of(SETTINGS, lattice, 0.0)
-    straight = len(lattice.rise) // 2
-    P = along_edge(
-        start_covariance(SETTINGS, 0.0),
-        *START,
-        lattice.length[straight],
-        straight,
-        edges,
-        FIELD.grid,
-        np.zeros(FIELD.shape),
-    )
+    edges = Edges(SETTINGS, lattice, FIELD)
+    start, began = edges.start(*START)[None], np.array([START]).T
+    P = edges.along(start, *began, np.zeros(1), len(lattice.rise) // 2)[0]
     driven = with_waypoints(SETTINGS, np.array([START, GOAL]))
     bound = posterior_cramer_rao(driven, build_trajectory(driven), FIELD)
     assert np.sqrt(P[0, 0] + P[1, 1]) == pytest.approx(bound.rms[-1], rel=0.1)

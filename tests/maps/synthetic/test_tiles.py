@@ -1,7 +1,6 @@
 """The synthetic map: the same everywhere and always, like a real one along the default route."""
 
 import os
-import shutil
 import sys
 
 import numpy as np
@@ -105,17 +104,6 @@ def test_like_ggmplus():
     assert disturbance.quantisation == gravity.quantisation == 1e-6
     cells = np.degrees(disturbance.latitude) / 0.002
     np.testing.assert_allclose(cells - np.floor(cells), 0.5, atol=1e-6)
-
-
-def test_a_broken_cache_file_is_made_again(own_cache, tmp_path, monkeypatch):
-    part = window(-37.5, -37.49, 145.5, 145.51)
-    first = synthetic_map("gravity", part)
-    tile = tmp_path / own_cache[0].name / "S38E145.npz"
-    tile.parent.mkdir()
-    shutil.copy(own_cache[0] / tile.name, tile)
-    tile.write_bytes(tile.read_bytes()[:-1000])
-    monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path))
-    np.testing.assert_array_equal(first.values, synthetic_map("gravity", part).values)
 
 
 def test_tiles_are_made_in_another_process_or_else_here(own_cache, tmp_path, monkeypatch):

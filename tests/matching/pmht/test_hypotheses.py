@@ -21,10 +21,10 @@ from isogal.matching.pmht.hypotheses import (
     MOST,
     NEGLIGIBLE,
     Hypotheses,
+    with_needed,
 )
 from isogal.matching.pmht.memory import steps
 from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
-from isogal.matching.pmht.moving_bank import with_needed
 from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.search import resolved, spread_over
 from isogal.matching.pmht.states import DELAY, UNKNOWN
@@ -110,6 +110,12 @@ def test_being_informed_is_a_gaussian_update(seed):
         assert after.log_weight[k] - bank.log_weight[k] == pytest.approx(log, rel=1e-5, abs=1e-5)
 
 
+def carried(bank, *change):
+    forward, growth, learnt = steps(*change)
+    bank = bank.carried(forward, growth)
+    return bank if learnt is None else bank.carried(learnt, 0.0 * growth)
+
+
 @given(seeds)
 def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed):
     before = random_covariance(SIGMA, seed)
@@ -118,19 +124,19 @@ def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed
     random = np.random.default_rng(seed)
     root = random.standard_normal((7, 7)) * SIGMA[:, None] * 0.3
     prior = forward @ before @ forward.T + root @ root.T
-    bank = Hypotheses.before(EXACT, before).carried(*steps(before, back, prior)[1])
+    bank = carried(Hypotheses.before(EXACT, before), before, back, prior)
     same(bank.moments(), (np.zeros(7), prior), 1e-7)
     learnt = forward @ before @ forward.T
     gain = learnt[:, :1] / (learnt[0, 0] + 50.0**2)
     told = learnt - gain @ learnt[:1]  # an aid has measured one position
-    bank = Hypotheses.before(EXACT, before).carried(*steps(before, back, told)[1])
+    bank = carried(Hypotheses.before(EXACT, before), before, back, told)
     same(bank.moments(), (np.zeros(7), told), 1e-5)
 
 
 def test_a_worse_navigator_grows_by_its_factor():
     which = models()
     before = np.diag(SIGMA**2)
-    bank = Hypotheses.before(which, before).carried(*steps(before, np.eye(7), 2.0 * before)[1])
+    bank = carried(Hypotheses.before(which, before), before, np.eye(7), 2.0 * before)
     expected = (which.start + which.growth)[:, None] * np.diag(before)
     np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
 

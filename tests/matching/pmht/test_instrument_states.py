@@ -203,4 +203,4 @@ def test_beams_share_what_is_not_white():
     rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([4000.0]), None)
     np.testing.assert_allclose(rows.noise, np.repeat(one.sigma**2, 3))
     np.testing.assert_array_equal(rows.reading[:, BATCH_STATES + 3], 1.0)
-    np.testing.assert_array_equal(rows.travelled[1:3], 0.0)
+    np.testing.assert_array_equal(rows.joined[0, 1:3], 0.0)

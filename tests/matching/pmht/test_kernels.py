@@ -6,7 +6,7 @@ import numpy as np
 
 from helpers.bank import HERE, PLANE, models, random_bank, states_of
 from helpers.batches import make_batch
-from isogal.matching.pmht import kernels, mixture_kernels
+from isogal.matching.pmht import kernels
 from isogal.matching.pmht.rows import rows_of
 
 
@@ -16,7 +16,7 @@ def test_only_what_overlaps_and_has_one_model_is_merged():
     bank.mean[:, :2] = [[0.0, 0.0], [10.0, 5.0], [5000.0, 0.0], [0.0, 0.0]]
     bank.covariance[:, :2, :2] = 1e4 * np.eye(2)
     bank.log_weight[:] = [-1.0, -2.0, -3.0, -4.0]
-    stay = mixture_kernels.merged(
+    stay = kernels.merged(
         bank.which, bank.log_weight, bank.mean, bank.covariance, *bank.places(HERE)
     )
     assert list(stay) == [0, 2, 3]

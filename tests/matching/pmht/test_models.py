@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from helpers.bank import models, states_of
+from helpers.batches import field_map_of, make_batch, wavy
+from isogal.matching.parameters import Parameters
+from isogal.matching.path import FilterPath
 from isogal.matching.pmht.models import (
     BIASED,
     COARSE,
@@ -20,12 +23,15 @@ from isogal.matching.pmht.models import (
     SHAKEN,
     UNHEARD_OF,
     Assumed,
+    assumed,
     few,
     models_of,
 )
-from isogal.matching.pmht.states import BIAS, DELAY, UNKNOWN
+from isogal.matching.pmht.states import BIAS, DELAY, UNKNOWN, States
+from isogal.scenario import Matcher
 
-UNTOLD = models(satellites=True)
+ROUGH = field_map_of(wavy)
+UNTOLD = models(without=frozenset())
 TOLD = models(sigma=3e-5, length=2000.0)
 
 
@@ -98,15 +104,18 @@ def test_untold_sigmas_are_even_up_to_the_map_s_roughness():
     assert log[0] > log[1]
 
 
-@pytest.mark.parametrize(("keys", "gone"), [
-    ({"bias": 1e-5}, {BIASED}), ({"walks": True}, {BIASED}), ({"delay": 2.0}, {LATE}),
-    ({"filtered": True}, {FILTERED}), ({"shaken": False}, {SHAKEN}),
-    ({"satellites": False}, {DECEIVED}),
+@pytest.mark.parametrize(("changes", "told", "gone"), [
+    ({}, {}, set()), ({}, {"bias_sigma": 1e-5}, {BIASED}), ({"bias_walk": 1e-7}, {}, {BIASED}),
+    ({"delay_sigma": 2.0}, {}, {LATE}), ({"satellites": False}, {}, {DECEIVED}),
+    ({"filter_path": FilterPath(30.0, np.zeros((30, 1, 2)), np.ones(1))}, {}, {FILTERED}),
+    ({"parameters": Parameters(("coupling_forward",), np.ones(1), np.ones((30, 1)))}, {},
+     {SHAKEN}),
 ])  # fmt: skip
-def test_what_is_told_is_no_fault(keys, gone):
-    every = {fault.family for fault in FAULTS}
-    assert set(UNTOLD.family) == every
-    assert set(models(**{"satellites": True, **keys}).family) == every - gone
+def test_what_is_told_is_no_fault(changes, told, gone):
+    batch = replace(make_batch(ROUGH)[0], **{"satellites": True, **changes})
+    known = assumed(Matcher(**told), batch, ROUGH)
+    which = models_of(known, States.of(batch, ROUGH))
+    assert set(which.family) == {fault.family for fault in FAULTS} - gone
 
 
 def test_a_reading_of_several_numbers_has_no_bias_or_delay():
@@ -118,7 +127,8 @@ def test_a_reading_of_several_numbers_has_no_bias_or_delay():
 
 
 def test_told_bias_and_delay_are_states_of_all_models():
-    which = models(bias=2e-5, drift=1e-9, delay=3.0)
+    told = frozenset({BIASED, LATE})
+    which = models(bias=2e-5, drift=1e-9, delay=3.0, without=told)
     last = which.initial[:, -len(UNKNOWN) :]
     np.testing.assert_array_equal(last[:, :DELAY], [[2e-5, 1e-9]] * len(which.sigma))
     filtered = which.family == FILTERED  # whose time constant is not known to the second either
@@ -140,6 +150,7 @@ def test_a_search_has_few_models():
 
 def test_a_walking_bias_is_a_state_that_begins_at_nothing():
     states = replace(states_of(), walk=1e-7 * np.eye(len(UNKNOWN))[BIAS])
-    which = models_of(Assumed(noise=1e-5, scale=1e-4, rough=1e-5, walks=True), states)
+    known = Assumed(noise=1e-5, scale=1e-4, rough=1e-5, without=frozenset({BIASED}))
+    which = models_of(known, states)
     assert (which.initial[:, 1 + BIAS] == 0.0).all()
     assert all(8 + BIAS in used[:size] for used, size in zip(which.used, which.sizes, strict=True))

@@ -66,16 +66,15 @@ def test_distance_and_time_go_on_from_the_last_reading():
     batch, _ = make_batch(PLANE)
     made, epoch, states = rows(batch, PLANE)
     away = 10.0 * np.hypot(*batch.velocity.T)
-    np.testing.assert_allclose(made.travelled, [0.0, *away[1:]])
+    np.testing.assert_allclose(made.step[0, :, 0, 0], np.exp(-np.r_[0.0, away[1:]] / 1000.0))
     assert epoch.start == batch.time[0]
     drift = states.count - len(UNKNOWN) + DRIFT
     np.testing.assert_array_equal(made.reading[:, drift - 1], 1.0)  # a bias
     np.testing.assert_array_equal(made.reading[:, drift], batch.time - batch.time[0])
     first, epoch, _ = rows(replace(batch.part(np.arange(10)), new=10), PLANE)
     later, _, _ = rows(replace(batch, new=20), PLANE, epoch)
-    np.testing.assert_array_equal(
-        np.concatenate([first.travelled, later.travelled]), made.travelled
-    )
+    both = np.concatenate([first.step, later.step], axis=1)
+    np.testing.assert_allclose(both, made.step, rtol=1e-12)
     np.testing.assert_array_equal(np.concatenate([first.reading, later.reading]), made.reading)
 
 
@@ -98,11 +97,11 @@ def test_told_parameters_have_states_before_those_nobody_tells_of():
     batch, _ = make_batch(PLANE)
     random = np.random.default_rng(0)
     told = Parameters(
-        ("scale",), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
+        ("scale", ""), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
         random.standard_normal((30, 2, 2)), np.array([np.inf, 100.0]), np.array([1e-3, 0.0]),
     )  # fmt: skip
     made, _, states = rows(replace(batch, parameters=told, bias_walk=1e-7), PLANE)
-    assert states.names == ("scale",)
+    assert states.names == ("scale", "", *UNKNOWN)
     assert states.count == 7 + 1 + 2 + len(UNKNOWN)
     np.testing.assert_array_equal(made.reading[:, 8:10], told.reading)
     np.testing.assert_array_equal(made.place[:, :, 8:10], told.position)

@@ -79,7 +79,7 @@ def test_by_hand() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda bad: setattr(bad.twist.twist.linear, "y", 1e300), "velocity above"),
+        (lambda bad: setattr(bad.twist.twist.linear, "y", 1e300), "or above"),
         (lambda bad: bad.twist.covariance.__setitem__(1, -1e300), "covariance has numbers above"),
         (lambda bad: bad.twist.covariance.__setitem__(1, np.nan), "covariance is not finite"),
         (lambda bad: setattr(bad.pose.pose.orientation, "w", 2.0), "unit quaternion"),

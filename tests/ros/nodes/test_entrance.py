@@ -11,7 +11,6 @@ from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.collect import wanted_messages
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.remapping import Foreign
 from isogal_ros.messages.frames import FrameNames
 from isogal_ros.messages.gravimeter import gravity
 from isogal_ros.nodes.health import WARN
@@ -104,8 +103,8 @@ def test_numbers_of_a_recording_have_the_time_of_their_recording(scenario, tmp_p
         data = serialize_message(Float64(data=979_520.0))
         writer.write("/gravi", data, second * 10**9, second * 10**9)
     writer.close()
-    said = Foreign(["/gravi:=gravimeter/data_raw"], ["gravimeter/data_raw.unit=mGal"])
-    reader = BagReader.foreign(tmp_path / "bag", said)
+    said = ["/gravi:=gravimeter/data_raw"], ["gravimeter/data_raw.unit=mGal"]
+    reader = BagReader.foreign(tmp_path / "bag", *said)
     found = [data for _, data in wanted_messages(reader, [topics.GRAVIMETRY])]
     messages = [deserialize_message(data, topics.GRAVIMETRY.type) for data in found]
     assert [one.header.stamp.sec for one in messages] == [10, 20]
@@ -114,4 +113,4 @@ def test_numbers_of_a_recording_have_the_time_of_their_recording(scenario, tmp_p
 
 def test_a_driver_option_needs_a_topic_and_a_key(tmp_path) -> None:
     with pytest.raises(InputError, match=r"must be TOPIC\.KEY=VALUE"):
-        BagReader.foreign(begin(tmp_path / "bag").path, Foreign(drivers=["unit=mGal"]))
+        BagReader.foreign(begin(tmp_path / "bag").path, None, ["unit=mGal"])

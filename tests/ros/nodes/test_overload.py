@@ -54,15 +54,15 @@ def test_readings_that_wait_for_a_silent_navigator(scenario, flight, monkeypatch
 def test_a_burst_of_fixes_is_bounded_and_told(monkeypatch) -> None:
     """Those that wait are kept, those that were used are forgotten first."""
     monkeypatch.setattr(fixes, "KEPT", 10)
-    queue = FixQueue(lambda: 1, ahead_ns=from_seconds(1000.0))
-    queue.add_whole(1, WholeFix(None))
+    queue = FixQueue(from_seconds(1000.0))
+    queue.add(1, WholeFix(None))
     assert [ns for ns, _ in queue.due(10)] == [1]
     for second in range(100, 110):
-        queue.add_whole(from_seconds(second), WholeFix(None))
+        queue.add(from_seconds(second), WholeFix(None))
     with pytest.raises(BadMessageError, match="more than 10 fixes wait"):
-        queue.add_whole(from_seconds(110.0), WholeFix(None))
+        queue.add(from_seconds(110.0), WholeFix(None))
     assert len(queue.due(from_seconds(109.0))) == 10
-    queue.add_whole(from_seconds(110.0), WholeFix(None))
+    queue.add(from_seconds(110.0), WholeFix(None))
 
 
 def test_a_hundred_topics_of_strangers_are_not_recorded(scenario, tmp_path) -> None:

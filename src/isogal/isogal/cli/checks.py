@@ -5,14 +5,15 @@ after a long computation that its result has no place."""
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import typer
 
 from isogal.errors import InputError
 from isogal.files import check_output
 
-Paths = TypeVar("Paths", Path, Path | None, list[Path] | None)
+Files = Path | list[Path] | None
+NETCDF = (".nc", ".nc4")
+"""Suffixes of NetCDF files."""
 
 
 def _checked(allowed: str, good: Callable[[float], bool]) -> Callable[..., float | None]:
@@ -33,18 +34,30 @@ positive = _checked("> 0", lambda value: value > 0.0)
 not_negative = _checked(">= 0", lambda value: value >= 0.0)
 
 
-def output_file(value: Paths) -> Paths:
-    """Return what an option names; raises InputError where a file of that name cannot be
-    written."""
-    for path in value if isinstance(value, list) else [value]:
-        if path is not None:
-            check_output(path)
-    return value
+def output_file(*suffixes: str) -> Callable[..., Files]:
+    """Return the check of an option that names files to be written: it raises InputError unless
+    each can be, and ends in one of the suffixes, if there are any."""
+
+    def check(value: Files) -> Files:
+        for path in value if isinstance(value, list) else [value]:
+            if path is not None:
+                require_suffix(path, *suffixes)
+                check_output(path)
+        return value
+
+    return check
 
 
-def output_folder(value: Paths) -> Paths:
+def require_suffix(path: Path, *suffixes: str, otherwise: str = "") -> None:
+    """Raise InputError unless a file's name ends in one of the suffixes, if there are any; the
+    message ends with what else can be done."""
+    if suffixes and path.suffix.casefold() not in suffixes:
+        raise InputError(f"{path}: must end in {' or '.join(suffixes)}{otherwise}")
+
+
+def output_folder(value: Path | None) -> Path | None:
     """Return what an option names; raises InputError where no file can be written into a folder
     of that name."""
-    if isinstance(value, Path):
+    if value is not None:
         check_output(value, folder=True)
     return value

@@ -118,8 +118,8 @@ def _evaluate(
 def ending_well(kept_in: Path) -> Iterator[None]:
     """Where the computation is interrupted or fails, end the command with one line that says which
     runs are kept."""
-    from isogal.montecarlo.chunks import WorkerError
     from isogal.montecarlo.study import Interrupted
+    from isogal.montecarlo.workers import WorkerError
 
     try:
         yield

@@ -50,6 +50,12 @@ def number(
     return option
 
 
+def text(metavar: str, help_: str) -> OptionInfo:
+    """Return an option that is a word or a file, in place of which `metavar` is shown."""
+    option: OptionInfo = typer.Option(metavar=metavar, help=help_)
+    return option
+
+
 def written_folder(help_: str) -> OptionInfo:
     """Return the option of a folder that is written into, which is checked before all else."""
     option: OptionInfo = typer.Option(
@@ -58,12 +64,14 @@ def written_folder(help_: str) -> OptionInfo:
     return option
 
 
-def written_file(
-    metavar: str, help_: str, check: Callable[..., Path | list[Path] | None] = output_file
-) -> OptionInfo:
-    """Return the option of a file that is written, which is checked before all else."""
+def written_file(metavar: str, help_: str, *suffixes: str) -> OptionInfo:
+    """Return the option of a file that is written, which is checked before all else: whether it
+    can be, and whether its name ends in one of the suffixes, if there are any."""
     option: OptionInfo = typer.Option(
-        metavar=metavar, callback=check, help=help_, rich_help_panel=RESULTS
+        metavar=metavar,
+        callback=output_file(*suffixes),
+        help=help_,
+        rich_help_panel=RESULTS,
     )
     return option
 

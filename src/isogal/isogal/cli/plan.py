@@ -83,20 +83,15 @@ class PlanResults:
     out: Annotated[
         list[Path] | None,
         written_file(
-            "FILE", "Route as .yaml (section route of a scenario) or .geojson; repeatable."
+            "FILE",
+            "Route as .yaml (section route of a scenario) or .geojson; repeatable.",
+            *(".yaml", ".yml", ".geojson"),
         ),
     ] = None
     path: Annotated[
         Path | None, written_file("FILE.yaml", "nav_msgs/Path for ros2 topic pub.")
     ] = None
     json: Json = False
-
-    def check(self) -> None:
-        """Raise InputError unless every file's suffix is known."""
-        from isogal.evaluation.planning.files import check_name
-
-        for name in self.out or ():
-            check_name(name)
 
     def write(self, found: "Plan") -> None:
         """Write the files and print what was found; raises InputError."""
@@ -121,7 +116,6 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
     from isogal.evaluation.navigability.area import fitting
     from isogal.evaluation.planning.planner import plan_route
 
-    results.check()
     request = asked.request()
     field_map = map_.load(_around(request), "disturbance")
     settings = fitting(chosen.load(), field_map)

@@ -5,7 +5,7 @@ import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,10 +13,6 @@ from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, ScenarioChoice, written_folder
 from isogal.errors import InputError
-
-if TYPE_CHECKING:
-    from isogal_ros.bags.remapping import Foreign
-    from isogal_ros.graph.commands import Changes
 
 Domain = Annotated[
     int | None,
@@ -52,12 +48,6 @@ class TopicChoice:
         ),
     ] = None
 
-    def foreign(self) -> "Foreign":
-        """Return the same as `isogal_ros` takes it; raises InputError."""
-        from isogal_ros.bags.remapping import Foreign
-
-        return Foreign(self.remap or (), self.driver or ())
-
 
 @dataclass(frozen=True)
 class ReplayChoice(ScenarioChoice, TopicChoice):
@@ -70,12 +60,6 @@ class ReplayChoice(ScenarioChoice, TopicChoice):
             help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
         ),
     ] = None
-
-    def changes(self) -> "Changes":
-        """Return the same as `isogal_ros` takes it; raises InputError."""
-        from isogal_ros.graph.commands import Changes
-
-        return Changes(self.scenario, self.set_ or (), self.parameter or (), self.foreign())
 
 
 def bag_of(source: Path) -> Path:
@@ -187,7 +171,7 @@ def replay(
 
     if domain is not None:
         typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
-    raise typer.Exit(replay_command(bag, out, chosen.changes(), tolerance=tolerance, json=json))
+    raise typer.Exit(replay_command(bag, out, chosen, tolerance=tolerance, json=json))
 
 
 @with_groups

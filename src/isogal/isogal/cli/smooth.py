@@ -42,7 +42,7 @@ def smooth(
     bag = _recording(source)
     from isogal_ros.graph.commands import smooth_command
 
-    raise typer.Exit(smooth_command(bag, out, chosen.changes(), interval=interval, json=json))
+    raise typer.Exit(smooth_command(bag, out, chosen, interval=interval, json=json))
 
 
 def _recording(source: Path) -> Path:

@@ -64,7 +64,7 @@ def _opened(
         from isogal_ros.bags.viewing import open_bag
 
         told = None if scenario is None else load_scenario(scenario)
-        return open_bag(bag, told, topics.foreign())
+        return open_bag(bag, told, topics.remap, topics.driver)
     if scenario is not None or topics.remap or topics.driver:
         raise InputError(
             "--scenario, --remap, --driver: are for recordings; a study holds its own"

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans, Integers
+from isogal.arrays import Array, Integers
 from isogal.evaluation.ins_error_model import (
     Segments,
     divide,
@@ -68,8 +68,6 @@ from isogal.inertial.rotations import from_matrix
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
-from isogal.matching.batching import fix_due
-from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import MapError, Scenario
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
@@ -126,8 +124,6 @@ class Measurements:
     """(C,) variances."""
     every: int
     """Stretches from one measurement to the next."""
-    at_once: bool = False
-    """Whether the navigator gets them at once where it gets readings by batches."""
 
     def at(self, stretch: int) -> Iterator[tuple[Array, float]]:
         """Yield rows (n,) and variances of what is measured at the end of a stretch, counted from
@@ -157,8 +153,6 @@ class BoundModel:
     """
     jumps: tuple[tuple[int, int, MapSteps], ...]
     """Map errors that go on from scan to scan: the first state, stretches between scans, how."""
-    used: Booleans
-    """(S,) whether the navigator gets, after a scan, what all readings so far say."""
 
     def transitions(self) -> Iterator[tuple[Array, Array, Array]]:
         """Yield transition T and noise before and after it, q and r (n, n), of each stretch: a
@@ -209,25 +203,16 @@ class BoundModel:
         return np.array(result[::-1])
 
     def bound(self) -> Array:
-        """Return (S + 1, 2, 2) the position covariances at the start and after each scan.
-
-        Where the navigator does not get at once what readings say there are two covariances: given
-        all readings so far, and its own, which is the same after a scan at which it gets that, and
-        only propagated until the next such scan.
-        """
-        both = [self.start.copy() for _ in range(1 if self.used.all() else 2)]
-        result = [both[-1][:2, :2]]
+        """Return (S + 1, 2, 2) the position covariances at the start and after each scan."""
+        P = self.start.copy()
+        result = [P[:2, :2].copy()]
         for stretch, step in enumerate(self.transitions(), 1):
-            both = [propagated(one, *step) for one in both]
+            P = propagated(P, *step)
             for sensor in self.measurements:
                 for row, noise in sensor.at(stretch):
-                    for one in both if sensor.at_once else both[:1]:
-                        condition(one, row, noise)
-            scan, rest = divmod(stretch, self.segments.per_scan)
-            if rest == 0:
-                if self.used[scan - 1]:
-                    both = [both[0].copy() for _ in both]
-                result.append(both[-1][:2, :2].copy())
+                    condition(P, row, noise)
+            if stretch % self.segments.per_scan == 0:
+                result.append(P[:2, :2].copy())
         return np.array(result)
 
 
@@ -251,7 +236,6 @@ def posterior_cramer_rao(
     trajectory: Trajectory,
     field_map: RunMap,
     *,
-    batchwise: bool = False,
     map_share: Array | None = None,
     smoothed: bool = False,
 ) -> BoundResult:
@@ -272,9 +256,6 @@ def posterior_cramer_rao(
     field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
         The map; its gradient is taken at the true positions. Of several fields the bound is the
         joint one.
-    batchwise : bool
-        Return the bound of a navigator that learns what a batch's readings say only at the end of
-        the batch, as any batch matcher does.
     map_share : (S,) array, optional
         1-sigma of the map's error at each scan in units of `map_error.sigma`, where there is one
         field; default: 1.
@@ -286,7 +267,7 @@ def posterior_cramer_rao(
     if chance:
         whole = settings.model_copy(update={"missing_fraction": 0.0})
         scenario = world.model_copy(update={"gravimeter": whole})
-    model = bound_model(scenario, trajectory, field_map, batchwise=batchwise, map_share=map_share)
+    model = bound_model(scenario, trajectory, field_map, map_share)
     if not chance:
         return _result(world, trajectory, [model], smoothed)
     scans = scan_index(world, trajectory)
@@ -320,18 +301,10 @@ def bound_model(
     scenario: Scenario,
     trajectory: Trajectory,
     field_map: RunMap,
-    *,
-    batchwise: bool = False,
     map_share: Array | None = None,
 ) -> BoundModel:
-    """Return the linear model whose recursion `posterior_cramer_rao` is. Measurements of aids come
-    first, then those of each field.
-
-    Parameters
-    ----------
-    scenario, trajectory, field_map, batchwise, map_share
-        See `posterior_cramer_rao`.
-    """
+    """Return the linear model whose recursion `posterior_cramer_rao` is, whose parameters these
+    are. Measurements of aids come first, then those of each field."""
     worlds = [one.informed for one in scenario.each_field]
     fields = [
         _FieldReadings.of(
@@ -339,15 +312,7 @@ def bound_model(
         )
         for one, its_map in zip(worlds, each_map(field_map), strict=True)
     ]
-    model = linear_model(scenario, trajectory, fields)
-    if not batchwise:
-        return model
-    lead = UpdateSchedule.of(worlds).lead
-    used = np.zeros_like(model.used)
-    every = fields[lead].steps // scenario.informed.steps_per_scan
-    for count in range(1, len(fields[lead].sensitivity) + 1):
-        used[count * every - 1] = fix_due(count, worlds[lead].matcher)
-    return replace(model, used=used)
+    return linear_model(scenario, trajectory, fields)
 
 
 def _with_own_error(
@@ -541,7 +506,6 @@ def linear_model(
         tuple(measurements),
         tuple(lags),
         tuple(jumps),
-        np.ones(len(segments.geometry) // segments.per_scan, dtype=np.bool_),
     )
 
 
@@ -584,8 +548,7 @@ def _of_aid(
     aid: _Aid, world: Scenario, model: FilterModel, segments: Segments, size: int
 ) -> Measurements:
     """Return what an aid measures, by the filter's own measurement model at the truth, as rows of
-    `size` states: at the end of a stretch a reading, or the mean of those of the stretch. A
-    navigator gets it at once, also where it gets readings by batches."""
+    `size` states: at the end of a stretch a reading, or the mean of those of the stretch."""
     every = max(1, round(aid.interval / segments.dt))
     ends = np.arange(every - 1, len(segments.geometry), every)
     # the navigator's height is what the sensor read, with its errors
@@ -605,7 +568,7 @@ def _of_aid(
     seen = within(aid.available, since)
     seen &= np.hypot(*segments.geometry[ends, 1:3].T) >= aid.slowest
     rows[~seen] = np.nan
-    return Measurements(rows, noise / max(1.0, segments.dt / aid.interval), every, at_once=True)
+    return Measurements(rows, noise / max(1.0, segments.dt / aid.interval), every)
 
 
 def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:

@@ -1,10 +1,9 @@
 """Gravity and the gravity disturbance, measured by a gravimeter."""
 
+from dataclasses import replace
+
 from isogal.fields.measured import MeasuredField
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
-
-_LARGEST = 1e-2
-"""m/s²: 1000 mGal, as much as the largest disturbances of the Earth."""
 
 GRAVITY = MeasuredField(
     name="gravity",
@@ -14,15 +13,11 @@ GRAVITY = MeasuredField(
     least_sigma=0.0,
     sign=1.0,
     reduction=lambda scenario: GravityReduction(scenario.gravimeter.lever_arm),
-    largest_sigma=_LARGEST,
+    largest_sigma=1e-2,  # 1000 mGal, as much as the largest disturbances of the Earth
 )
-DISTURBANCE = MeasuredField(
+DISTURBANCE = replace(
+    GRAVITY,
     name="disturbance",
-    instrument="gravimeter",
     quantity="disturbance",
-    unit="m/s²",
-    least_sigma=0.0,
-    sign=1.0,
     reduction=lambda scenario: DisturbanceReduction(scenario.gravimeter.lever_arm),
-    largest_sigma=_LARGEST,
 )

@@ -1,10 +1,9 @@
 """The gravity vector around a route by a scenario's map, and what the vehicle senses of it
 (docs/mathematics.md, section 3.9)."""
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -58,7 +57,7 @@ class GravityVector:
         except InputError:
             coarse = _coarse(self.disturbance, potential.disturbance_of)
         sideways = potential.VECTOR[1:]
-        return potential.gravity_vector(coarse, sideways, edge=0.0, rim_error=False)
+        return potential.gravity_vector(coarse, sideways, edge=0.0)
 
 
 def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
@@ -74,30 +73,21 @@ def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector 
         return None
     if measured_field(scenario).instrument not in ("gravimeter", "gradiometer"):
         return None
-    # what `_vector` looks at: with other sensors it is the same
-    document = scenario.model_dump_json(include={"route", "map"})
-    key = f"{scenario.measured_field} {trajectory.dt} {document}"
-    if key not in _kept:
-        while len(_kept) >= _KEPT:
-            _kept.popitem(last=False)
-        _kept[key] = _vector(scenario, trajectory)
-    return _kept[key]
+    return _vector(MapSource.of(scenario), trajectory, scenario.route.track is not None)
 
 
-_kept: OrderedDict[str, GravityVector | None] = OrderedDict()
-
-
-def _vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
+@lru_cache(maxsize=_KEPT)
+def _vector(source: MapSource, trajectory: Trajectory, partly: bool) -> GravityVector | None:
+    """Return the vector; None where the map may cover a route partly, and does."""
     corridor = corridor_of(trajectory.latitude, trajectory.longitude, REACH)
-    source = _gravity_map(scenario, corridor)
-    if source is None:
+    disturbance = _gravity_map(source, corridor)
+    if disturbance is None:
         return None
-    if scenario.route.track is not None:
-        if not source.covers(trajectory.latitude, trajectory.longitude).all():
-            return None  # nobody knows it where the map has ended
-    else:
-        check_coverage(source, trajectory.latitude, trajectory.longitude)
-    return GravityVector(source, MapSource.of(scenario), corridor)
+    if not partly:
+        check_coverage(disturbance, trajectory.latitude, trajectory.longitude)
+    elif not disturbance.covers(trajectory.latitude, trajectory.longitude).all():
+        return None  # nobody knows it where the map has ended
+    return GravityVector(disturbance, source, corridor)
 
 
 def _coarse(
@@ -112,10 +102,9 @@ def _coarse(
     return averaged(replace(shown, values=values), CELL)
 
 
-def _gravity_map(scenario: Settings, corridor: Corridor) -> ScalarMap | None:
+def _gravity_map(source: MapSource, corridor: Corridor) -> ScalarMap | None:
     """Return the scenario's map of the disturbance; where it has none, that of gravity, or None if
     another field is measured."""
-    source = MapSource.of(scenario)
     try:
         return source.other("disturbance").along(corridor)
     except InputError:

@@ -12,7 +12,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.gridding.rows import TIME, Column, one_line, read_rows
-from isogal.maps.quantities import QUANTITIES, UNITS, unit_factor
+from isogal.maps.quantities import QUANTITIES, UNITS, check_plausible, unit_factor
 from isogal.scenario import Readings
 
 _ALIASES = {
@@ -122,16 +122,7 @@ def _read(readings: Readings, line: str | None, quantity: str) -> tuple[Array, A
     if readings.reduced and name == _DOWN:
         value = -value
     if of is not None:
-        _check_possible(value, of, f"{rows.where}, column {name} in {unit}", factor)
+        found_range = float(np.nanmin(value)) / factor, float(np.nanmax(value)) / factor
+        check_plausible(found_range, of, factor, f"readings.unit: {rows.where}:{name}")
     order = np.argsort(found["time"], kind="stable")
     return found["time"][order], value[order]
-
-
-def _check_possible(value: Array, quantity: str, where: str, factor: float) -> None:
-    known = QUANTITIES[quantity]
-    low, high = float(np.nanmin(value)), float(np.nanmax(value))
-    if low < known.lowest or high > known.highest:
-        raise InputError(
-            f"readings.unit: {where}: readings of {low / factor:.6g} to {high / factor:.6g} cannot"
-            f" be {quantity}, allowed: {known.lowest / factor:.6g} to {known.highest / factor:.6g}"
-        )

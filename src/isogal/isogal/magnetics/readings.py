@@ -6,7 +6,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
-from isogal.magnetics.terms import derivative, terms
+from isogal.magnetics.terms import terms
 
 _LEAST, _MOST = 10_000.0, 100_000.0
 """nT: no total field at the Earth's surface is outside."""
@@ -98,7 +98,7 @@ class Readings:
         self.require(names)
         vector = self.vector if lag == 0.0 else shifted(self.time, self.vector, lag)
         flow = np.stack([self.currents[name] for name in names], axis=-1) if names else None
-        return terms(vector, derivative(vector, self.time), self.total, flow)
+        return terms(vector, np.gradient(vector, self.time, axis=0), self.total, flow)
 
 
 def _check_times(time: Array, where: str) -> None:

@@ -15,12 +15,6 @@ COUNT = len(PERMANENT) + len(INDUCED) + len(EDDY)
 """Terms without those of currents."""
 
 
-def derivative(vector: Array, time: Array) -> Array:
-    """Return the rate of change of (N, 3) readings at times (N,), by central differences, at the
-    ends by one-sided ones."""
-    return np.gradient(vector, time, axis=0)
-
-
 def terms(vector: Array, rate: Array, total: Array, currents: Array | None = None) -> Array:
     """Return the terms (..., 18 + 3 K) whose sum with the coefficients is what the vehicle adds to
     the total field (Tolles & Lawson 1950; Leliak 1961; in this form Gnadt et al. 2022).

@@ -238,16 +238,22 @@ class Chain(NamedTuple):
         return tensor_covariance(self.names, every, apart, length) * unit[:, None] * unit
 
 
+def independent(count: int, travelled: Array, lengths: Array) -> tuple[Array, Array]:
+    """Return `step` and `joined` (L, n, U, U) as `chained` does of U errors that do not depend on
+    each other, of rows that are distances (n,) in m from the ones before."""
+    left = decay(travelled, lengths[:, None])[..., None, None]
+    return left * np.eye(count), (1.0 - left**2) * np.eye(count)
+
+
 def chained(
-    chain: Chain | None, moved: Array, before: Array, lengths: Array, begins: bool
+    chain: Chain, moved: Array, before: Array, lengths: Array, begins: bool
 ) -> tuple[Array, Array, Array]:
     """Return how a chain of U map errors goes on along a track, u -> step u with `joined` added to
     their covariance, in units of their 1-sigma.
 
     Parameters
     ----------
-    chain : Chain, optional
-        None = errors do not depend on each other, and U is 0.
+    chain : Chain
     moved : (n, 2) array
         m north and east of each row from the one before.
     before : (order, 2) array
@@ -269,11 +275,7 @@ def chained(
     The covariance of map errors says what to expect of the next scan's by those of `order` scans,
     as if those before did not matter (a vector autoregression; Vecchia 1988, J. R. Stat. Soc. B
     50:297)."""
-    count = len(moved)
-    if chain is None:
-        nothing = np.zeros((len(lengths), count, 0, 0))
-        return before, nothing, nothing
-    order, size = chain.order, len(chain.places)
+    count, order, size = len(moved), chain.order, len(chain.places)
     whole = order * size
     step, joined = (np.zeros((len(lengths), count, whole, whole)) for _ in range(2))
     if begins:

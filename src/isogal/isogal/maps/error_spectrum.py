@@ -70,10 +70,10 @@ class ErrorSpectrum:
         scaled = (edges * (length or USUAL_LENGTH)) ** 2
         # exact integrals over each interval of k dk / (1 + k² L²)^(3/2) and of k dk
         correlated = -np.diff(1.0 / np.sqrt(1.0 + scaled))
-        white = np.diff(edges**2)
-        return cls(
-            0.5 * (edges[1:] + edges[:-1]), correlated / correlated.sum(), white / white.sum()
-        )
+        white = np.diff(edges**2) / highest**2
+        # what is shorter than the grid can show is folded into what it shows
+        correlated += (1.0 - correlated.sum()) * white
+        return cls(0.5 * (edges[1:] + edges[:-1]), correlated, white)
 
     def gain(self, factor: Factor) -> float:
         """Return the 1-sigma after an operator of correlated errors of 1-sigma one."""

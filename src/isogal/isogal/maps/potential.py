@@ -22,23 +22,23 @@ to zero by a cosine. What that changes is largest at the rim, where results are 
 
 - Gradients are local: the map's mean is taken off, the continuation fades over 20 km.
 - Of horizontal gravity the factor is one at every wavelength, so it comes from far away as well:
-  masses beyond the map pull at all of it. The continuation fades over 200 km, and the error of one
-  component at a distance d from the rim is taken to be 1/sqrt(2) of the root mean square of the
-  disturbance continued upwards by d (by no more than a quarter of the map's width): the attraction
-  of what is unknown, at a distance d. It becomes part of sigma, and it is large: several mGal even
-  in the middle of a map of 400 km. Where there are maps of the deflection, they are better."""
+  masses beyond the map pull at all of it. The continuation fades over 200 km, and leaves an error
+  of several mGal even in the middle of a map of 400 km, which sigma does not hold (docs/maps.md).
+  Where there are maps of the deflection, they are better."""
 
+import math
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_spectrum import USUAL_LENGTH, ErrorSpectrum, mixed_length, upward
+from isogal.maps.error_model import shares
+from isogal.maps.error_spectrum import ErrorSpectrum, upward
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Spectrum, Waves
 from isogal.scenario import TENSOR_COMPONENTS
@@ -53,9 +53,6 @@ EDGE = 20_000.0
 """m at the rim and round holes without a result."""
 _TENSOR_TAPER, _VECTOR_TAPER = 20_000.0, 200_000.0
 """m over which the continuation beyond the map fades out; measured, see docs/maps.md."""
-_NODES = 300
-"""A map is thinned to about so many nodes along an axis to see how long its waves are."""
-_DISTANCES = 12
 
 
 def disturbance_of(field_map: FieldMap) -> FieldMap:
@@ -113,20 +110,22 @@ def tensor_maps(
 
 def _gradient(disturbance: FieldMap, component: str, values: Array, height: float) -> FieldMap:
     """Return the map of a component of the tensor, with what becomes of the map's errors."""
-    sigma = float(np.sqrt(np.nanmean(np.square(disturbance.sigma))))
-    step, cell = disturbance.quantisation, disturbance.cell
-    length = disturbance.correlation_length or USUAL_LENGTH
-    transform = partial(operator, component, height)
-    gain = partial(spectral.error_gain, transform, cell)
+    spectrum = ErrorSpectrum.of_map(disturbance)
+    share = math.sqrt(float(shares((component,))[0]))
+
+    def factor(wavenumber: Array) -> Array:
+        """Return the root mean square of `operator` over all directions."""
+        return np.asarray(share * wavenumber * np.exp(-wavenumber * height))
+
     return FieldMap(
         disturbance.latitude,
         disturbance.longitude,
         values,
         unit="1/s²",
         quantity="gradient",
-        sigma=sigma and sigma * gain(length),
-        correlation_length=spectral.error_length(transform, cell, length) if sigma else None,
-        quantisation=step and step * gain(),
+        sigma=spectrum.sigma * spectrum.gain(factor),
+        correlation_length=replace(spectrum, rounding=0.0).length(factor),
+        quantisation=disturbance.quantisation * spectrum.white_gain(factor),
         provenance=f"T_{component} of {disturbance.provenance or 'map'}",
         file_unit="1/s²",
         error_stated=disturbance.states_error,
@@ -139,7 +138,6 @@ def gravity_vector(
     *,
     height: float = 0.0,
     edge: float = EDGE,
-    rim_error: bool = True,
 ) -> ChannelMap:
     """Return maps of the disturbance (down) and of the attraction to the north and to the east,
     one channel each, m/s².
@@ -154,8 +152,6 @@ def gravity_vector(
         m above the map's surface, >= 0.
     edge : float
         m at the rim and round holes that are left out, >= 0.
-    rim_error : bool
-        Whether sigma holds what lies beyond the map, which takes most of the time.
 
     Raises
     ------
@@ -167,11 +163,8 @@ def gravity_vector(
     result = _transformed(disturbance, components, height, edge)
     spectrum, decay = ErrorSpectrum.of_map(disturbance), upward(height)
     own, length = spectrum.sigma_after(decay), spectrum.length(decay)
-    beyond, reach = _sigma_beyond(disturbance) if rim_error else (np.zeros(result.shape[1:]), 1.0)
-    # half of the variance of the map's own error goes into each horizontal component, with the
-    # same correlation on the mean of all directions
-    sideways = np.sqrt(0.5 * own**2 + beyond**2)
-    mixed = mixed_length([(0.5 * own**2, length), (float(np.mean(beyond**2)), reach)])
+    # half of the variance goes into each horizontal component, with the same correlation on the
+    # mean of all directions
     channels = [
         FieldMap(
             disturbance.latitude,
@@ -179,8 +172,8 @@ def gravity_vector(
             values,
             unit="m/s²",
             quantity=name,
-            sigma=own if name == "disturbance" else sideways,
-            correlation_length=length if name == "disturbance" else mixed,
+            sigma=own if name == "disturbance" else math.sqrt(0.5) * own,
+            correlation_length=length,
             provenance=f"{name} of {disturbance.provenance or 'map'}",
             file_unit="m/s²",
             height=None if disturbance.height is None else disturbance.height + height,
@@ -261,23 +254,3 @@ def _transformed(
     result = spectral.transformed(disturbance, filled, operators, taper)
     result[:, ~kept] = np.nan
     return result
-
-
-def _sigma_beyond(disturbance: FieldMap) -> tuple[Array, float]:
-    """Return 1-sigma (n, m) of what masses beyond the map, and in its holes, do to a horizontal
-    component; and the distance, m, over which that error holds together: half of the map."""
-    missing: Booleans = ~np.isfinite(disturbance.values)
-    cell = disturbance.cell
-    width = min(size * count for size, count in zip(cell, missing.shape, strict=True))
-    thinned = disturbance.thinned(*(count // _NODES for count in missing.shape))
-    values = np.asarray(thinned.values, dtype=np.float64)
-    distances = np.geomspace(max(cell), 0.25 * width, _DISTANCES)
-    smooth = spectral.transformed(
-        thinned,
-        np.where(np.isfinite(values), values, 0.0),
-        [partial(operator, "disturbance", float(distance)) for distance in distances],
-        _VECTOR_TAPER,
-    )
-    scale = np.sqrt(0.5 * np.mean(smooth**2, axis=(1, 2)))
-    away = spectral.rim_distance(missing, disturbance)
-    return np.interp(away, distances, scale), 0.5 * float(width)

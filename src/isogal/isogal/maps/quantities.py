@@ -4,6 +4,7 @@ Every reader ends here: a unit is converted once, and numbers that cannot be wha
 refused with a hint."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +137,12 @@ def unit_factor(unit: str, where: str) -> tuple[str, float]:
     return UNITS[known]
 
 
+def fitting_unit(inside: str, fits: Callable[[float], bool]) -> str | None:
+    """Return the first unit of which the factor to a unit inside fits; None where none does."""
+    each = ((unit, factor) for unit, (base, factor) in UNITS.items() if base == inside)
+    return next((unit for unit, factor in each if fits(factor)), None)
+
+
 def quantity_of(name: str) -> str | None:
     """Return the quantity that a variable name or a phrase means, or None."""
     word = "_".join(name.casefold().replace("-", " ").replace("_", " ").split())
@@ -250,14 +257,14 @@ def _hint(found: tuple[float, float], low: float, high: float, quantity: str) ->
             and _possible(candidate, low, high)
         ):
             return f"these look like {other}: give quantity={other} (--quantity {other})"
-    for name, (inside, factor) in UNITS.items():
-        telling = (
-            known.lowest > 0.0 or max(abs(found[0]), abs(found[1])) * factor > 1e-3 * known.highest
-        )
-        if (
-            inside == known.unit
-            and telling
+    size = max(abs(found[0]), abs(found[1]))
+    name = fitting_unit(
+        known.unit,
+        lambda factor: (
+            (known.lowest > 0.0 or size * factor > 1e-3 * known.highest)
             and _possible(known, found[0] * factor, found[1] * factor)
-        ):
-            return f"these look like {name}: give unit={name} (--unit {name})"
+        ),
+    )
+    if name is not None:
+        return f"these look like {name}: give unit={name} (--unit {name})"
     return _DAMAGE

@@ -1,5 +1,5 @@
-"""Fourier transforms of a map over a plane: wavenumbers, operators, edges, and what becomes of the
-map's errors.
+"""Fourier transforms of a map over a plane: wavenumbers, operators, edges. What becomes of the
+map's errors is in `isogal.maps.error_spectrum`.
 
 A map is a few hundred km wide at most, where a plane errs by far less than such fields are known.
 That a degree of longitude gets shorter towards the pole is allowed for by computing with the scale
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.error_model import decay
 from isogal.maps.field_map import FieldMap
 
 Real = TypeVar("Real", np.float32, np.float64)
@@ -26,8 +25,6 @@ _WIDEST = 0.2
 """Share by which it may differ over the whole map."""
 MOST_MISSING = 0.2
 """Share of a map that may be missing."""
-_TORUS = (256, 256)
-"""Nodes of the periodic map whose spectrum stands for that of an error."""
 
 
 class Waves(NamedTuple):
@@ -212,55 +209,3 @@ def inside(field_map: FieldMap, missing: Booleans, edge: float) -> Booleans:
             f" {edge / 1000.0:g} km of its edges and holes"
         )
     return np.asarray(kept)
-
-
-def error_gain(
-    operator: Operator, cell: tuple[float, float], length: float | None = None
-) -> float:
-    """Return the 1-sigma error of what an operator yields for an error of the map of 1-sigma one.
-
-    The mean of the squared operator over all wavenumbers that the grid can show, weighted by the
-    error's spectrum.
-
-    Parameters
-    ----------
-    operator : Operator
-    cell : (float, float)
-        Of the grid, to the north and to the east, m.
-    length : float, optional
-        L of the errors' covariance exp(-d / L) between nodes, m; None = white noise of the nodes.
-    """
-    weight = _error_spectrum(cell, length)
-    power = np.abs(operator(waves_of(_TORUS, cell))) ** 2
-    weight[:, [0, -1]] *= 0.5  # a real transform holds the other columns once for two
-    return math.sqrt(float((weight * power).sum() / weight.sum()))
-
-
-def error_length(operator: Operator, cell: tuple[float, float], length: float) -> float:
-    """Return the distance (m) at which the error of what an operator yields has a correlation of
-    1/e, on the mean of all directions; see `error_gain`."""
-    power = np.abs(operator(waves_of(_TORUS, cell))) ** 2
-    correlation = np.fft.irfft2(_error_spectrum(cell, length) * power, _TORUS)
-    distance, step = _torus_distance(cell), max(cell)
-    ring = np.rint(distance / step).astype(np.int64).ravel()
-    mean = np.bincount(ring, correlation.ravel()) / np.bincount(ring) / correlation[0, 0]
-    away = np.bincount(ring, distance.ravel()) / np.bincount(ring)
-    first = int(np.argmax(mean < math.exp(-1.0)))
-    return float(
-        np.interp(-math.exp(-1.0), -mean[first - 1 : first + 1], away[first - 1 : first + 1])
-    )
-
-
-def _torus_distance(cell: tuple[float, float]) -> Array:
-    north, east = (
-        size * count * np.abs(np.fft.fftfreq(count))
-        for size, count in zip(cell, _TORUS, strict=True)
-    )
-    return np.asarray(np.hypot(north[:, None], east))
-
-
-def _error_spectrum(cell: tuple[float, float], length: float | None) -> Array:
-    """Return the power of errors of a map at each wavenumber of a real transform, in any unit."""
-    if length is None:
-        return np.ones((_TORUS[0], _TORUS[1] // 2 + 1))
-    return np.maximum(np.fft.rfft2(decay(_torus_distance(cell), length)).real, 0.0)

@@ -214,7 +214,8 @@ class OwnField:
         """Return the batch with the coefficients as parameters."""
         there = np.asarray(np.isfinite(readings[:, 0]).all(axis=1))
         terms = np.where(there[:, None], readings[:, 0, 1:], 0.0)
-        parameters = Parameters.together([batch.parameters, Parameters((), self._sigma, terms)])
+        own = Parameters(("",) * len(self._sigma), self._sigma, terms)
+        parameters = Parameters.together([batch.parameters, own])
         reading = np.where(there, batch.reading, np.nan)
         return replace(batch, reading=reading, parameters=parameters)
 

@@ -36,7 +36,7 @@ def likelihood_information(mean: Array, covariance: Array, prior: Array) -> Info
     covariance, prior : (n, n) arrays
         Positive definite.
     """
-    factor, ratio, vectors = _relative(covariance, prior)
+    factor, ratio, vectors = relative(covariance, prior)
     if (np.abs(ratio - 1.0) < LEAST_CHANGE).all():
         return Information(np.zeros_like(mean), np.zeros_like(prior))
     back = np.linalg.solve(factor.T, vectors)
@@ -133,7 +133,7 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
         Position error (m) according to the measurements alone, and its covariance (m²); a
         direction without information has ten thousand times the prior's variance.
     """
-    factor, ratio, vectors = _relative(covariance[:2, :2], prior[:2, :2])
+    factor, ratio, vectors = relative(covariance[:2, :2], prior[:2, :2])
     axes = factor @ vectors
     told = 1.0 - ratio > UNINFORMED
     weight = np.where(told, 1.0 / ratio - 1.0, UNINFORMED)
@@ -142,9 +142,9 @@ def measurement_only(mean: Array, covariance: Array, prior: Array) -> tuple[Arra
     return error, symmetric((axes / weight) @ axes.T)
 
 
-def _relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Return (n, n) the Cholesky factor of a prior, and eigenvalues and vectors of the posterior
-    covariance in prior units; raises LinAlgError where the prior is not positive definite."""
+def relative(covariance: Array, prior: Array) -> tuple[Array, Array, Array]:
+    """Return (n, n) the Cholesky factor of a covariance `prior`, and eigenvalues and vectors of
+    another one in its units; raises LinAlgError where `prior` is not positive definite."""
     factor = np.asarray(np.linalg.cholesky(prior))
     inner = np.linalg.solve(factor, np.linalg.solve(factor, covariance).T)
     values, vectors = np.linalg.eigh(inner)

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fix import LOST_COVARIANCE, LOST_SIGMA, Candidates, Fix, Information, Status
 from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import Parameters
@@ -40,6 +41,8 @@ __all__ = [
     "SecondaryBatch",
     "Status",
     "declined",
+    "located",
+    "with_scans",
 ]
 
 
@@ -296,3 +299,26 @@ def declined(batch: Batch, reason: str, **diagnostics: float) -> Fix:
         reason=reason,
         diagnostics=diagnostics,
     )
+
+
+def located(batch: Batch, error: Array, covariance: Array, **more: Any) -> Fix:
+    """Build the fix of a batch at whose end the navigator was off by an error (2,), m north and
+    east, of covariance (2, 2), m²; more fields as `Fix` has them."""
+    north, east = metres_per_radian(batch.end[0])
+    latitude, longitude = batch.end[0] - error[0] / north, batch.end[1] - error[1] / east
+    time = float(batch.time[-1])
+    return Fix(time, float(latitude), float(longitude), covariance, **more)
+
+
+def with_scans(fix: Fix, batch: Batch, moved: Array) -> Fix:
+    """Return the fix of a batch with the place of each scan, where the navigator was off by
+    `moved` (T, 2), m north and east. Late readings say where the vehicle was, not where it is at
+    their stamps."""
+    if batch.end_place is not None:
+        return fix
+    north, east = metres_per_radian(batch.latitude)
+    places = batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east
+    covariance = np.full((len(batch), 2, 2), np.nan)
+    # as many fixes together hold the information once
+    covariance[len(batch) - batch.new :] = batch.new * fix.covariance
+    return replace(fix, scan_position=np.stack(places, axis=-1), scan_covariance=covariance)

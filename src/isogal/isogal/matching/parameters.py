@@ -16,8 +16,7 @@ class Parameters:
     reading = map(place - position theta) + reading theta + ..."""
 
     names: tuple[str, ...]
-    """Of the first of them, as the diagnostics have them; may be fewer than C, and "" of those
-    that they do not have."""
+    """(C,) as the diagnostics have them; "" of those that they do not have."""
     sigma: Array
     """(C,) before the first reading."""
     reading: Array
@@ -47,8 +46,7 @@ class Parameters:
 
     @classmethod
     def together(cls, parts: "Sequence[Parameters | None]") -> "Parameters | None":
-        """Return several as one, each but the last with names of all of its own; None where there
-        are none."""
+        """Return several as one; None where there are none."""
         some = [one for one in parts if one is not None]
         if len(some) < 2:
             return some[0] if some else None

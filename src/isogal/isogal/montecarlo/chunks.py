@@ -3,8 +3,6 @@
 import hashlib
 import json
 import math
-import time
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -14,23 +12,20 @@ from typing import NamedTuple
 import numpy as np
 
 import isogal
-from isogal.errors import InputError
 from isogal.evaluation.records import FORMAT, Runs
 from isogal.fields.scenario_map import true_map
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.several import RunMap, each_map
 from isogal.matching.interfaces import Batch, Fix, declined
-from isogal.montecarlo.engine import Progress, simulate
+from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 
 MEMORY = 256_000_000
 """Bytes that the arrays of one chunk may take in a worker."""
-MOST_RUNS = 25
-"""Runs of a chunk at most: an interruption loses no more than that, and at the end of a study the
-last worker does not keep the others idle for longer than that."""
-REPORT_EVERY = 0.2
-"""s between a worker's reports of progress."""
+MOST_RUNS = 10
+"""Runs of a chunk at most: an interruption loses no more than that, at the end of a study the last
+worker does not keep the others idle for longer than that, and progress is shown by chunks."""
 _CODE = (
     "earth",
     "inertial",
@@ -123,13 +118,15 @@ class Task(NamedTuple):
     scenario: Scenario
     runs: tuple[int, ...]
     aided: bool
-    smooth: bool = False
+    smooth: bool
 
-    def compute(self, field_map: RunMap, progress: Progress | None = None) -> Runs:
-        """Compute the runs; raises InputError where the scenario cannot be used."""
-        matcher = None if self.aided else Unaided()
-        lag = math.inf if self.smooth else 0.0
-        return simulate(self.scenario, self.runs, field_map, matcher, progress, lag=lag)
+
+def compute(task: Task, field_map: RunMap) -> Runs:
+    """Compute a task on the map of its key; raises InputError where the scenario cannot be
+    used."""
+    matcher = None if task.aided else Unaided()
+    lag = math.inf if task.smooth else 0.0
+    return simulate(task.scenario, task.runs, field_map, matcher, lag=lag)
 
 
 class Unaided:
@@ -144,75 +141,17 @@ class Unaided:
         return declined(batch, "unaided"), None
 
 
-class WorkerError(RuntimeError):
-    """A chunk cannot be computed; one line says which and why."""
-
-
-Answer = Runs | InputError | WorkerError
-"""Of a worker."""
-
-
-def attempt(task: Task, field_map: RunMap, progress: Progress) -> Answer:
-    """Compute a task in a worker; a note of an error that is a defect holds its traceback."""
-    try:
-        return task.compute(field_map, progress)
-    except ConnectionError:  # nobody waits for it any more
-        raise
-    except InputError as error:
-        return error
-    except Exception as error:
-        defect = WorkerError(f"{type(error).__name__}: {error}")
-        defect.add_note(traceback.format_exc())
-        return defect
-
-
-def runs_of(answer: Answer, chunk: Chunk) -> Runs:
-    """Return the runs of a chunk that a worker has computed.
-
-    Raises
-    ------
-    InputError
-        Its scenario cannot be used.
-    WorkerError
-        Anything else has gone wrong.
-    """
-    if isinstance(answer, WorkerError):
-        answer.args = (f"{chunk}: {answer}",)
-    if not isinstance(answer, Runs):
-        raise answer
-    return answer
-
-
-def throttled(send: Progress) -> Progress:
-    """Wrap a progress function so that it is called every `REPORT_EVERY` seconds at most."""
-    last = 0.0
-
-    def report(seconds: float) -> None:
-        nonlocal last
-        now = time.monotonic()
-        if now - last >= REPORT_EVERY:
-            last = now
-            send(seconds)
-
-    return report
-
-
 def divide(case: Case, missing: Sequence[int], share: int) -> list[Chunk]:
-    """Cut the missing runs of a case, in increasing order, into chunks of at most `share` runs
-    (see `fair_share`) that fit into memory and have no gaps."""
+    """Cut the missing runs of a case into chunks of at most `share` runs (see `fair_share`) that
+    fit into memory."""
     size = min(share, fitting(case.scenario, case.duration))
-    gaps = np.flatnonzero(np.diff(missing) > 1) + 1
-    return [
-        Chunk(case, tuple(part[i : i + size].tolist()))
-        for part in np.split(np.array(missing, dtype=np.int64), gaps)
-        for i in range(0, len(part), size)
-    ]
+    return [Chunk(case, tuple(missing[i : i + size])) for i in range(0, len(missing), size)]
 
 
 def fair_share(runs: int, workers: int) -> int:
     """Return how many of so many runs a chunk may have, so that all workers are busy to the
     end."""
-    return min(MOST_RUNS, max(1, math.ceil(runs / (4 * workers))))
+    return min(MOST_RUNS, max(1, math.ceil(runs / (8 * workers))))
 
 
 def fitting(scenario: Scenario, duration: float) -> int:

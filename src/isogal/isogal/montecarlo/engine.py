@@ -45,8 +45,6 @@ from isogal.sensors.satellites import SatelliteFixes
 from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
-Progress = Callable[[float], None]
-"""Called with the simulated time (s), on the mean of all runs, after each fix."""
 Revised = Callable[[int, Integers, Array], None]
 """Called with a run's place in the list of runs, the indices of past states that retrodiction has
 changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
@@ -90,7 +88,6 @@ def simulate(
     runs: Sequence[int],
     field_map: RunMap | None = None,
     matcher: Matcher | None = None,
-    progress: Progress | None = None,
     revised: Revised | None = None,
     *,
     lag: float = 0.0,
@@ -106,7 +103,6 @@ def simulate(
         Default: the scenario's.
     matcher : Matcher, optional
         Default: the scenario's.
-    progress : callable, optional
     revised : callable, optional
         Called with past states that retrodiction corrects; the record keeps the navigator's
         estimates of the time.
@@ -140,9 +136,6 @@ def simulate(
                 if revised is not None and applied.innovations:
                     scans = np.arange(before + 1, scan + 1)
                     revised(run, scans, simulation.track(navigator, before, scan))
-            if progress is not None:
-                share = (run + scan / simulation.scans) / len(runs)
-                progress(float(trajectory.time[0] + share * np.ptp(trajectory.time)))
             simulation.look_back(navigator, run, scan, recorder)
     return recorder.record(simulation.unaided, first_map(field_map))
 

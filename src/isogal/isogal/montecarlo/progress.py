@@ -31,7 +31,6 @@ class LiveProgress:
         )
 
         self.what = what
-        self._reached: dict[Chunk, float] = {}
         self._total = self._done = 0.0
         self._runs = self._finished = 0
         self._start = self._last = time.monotonic()
@@ -63,22 +62,13 @@ class LiveProgress:
         self._runs = kept + sum(len(chunk.runs) for chunk in todo)
         self._finished = kept
         self._done = 0.0
-        self._reached = {}
         if kept and todo:
             self.say(f"{kept} of {self._runs} runs are there already")
         self._bar.reset(self._task, total=self._total)
         self._show()
 
-    def reached(self, chunk: Chunk, seconds: float) -> None:
-        """Take note that a chunk's runs have reached this simulated time (s)."""
-        if not self._reached and self._done == 0.0:
-            self._start = time.monotonic()  # starting the workers is not part of their speed
-        self._reached[chunk] = seconds * len(chunk.runs)
-        self._show()
-
     def finished(self, chunk: Chunk) -> None:
         """Take note that a chunk is computed and kept."""
-        self._reached.pop(chunk, None)
         self._done += chunk.seconds
         self._finished += len(chunk.runs)
         self._show()
@@ -89,8 +79,7 @@ class LiveProgress:
 
     def _show(self) -> None:
         now = time.monotonic()
-        done = self._done + sum(self._reached.values())
-        elapsed = max(now - self._start, 1e-9)
+        done, elapsed = self._done, max(now - self._start, 1e-9)
         runs, speed = f"{self._finished}/{self._runs} runs", f"{done / elapsed:,.0f} x real time"
         self._bar.update(self._task, completed=done, runs=runs, speed=speed)
         if self._bar.disable and now - self._last >= LINE_EVERY and done > 0.0:

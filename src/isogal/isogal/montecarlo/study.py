@@ -1,15 +1,16 @@
 """From cases to results: what is on disk is taken from there, and the rest, of all cases, goes
 through one queue to the workers."""
 
-from collections.abc import Generator, Sequence
-from contextlib import closing
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
 
 from isogal.errors import InputError
-from isogal.montecarlo.chunks import Answer, Case, Chunk, divide, fair_share, map_digest, runs_of
+from isogal.montecarlo.chunks import Case, Chunk, divide, fair_share, map_digest
 from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
-from isogal.montecarlo.workers import Report, available_cores, local_results
+from isogal.montecarlo.workers import Submit, cluster, computed, processes
+from isogal.threads import available_cores
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +33,12 @@ class Backend:
         """Number of workers that the work is divided for."""
         return self.workers or (8 if self.scheduler else available_cores())
 
-    def map_chunks(
-        self, chunks: Sequence[Chunk], report: Report
-    ) -> Generator[tuple[Chunk, Answer], None, None]:
-        """Yield chunks and what has become of them, as they are finished; see `local_results` and
-        `cluster_results`."""
+    def start(self, chunks: Sequence[Chunk]) -> AbstractContextManager[Submit]:
+        """Start workers for chunks; see `processes` and `cluster`."""
         maps = {map_digest(chunk.case.field_map): chunk.case.field_map for chunk in chunks}
         if self.scheduler is None:
-            return local_results(chunks, maps, min(self.count, len(chunks)), report)
-        from isogal.montecarlo.cluster import cluster_results
-
-        return cluster_results(chunks, maps, self.scheduler, report)
+            return processes(maps, min(self.count, len(chunks)))
+        return cluster(maps, self.scheduler)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -70,7 +66,7 @@ def compute_cases(
     Raises
     ------
     InputError, WorkerError
-        See `Backend.map_chunks` and `runs_of`; what was finished is kept.
+        See `computed`; what was finished is kept.
     Interrupted
         Ctrl-C.
     """
@@ -88,12 +84,10 @@ def compute_cases(
     for damage in store.damaged:
         display.say(f"computed again: {damage}")
     display.begin(chunks, kept)
-    if not chunks:
-        return
     try:
-        with closing(backend.map_chunks(chunks, display.reached)) as answers:
-            for chunk, answer in answers:
-                store.put(chunk, runs_of(answer, chunk))
+        with closing(computed(chunks, backend.start)) as finished:
+            for chunk, runs in finished:
+                store.put(chunk, runs)
                 kept += len(chunk.runs)
                 display.finished(chunk)
     except KeyboardInterrupt:

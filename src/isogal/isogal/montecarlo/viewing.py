@@ -10,7 +10,7 @@ from isogal.evaluation.run_report import subtitle_of
 from isogal.evaluation.view.record import ViewedRun
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.files import Json
-from isogal.montecarlo.store import chunk_files
+from isogal.montecarlo.store import file_of
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -34,7 +34,7 @@ def open_study(folder: Path, run: int) -> "tuple[ViewedRun, RouteMap]":
     if run >= total:
         raise InputError(f"--run: {run}: {folder} has runs 0 to {total - 1}")
     scenario = validate_scenario(document, str(path))
-    runs = _run_of(_case_folder(folder, document), run)
+    runs = Runs.load(file_of(_case_folder(folder, document), run))
     trajectory = build_trajectory(scenario)
     viewed = ViewedRun(
         runs,
@@ -51,10 +51,3 @@ def _case_folder(folder: Path, scenario: Json) -> Path:
         if case.get("scenario") == scenario and case.get("aided", True):
             return note.parent
     raise InputError(f"{folder / 'runs'}: holds no runs of the scenario of results.json")
-
-
-def _run_of(case: Path, run: int) -> Runs:
-    for path, first, last in chunk_files(case):
-        if first <= run <= last:
-            return Runs.load(path).part([run - first])
-    raise InputError(f"{case}: run {run} is not there")

@@ -1,164 +1,211 @@
-"""Workers on this machine, one process each, forked from one new interpreter that has imported all
-they need (forkserver). If one dies, another takes its place and its chunk.
+"""Who computes chunks: processes of this machine, or the workers of a Dask cluster, both by the
+interface of `concurrent.futures`.
 
-Python's own pools give up when a worker is killed, and do not say which task it had; here the
-parent holds a pipe to each worker. A script that computes by workers needs the guard ``if __name__
-== "__main__"``, since each of them imports it."""
+A script that computes by processes needs the guard ``if __name__ == "__main__"``, since each of
+them imports it."""
 
-import contextlib
 import multiprocessing
 import os
 import signal
-from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import ForkServerProcess
+from typing import TYPE_CHECKING
 
+from isogal.errors import InputError
+from isogal.evaluation.records import Runs
 from isogal.maps.several import RunMap
-from isogal.montecarlo.chunks import Answer, Chunk, WorkerError, attempt, throttled
+from isogal.montecarlo.chunks import Chunk, Task, compute, source_digest
 from isogal.threads import VARIABLES
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 ATTEMPTS = 3
-"""How often a chunk is begun before it is blamed for the deaths of its workers."""
+"""How often in a row worker processes may die before any chunk is finished."""
+TIMEOUT = 10.0
+"""s to wait for a scheduler."""
 _THREADS = (*VARIABLES, "NUMBA_NUM_THREADS")
 
-Report = Callable[[Chunk, float], None]
-"""Called with a chunk and the simulated time (s) that its runs have reached."""
+Submit = Callable[[Chunk], Future[Runs]]
+"""Has a chunk computed."""
 
 
-def available_cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0))
+class WorkerError(RuntimeError):
+    """Chunks cannot be computed; one line says why."""
 
 
-def serve(connection: Connection, maps: Mapping[str, RunMap]) -> None:
-    """Compute the tasks that come through the pipe until the parent closes it: the work of a
-    worker process. Numbers that go back are the simulated time reached, all else is an answer."""
-    with contextlib.suppress(EOFError, ConnectionError):
-        while True:
-            task = connection.recv()
-            connection.send(attempt(task, maps[task.map_key], throttled(connection.send)))
-
-
-@dataclass(slots=True, eq=False)
-class _Worker:
-    process: ForkServerProcess
-    connection: Connection
-
-    @classmethod
-    def start(cls, maps: Mapping[str, RunMap]) -> "_Worker":
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["__main__", __name__])
-        ours, theirs = context.Pipe()
-        process = context.Process(
-            target=serve, args=(theirs, maps), daemon=True, name="isogal-worker"
-        )
-        with _one_thread(), _interrupts_blocked():
-            process.start()
-        theirs.close()
-        return cls(process, ours)
-
-    def give(self, chunk: Chunk) -> None:
-        # a worker that has died is noticed by the end of its pipe
-        with contextlib.suppress(ConnectionError):
-            self.connection.send(chunk.task)
-
-    def stop(self, patience: float = 0.0) -> int | None:
-        """End the process if it does not end by itself within so many seconds; return its exit
-        status, or minus the signal that has killed it."""
-        self.connection.close()
-        self.process.join(patience)
-        self.process.kill()
-        self.process.join()
-        status = self.process.exitcode
-        self.process.close()
-        return status
-
-
-def local_results(
-    chunks: Sequence[Chunk], maps: Mapping[str, RunMap], workers: int, report: Report
-) -> Generator[tuple[Chunk, Answer], None, None]:
-    """Compute chunks by so many processes; yields them as they are finished.
+def computed(
+    chunks: Sequence[Chunk], start: Callable[[Sequence[Chunk]], AbstractContextManager[Submit]]
+) -> Generator[tuple[Chunk, Runs], None, None]:
+    """Yield chunks with their runs as they are finished. Where a worker process dies, new ones
+    take its place and what is left.
 
     Parameters
     ----------
     chunks : sequence of Chunk
         Begun in this order.
-    maps : mapping
-        By `map_digest`.
-    workers : int
-        Processes; each uses one thread.
-    report : callable
-        Called with the progress of a chunk.
+    start : callable
+        Returns workers for chunks: `processes` or `cluster` of their maps.
 
     Raises
     ------
+    InputError
+        The scenario of a chunk cannot be used; see also `cluster`.
     WorkerError
-        The workers of a chunk died `ATTEMPTS` times.
+        Anything else has gone wrong with a chunk, or workers died `ATTEMPTS` times in a row.
     """
-    waiting, begun = list(reversed(chunks)), Counter[Chunk]()
-    idle: list[_Worker] = []
-    busy: dict[_Worker, Chunk] = {}
+    left, deaths = list(chunks), 0
+    while left:
+        try:
+            with start(left) as submit:
+                futures = {submit(chunk): chunk for chunk in left}
+                for future in as_completed(futures):
+                    chunk = futures.pop(future)  # which drops its result, too
+                    runs = _result(future, chunk)
+                    left.remove(chunk)
+                    deaths = 0
+                    yield chunk, runs
+        except BrokenProcessPool:
+            deaths += 1
+            if deaths == ATTEMPTS:
+                raise WorkerError(
+                    f"{left[0]} and after it: workers were killed {deaths} times in a row before"
+                    " a chunk was finished; is there too little memory?"
+                ) from None
+
+
+def _result(future: Future[Runs], chunk: Chunk) -> Runs:
     try:
-        while waiting or busy:
-            while waiting and len(busy) < workers:
-                worker = idle.pop() if idle else _Worker.start(maps)
-                chunk = waiting.pop()
-                busy[worker] = chunk
-                begun[chunk] += 1
-                worker.give(chunk)
-            ready = wait([worker.connection for worker in busy])
-            for worker, chunk in [each for each in busy.items() if each[0].connection in ready]:
-                try:
-                    said = worker.connection.recv()
-                except (EOFError, ConnectionError):
-                    del busy[worker]
-                    status = worker.stop(5.0)
-                    if begun[chunk] >= ATTEMPTS:
-                        raise WorkerError(f"{chunk}: {_death(status)}") from None
-                    waiting.append(chunk)
-                    said = 0.0
-                if isinstance(said, float):
-                    report(chunk, said)
-                else:
-                    del busy[worker]
-                    idle.append(worker)
-                    yield chunk, said
-    finally:
-        for worker in (*idle, *busy):
-            worker.stop()
+        return future.result()
+    except (InputError, BrokenProcessPool):
+        raise
+    except Exception as error:
+        raise WorkerError(f"{chunk}: {type(error).__name__}: {error}") from error
 
 
-def _death(status: int | None) -> str:
-    how = f"ended with status {status}"
-    if status is not None and status < 0:
-        how = f"was killed by signal {-status} ({signal.Signals(-status).name})"
-    hint = "; is there too little memory?" if status == -signal.SIGKILL else ""
-    return f"the worker {how}, {ATTEMPTS} times{hint}"
+@contextmanager
+def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
+    """Start so many processes of this machine, forked from one new interpreter that has imported
+    all they need (forkserver); at the end they are killed.
 
+    Parameters
+    ----------
+    maps : mapping
+        By `map_digest`.
+    count : int
+        Each uses one thread.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", __name__])
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(count, context, _take, (maps,))
 
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let processes started here use one thread each: workers share the cores, and sums within a
-    product of matrices keep one order."""
-    before = dict(os.environ)
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    def submit(chunk: Chunk) -> Future[Runs]:
+        with _as_worker():
+            return pool.submit(_compute, chunk.task)
+
     try:
-        yield
+        yield submit
     finally:
-        os.environ.clear()
-        os.environ.update(before)
+        for process in set(multiprocessing.active_children()) - others:
+            process.kill()
+        pool.shutdown(cancel_futures=True)
 
 
-@contextlib.contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C, which a terminal sends to the whole group, in processes started here: the
-    parent alone handles it."""
+_maps: dict[str, RunMap] = {}
+"""Of a worker process."""
+
+
+def _take(maps: Mapping[str, RunMap]) -> None:
+    _maps.update(maps)
+
+
+def _compute(task: Task) -> Runs:
+    return compute(task, _maps[task.map_key])
+
+
+@contextmanager
+def _as_worker() -> Iterator[None]:
+    """Let processes started here use one thread each, since workers share the cores and sums
+    within a product of matrices are to keep one order; and block Ctrl-C in them, which a terminal
+    sends to the whole group: the parent alone handles it."""
     resource_tracker.ensure_running()  # with the first worker this would let Ctrl-C through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    environment = dict(os.environ)
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, signals)
+        os.environ.clear()
+        os.environ.update(environment)
+
+
+@contextmanager
+def cluster(maps: Mapping[str, RunMap], address: str) -> Iterator[Submit]:
+    """Use the workers of a Dask cluster. If one dies, Dask gives its chunk to another,
+    `distributed.scheduler.allowed-failures` times.
+
+    Parameters
+    ----------
+    maps : mapping
+        By `map_digest`.
+    address : str
+        Of the scheduler, for example ``tcp://host:8786``.
+
+    Raises
+    ------
+    InputError
+        No scheduler answers there, or its workers run other source code.
+    """
+    client = _connected(address)
+    try:
+        check_code(client, address, source_digest())
+        spread = {
+            key: client.scatter(field_map, broadcast=True, hash=False)
+            for key, field_map in maps.items()
+        }
+        pool = client.get_executor(pure=False)
+        try:
+            yield lambda chunk: pool.submit(compute, chunk.task, spread[chunk.task.map_key])
+        finally:
+            pool.shutdown(wait=False)
+    finally:
+        client.close()
+
+
+def _connected(address: str) -> "Client":
+    from distributed import Client
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    try:
+        scheme, place = parse_address(address)
+        if scheme in ("tcp", "tls"):
+            parse_host_port(place)  # else a client is half made, and its end takes 20 s
+        return Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({error})"
+        ) from None
+
+
+def check_code(client: "Client", address: str, mine: str) -> None:
+    """Raise InputError unless all workers run the source code with this digest."""
+    try:
+        digests = client.run(source_digest)
+    except Exception as error:
+        raise InputError(
+            f"--scheduler {address}: its workers cannot import isogal ({type(error).__name__}:"
+            f" {error})"
+        ) from None
+    if not digests:
+        raise InputError(f"--scheduler {address}: has no workers")
+    other = sorted(worker for worker, digest in digests.items() if digest != mine)
+    if other:
+        raise InputError(
+            f"--scheduler {address}: {len(other)} of {len(digests)} workers run another Isogal"
+            f" than this one, for example {other[0]}"
+        )

@@ -1,6 +1,6 @@
 """The cases that the paper's tables and figures need, as scenarios."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 from isogal.errors import InputError
@@ -30,7 +30,6 @@ class Setting:
     mode: str = "standard"
     grade: str = "precision"
     heading: float = 3e-4
-    speed: float = 22.0
     aided: bool = True
 
     @property
@@ -42,7 +41,6 @@ class Setting:
         default = Setting()
         parts += [self.mode] if self.mode != default.mode else []
         parts += [f"heading error {self.heading:g} rad"] if self.heading != default.heading else []
-        parts += [f"{self.speed:g} m/s"] if self.speed != default.speed else []
         return ", ".join(parts)
 
 
@@ -61,28 +59,11 @@ AIDING = [
 UNAIDED = [Setting(grade=grade, aided=False) for grade in PAPER_GRADES]
 HEADINGS = (1e-4, 3e-4, 1e-3)
 """rad, 1-sigma of the initial heading error."""
-SWEEPS = {
-    "heading": [Setting(heading=heading) for heading in HEADINGS],
-    # at 45.9 m/s the whole route takes 3.6 h
-    "speed": [Setting(speed=speed) for speed in (11.0, 22.0, 33.0, 45.0)],
-}
-"""The paper's best case with other values of what the paper does not state."""
 RIVAL = Setting(matcher="tercom")
 """Area correlation, with which the paper compares its matcher in words, in its best case."""
 
-_ALL_RUNS = [*TABLES, *AIDING, *UNAIDED]
-_FEW_RUNS = [
-    *(
-        replace(setting, matcher=matcher)
-        for matcher in reversed(MATCHERS)
-        for settings in SWEEPS.values()
-        for setting in settings
-    ),
-    RIVAL,
-]
-"""Cases that have a fifth of the runs, unless they are in the tables."""
-SETTINGS = tuple(dict.fromkeys([*_ALL_RUNS, *_FEW_RUNS]))
-"""Of all cases, each once."""
+SETTINGS = tuple(dict.fromkeys([*TABLES, *AIDING, *UNAIDED, RIVAL]))
+"""Of all cases, each once; the rival has a fifth of the runs."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +73,7 @@ class Plan:
     Parameters
     ----------
     runs : int
-        Of each case of the tables; the sweeps have fewer.
+        Of each case but that of `RIVAL`, which has fewer.
     map_path : str or None
         File or folder with gravity and disturbance; None = the synthetic map.
     duration : float
@@ -116,7 +97,7 @@ class Plan:
     def scenario(self, setting: Setting) -> Scenario:
         """Return the scenario of a setting."""
         document: Document = {
-            "route": {"speed": setting.speed, "duration": self.duration},
+            "route": {"duration": self.duration},
             "imu": {"grade": setting.grade},
             "initial_error": {"heading": setting.heading},
             "gravimeter": {"quantity": setting.quantity, "sigma": setting.sigma},
@@ -141,11 +122,11 @@ class Plan:
 
     def field_map(self, setting: Setting) -> FieldMap:
         """Return the map of a setting, cut to its route; raises InputError."""
-        return _map_along(self, Setting(quantity=setting.quantity, speed=setting.speed))
+        return _map_along(self, Setting(quantity=setting.quantity))
 
     def case(self, setting: Setting) -> Case:
         """Return the case of a setting; raises InputError where the map cannot be used."""
-        runs = self.runs if setting in _ALL_RUNS else max(1, self.runs // 5)
+        runs = max(1, self.runs // 5) if setting == RIVAL else self.runs
         scenario, field_map = self.scenario(setting), self.field_map(setting)
         return Case(setting.name, scenario, runs, field_map, setting.aided)
 

@@ -12,7 +12,7 @@ from isogal.paper import figures, tables
 from isogal.paper.cases import DEFAULT, PAPER, Setting
 from isogal.paper.claims import FAILS, HOLDS, OPEN, Claim
 from isogal.paper.measure import Results
-from isogal.paper.published import JOURNEY, TABLE_4, TABLE_6
+from isogal.paper.published import JOURNEY, SPEED, TABLE_4, TABLE_6
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ def write_page(results: Results, claims: Sequence[Claim], out: str | Path) -> Pa
         _aiding(results, by_key["retrodiction"]),
     ]
     subtitle = (
-        f"{plan.runs} runs a case of {plan.duration / 3600.0:.1f} h at {Setting().speed:g} m/s;"
+        f"{plan.runs} runs a case of {plan.duration / 3600.0:.1f} h at {SPEED:g} m/s;"
         f" map: {provenance}. {PAPER} is the paper's matcher to the letter, {DEFAULT} the default"
         " one."
     )
@@ -58,7 +58,7 @@ def _limits(results: Results, gain: Claim) -> Section:
     paragraphs = [
         (
             f"Duration. The paper's route takes {plan.journey / 3600:.1f} h at its speed of"
-            f" {Setting().speed:g} m/s; the paper says more than {JOURNEY / 3600:.1f} h. The first"
+            f" {SPEED:g} m/s; the paper says more than {JOURNEY / 3600:.1f} h. The first"
             f" {plan.duration / 3600:.1f} h are simulated here."
         ),
         (
@@ -80,14 +80,7 @@ def _limits(results: Results, gain: Claim) -> Section:
             " and reduced with the navigator's own estimate, which the paper does not mention."
         ),
     ]
-    picture = Illustration(
-        "sensitivity",
-        figures.sensitivity_figure(results),
-        "Sensitivity of the RMS error over the run to the initial heading error and to the speed."
-        " Gravity, sigma 1e-5 m/s², T = 30.",
-    )
-    heading = "What cannot be reproduced, and what it depends on"
-    return Section(heading, paragraphs, [picture], [tables.sensitivity_table(results)])
+    return Section("What cannot be reproduced, and what it depends on", paragraphs)
 
 
 def _said(claim: Claim, scope: str = "") -> str:
@@ -162,12 +155,6 @@ class _Illustrated:
                 "RMS position error of the unaided INS by grade (PCAG and QAPCG coincide), and"
                 " aided with T = 30 at low noise.",
                 *("unbounded", "quantum gain", "bounded", "benefit", "jagged"),
-            ),
-            Illustration(
-                "unaided-spread",
-                figures.spread_figure(self.results),
-                "Does the filter know the spread of the unaided INS? RMS error of the runs, and"
-                " what the filter's covariance says when it takes no fix.",
             ),
         ]
 

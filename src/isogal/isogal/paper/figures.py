@@ -6,17 +6,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.close_up import surroundings
 from isogal.evaluation.figures.ensemble import Curve, draw_curves, rms_figure
 from isogal.evaluation.figures.signal import variability_along
 from isogal.evaluation.figures.track import Frame
 from isogal.maps.field_map import FieldMap
-from isogal.paper.cases import DEFAULT, MATCHERS, PAPER, SWEEPS, Plan, Setting
+from isogal.paper.cases import DEFAULT, MATCHERS, PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot
 from isogal.paper.lookups import PROFILE_WINDOW, ProfileExample, WindowExample
-from isogal.paper.measure import Results, rms
+from isogal.paper.measure import Results
 from isogal.paper.published import FIGURE_54_SIDE, FIGURE_64_SCAN, HIGH, LOW
 
 if TYPE_CHECKING:
@@ -190,59 +189,6 @@ def retrodiction_figure(results: Results) -> "Figure":
     right.set(xlim=(middle - half, middle + half), ylim=(0.0, style.nice_limit(top)))
     right.set(xlabel="time since start (min)", ylabel="position error (m)")
     right.set_title("one run", loc="left")
-    style.legend_below(figure, columns=3)
-    return figure
-
-
-@style.journal
-def spread_figure(results: Results) -> "Figure":
-    """RMS error of the unaided INS, each grade, and what its filter claims, with the chi-square
-    interval."""
-    figure = style.new_figure(2.9)
-    panels = figure.subplots(1, len(results.spreads), sharey=True)
-    for panel, spread in zip(panels, results.spreads, strict=True):
-        outcome = results.unaided(spread.grade)
-        runs = len(outcome.run_means)
-        name = f"RMS of {runs} runs"
-        draw_curves(panel, [Curve(name, outcome.time, outcome.unaided_rms, style.UNAIDED)])
-        low, high = np.sqrt(chi_square_interval(runs, 2))
-        interval = spread.claimed * np.array([[1.0 - low], [high - 1.0]])
-        name = "filter's covariance, 95 % of such RMS"
-        instants = style.hours(spread.time)
-        panel.errorbar(
-            *(instants, spread.claimed, interval),
-            fmt="s",
-            color=style.BLACK,
-            markersize=3.5,
-            elinewidth=0.9,
-            capsize=2.5,
-            label=name,
-        )
-        panel.set_title(GRADE_LABELS[spread.grade], loc="left")
-        panel.set_ylim(bottom=0.0)
-    panels[0].set_ylabel("horizontal error (m)")
-    style.legend_below(figure, columns=2)
-    return figure
-
-
-@style.journal
-def sensitivity_figure(results: Results) -> "Figure":
-    """Errors against what the paper does not state: initial heading error and speed."""
-    figure = style.new_figure(3.1)
-    left, right = figure.subplots(1, 2, sharey=True)
-    for panel, (name, settings) in zip((left, right), SWEEPS.items(), strict=True):
-        values = [getattr(setting, name) for setting in settings]
-        swept = {matcher: results.swept(name, matcher) for matcher in MATCHERS}
-        lines = [("unaided INS", style.UNAIDED, "^", [rms(o.unaided) for o in swept[PAPER]])]
-        for matcher, marker in zip(MATCHERS, "Do", strict=True):
-            errors = [rms(outcome.error) for outcome in swept[matcher]]
-            lines.append((matcher, _LINES[matcher], marker, errors))
-        for label, line, marker, errors in lines:
-            look = line.options() | {"marker": marker, "markersize": 4.5, "label": label}
-            panel.plot(values, errors, **look)
-        style.logarithmic(panel)
-    left.set(xscale="log", xlabel="initial heading error, 1-sigma (rad)", ylabel=_RMS)
-    right.set_xlabel("speed (m/s)")
     style.legend_below(figure, columns=3)
     return figure
 

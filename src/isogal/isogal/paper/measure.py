@@ -3,7 +3,7 @@ so that many cases fit into memory), and all that was measured, in one place."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from isogal.matching.paper.iteration import PaperOptions
 from isogal.montecarlo.chunks import Case
 from isogal.montecarlo.engine import simulate
 from isogal.montecarlo.store import Store
-from isogal.paper.cases import AIDING, HEADINGS, PAPER, SWEEPS, Plan, Setting
+from isogal.paper.cases import AIDING, HEADINGS, PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot, follow_iterations
 from isogal.paper.lookups import ProfileExample, WindowExample, profile_example, window_example
 from isogal.paper.published import PublishedRow
@@ -272,10 +272,6 @@ class Results:
     def unaided(self, grade: str) -> Outcome:
         """Return the outcome of the unaided navigator of a grade."""
         return self.outcomes[Setting(grade=grade, aided=False)]
-
-    def swept(self, name: str, matcher: str) -> list[Outcome]:
-        """Return the outcomes of a sweep."""
-        return [self.outcomes[replace(setting, matcher=matcher)] for setting in SWEEPS[name]]
 
     def snr(self, row: PublishedRow) -> float:
         """Signal-to-noise ratio along the track, 20 log10(RMS signal / sigma), dB."""

@@ -43,6 +43,8 @@ GAIN_TIME = 3.5 * 3600.0
 """s."""
 BENEFIT_TIME = 2.0 * 3600.0
 """s; section 4.2.1: when the benefit of aiding appears."""
+SPEED = 22.0
+"""m/s; section 4.2."""
 JOURNEY = 3.6 * 3600.0
 """s; section 4: the entire journey takes "more than" this."""
 ITERATIONS = 15

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from isogal.evaluation.html_report import Table, number
-from isogal.paper.cases import AIDING, MATCHERS, PAPER, SWEEPS, Setting
+from isogal.paper.cases import AIDING, MATCHERS, PAPER
 from isogal.paper.claims import Claim, rate_interval
 from isogal.paper.figures import GRADE_LABELS
 from isogal.paper.measure import Outcome, Results, roughness
@@ -129,38 +129,6 @@ def aiding_table(results: Results) -> Table:
             "diverged runs": _diverged(outcome),
         }
         cells.append(row)
-    return _table(caption, cells)
-
-
-def sensitivity_table(results: Results) -> Table:
-    """Return errors against what the paper leaves open."""
-    caption = (
-        "Sensitivity to what the paper does not state: gravity, sigma 1e-5 m/s², T = 30; the"
-        " sweeps have a fifth of the runs."
-    )
-    after = f"unaided after {results.plan.gain_time / 3600:.1f} h, theory (m)"
-    cells = []
-    for name in SWEEPS:
-        for outcomes in zip(*(results.swept(name, matcher) for matcher in MATCHERS), strict=True):
-            paper = outcomes[0]
-            setting = paper.setting
-            if name == "speed" and setting == Setting():
-                continue  # stands among the heading errors
-            theory = gain = "–"
-            if name == "heading":
-                precision, quantum = (
-                    results.drift[setting.heading, grade]
-                    for grade in ("precision", "quantum_accelerometer")
-                )
-                theory, gain = number(precision), f"{100 * (1 - quantum / precision):.2f} %"
-            row = {
-                "heading error (rad)": f"{setting.heading:g}",
-                "speed (m/s)": f"{setting.speed:g}",
-                after: theory,
-                "quantum gain, theory": gain,
-                "unaided, RMS (m)": number(paper.summary["unaided"]["rms"]),
-            }
-            cells.append(row | {f"{o.setting.matcher}, mean (m)": _mean(o) for o in outcomes})
     return _table(caption, cells)
 
 

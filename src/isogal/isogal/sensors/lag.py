@@ -72,14 +72,12 @@ class Lag(NamedTuple):
 def low_pass(signal: Array, dt: float, filter_time: float) -> Array:
     """Return (..., K) a signal after a first-order low-pass filter that starts settled: exact for
     a signal that is linear between its samples, dt (s) apart."""
+    from scipy.signal import lfilter
+
     if filter_time == 0.0:
         return np.array(signal, dtype=float)
     keep = math.exp(-dt / filter_time)
     share = filter_time / dt * (1.0 - keep)
     old, new = share - keep, 1.0 - share
-    smooth = np.array(signal, dtype=float)
-    for k in range(1, signal.shape[-1]):
-        smooth[..., k] = (
-            keep * smooth[..., k - 1] + old * signal[..., k - 1] + new * signal[..., k]
-        )
-    return smooth
+    settled = signal[..., :1] * (1.0 - new)
+    return np.asarray(lfilter([new, old], [1.0, -keep], signal, zi=settled)[0])

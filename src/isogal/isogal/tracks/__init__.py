@@ -12,8 +12,8 @@ Reading
 
 Matching
 
-- `batches`: where do batches end, and what does a matcher get for each?
-- `fields`: what has been read along a track, of one field or several?
+- `fields`: what has been read along a track, of one field or several, and what does a matcher
+  get for each batch?
 - `matching`: which fixes does a track give, batch by batch?
 - `informative`: does a fix say anything as a position?
 - `bank`: how does a batch become a fix?

@@ -14,7 +14,6 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
-from isogal.errors import InputError
 from isogal.maps.corridor import along_track
 from isogal.matching.pmht.rows import Rows
 from isogal.tracks.track import Track
@@ -28,16 +27,8 @@ MOST_POINTS = 440
 
 
 def averaged(track: Track, spacing: float) -> Track:
-    """Return a track with one reading for each stretch of a length (m); missing readings do not
-    count, and a stretch without any is left out.
-
-    Raises
-    ------
-    InputError
-        Fewer than three stretches have a reading.
-    """
-    if not spacing > 0.0:
-        raise InputError(f"--spacing: must be > 0 m, is {spacing:g}")
+    """Return a track with one reading for each stretch of a length (m, > 0); missing readings do
+    not count, and a stretch without any is left out."""
     keep = np.isfinite(track.value)
     stretch = np.floor(along_track(track.latitude, track.longitude)[keep] / spacing)
     _, group = np.unique(stretch, return_inverse=True)

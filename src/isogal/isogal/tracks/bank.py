@@ -14,7 +14,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.channels import AnyMap
+from isogal.maps.channels import AnyMap, RouteMap
 from isogal.maps.field_map import FieldMap
 from isogal.matching.information import (
     informed,
@@ -22,16 +22,15 @@ from isogal.matching.information import (
     measurement_only,
     positive_part,
 )
-from isogal.matching.interfaces import Batch, Fix, Information, SecondaryBatch, declined
+from isogal.matching.interfaces import Batch, Fix, Information, SecondaryBatch, declined, located
 from isogal.matching.pmht.cells import at_cells
-from isogal.matching.pmht.publish import FieldInformation
+from isogal.matching.pmht.publish import added, total
 from isogal.matching.pmht.rows import parts_of, rows_of, some
 from isogal.matching.pmht.states import BIAS, UNKNOWN, States
 from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.batches import without_map_edge
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
@@ -46,9 +45,9 @@ OFF_MAP = -1e5
 OUTLIER_SIGMA, MOST_OUTLIERS, ROUNDS = 6.0, 0.1, 3
 """Beyond which a reading, predicted from all others, is left out; the share that may be, and how
 often they are looked for."""
-MAP_REACH, LEAST_ON_MAP = 4.0, 0.05
+MAP_REACH, POSSIBLE, SURE = 4.0, 0.05, 0.95
 """Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
-must lie on the map for a reading to be used."""
+must lie on the map for a reading to be used: of a map that is continued, of one that is not."""
 RIGID = 25.0
 """m, by which the velocity error (1-sigma) may bend a batch that counts as rigid."""
 PAIRS, PAIR_DEPTH = 3000, 14.0
@@ -105,9 +104,7 @@ class TrackMatcher:
         if isinstance(field_map, FieldMap):
             reach = MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
             around = continued(field_map, reach)
-            batch = where_possible(batch, field_map)
-        else:
-            batch = without_map_edge(batch, field_map)
+        batch = on_map(batch, field_map, SURE if around is None else POSSIBLE)
         states = States.of(batch, field_map)
         settings = self.settings[one.field]
         models = track_models(settings, batch, field_map, states)
@@ -135,15 +132,8 @@ def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) 
     more = excess(shifts)
     if more.any():
         information = widened(information, more)
-    north, east = metres_per_radian(batch.end[0])
-    return Fix(
-        time=float(batch.time[-1]),
-        latitude=float(batch.end[0] - place[0] / north),
-        longitude=float(batch.end[1] - place[1] / east),
-        covariance=spread + more,
-        diagnostics=numbers,
-        information=information,
-    )
+    known = {"diagnostics": numbers, "information": information}
+    return located(batch, place, spread + more, **known)
 
 
 def widened(information: Information, more: Array) -> Information:
@@ -157,17 +147,25 @@ def widened(information: Information, more: Array) -> Information:
     return Information(np.asarray(both[:, 4], np.float64), symmetric(both[:, :4]))
 
 
-def where_possible(batch: Batch, field_map: FieldMap) -> Batch:
-    """Return a batch without readings that hardly any place possible by the prior has on the
-    map."""
-    factor = np.linalg.cholesky(batch.prior[:2, :2])
-    shifts = standard_normal(256, 2) @ factor.T
+def on_map(batch: Batch, field_map: RouteMap, least: float) -> Batch:
+    """Return a batch without readings that less than a share of the places possible by the prior
+    has on the map, unless these are more than half of those that are on it as recorded: of these,
+    then, it has all.
+
+    A matcher that takes a place off the map as impossible needs a share of `SURE`: a reading
+    whose true place may lie off the map would push the fix away from there. One that continues
+    the map needs `POSSIBLE`."""
+    shifts = standard_normal(256, 2) @ np.linalg.cholesky(batch.prior[:2, :2]).T
     north, east = metres_per_radian(batch.latitude)
     covered = field_map.covers(
         batch.latitude - shifts[:, :1] / north, batch.longitude - shifts[:, 1:] / east
     )
-    possible = covered.mean(axis=0) > LEAST_ON_MAP
-    return replace(batch, reading=np.where(possible, batch.reading, np.nan))
+    there, new = np.isfinite(batch.reading), np.arange(len(batch)) >= len(batch) - batch.new
+    recorded = there & field_map.covers(batch.latitude, batch.longitude)
+    kept = there & (covered.mean(axis=0) > least)
+    if (kept & new).sum() < 0.5 * (recorded & new).sum():
+        kept = recorded
+    return replace(batch, reading=np.where(kept, batch.reading, np.nan))
 
 
 def without_outliers(seen: Sequence[Seen], prior: Array) -> tuple[Shifts, list[int]]:
@@ -244,19 +242,18 @@ def rigid(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
 def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     """Return mean (7,) and covariance (7, 7) of the navigator's error by the bank, from the cells
     and models that all readings leave."""
-    shared = FieldInformation.nothing()
+    said = list[Information]()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
         new, grid = some(seen.readings, seen.old, len(seen.readings.level)), seen.field_map.grid
-        them = at_cells(seen.models, centres, which, cell, prior).informed(shared.total, prior)
+        them = at_cells(seen.models, centres, which, cell, prior).informed(total(said), prior)
         for part in parts_of(new):
             them = them.split(grid, part).observed(grid, part)
             if not len(them):
                 return rigid(shifts, prior)
-        shared = shared.with_bank(field, them, prior)
-    worth = min(seen.worth for seen in shifts.seen)
-    total = shared.total
-    return informed(prior, Information(worth * total.vector, worth * total.matrix))
+        said.append(added(them, prior, total(said)))
+    worth, every = min(seen.worth for seen in shifts.seen), total(said)
+    return informed(prior, Information(worth * every.vector, worth * every.matrix))
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

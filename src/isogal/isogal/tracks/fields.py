@@ -1,22 +1,29 @@
-"""Readings of one or several fields along the same track, and the matcher of them all."""
+"""Readings of one or several fields along the same track, their batches, and the matcher of them
+all (docs/mathematics.md, section 10.1)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
-from isogal.maps.channels import AnyMap, ChannelMap, RouteMap
+from isogal.inertial.error_state import BATCH_STATES, level
+from isogal.maps.channels import AnyMap, ChannelMap, RouteMap, channels_of
+from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.expansion import Channels, with_allowed_tilt
 from isogal.matching.interfaces import Batch, Matcher, SecondaryBatch
-from isogal.matching.pmht.settings import options_of
+from isogal.matching.pmht.models import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.bank import TrackMatcher
-from isogal.tracks.batches import build_batch, without_map_edge
+from isogal.tracks.bank import SURE, TrackMatcher, on_map
 from isogal.tracks.track import Track
+
+FEWEST_IN_BATCH = 4
+"""Scans that the incomplete last batch needs to be matched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +38,7 @@ class ChannelReadings:
     """Whose components they are; None = of another instrument."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TrackField:
     """One field along a track."""
 
@@ -39,15 +46,57 @@ class TrackField:
     track: Track
     """Times and places are the same for all fields."""
     field_map: RouteMap
-    settings: MatcherSettings
+    settings: MatcherSettings = field(default_factory=MatcherSettings)
     channels: ChannelReadings | None = None
     """Instead of the track's values, where the map has several channels."""
+    unit: str = ""
+    """In which its figures are shown: `Track.factor` units inside."""
 
-    def batch(
-        self, jacobian: Array, rows: slice, new: int, error: Array, covariance: Array
-    ) -> Batch:
-        """Return rows of the track as a batch; parameters of `batches.build_batch`."""
-        batch = build_batch(self.track, jacobian, rows, new, error, covariance)
+    @property
+    def scalar_map(self) -> ScalarMap:
+        """The map, or the first of several: what holds for one holds for all."""
+        return channels_of(self.field_map)[0]
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """(N, 4), see `Track.jacobian`."""
+        return self.track.jacobian(self.field_map.quantity)
+
+    def batch(self, rows: slice, new: int, error: Array, covariance: Array) -> Batch:
+        """Return rows of the track as a batch.
+
+        Parameters
+        ----------
+        rows : slice
+            Readings of the batch, earlier ones that the matcher wants as context included.
+        new : int
+            How many of the last rows no earlier batch has used.
+        error : (4,) array
+            Error of the track at the last row as far as it is known (north, east m; m/s): the
+            batch is moved by it.
+        covariance : (4, 4) array
+            Of the error that remains.
+        """
+        track = self.track
+        time = track.time[rows]
+        backward = np.tile(np.eye(BATCH_STATES), (time.size, 1, 1))
+        backward[:, 0, 2] = backward[:, 1, 3] = time - time[-1]
+        by_error = np.einsum("ti,tij->tj", self.jacobian[rows], backward[:, :4])
+        north, east = metres_per_radian(track.latitude[rows])
+        moved = backward[:, :2, :4] @ error
+        batch = Batch(
+            time=time,
+            latitude=track.latitude[rows] - moved[:, 0] / north,
+            longitude=track.longitude[rows] - moved[:, 1] / east,
+            velocity=track.velocity[rows] - error[2:],
+            reading=track.value[rows] - by_error[:, :4] @ error - track.offset[rows],
+            sigma=track.sigma[rows],
+            covariance=level(covariance),
+            position_by_error=np.ascontiguousarray(backward[:, :2]),
+            reading_by_error=by_error,
+            backward=backward,
+            new=min(new, time.size),
+        )
         if self.channels is None:
             return batch
         assumed = self.channels.gradiometer
@@ -57,14 +106,28 @@ class TrackField:
         return expansion.expand(batch, self.channels.values[rows, :, None], offset)
 
 
+def between_batches(settings: MatcherSettings) -> int:
+    """Return the readings from one batch end to the next: batches of a recorded track do not
+    overlap unless the stride says so."""
+    return settings.batch_length if settings.stride is None else settings.stride
+
+
+def batch_ends(count: int, settings: MatcherSettings) -> list[int]:
+    """Return after how many readings each batch ends.
+
+    The last batch may be incomplete if it has `FEWEST_IN_BATCH` new readings, or if it is the only
+    one."""
+    ends = list(range(settings.batch_length, count + 1, between_batches(settings)))
+    if count - (ends[-1] if ends else 0) >= FEWEST_IN_BATCH or not ends:
+        ends.append(count)
+    return ends
+
+
 def check_fields(fields: Sequence[TrackField]) -> None:
     """Raise InputError where fields do not belong to one track, or have one name."""
     first = fields[0]
     for one in fields[1:]:
-        same = len(one.track) == len(first.track) and bool(
-            (one.track.time == first.track.time).all()
-        )
-        if not same:
+        if not np.array_equal(one.track.time, first.track.time):
             raise InputError(
                 f"{one.track.where}: readings of {one.name} are not at the times of those of"
                 f" {first.name}"
@@ -76,7 +139,6 @@ def check_fields(fields: Sequence[TrackField]) -> None:
 
 def joint_batch(
     fields: Sequence[TrackField],
-    jacobians: Sequence[Array],
     rows: slice,
     new: int,
     error: Array,
@@ -85,13 +147,12 @@ def joint_batch(
     edge: bool,
 ) -> tuple[Batch, AnyMap]:
     """Return rows of the first field as a batch with those of the others beside it, and its map;
-    `edge`: without readings near which a map ends. Other parameters as of
-    `batches.build_batch`."""
+    `edge`: without readings near which a map ends. Other parameters as of `TrackField.batch`."""
     each = []
-    for index, (field, jacobian) in enumerate(zip(fields, jacobians, strict=True)):
-        batch = field.batch(jacobian, rows, new, error, covariance)
-        near = field.field_map.near(batch.latitude, batch.longitude)
-        each.append(SecondaryBatch(index, without_map_edge(batch, near) if edge else batch, near))
+    for index, one in enumerate(fields):
+        batch = one.batch(rows, new, error, covariance)
+        near = one.field_map.near(batch.latitude, batch.longitude)
+        each.append(SecondaryBatch(index, on_map(batch, near, SURE) if edge else batch, near))
     batch = each[0].batch
     return (replace(batch, secondary=tuple(each[1:])) if each[1:] else batch), each[0].field_map
 

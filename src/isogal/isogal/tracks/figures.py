@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 RECORDED = style.UNAIDED
 MATCHED = style.Line(style.BLUE, "-", 1.6)
+ELLIPSE = style.Line("black", "-", 1.0)
 _MOST_PANELS, _COLUMNS = 6, 3
 _DEPTH = 20.0
 """Natural logarithms below the best that are shown."""
@@ -44,6 +45,12 @@ def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Ar
             latitude[rows] = track.latitude[rows] - moved[:, 0] / north
             longitude[rows] = track.longitude[rows] - moved[:, 1] / east
     return latitude, longitude
+
+
+def _edged(panel: "Axes", places: Array, line: style.Line, label: str = "_") -> None:
+    """Draw a line, (2, N), with a white edge that keeps it visible on dark and on light ground."""
+    panel.plot(*places, color="white", linewidth=line.width + 2.0)
+    panel.plot(*places, **line.options(), label=label)
 
 
 @style.journal
@@ -69,14 +76,11 @@ def track_map_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match
         ("track as recorded", RECORDED, track.latitude, recorded),
         ("track moved by the fixes" if fixes else "_", MATCHED, latitude, near(longitude)),
     ):
-        # the white edge keeps lines visible on dark and on light ground
-        panel.plot(*np.degrees((x, y)), color="white", linewidth=line.width + 2.0)
-        panel.plot(*np.degrees((x, y)), **line.options(), label=label)
+        _edged(panel, np.degrees((x, y)), line, label)
     for fix, *place in zip(fixes, *places, strict=True):
         edge = place + style.ellipse(fix.covariance, 2.0) / metres_per_radian(fix.latitude)
         label = "_" if fix is not fixes[0] else r"fix with its $2\sigma$ ellipse"
-        panel.plot(*np.degrees(edge.T[::-1]), color="white", linewidth=2.6)
-        panel.plot(*np.degrees(edge.T[::-1]), color="black", linewidth=1.0, label=label)
+        _edged(panel, np.degrees(edge.T[::-1]), ELLIPSE, label)
     panel.plot(*np.degrees(places[::-1]), "o", **style.FIX_DOT)
     style.legend_below(figure)
     return figure
@@ -91,13 +95,8 @@ def readings_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match]
     distance = along_track(track.latitude, track.longitude) / 1e3
     scale = style.field_scale(field_map)
     level = track.value - track.offset
-    upper.plot(
-        *(distance, scale(level), "o"),
-        color="0.25",
-        markersize=2.4,
-        markeredgewidth=0.0,
-        label="readings",
-    )
+    dots = {"color": "0.25", "markersize": 2.4, "markeredgewidth": 0.0}
+    upper.plot(distance, scale(level), "o", **dots, label="readings")
     recorded = track.latitude, track.longitude
     for places, line, label in (
         (recorded, RECORDED, "as recorded"),
@@ -144,15 +143,12 @@ def _shifts(panel: "Axes", match: Match, shifts: Shifts) -> "AxesImage":
     index = np.rint((cells - cells.min(axis=0)) / wide.size).astype(int)
     picture = np.full(index.max(axis=0) + 1, np.nan)
     picture[tuple(index.T)] = np.maximum(log - log.max(), -_DEPTH)
-    (south, west), (north, east) = (
-        edge / 1e3
-        for edge in (cells.min(axis=0) - 0.5 * wide.size, cells.max(axis=0) + 0.5 * wide.size)
-    )
-    extent = (west, east, south, north)
+    (south, west), (north, east) = np.array([cells.min(axis=0), cells.max(axis=0)]) / 1e3
+    half = 0.5e-3 * wide.size
     image = panel.imshow(
         picture,
         origin="lower",
-        extent=extent,
+        extent=(west - half, east + half, south - half, north + half),
         aspect="equal",
         vmin=-_DEPTH,
         vmax=0.0,
@@ -161,9 +157,7 @@ def _shifts(panel: "Axes", match: Match, shifts: Shifts) -> "AxesImage":
     mean, covariance = shifts.moments
     if match.fix.published:
         covariance = match.covariance[:2, :2]
-    edge = (mean + style.ellipse(covariance, 2.0)).T[::-1] / 1e3
-    panel.plot(*edge, color="white", linewidth=2.4)
-    panel.plot(*edge, color="black", linewidth=1.0)
+    _edged(panel, (mean + style.ellipse(covariance, 2.0)).T[::-1] / 1e3, ELLIPSE)
     panel.plot(0.0, 0.0, "+", color="white", markersize=6.0)
     state = "fix" if match.fix.published else "no fix"
     panel.set_title(f"to {match.fix.time:.10g} s: {state}", fontsize="small")

@@ -7,12 +7,12 @@ its ellipse learns nothing. So a fix is declined whose 1-sigma exceeds what was 
 direction, and one that what was known contradicts (docs/mathematics.md, section 10.1)."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
+from isogal.matching.information import relative
 from isogal.matching.interfaces import Batch, Fix, declined
 
 MOST_SIGMAS = 5.0
@@ -24,26 +24,24 @@ def judged(fix: Fix, batch: Batch, prior: Array) -> tuple[Fix, Fix]:
     than the prior (4, 4) still says something of it, one that contradicts it does not."""
     if not fix.published:
         return fix, fix
-    widening = 0.0 if fix.widening is None else fix.widening[:2, :2]
-    if reason := contradiction(fix, batch, batch.prior[:2, :2] + widening):
-        fix = _without(fix, batch, reason)
+    if reason := contradiction(fix, batch, batch.prior[:2, :2]):
+        fix = declined(batch, reason, **fix.diagnostics)
         return fix, fix
     # of chained batches what is known now may be more or less than at the start
     known = max((prior[:2, :2], batch.prior[:2, :2]), key=np.trace)
-    if reason := wider_than(fix, known + widening):
-        return _without(fix, batch, reason), fix
+    if reason := wider_than(fix, known):
+        return declined(batch, reason, **fix.diagnostics), fix
     return fix, fix
 
 
 def wider_than(fix: Fix, known: Array) -> str | None:
     """Return why a published fix says less than what was known, a covariance (2, 2) of north and
     east in m²; None where it says more in every direction."""
-    factor = np.linalg.inv(np.linalg.cholesky(known))
-    values, vectors = np.linalg.eigh(factor @ fix.covariance @ factor.T)
+    factor, values, vectors = relative(fix.covariance, known)
     if values[-1] <= 1.0:
         return None
     # the direction, across the fix's ellipse, in which it compares worst
-    axis = factor.T @ vectors[:, -1]
+    axis = np.linalg.solve(factor.T, vectors[:, -1])
     axis /= np.hypot(*axis)
     sigma, before = (math.sqrt(float(axis @ one @ axis)) for one in (fix.covariance, known))
     return f"wider than the prior: 1-sigma of {_km(sigma)} where {_km(before)} were known"
@@ -60,12 +58,6 @@ def contradiction(fix: Fix, batch: Batch, known: Array) -> str | None:
         f"contradicts the prior: {_km(float(np.hypot(*apart)))} from where the track was thought"
         f" to be, {sigmas:.1f} sigmas of both together"
     )
-
-
-def _without(fix: Fix, batch: Batch, reason: str) -> Fix:
-    """Return the fix declined, with its figures and what it found of the navigator."""
-    none = declined(batch, reason, **fix.diagnostics)
-    return replace(none, reset=fix.reset, widened=fix.widened, shown=fix.shown)
 
 
 def _km(metres: float) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import softmax
 
 from isogal.arrays import Array
+from isogal.matching.information import relative
 from isogal.tracks.evidence import BLOCKS
 from isogal.tracks.places import Shifts
 
@@ -31,9 +32,7 @@ def excess(shifts: Shifts) -> Array:
         if len(seen.white) - seen.old_rows >= FEWEST:
             apart = _fixes(shifts, field) - mean
             scatter += apart.T @ apart / len(apart)
-    factor = np.linalg.cholesky(covariance)
-    relative = np.linalg.solve(factor, np.linalg.solve(factor, scatter).T)
-    values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
+    factor, values, vectors = relative(scatter, covariance)
     axes = factor @ vectors
     return np.asarray((axes * np.maximum(values - 1.0, 0.0)) @ axes.T)
 

@@ -9,31 +9,26 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import Matcher
+from isogal.tracks.fields import TrackField
 from isogal.tracks.figures import readings_figure, shift_figure, track_map_figure
 from isogal.tracks.matching import Match, Uncertainty
 from isogal.tracks.results import flat, found
-from isogal.tracks.track import Track
 
 
 def write_match_report(
-    track: Track,
-    field_map: ScalarMap,
-    settings: Matcher,
+    field: TrackField,
     uncertainty: Uncertainty,
     matches: Sequence[Match],
     out_dir: str | Path,
     *,
     chained: bool = False,
 ) -> Path:
-    """Write `report.html` with two PNG figures beside it; return the path of the page.
+    """Write `report.html` with PNG figures beside it; return the path of the page.
 
     Parameters
     ----------
-    track : Track
-    field_map : FieldMap or TiledMap
-    settings : scenario.Matcher
+    field : TrackField
+        The first of those that were matched, of one channel.
     uncertainty : Uncertainty
         What was assumed of the track.
     matches : sequence of Match
@@ -41,6 +36,7 @@ def write_match_report(
     chained : bool
         Whether each batch started from what the earlier ones had found.
     """
+    track, field_map = field.track, field.scalar_map
     published = sum(match.fix.published for match in matches)
     start = "what the earlier ones told" if chained else "the same prior"
     figures = {
@@ -64,17 +60,16 @@ def write_match_report(
     result = Section(
         "Result",
         [
-            f"{published} fixes from {len(matches)} batches of {settings.batch_length}"
+            f"{published} fixes from {len(matches)} batches of {field.settings.batch_length}"
             f" readings; each batch starts from {start}."
         ],
         [Illustration(name, *each) for name, each in figures.items()],
-        [_fixes(matches), *_estimates(field_map, matches)],
+        [_fixes(matches), *_estimates(field, matches)],
     )
-    assumed = _assumptions(track, field_map, settings, uncertainty)
     return write_report(
         out_dir,
         "Recorded track",
-        [result, Section("What was assumed", tables=[assumed])],
+        [result, Section("What was assumed", tables=[_assumptions(field, uncertainty)])],
         subtitle=f"{Path(track.where).name} against {field_map.provenance}",
     )
 
@@ -113,42 +108,32 @@ def _table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
     return Table(title, tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 
-def _unit(field_map: ScalarMap) -> tuple[str, float]:
-    """Return the unit that a map's values are given in, and how many inside it has."""
-    unit = field_map.file_unit or field_map.unit
-    return ("mGal", 1e-5) if unit == "m/s²" else (unit, field_map.file_factor)
-
-
-def _estimates(field_map: ScalarMap, matches: Sequence[Match]) -> list[Table]:
+def _estimates(field: TrackField, matches: Sequence[Match]) -> list[Table]:
     """Return what was estimated of the noise, by its names in files of results; nothing where it
     was not."""
-    unit, factor = _unit(field_map)
     rows = [
         {"time (s)": f"{match.fix.time:.10g}"}
-        | {key: number(x) for key, x in flat(estimates).items() if isinstance(x, float | int)}
+        | {key: number(value) for key, value in flat(estimates).items()}
         for match in matches
-        if (estimates := found(match, {"": factor}))
+        if (estimates := found(match, [field]))
     ]
-    title = f"Estimated with the fixes (sigma and offset in {unit}, length in m)"
+    title = f"Estimated with the fixes (sigma and offset in {field.unit}, length in m)"
     return [_table(title, rows)] if rows else []
 
 
-def _assumptions(
-    track: Track, field_map: ScalarMap, settings: Matcher, uncertainty: Uncertainty
-) -> Table:
-    unit, factor = _unit(field_map)
+def _assumptions(field: TrackField, uncertainty: Uncertainty) -> Table:
+    settings, own = field.settings, np.asarray(field.scalar_map.sigma)
 
     def in_unit(value: float) -> str:
-        return f"{number(value / factor)} {unit}"
+        return f"{number(value / field.track.factor)} {field.unit}"
 
-    own = np.asarray(field_map.sigma)
     by_itself = in_unit(float(np.nanmedian(own))) if np.isfinite(own).any() else "–"
     map_sigma = "estimated" if settings.map_sigma == "auto" else in_unit(float(settings.map_sigma))
     rows = [
         ("matcher", settings.name),
         ("track's position, 1σ", f"{number(uncertainty.position)} m"),
         ("track's velocity, 1σ", f"{number(uncertainty.velocity)} m/s"),
-        ("readings, 1σ (median)", in_unit(float(np.median(track.sigma)))),
+        ("readings, 1σ (median)", in_unit(float(np.median(field.track.sigma)))),
         ("map error, 1σ, at least", map_sigma),
         ("map error, 1σ, by the map itself (median)", by_itself),
         ("map error, correlation length", f"{number(settings.map_correlation_length)} m"),

@@ -8,8 +8,7 @@ Batches can be matched in two ways:
 
 - independently (default): the track stays as recorded, and each batch starts from the same prior.
   The fixes hold the information of the measurements alone, so any filter may use them, one by one,
-  whatever it has done with the earlier ones. If a matcher finds the track lost, the prior is wider
-  from there on.
+  whatever it has done with the earlier ones.
 - chained: what a batch has told moves the track and narrows the prior of the next, as for an aided
   navigator. The fixes still hold the information of the measurements alone; `Match.error` and
   `Match.covariance` combine all batches so far.
@@ -35,8 +34,14 @@ from isogal.matching.information import informed, position_information
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
-from isogal.tracks.batches import batch_ends, between_batches
-from isogal.tracks.fields import TrackField, check_fields, joint_batch, matcher_of
+from isogal.tracks.fields import (
+    TrackField,
+    batch_ends,
+    between_batches,
+    check_fields,
+    joint_batch,
+    matcher_of,
+)
 from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
 from isogal.tracks.track import Track
@@ -165,7 +170,6 @@ def match_fields(
     track, settings = fields[0].track, fields[0].settings
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
-    jacobians = [one.track.jacobian(one.field_map.quantity) for one in fields]
     earlier = matching.context + settings.batch_length - between_batches(settings)
     prior, memory, unresolved = uncertainty.prior, None, 0
     matches: list[Match] = []
@@ -177,11 +181,9 @@ def match_fields(
             elapsed = track.time[end - 1] - track.time[previous - 1]
             error, covariance = _advance(matches[-1], elapsed, uncertainty)
         known = slice(max(0, used - earlier), end), end - used, error, covariance
-        batch, near = joint_batch(fields, jacobians, *known, edge=not by_bank)
+        batch, near = joint_batch(fields, *known, edge=not by_bank)
         fix, after = match_or_decline(matching, batch, near, memory)
         fix, counted = judged(fix, batch, prior)
-        if fix.widening is not None:
-            prior = uncertainty.prior + fix.widening[:4, :4]
         error, covariance = _known(counted, batch, error, covariance)
         here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
         shifts = after if isinstance(after, Shifts) and after is not memory else None
@@ -197,8 +199,6 @@ def match_fields(
 def _known(fix: Fix, batch: Batch, error: Array, covariance: Array) -> tuple[Array, Array]:
     """Return the track's error (4,) and its covariance (4, 4) after a fix of a batch, which says
     it of the error that remains."""
-    if fix.widening is not None:
-        covariance = covariance + fix.widening[:4, :4]
     if not fix.published:
         return error, covariance
     told = fix.information or position_information(

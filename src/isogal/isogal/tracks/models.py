@@ -24,7 +24,7 @@ from isogal.matching.pmht.models import (
     Models,
     table_of,
 )
-from isogal.matching.pmht.settings import assumed as assumed_of
+from isogal.matching.pmht.models import assumed as assumed_of
 from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher as MatcherSettings
 

@@ -2,14 +2,12 @@
 without ROS."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.tracks.track import Track
@@ -52,66 +50,7 @@ def is_recording(path: Path) -> bool:
     return path.is_dir() or path.suffix.casefold() == ".mcap"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Recording:
-    """Positions and readings in a bag."""
-
-    where: str
-    time: Array
-    """(M,) s, stamps of the navigator's positions, increasing."""
-    latitude: Array
-    """(M,) rad."""
-    longitude: Array
-    """(M,) rad, continuous."""
-    readings: Mapping[str, Array]
-    """By quantity: (N, 3) stamp s, value and variance, units inside."""
-
-    def track(self, quantity: str, sensor_sigma: float | None) -> Track:
-        """Return the readings of a quantity with the navigator's positions at their stamps,
-        interpolated linearly. They were reduced with the navigator's own estimate.
-
-        Parameters
-        ----------
-        quantity : str
-            Of the map.
-        sensor_sigma : float, optional
-            1-sigma of the readings, unit inside; None = as the messages say.
-
-        Raises
-        ------
-        InputError
-            There are no readings of the quantity, none between the first and the last position,
-            or some without a variance.
-        """
-        if quantity not in self.readings:
-            raise InputError(
-                f"{self.where}: has readings of {' and '.join(self.readings)}, and the map is of"
-                f" {quantity}"
-            )
-        rows = self.readings[quantity]
-        rows = rows[(self.time[0] <= rows[:, 0]) & (rows[:, 0] <= self.time[-1])]
-        if not rows.size:
-            raise InputError(
-                f"{self.where}: no reading lies between the first and the last position"
-            )
-        time, value, variance = rows.T
-        if sensor_sigma is None and not (variance > 0.0).all():
-            raise InputError(
-                f"{self.where}: the readings do not say their variance; give --sensor-sigma"
-            )
-        return Track(
-            time=time,
-            latitude=np.interp(time, self.time, self.latitude),
-            longitude=np.interp(time, self.time, self.longitude),
-            value=value,
-            sigma=np.sqrt(variance) if sensor_sigma is None else np.full(time.size, sensor_sigma),
-            offset=np.zeros(time.size),
-            where=self.where,
-            reduction=READINGS[quantity].reduction,
-        )
-
-
-def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
+def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> list[Track]:
     """Read positions and readings from a bag.
 
     Parameters
@@ -123,10 +62,18 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
         NavSatFix of the navigator. The navigator publishes a stamp again after a fix; the first
         message counts, since the readings were reduced with it.
 
+    Returns
+    -------
+    list of Track
+        Of each quantity the readings, unit inside, with the navigator's positions at their stamps,
+        interpolated linearly. They were reduced with the navigator's own estimate; a sigma is NaN
+        where a message does not say it.
+
     Raises
     ------
     InputError
-        There is no bag, no position or no reading in it, or a topic has another type.
+        There is no bag, no position or no reading in it, none between the first and the last
+        position, or a topic has another type.
     """
     sources = {"": ReadingSource(fix_topic, _POSITION, "none")} | READINGS
     found: dict[str, dict[float, tuple[float, float]]] = {quantity: {} for quantity in sources}
@@ -151,9 +98,28 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> Recording:
             f"{path}: has no message on {' or '.join(repr(one.topic) for one in wanted)}; it has"
             f" {', '.join(sorted(seen)) or 'none at all'}"
         )
-    time, latitude, longitude = positions.T
-    places = np.radians(latitude), np.unwrap(np.radians(longitude))
-    return Recording(str(path), time, *places, readings)
+    clock, latitude, longitude = positions.T
+    latitude, longitude = np.radians(latitude), np.unwrap(np.radians(longitude))
+    tracks = []
+    for quantity, rows in readings.items():
+        time, value, variance = rows[(clock[0] <= rows[:, 0]) & (rows[:, 0] <= clock[-1])].T
+        if time.size:
+            tracks.append(
+                Track(
+                    time=time,
+                    latitude=np.interp(time, clock, latitude),
+                    longitude=np.interp(time, clock, longitude),
+                    value=value,
+                    sigma=np.sqrt(np.where(variance > 0.0, variance, np.nan)),
+                    offset=np.zeros(time.size),
+                    where=str(path),
+                    reduction=READINGS[quantity].reduction,
+                    quantity=quantity,
+                )
+            )
+    if not tracks:
+        raise InputError(f"{path}: no reading lies between the first and the last position")
+    return tracks
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Message]]:

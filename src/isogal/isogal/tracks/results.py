@@ -1,83 +1,74 @@
 """Results of matching a track as JSON, CSV and GeoJSON, with one object for each batch."""
 
-import csv
-import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.files import write_atomic
+from isogal.files import csv_text, write_atomic
+from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Match
 
-Value = str | float | None | list[list[float]] | dict[str, float]
-Entry = dict[str, Value]
+Entry = dict[str, Any]
 """Of a batch, as JSON has it."""
 FIX, NO_FIX = "fix", "no_fix"
-ONE_UNIT = {"": 1.0}
-"""Factor of estimates that are given in the unit inside."""
+_LENGTH = "map_correlation_length"
+_ESTIMATES = ("map_sigma", _LENGTH, "offset", "offset_sigma")
 _NO_COVARIANCE = ((None, None), (None, None))
 _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
 
 
 def as_objects(
-    matches: Sequence[Match],
-    chained: bool = False,
-    *,
-    factors: Mapping[str, float] = ONE_UNIT,
-    line: str | None = None,
+    matches: Sequence[Match], fields: Sequence[TrackField] = (), *, chained: bool = False
 ) -> list[Entry]:
-    """Return one object for each batch: time s, latitude and longitude deg, covariance_enu m²
-    (None = no fix), status, reason.
+    """Return one object for each batch: the line of the track's file if it has any, time s,
+    latitude and longitude deg, covariance_enu m² (None = no fix), status, reason.
 
     Without a fix the position is that of the track. Objects also hold the position and its
     covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
-    (`aided_*`). Where noise was integrated out they hold what was estimated.
-
-    Parameters
-    ----------
-    matches : sequence of Match
-    chained : bool
-    factors : dict of float
-        Units inside of one unit in which the estimates are given, by field: of the first by no
-        name, of others, whose NAME_estimated are given, by theirs; lengths are in m.
-    line : str, optional
-        Of the track's file.
+    (`aided_*`), and what was found of the fields' errors (`found`).
     """
     name = "aided" if chained else "with_prior"
+    line = fields[0].track.line if fields else None
+    begin = {} if line is None else {"line": line}
     objects = []
     for match in matches:
         fix = match.fix
-        result: Entry = {} if line is None else {"line": line}
-        result |= {"time": fix.time, **_place(fix.latitude, fix.longitude)}
+        result: Entry = {**begin, "time": fix.time, **_place(fix.latitude, fix.longitude)}
         result["covariance_enu"] = _enu(fix.covariance) if fix.published else None
         result["status"] = FIX if fix.published else NO_FIX
         result["reason"] = fix.reason
         result |= {f"{name}_{key}": value for key, value in _place(*match.position).items()}
         result[f"{name}_covariance_enu"] = _enu(match.covariance[:2, :2])
-        objects.append(result | found(match, factors))
+        objects.append(result | found(match, fields))
     return objects
 
 
-def found(match: Match, factors: Mapping[str, float]) -> Entry:
-    """Return what a batch has found of errors and readings, each field's in a unit of which one
-    has so many units inside; nothing where noise was not integrated out."""
+def estimated(field: TrackField, fields: Sequence[TrackField]) -> str:
+    """Return the key under which an object has what was estimated of a field's errors."""
+    return "estimated" if field is fields[0] else f"{field.name}_estimated"
+
+
+def found(match: Match, fields: Sequence[TrackField]) -> Entry:
+    """Return what a batch has found of errors and readings, each field's in its own unit, lengths
+    in m; nothing where noise was not integrated out."""
     numbers = match.fix.diagnostics
-    if match.shifts is None or "map_sigma" not in numbers:
+    if match.shifts is None or not fields:
         return {}
     result: Entry = {}
-    for field, factor in factors.items():
-        prefix = f"{field}." if field else ""
-        if f"{prefix}map_sigma" not in numbers:
-            continue
-        units = {"map_sigma": factor, "map_correlation_length": 1.0}
-        units |= {"offset": factor, "offset_sigma": factor}
-        result[f"{prefix.replace('.', '_')}estimated"] = {
-            name: float(f"{numbers[prefix + name] / unit:.4g}") for name, unit in units.items()
-        }
+    for field in fields:
+        prefix = "" if field is fields[0] else f"{field.name}."
+        if prefix + "map_sigma" in numbers:
+            units = dict.fromkeys(_ESTIMATES, field.track.factor) | {_LENGTH: 1.0}
+            result[estimated(field, fields)] = {
+                name: float(f"{numbers[prefix + name] / unit:.4g}") for name, unit in units.items()
+            }
+    if not result:
+        return {}
     return result | {
         "readings": int(numbers["readings"]),
         "readings_left_out": int(numbers["readings_left_out"]),
@@ -109,13 +100,7 @@ def as_json(objects: Sequence[Entry]) -> str:
 def as_csv(objects: Sequence[Entry]) -> str:
     """Return a table with three columns for each covariance: east-east, east-north,
     north-north."""
-    rows = [flat(entry) for entry in objects]
-    stream = io.StringIO()
-    names = dict.fromkeys(key for row in rows for key in row)
-    writer = csv.DictWriter(stream, fieldnames=list(names), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
+    return csv_text([flat(entry) for entry in objects])
 
 
 def flat(entry: Entry) -> Entry:

@@ -1,19 +1,17 @@
 """A smoothed voyage as CSV, GeoJSON and GPX."""
 
-import csv
-import io
 import json
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.files import write_atomic
+from isogal.files import csv_text, write_atomic
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import matrix, to_angles
 
@@ -21,8 +19,8 @@ _START = datetime(1970, 1, 1, tzinfo=UTC)
 """What stamps count from, as ROS has it; of a simulation it is a day like any other."""
 _DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
-_POSITION, _VELOCITY = slice(0, 3), slice(3, 6)
-_UPPER = np.triu_indices(3)
+_AXES = "north", "east", "down"
+_UPPER = tuple(combinations_with_replacement(range(3), 2))
 
 
 class SmoothedTrack(NamedTuple):
@@ -38,32 +36,24 @@ def as_csv(track: SmoothedTrack) -> str:
     """Return a table: time s, latitude, longitude deg, height m, velocity north, east, down m/s,
     roll, pitch, heading deg, and the covariance of the position (north, east, down, m²), of the
     horizontal velocity (m²/s²) and of the heading (deg²)."""
-    axes = "north", "east", "down"
-    names = [f"covariance_{axes[i]}_{axes[j]}" for i, j in zip(*_UPPER, strict=True)]
-    header = (
-        *("time", "latitude", "longitude", "height"),
-        *(f"velocity_{axis}" for axis in axes),
-        *("roll", "pitch", "heading", *names),
-        *("variance_velocity_north", "variance_velocity_east", "variance_heading"),
-    )
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    for time, state in zip(track.time.tolist(), track.states, strict=True):
-        P = state.covariance
-        writer.writerow(
-            [
-                f"{time:.9g}" if time < 1e6 else f"{time:.3f}",
-                *(f"{degrees:.{_DIGITS}f}" for degrees in _place(state)),
-                f"{state.position[2]:.3f}",
-                *(f"{speed:.5f}" for speed in state.velocity.tolist()),
-                *(f"{math.degrees(angle):.6f}" for angle in to_angles(matrix(state.attitude))),
-                *(f"{value:.6g}" for value in P[_POSITION, _POSITION][_UPPER].tolist()),
-                *(f"{value:.6g}" for value in np.diag(P)[3:5].tolist()),
-                f"{math.degrees(math.degrees(P[8, 8])):.6g}",
-            ]
-        )
-    return stream.getvalue()
+    return csv_text([_row(*one) for one in zip(track.time.tolist(), track.states, strict=True)])
+
+
+def _row(time: float, state: FilterState) -> dict[str, str]:
+    (latitude, longitude), P = _place(state), state.covariance
+    angles = zip(("roll", "pitch", "heading"), to_angles(matrix(state.attitude)), strict=True)
+    return {
+        "time": f"{time:.9g}" if time < 1e6 else f"{time:.3f}",
+        "latitude": f"{latitude:.{_DIGITS}f}",
+        "longitude": f"{longitude:.{_DIGITS}f}",
+        "height": f"{state.position[2]:.3f}",
+        **{f"velocity_{axis}": f"{state.velocity[k]:.5f}" for k, axis in enumerate(_AXES)},
+        **{name: f"{math.degrees(angle):.6f}" for name, angle in angles},
+        **{f"covariance_{_AXES[i]}_{_AXES[j]}": f"{P[i, j]:.6g}" for i, j in _UPPER},
+        "variance_velocity_north": f"{P[3, 3]:.6g}",
+        "variance_velocity_east": f"{P[4, 4]:.6g}",
+        "variance_heading": f"{math.degrees(math.degrees(P[8, 8])):.6g}",
+    }
 
 
 def as_geojson(track: SmoothedTrack) -> str:

@@ -11,7 +11,7 @@ from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.magnetics.readings import BaseStation
 from isogal.maps.corridor import corridor_of
-from isogal.maps.quantities import QUANTITIES, UNITS
+from isogal.maps.quantities import QUANTITIES, fitting_unit
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Magnetometer
 from isogal.sensors.gravimeter import reading_jacobian
@@ -73,6 +73,8 @@ class Track:
     """File, for messages."""
     reduction: str = "none"
     """What of the track the readings were reduced with, one of `REDUCTIONS`."""
+    quantity: str | None = None
+    """What the readings are of, unit inside; None = the file does not say it."""
     factor: float = 1.0
     """Number of units inside in one unit of the file, for messages."""
     line: str | None = None
@@ -128,7 +130,8 @@ class Track:
         if sensor_sigma is not None:
             sigma = np.where(known, sigma, sensor_sigma)
         elif not known.all():
-            what = "a reading has no sigma" if known.any() else "has no column sigma"
+            several = self.quantity is not None or known.any()
+            what = "a reading has no sigma" if several else "has no column sigma"
             raise InputError(f"{self.where}: {what}; give --sensor-sigma")
         value, offset = self.value * factor, self.offset * factor
         return replace(
@@ -236,18 +239,16 @@ def _check_unit(level: Array, at_track: Array, field_map: ScalarMap, track: Trac
 
     if possible(1.0) and 1.0 / _OFF_SCALE < ratio < _OFF_SCALE:
         return
-    scales = {
-        name: factor / track.factor
-        for name, (inside, factor) in UNITS.items()
-        if inside == field_map.unit and factor != track.factor
-    }
-    explained = (
-        name
-        for name, scale in scales.items()
-        if possible(scale) and 1.0 / _EXPLAINED < ratio * scale < _EXPLAINED
+    unit = fitting_unit(
+        field_map.unit,
+        lambda factor: (
+            factor != track.factor
+            and possible(factor / track.factor)
+            and 1.0 / _EXPLAINED < ratio * factor / track.factor < _EXPLAINED
+        ),
     )
     hint = ""
-    if unit := next(explained, None):
+    if unit is not None:
         hint = f"; they look like {unit}: give --track-unit '{unit}'"
     elif possible(1.0):  # a flat or a noisy stretch, not another unit
         return

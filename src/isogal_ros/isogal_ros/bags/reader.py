@@ -3,7 +3,7 @@
 import re
 import struct
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from isogal.errors import InputError
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.scenario import Scenario, validate_scenario
 from isogal.yaml_text import parse_yaml
-from isogal_ros.bags.remapping import Foreign, Remapping, given_drivers
+from isogal_ros.bags.remapping import Remapping, given_drivers
 from isogal_ros.messages.drivers import Entrance
 
 if TYPE_CHECKING:
@@ -80,10 +80,14 @@ class BagReader:
         self.entrance = Entrance.of(self.texts.get("entrance", Entrance().text()), self.drivers)
 
     @classmethod
-    def foreign(cls, path: Path, said: Foreign) -> "BagReader":
-        """Return a bag of which something is said; raises InputError also where that is wrong."""
+    def foreign(
+        cls, path: Path, remap: Sequence[str] | None, drivers: Sequence[str] | None
+    ) -> "BagReader":
+        """Return a bag of other tools, of which rules ``FROM:=TO`` say how its topics are called,
+        and ``TOPIC.KEY=VALUE`` how messages of sensors come; raises InputError also where one of
+        these is wrong."""
         return cls(
-            path, remapping=Remapping.parse(said.remap), drivers=given_drivers(said.drivers)
+            path, remapping=Remapping.parse(remap or ()), drivers=given_drivers(drivers or ())
         )
 
     def scenario(self) -> Scenario | None:

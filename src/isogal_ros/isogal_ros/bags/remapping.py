@@ -4,7 +4,6 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import NamedTuple
 
 from pydantic import JsonValue
 
@@ -65,18 +64,6 @@ class Remapping:
             near = get_close_matches(name, self._seen, 1, 0.4)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(self._seen)}"
             raise InputError(f"{where}: --remap: no topic {name!r} in the recording; {hint}")
-
-
-class Foreign(NamedTuple):
-    """What is said of a recording of other tools."""
-
-    remap: Sequence[str] = ()
-    """Rules ``FROM:=TO`` for its topics."""
-    drivers: Sequence[str] = ()
-    """``TOPIC.KEY=VALUE``: how messages of sensors come."""
-
-
-NOTHING_SAID = Foreign()
 
 
 def given_drivers(texts: Sequence[str]) -> dict[str, dict[str, JsonValue]]:

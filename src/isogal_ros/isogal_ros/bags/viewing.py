@@ -22,7 +22,6 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Places, record_of
-from isogal_ros.bags.remapping import NOTHING_SAID, Foreign
 from isogal_ros.messages.stamps import to_seconds
 
 if TYPE_CHECKING:
@@ -35,7 +34,8 @@ _MARGIN = 3e-3
 def open_bag(
     bag: Path,
     scenario: Scenario | None = None,
-    foreign: Foreign = NOTHING_SAID,
+    remap: Sequence[str] | None = None,
+    drivers: Sequence[str] | None = None,
 ) -> "tuple[ViewedRun, RouteMap]":
     """Return what a recording holds and the map that it was matched against, an empty one where
     nobody says which.
@@ -44,15 +44,15 @@ def open_bag(
     ----------
     scenario : Scenario, optional
         None = the bag's own; where it has none, there is no map.
-    foreign : Foreign
-        How it is as the graph's own.
+    remap, drivers : sequence of str, optional
+        How it is as the graph's own (`BagReader.foreign`).
 
     Raises
     ------
     InputError
         The bag or its map cannot be read, or it has no two positions of the navigator.
     """
-    reader = BagReader.foreign(bag, foreign)
+    reader = BagReader.foreign(bag, remap, drivers)
     scenario = scenario or reader.scenario()
     collector = Collector(scenario or Scenario())
     collector.take_bag(reader)

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from types import SimpleNamespace
-from typing import Protocol
 
 from pydantic import JsonValue
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -27,19 +26,7 @@ from isogal_ros import topics
 from isogal_ros.graph.plan import node_class
 from isogal_ros.messages.prepared import serialised
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.topics import LOSSLESS, Topic
-
-ERRORS = 1000
-"""Errors kept."""
-
-
-class Message(Protocol):
-    """A message of any type."""
-
-    @classmethod
-    def get_fields_and_field_types(cls) -> dict[str, str]:
-        """Return the types of the fields by name."""
-
+from isogal_ros.topics import LOSSLESS, Message, Topic
 
 Change = Callable[[str, bytes], list[bytes]]
 """Turns a serialised message on a topic, by its name, into those that come instead."""
@@ -64,7 +51,7 @@ class Bus:
         self.change: Change | None = None
         """What becomes of messages on their way."""
         self.errors: list[str] = []
-        """What the nodes have logged as errors, the first `ERRORS`."""
+        """What the nodes have logged as errors."""
         self.nodes: list[GraphNode] = []
         """Those that are on it."""
         self.services: dict[tuple[str, str], Callable[[Trigger.Request], Trigger.Response]] = {}
@@ -218,8 +205,7 @@ class _ErrorLog:
     warning = info
 
     def error(self, text: str, **_: float) -> None:
-        if len(self.errors) < ERRORS:
-            self.errors.append(f"{self.name}: {text}")
+        self.errors.append(f"{self.name}: {text}")
 
 
 class _BusNode(LifecycleNode):
@@ -332,23 +318,17 @@ class _BusNode(LifecycleNode):
     def get_publishers_info_by_topic(self, name: str) -> list[Publisher]:
         return self._bus.channels[name].publishers
 
-    def trigger_configure(self) -> TransitionCallbackReturn:
-        return self.on_configure(_NO_STATE)
-
-    def trigger_activate(self) -> TransitionCallbackReturn:
-        return self.on_activate(_NO_STATE)
-
-    def trigger_deactivate(self) -> TransitionCallbackReturn:
-        return self.on_deactivate(_NO_STATE)
-
-    def trigger_cleanup(self) -> TransitionCallbackReturn:
-        return self.on_cleanup(_NO_STATE)
-
-    def trigger_shutdown(self) -> TransitionCallbackReturn:
-        return self.on_shutdown(_NO_STATE)
-
 
 _NO_STATE = LifecycleState("", 0)
+
+
+def _change_to(state: str) -> Callable[[_BusNode], TransitionCallbackReturn]:
+    """Return what changes a node's state."""
+    return lambda node: getattr(node, f"on_{state}")(_NO_STATE)
+
+
+for _state in ("configure", "activate", "deactivate", "cleanup", "shutdown"):
+    setattr(_BusNode, f"trigger_{_state}", _change_to(_state))
 
 
 @cache

@@ -3,11 +3,10 @@ of the input to the report, what they print, and their exit status. Results go t
 all else to standard error."""
 
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -28,7 +27,6 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import record_of
-from isogal_ros.bags.remapping import NOTHING_SAID, Foreign
 from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.domain import DISCOVERY, DOMAIN
 from isogal_ros.graph.parameter_files import filter_parameters
@@ -38,6 +36,9 @@ from isogal_ros.graph.running import run_in_process, run_processes
 from isogal_ros.graph.smoothing import smoothed_bag, thinned, write_bag
 from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
+
+if TYPE_CHECKING:
+    from isogal.cli.run import ReplayChoice
 
 FAILED = 1
 NO_FIXES = f"no fixes in the recording ({topics.FIX.name}) to compare with"
@@ -123,37 +124,19 @@ def run_command(
     return 0
 
 
-@dataclass(frozen=True)
-class Changes:
-    """What a user says of a recording, and of how it is played, in place of what it says
-    itself."""
-
-    scenario: Path | None = None
-    """None = the bag's own."""
-    overrides: Sequence[str] = ()
-    """Changed keys of the scenario."""
-    parameters: Sequence[str] = ()
-    """Own parameters of the filter's node."""
-    foreign: Foreign = NOTHING_SAID
-    """What is said of a recording of other tools."""
-
-    def __bool__(self) -> bool:
-        others = self.overrides, self.parameters, *self.foreign
-        return self.scenario is not None or any(map(bool, others))
-
-    def of(self, bag: Path) -> tuple[BagReader, Scenario | None]:
-        """Return a bag and the scenario that is run, None where nobody says one; raises InputError
-        where a change cannot be used."""
-        reader = BagReader.foreign(bag, self.foreign)
-        scenario = reader.scenario() if self.scenario is None else load_scenario(self.scenario)
-        if scenario is not None and self.overrides:
-            scenario = changed_scenario(scenario, self.overrides, f"{bag}: scenario")
-        return reader, scenario
+def _opened(bag: Path, chosen: "ReplayChoice") -> tuple[BagReader, Scenario | None]:
+    """Return a bag and the scenario that is run, None where nobody says one; raises InputError
+    where a change cannot be used."""
+    reader = BagReader.foreign(bag, chosen.remap, chosen.driver)
+    scenario = reader.scenario() if chosen.scenario is None else load_scenario(chosen.scenario)
+    if scenario is not None and chosen.set_:
+        scenario = changed_scenario(scenario, chosen.set_, f"{bag}: scenario")
+    return reader, scenario
 
 
 @shared_maps()
 def replay_command(
-    bag: Path, out: Path | None, changes: Changes, *, tolerance: float | None, json: bool
+    bag: Path, out: Path | None, chosen: "ReplayChoice", *, tolerance: float | None, json: bool
 ) -> int:
     """Replay a bag and print how its fixes differ, and evaluate the replay as well where there is
     a folder for it, the recording has the truth, and nobody interrupts; return the exit status: 1
@@ -165,7 +148,8 @@ def replay_command(
     bag : Path
     out : Path, optional
         Folder of summary, report and figures.
-    changes : Changes
+    chosen : ReplayChoice
+        What is not as it was recorded.
     tolerance : float or None
         m, the largest difference of fixes that is no failure; None = `TOLERANCE`, but any where
         the user has changed something, and none where the recording has no fixes.
@@ -177,8 +161,8 @@ def replay_command(
     InputError
         The bag or what it needs cannot be used.
     """
-    of_filter = filter_parameters(changes.parameters)
-    reader, scenario = changes.of(bag)
+    of_filter = filter_parameters(chosen.parameter or ())
+    reader, scenario = _opened(bag, chosen)
     if out is not None:
         make_folder(out)
     with interrupts() as interrupt, watching() as report:
@@ -192,13 +176,15 @@ def replay_command(
     if result.interrupted:
         note(f"interrupted after {result.simulated:.0f} s of {bag}")
         return INTERRUPTED
-    failures = result.failures or _differences(result, tolerance, bool(changes))
+    failures = result.failures or _differences(result, tolerance, any(vars(chosen).values()))
     for why in failures:
         note(f"{bag}: {why}")
     return FAILED if failures else 0
 
 
-def smooth_command(bag: Path, out: Path, changes: Changes, *, interval: float, json: bool) -> int:
+def smooth_command(
+    bag: Path, out: Path, chosen: "ReplayChoice", *, interval: float, json: bool
+) -> int:
     """Smooth a recorded voyage, write files and a bag, and print how good it is where the truth is
     recorded; return the exit status: 1 where the filter has used nothing of a sensor.
 
@@ -206,7 +192,8 @@ def smooth_command(bag: Path, out: Path, changes: Changes, *, interval: float, j
     ----------
     bag, out : Path
         The recording, and the folder to write into.
-    changes : Changes
+    chosen : ReplayChoice
+        What is not as it was recorded.
     interval : float
         s between the rows of the files, at least.
     json : bool
@@ -217,8 +204,8 @@ def smooth_command(bag: Path, out: Path, changes: Changes, *, interval: float, j
     InputError
         The bag or what it needs cannot be used.
     """
-    of_filter = filter_parameters(changes.parameters)
-    reader, scenario = changes.of(bag)
+    of_filter = filter_parameters(chosen.parameter or ())
+    reader, scenario = _opened(bag, chosen)
     make_folder(out)
     with interrupts() as interrupt, watching() as report:
         found = smoothed_bag(reader, interrupt, report, scenario, of_filter)

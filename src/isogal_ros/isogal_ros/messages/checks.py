@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from geometry_msgs.msg import Quaternion
 
 from isogal.arrays import Array
 from isogal_ros.messages.stamps import to_seconds
@@ -42,6 +43,16 @@ def require_covariance(covariance: Array) -> None:
         raise BadMessageError(f"covariance has numbers above {LARGEST:g}")
     if (np.diag(covariance) < 0.0).any():
         raise BadMessageError("negative variance")
+
+
+def unit_quaternion(orientation: Quaternion) -> Array:
+    """Return an orientation as (4,) w, x, y, z; raises BadMessageError where it is no unit
+    quaternion."""
+    q = orientation
+    turn = np.array([q.w, q.x, q.y, q.z])
+    if not (np.abs(turn) < 2.0).all() or abs(turn @ turn - 1.0) > 1e-3:  # NaN is not below
+        raise BadMessageError("orientation is not a unit quaternion")
+    return turn
 
 
 def require_reading(value: float, variance: float) -> None:

@@ -25,15 +25,13 @@ from isogal_ros.messages.aids import fill_ground_velocity
 from isogal_ros.messages.checks import BadMessageError, require_frame
 from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
 from isogal_ros.messages.odometry import FASTEST, empty_odometry, fill_odom, read_velocity
-from isogal_ros.messages.position import fill_fix, read_position
+from isogal_ros.messages.position import fill_fix, read_point, read_position
 from isogal_ros.messages.prepared import Prepared
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Message, Topic
 
 ENU = "enu"
 """Axes east, north, up at the vehicle."""
-FARTHEST = 1.4e7
-"""m from the origin of the frame ``map``: no place on the Earth is farther."""
 HIGHEST = 1e5
 """m."""
 _POSE = [0, 1, 2, 6, 7, 8]
@@ -88,11 +86,7 @@ def read_solution(message: Odometry, frame: LocalFrame) -> Array:
         The message is of other frames or not finite, of no place on the Earth, or its orientation
         is not a unit quaternion.
     """
-    point = message.pose.pose.position
-    place = np.array([point.x, point.y, point.z])
-    if not (np.isfinite(place).all() and np.abs(place).max() <= FARTHEST):
-        raise BadMessageError("position is not finite, or not on the Earth")
-    latitude, longitude, height = (float(part) for part in frame.to_geodetic(place))
+    latitude, longitude, height = read_point(message.pose.pose.position, frame).tolist()
     velocity, _, attitude = read_velocity(message, frame, latitude, longitude)
     if abs(height) > HIGHEST:
         raise BadMessageError(f"height of {height:.0f} m: is the pose in the frame 'map'?")

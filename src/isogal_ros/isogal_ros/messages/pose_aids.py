@@ -11,16 +11,20 @@ from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix
 from isogal.scenario import HeadingAid
-from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
+from isogal_ros.messages.checks import (
+    BadMessageError,
+    require_covariance,
+    require_frame,
+    unit_quaternion,
+)
 from isogal_ros.messages.frames import MAP, NED_ENU
+from isogal_ros.messages.position import read_point
 from isogal_ros.messages.stamps import set_stamp
 
 _YAW = 8
 """Place of the yaw's variance in the covariance of an orientation."""
 _STEEPEST = 0.1
 """Horizontal part of the bow below which it has no heading."""
-_LARGEST_DISTANCE = 1e7
-"""m from the origin of the frame ``map``."""
 
 
 def read_pose_position(
@@ -40,13 +44,9 @@ def read_pose_position(
         Of another frame, not finite, too far away, or of a covariance that is none.
     """
     require_frame(message, MAP)
-    pose = message.pose.pose.position
-    point = np.array([pose.x, pose.y, pose.z])
-    if not (np.isfinite(point).all() and np.abs(point).max() < _LARGEST_DISTANCE):
-        raise BadMessageError("position is not finite, or too far away")
     covariance = np.asarray(message.pose.covariance).reshape(6, 6)[:3, :3]
     require_covariance(covariance)
-    place = np.array([float(x) for x in frame.to_geodetic(point)])
+    place = read_point(message.pose.pose.position, frame)
     to_ned = (frame.rotation_from(place[0], place[1]) @ NED_ENU).T
     return place, to_ned @ covariance @ to_ned.T if covariance.any() else None
 
@@ -72,12 +72,10 @@ def read_heading(message: Imu) -> tuple[float, float | None]:
         It is marked as without orientation, no unit quaternion, of a negative variance, or the bow
         points up or down.
     """
-    q, variance = message.orientation, float(message.orientation_covariance[_YAW])
+    variance = float(message.orientation_covariance[_YAW])
     if message.orientation_covariance[0] == -1.0:
         raise BadMessageError("marked as without orientation (covariance -1)")
-    turn = np.array([q.w, q.x, q.y, q.z])
-    if not (np.abs(turn) < 2.0).all() or abs(turn @ turn - 1.0) > 1e-3:  # NaN is not below
-        raise BadMessageError("orientation is not a unit quaternion")
+    turn = unit_quaternion(message.orientation)
     if not (math.isfinite(variance) and variance >= 0.0):
         raise BadMessageError("variance of the yaw is negative or not finite")
     east, north = matrix(turn)[:2, 0].tolist()

@@ -5,7 +5,7 @@ Earth."""
 import math
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
@@ -17,6 +17,8 @@ from isogal_ros.messages.stamps import set_stamp
 
 NOT_MEASURED = 1e6
 """Variance that stands for a direction that a sensor does not measure, in the message's unit."""
+FARTHEST = 1.4e7
+"""m from the origin of the frame ``map``: no place on the Earth is farther."""
 HEIGHT_VARIANCE = 1e4
 """m². A fix measures no height: its height is the navigator's. Far from the origin the plane of a
 fix is tilted against that of the map (by 2.7 degrees after 300 km), and a variance that means
@@ -82,6 +84,15 @@ def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, 
             f" {message.longitude:.4f} deg"
         )
     return math.radians(message.latitude), math.radians(message.longitude), message.altitude
+
+
+def read_point(point: Point, frame: LocalFrame) -> Array:
+    """Return latitude, longitude (rad) and height (m) as (3,) of a point in the frame ``map``;
+    raises BadMessageError where it is not finite, or at no place on the Earth."""
+    local = np.array([point.x, point.y, point.z])
+    if not (np.isfinite(local).all() and np.abs(local).max() <= FARTHEST):
+        raise BadMessageError("position is not finite, or not on the Earth")
+    return np.array([float(part) for part in frame.to_geodetic(local)])
 
 
 def read_covariance(message: NavSatFix) -> Array:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
+from isogal.cli.checks import NETCDF
 from isogal.cli.map.part import PartChoice
 from isogal.cli.map.results import Picture, draw
 from isogal.cli.map_choice import MapChoice
@@ -32,17 +33,11 @@ class AreaResults:
     PANEL: ClassVar[str] = RESULTS
 
     out: Annotated[
-        list[Path] | None, written_file("FILE", "Grids as .nc or .tif; repeatable.")
+        list[Path] | None,
+        written_file("FILE", "Grids as .nc or .tif; repeatable.", *NETCDF, ".tif", ".tiff"),
     ] = None
     figure: Picture = None
     json: Json = False
-
-    def check(self) -> None:
-        """Raise InputError unless every file's suffix is known."""
-        from isogal.evaluation.navigability.files import check_name
-
-        for path in self.out or ():
-            check_name(path)
 
     def write(self, found: "Navigability") -> None:
         """Write the files and print the summary; raises InputError."""
@@ -78,7 +73,6 @@ def navigability(
     from isogal.evaluation.navigability.area import navigability as compute
     from isogal.fields.measured import measured_field
 
-    results.check()
     settings = where.load()
     part = where.part(where.build() if where.window is None and _along_a_route(where) else None)
     field_map = map_.load(part and part.window, measured_field(settings).source)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from isogal.cli.checks import output_file
+from isogal.cli.checks import NETCDF, output_file
 from isogal.cli.options import written_file
 from isogal.cli.tables import print_json, print_table
-from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,30 +32,10 @@ class Statistics(NamedTuple):
     """Share of the nodes that have no value."""
 
 
-def _png(path: Path | None) -> Path | None:
-    """Return a file's name; raises InputError where a picture cannot be written to it."""
-    if path is not None and path.suffix.casefold() != ".png":
-        raise InputError(f"--figure {path}: must end in .png")
-    return output_file(path)
-
-
-def require_netcdf_name(path: Path, otherwise: str = "") -> None:
-    """Raise InputError unless a file that is to be written has the name of a NetCDF file; the
-    message ends with what else can be done."""
-    if path.suffix.casefold() not in (".nc", ".nc4"):
-        raise InputError(f"{path}: must end in .nc{otherwise}")
-
-
-def netcdf_file(path: Path) -> Path:
-    """Return the name of a NetCDF file to be written; raises InputError where it has another
-    suffix or cannot be."""
-    require_netcdf_name(path)
-    return output_file(path)
-
-
-Picture = Annotated[Path | None, written_file("FILE.png", "Draw a picture.", _png)]
+Picture = Annotated[Path | None, written_file("FILE.png", "Draw a picture.", ".png")]
 NetcdfOut = Annotated[
-    Path, typer.Argument(metavar="OUT", callback=netcdf_file, help="NetCDF file to write.")
+    Path,
+    typer.Argument(metavar="OUT", callback=output_file(*NETCDF), help="NetCDF file to write."),
 ]
 
 

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import not_negative, positive
+from isogal.cli.checks import NETCDF, not_negative, positive, require_suffix
 from isogal.cli.map.part import PartChoice
 from isogal.cli.map.results import (
     NetcdfOut,
-    netcdf_file,
-    require_netcdf_name,
     save,
     say_written,
     shown_unit,
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
 
 @with_groups
 def synth(
-    out: Annotated[Path, written_file("FILE.nc", "Map to write.", netcdf_file)],
+    out: Annotated[Path, written_file("FILE.nc", "Map to write.", *NETCDF)],
     where: PartChoice,
     quantity: Annotated[
         str, typer.Option(help="gravity, disturbance or height.", rich_help_panel=MAP)
@@ -68,7 +66,7 @@ class Target:
         if self.to not in ("netcdf", "ggmplus"):
             raise InputError(f"--to {self.to}: must be netcdf or ggmplus")
         if self.to == "netcdf":
-            require_netcdf_name(self.out, " (or give --to ggmplus)")
+            require_suffix(self.out, *NETCDF, otherwise=" (or give --to ggmplus)")
         check_output(self.out, folder=self.to == "ggmplus")
 
     def write(self, field_map: "FieldMap", variable: str | None) -> None:

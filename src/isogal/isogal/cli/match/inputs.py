@@ -1,8 +1,8 @@
-"""The fields of ``isogal match``: of each the track and the map, in one unit. A field is of scalar
-readings, or of the components of a gradiometer, in E."""
+"""The fields of ``isogal match``: of each the track and the map, in one unit, and the matcher's
+settings. A field is of scalar readings, or of the components of a gradiometer, in E."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -12,37 +12,33 @@ import typer
 
 from isogal.cli.errors import note
 from isogal.cli.map_choice import MapChoice, MapOption
-from isogal.cli.match.options import Assumptions, TrackChoice, check_together
+from isogal.cli.match.options import Assumptions, MatcherChoice, TrackChoice, check_together
 from isogal.cli.option_groups import run_with_groups
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.maps.axes import Window
-    from isogal.maps.channels import RouteMap
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
-    from isogal.scenario import Gradiometer
-    from isogal.tracks.fields import ChannelReadings
+    from isogal.scenario import Gradiometer, Matcher
+    from isogal.tracks.fields import TrackField
     from isogal.tracks.map_error import MapError
-    from isogal.tracks.recording import Recording
     from isogal.tracks.track import Track
 
 _UNUSED_SIGMA = 1.0
 """Of reference tracks: their noise is learnt."""
-_DEFAULT_GRAVITY_SIGMA = 1.0e-5
-"""m/s², as `gravimeter.sigma` of a scenario."""
+_DEFAULT_SIGMA = {"m/s²": 1.0e-5, "1/s²": 1.0e-9}
+"""Of readings, by the unit inside: `gravimeter.sigma` and `gradiometer.sigma_eotvos` of a
+scenario."""
 _LEAST_SHARE = 0.05
 """Of the map's learnt error: no learnt noise of the readings is taken as smaller."""
 _MARGIN = 25_000.0
-"""m of map kept around a track, and five 1-sigmas of its position."""
+"""m of map kept around a track, and five 1-sigmas of its position: also those, within 20 km of a
+map's edge, where its gradients are not known."""
 _REFERENCE_MARGIN = 5_000.0
 """m of map kept around reference tracks."""
 _GRADIENT_REACH = 20_000.0
 """m, within which of a map's edge its gradients are not known."""
-_GRADIENT_MARGIN = 5_000.0
-"""m of gradients kept around a track, and five 1-sigmas of its position."""
-_DEFAULT_GRADIENT_SIGMA = 1.0e-9
-"""1/s², as `gradiometer.sigma_eotvos` of a scenario."""
 _REQUIRED = ("map", "column")
 KEYS = (
     *_REQUIRED,
@@ -54,45 +50,84 @@ KEYS = (
 
 
 @dataclass(frozen=True)
-class Inputs:
-    """A track and the map that it belongs to."""
+class FieldChoice:
+    """One field: its map, its readings, and what is assumed of their errors."""
 
-    track: "Track"
-    field_map: "RouteMap"
-    unit: str
-    """Of the track's values, and of the sigmas on the command line."""
-    factor: float
-    """Units inside in one of it."""
-    channels: "ChannelReadings | None" = None
-    """Readings of several numbers each."""
+    name: str
+    map_: MapChoice
+    track: TrackChoice
+    assumed: Assumptions
 
     @property
-    def scalar_map(self) -> "ScalarMap":
-        """The map, or the first of several: what holds for one holds for all."""
-        from isogal.maps.channels import channels_of
+    def margin(self) -> float:
+        """M of map that are kept around a track."""
+        return _MARGIN + 5.0 * self.assumed.prior_sigma
 
-        return channels_of(self.field_map)[0]
+    def read(self, matching: MatcherChoice) -> "list[TrackField]":
+        """Return the field for each line of the file; say on the standard error stream what was
+        learnt of the map's error, what is assumed that is not specified, and which readings are
+        off the map.
+
+        Raises
+        ------
+        InputError
+            A file cannot be read, a track does not belong to the map, or options do not go
+            together.
+        """
+        each = _gradients(self) if self.track.gradients is not None else _scalars(self)
+        return [replace(one, settings=self.settings(matching, one)) for one in each]
+
+    def settings(self, matching: MatcherChoice, field: "TrackField") -> "Matcher":
+        """Return the scenario's section `matcher`; say what is assumed that is not specified.
+
+        Sigmas of the options are in the track's unit, those of ``--set`` in the unit inside.
+
+        Raises
+        ------
+        InputError
+            A key or a value is not allowed.
+        """
+        from isogal.scenario import load_scenario
+
+        one, track = field.scalar_map, field.track
+        changes = matching.changes() + self.assumed.changes(one, track.factor)
+        given = {item.partition("=")[0] for item in changes}
+        length = "matcher.map_correlation_length"
+        if length not in given and one.correlation_length is not None:
+            changes.append(f"{length}={one.correlation_length!r}")
+        settings = load_scenario(None, changes).matcher
+        if "matcher.map_sigma" not in given and not one.states_error:
+            note(
+                "the map does not say how wrong it is, which is estimated along the track; give"
+                " --map-sigma where it is known"
+            )
+        if matching.whole:
+            whole = {"batch_length": max(len(track), 2), "stride": None}
+            settings = settings.model_copy(update=whole)
+        doubt = track.normal_gravity_in_doubt(one.quantity) * self.assumed.prior_sigma
+        if doubt == 0.0 or self.track.reduction is not None:
+            return settings
+        note(
+            f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an"
+            f" unknown constant of {doubt / track.factor:.2g} {field.unit} is allowed for. Say"
+            " --reduction latitude if it was the track's own, else --reduction none"
+        )
+        bias = math.hypot(settings.bias_sigma, doubt)
+        return settings.model_copy(update={"bias_sigma": bias})
 
 
-def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> list[Inputs]:
-    """Read tracks and map, and learn the map's error from reference tracks; say on the standard
-    error stream what was learnt and which readings are off the map.
-
-    Raises
-    ------
-    InputError
-        A file cannot be read, or a track does not belong to the map.
-    """
+def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
+    """Yield the field of each line; learn the map's error from reference tracks."""
     from isogal.maps.corridor import corridor_of, joined
     from isogal.tracks.averaging import averaged
     from isogal.tracks.csv_file import read_csv_track
+    from isogal.tracks.fields import TrackField
 
-    sources = _sources(chosen, map_.crs)
+    map_, chosen, assumed = choice.map_, choice.track, choice.assumed
+    lines = _lines(chosen, map_.crs)
     references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
-    if any(getattr(one, "projected", False) for one in [*sources, *references]):
-        map_ = _without_crs(map_)
-    margin = _MARGIN + 5.0 * assumed.prior_sigma
-    corridors = [corridor_of(one.latitude, one.longitude, margin) for one in sources]
+    map_ = _of_map(map_, [*(one[0] for one in lines), *references])
+    corridors = [corridor_of(o.latitude, o.longitude, choice.margin) for o, *_ in lines]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
     learnt: FieldMap | None = None
     if references:
@@ -100,8 +135,7 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
         window = reduce(joined, (one.window for one in [*corridors, *around]))
         learnt = _at_height(map_, chosen, window) or map_.load(window)
     fit: MapError | None = None
-    found = []
-    for source, corridor in zip(sources, corridors, strict=True):
+    for line, corridor in zip(lines, corridors, strict=True):
         field_map: ScalarMap | None = learnt or _at_height(map_, chosen, corridor.window)
         field_map = field_map or map_.load_along(corridor)
         unit, factor = _unit_of(chosen.track_unit, field_map)
@@ -110,12 +144,47 @@ def read_inputs(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> l
             fit = fit or _learnt_error(learnt, references, factor)
             field_map = fit.apply(learnt)
             sigma = sigma or max(fit.sensor_sigma, _LEAST_SHARE * fit.typical_sigma)
-        track = _track(source, field_map, factor, sigma, chosen.reduction)
+        track = _track(line, field_map, factor, sigma, chosen.reduction)
         if chosen.spacing is not None:
             track = averaged(track, chosen.spacing)
-        track = _on_map(track, field_map)
-        found.append(Inputs(track, field_map, unit, factor))
-    return found
+        yield TrackField(choice.name, _on_map(track, field_map), field_map, unit=unit)
+
+
+def _gradients(choice: FieldChoice) -> "Iterator[TrackField]":
+    """Yield the field of a gradiometer for each line; compute the maps of its components."""
+    import numpy as np
+
+    from isogal.maps.corridor import corridor_of
+    from isogal.maps.potential import tensor_maps
+    from isogal.tracks.csv_file import read_csv_tracks
+    from isogal.tracks.fields import ChannelReadings, TrackField
+
+    map_, chosen = choice.map_, choice.track
+    names = (one.strip().casefold() for one in (chosen.gradients or "").split(","))
+    components = tuple(name for name in names if name)
+    columns = ((f"t_{name}", f"t{name}", name) for name in components)
+    each = (read_csv_tracks(chosen.track, map_.crs, column) for column in columns)
+    for line in zip(*each, strict=True):
+        first = line[0]
+        corridor = corridor_of(first.latitude, first.longitude, choice.margin)
+        disturbance = _of_map(map_, line).load(corridor.window, "disturbance")
+        rise = 0.0 if chosen.height is None else chosen.height - _level(chosen, disturbance)
+        if rise < 0.0:
+            raise InputError(
+                f"--height {chosen.height:g}: is {-rise:g} m below the map's level: a map cannot"
+                " be continued down towards the masses"
+            )
+        maps = tensor_maps(disturbance, components, height=rise, edge=_GRADIENT_REACH)
+        scalar = maps.channels[0]
+        unit, factor = _unit_of(chosen.track_unit or "E", scalar)
+        sigma = choice.assumed.reading_sigma(scalar, factor) or _DEFAULT_SIGMA[scalar.unit]
+        values = np.stack([one.value for one in line], axis=1) * factor
+        nothing = np.zeros(len(first))
+        track = replace(first, sigma=nothing + math.nan, offset=nothing).in_unit(factor, sigma)
+        readings = ChannelReadings(
+            values, sigma**2 * np.eye(len(components)), _instrument(components, chosen)
+        )
+        yield TrackField(choice.name, _on_map(track, scalar), maps, channels=readings, unit=unit)
 
 
 def _on_map(track: "Track", field_map: "ScalarMap") -> "Track":
@@ -139,7 +208,7 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     InputError
         Nothing says what level the map's values hold on, or it cannot be continued.
     """
-    from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
+    from isogal.maps.continuation.blocks import continued, rim_of
 
     if chosen.height is None:
         return None
@@ -148,11 +217,6 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     level = _level(chosen, map_.load(window)) if level is None else level
     rim = rim_of(chosen.height - level)
     wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
-    if wide.quantity not in CONTINUED:
-        raise InputError(
-            f"--height {chosen.height:g}: a map of {wide.quantity} cannot be continued; of"
-            f" {', '.join(CONTINUED)} it can"
-        )
     return continued(wide, chosen.height, level).window(*window[:4])
 
 
@@ -167,27 +231,30 @@ def _level(chosen: TrackChoice, field_map: "FieldMap") -> float:
     return level
 
 
-def _without_crs(map_: MapChoice) -> MapChoice:
-    """Return a map without `--crs` that is meant for the track: only a GeoTIFF takes one."""
+def _of_map(map_: MapChoice, tracks: "Sequence[Track]") -> MapChoice:
+    """Return a map without a `--crs` that is meant for tracks: only a GeoTIFF takes one."""
+    of_track = any(one.projected for one in tracks)
     is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff"))
-    return map_ if is_geotiff else replace(map_, crs=None)
+    return replace(map_, crs=None) if of_track and not is_geotiff else map_
 
 
-def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | Track]":
+def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
+    """Return the track for each line of a file; of a bag one for each quantity."""
     from isogal.tracks.csv_file import read_csv_tracks
+    from isogal.tracks.magnetic_flight import read_base_station
     from isogal.tracks.recording import is_recording, read_recording
 
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
-    if chosen.compensation is None and is_recording(chosen.track):
+    if chosen.compensation is not None:
+        tracks = [_compensated(chosen.track, chosen.compensation)]
+    elif is_recording(chosen.track):
         for option, given in (("--base", chosen.base), ("--column", chosen.column)):
             if given is not None:
                 raise InputError(
                     f"{option}: goes with a text file, not with a bag ({chosen.track})"
                 )
         return [read_recording(chosen.track, chosen.fix_topic)]
-    if chosen.compensation is not None:
-        tracks = [_compensated(chosen.track, chosen.compensation)]
     else:
         tracks = read_csv_tracks(chosen.track, crs, chosen.column or "value")
         if unused := tracks[0].unused:
@@ -195,12 +262,10 @@ def _sources(chosen: TrackChoice, crs: str | None) -> "Sequence[Recording | Trac
                 f"{chosen.track}: {', '.join(unused)} not used: the track keeps the shape of its"
                 " positions; isogal bag and isogal replay navigate by them"
             )
-    if chosen.base is None:
-        return tracks
-    from isogal.tracks.magnetic_flight import read_base_station
-
-    station = read_base_station(chosen.base)
-    return [one.less_variation(station) for one in tracks]
+    if chosen.base is not None:
+        station = read_base_station(chosen.base)
+        tracks = [one.less_variation(station) for one in tracks]
+    return [[one] for one in tracks]
 
 
 def _compensated(path: Path, coefficients: Path) -> "Track":
@@ -216,35 +281,36 @@ def _compensated(path: Path, coefficients: Path) -> "Track":
 
 def _unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
     """Return the unit of the track's values, and the number of units inside in one of it."""
-    from isogal.maps.quantities import unit_factor
+    from isogal.cli.match.sigmas import factor_of
 
     if track_unit is None:
         return field_map.file_unit, field_map.file_factor
-    inside, factor = unit_factor(track_unit, "--track-unit")
-    if inside != field_map.unit:
-        raise InputError(
-            f"--track-unit: '{track_unit}' does not fit a {field_map.quantity} map, which is"
-            f" in {field_map.file_unit}"
-        )
-    return track_unit, factor
+    return track_unit, factor_of(track_unit, "--track-unit", field_map)
 
 
 def _track(
-    source: "Recording | Track",
+    line: "Sequence[Track]",
     field_map: "ScalarMap",
     factor: float,
     sigma: float | None,
     reduction: str | None,
 ) -> "Track":
-    from isogal.tracks.recording import Recording
-
-    if isinstance(source, Recording):
-        return source.track(field_map.quantity, sigma)
-    if sigma is None and field_map.unit == "m/s²":
-        sigma = _DEFAULT_GRAVITY_SIGMA
-    if reduction == "velocity" and not source.timed:
-        raise InputError(f"{source.where}: --reduction velocity needs a column time")
-    return source.in_unit(factor, sigma, reduction or "none")
+    """Return the track that has the map's readings, in the unit inside."""
+    fitting = [one for one in line if one.quantity in (None, field_map.quantity)]
+    if not fitting:
+        raise InputError(
+            f"{line[0].where}: has readings of {' and '.join(str(o.quantity) for o in line)}, and"
+            f" the map is of {field_map.quantity}"
+        )
+    track = fitting[0]
+    if track.quantity is not None:
+        if sigma is not None:
+            track = replace(track, sigma=sigma + 0.0 * track.time)
+        return replace(track.in_unit(1.0, None, track.reduction), factor=factor)
+    if reduction == "velocity" and not track.timed:
+        raise InputError(f"{track.where}: --reduction velocity needs a column time")
+    sigma = _DEFAULT_SIGMA.get(field_map.unit) if sigma is None else sigma
+    return track.in_unit(factor, sigma, reduction or "none")
 
 
 def _learnt_error(
@@ -274,113 +340,38 @@ def _learnt_error(
     return fit
 
 
-def read_gradients(map_: MapChoice, chosen: TrackChoice, assumed: Assumptions) -> list[Inputs]:
-    """Read tracks of a gradiometer, and compute the maps of its components.
-
-    Raises
-    ------
-    InputError
-        A file cannot be read, the map is not of the disturbance, or options do not go together.
-    """
-    import numpy as np
-
-    from isogal.maps.corridor import corridor_of
-    from isogal.maps.potential import tensor_maps
-    from isogal.tracks.csv_file import read_csv_tracks
-    from isogal.tracks.fields import ChannelReadings
-
-    names = (one.strip().casefold() for one in (chosen.gradients or "").split(","))
-    components = tuple(name for name in names if name)
-    lines = zip(
-        *(
-            read_csv_tracks(chosen.track, map_.crs, (f"t_{name}", f"t{name}", name))
-            for name in components
-        ),
-        strict=True,
-    )
-    found = []
-    for line in lines:
-        first = line[0]
-        own = _without_crs(map_) if first.projected else map_
-        margin = _GRADIENT_REACH + _GRADIENT_MARGIN + 5.0 * assumed.prior_sigma
-        corridor = corridor_of(first.latitude, first.longitude, margin)
-        disturbance = own.load(corridor.window, "disturbance")
-        rise = _rise(chosen, disturbance)
-        maps = tensor_maps(disturbance, components, height=rise, edge=_GRADIENT_REACH)
-        scalar = maps.channels[0]
-        unit, factor = _unit_of(chosen.track_unit or "E", scalar)
-        sigma = assumed.reading_sigma(scalar, factor) or _DEFAULT_GRADIENT_SIGMA
-        values = np.stack([one.value for one in line], axis=1) * factor
-        nothing = np.zeros(len(first))
-        track = replace(first, sigma=nothing + math.nan, offset=nothing).in_unit(factor, sigma)
-        track = _on_map(track, scalar)
-        instrument = _instrument(components, chosen)
-        readings = ChannelReadings(values, sigma**2 * np.eye(len(components)), instrument)
-        found.append(Inputs(track, maps, unit, factor, readings))
-    return found
-
-
 def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":
     """Return what the options say of the gradiometer; raises InputError where it cannot be."""
-    from pydantic import ValidationError
+    from isogal.scenario import load_scenario
 
-    from isogal.scenario import Gradiometer, describe
-
-    try:
-        return Gradiometer(
-            components=components,
-            allowed_tilt=chosen.tilt_sigma,
-            bias_eotvos=chosen.offset_sigma,
-            bias_walk_eotvos=chosen.offset_walk,
-            map_errors="one_potential" if chosen.one_potential else "independent",
-        )
-    except ValidationError as error:
-        raise InputError(describe(error, Gradiometer)) from None
+    keys = {
+        "components": list(components),
+        "allowed_tilt": chosen.tilt_sigma,
+        "bias_eotvos": chosen.offset_sigma,
+        "bias_walk_eotvos": chosen.offset_walk,
+        "map_errors": "one_potential" if chosen.one_potential else "independent",
+    }
+    return load_scenario(None, [f"gradiometer.{k}={x}" for k, x in keys.items()]).gradiometer
 
 
-def _rise(chosen: TrackChoice, disturbance: "FieldMap") -> float:
-    """Return how far (m) the readings were taken above the level of the map's values."""
-    if chosen.height is None:
-        return 0.0
-    level = _level(chosen, disturbance)
-    if chosen.height < level:
-        raise InputError(
-            f"--height {chosen.height:g}: is below the map's level, {level:g} m: a map cannot be"
-            " continued down towards the masses"
-        )
-    return chosen.height - level
-
-
-@dataclass(frozen=True)
-class FieldChoice:
-    """One field: its map, its readings, and what is assumed of their errors."""
-
-    name: str
-    map_: MapChoice
-    track: TrackChoice
-    assumed: Assumptions
-
-    def read(self) -> list[Inputs]:
-        """Return the field's readings and map, of each line of the file; raises InputError."""
-        if self.track.gradients is not None:
-            return read_gradients(self.map_, self.track, self.assumed)
-        return read_inputs(self.map_, self.track, self.assumed)
-
-
-def all_fields(map_: MapChoice, track: TrackChoice, assumed: Assumptions) -> list[FieldChoice]:
-    """Return the field of the options themselves and those of `--also`.
+def read_fields(
+    map_: MapChoice, track: TrackChoice, assumed: Assumptions, matching: MatcherChoice
+) -> "list[tuple[TrackField, ...]]":
+    """Return for each line of the track's file the field of the options themselves and those of
+    `--also`.
 
     Raises
     ------
     InputError
-        `--also` is not understood, or says what does not go together.
+        `--also` is not understood, or says what does not go together; or as `FieldChoice.read`.
     """
     name = "gradients" if track.gradients is not None else (track.column or "value")
     first = FieldChoice(name, map_, replace(track, also=None), assumed)
-    return [first, *(_field(text, first) for text in track.also or ())]
+    every = [first, *(_also(text, first) for text in track.also or ())]
+    return list(zip(*(one.read(matching) for one in every), strict=True))
 
 
-def _field(text: str, first: FieldChoice) -> FieldChoice:
+def _also(text: str, first: FieldChoice) -> FieldChoice:
     """Return the field of an `--also`, whose keys are read as the options of their names."""
     from isogal.tracks.recording import is_recording
 

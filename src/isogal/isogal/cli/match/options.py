@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from isogal.cli.checks import finite
-from isogal.cli.options import RESULTS, Json, written_file, written_folder
+from isogal.cli.checks import positive
+from isogal.cli.options import RESULTS, Json, number, text, written_file, written_folder
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,45 +22,37 @@ class TrackChoice:
 
     track: Annotated[
         Path,
-        typer.Option(
-            metavar="FILE",
-            help=(
-                "CSV or XYZ file with the columns latitude, longitude (deg, where the navigator"
-                " said it was; or x, y with --crs), value, and if you like time (s or ISO 8601),"
-                " sigma, offset (added to the map's value) and line; or a bag (MCAP)."
-            ),
+        text(
+            "FILE",
+            "CSV or XYZ file with the columns latitude, longitude (deg, where the navigator said"
+            " it was; or x, y with --crs), value, and if you like time (s or ISO 8601), sigma,"
+            " offset (added to the map's value) and line; or a bag (MCAP).",
         ),
     ]
     column: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help=(
-                "Column of the readings; default: value. With another NAME the columns NAME_sigma"
-                " and NAME_offset go with it."
-            ),
+        text(
+            "NAME",
+            "Column of the readings; default: value. With another NAME the columns NAME_sigma and"
+            " NAME_offset go with it.",
         ),
     ] = None
     gradients: Annotated[
         str | None,
-        typer.Option(
-            metavar="nn,ne,nd,ee,ed",
-            help=(
-                "The readings are these components of the gravity gradient tensor (n north, e"
-                " east, d down; less the normal gradient), in columns of these names, t_nn or tnn,"
-                " in E; the map is of the disturbance."
-            ),
+        text(
+            "nn,ne,nd,ee,ed",
+            "The readings are these components of the gravity gradient tensor (n north, e east, d"
+            " down; less the normal gradient), in columns of these names, t_nn or tnn, in E; the"
+            " map is of the disturbance.",
         ),
     ] = None
     one_potential: Annotated[
         bool,
         typer.Option(
             "--one-potential",
-            help=(
-                "Errors of the components' maps come from one wrong potential: --map-sigma and"
-                " --map-correlation-length are those of dd; goes with --gradients. Without it they"
-                " count as independent."
-            ),
+            help="Errors of the components' maps come from one wrong potential: --map-sigma and"
+            " --map-correlation-length are those of dd; goes with --gradients. Without it they"
+            " count as independent.",
         ),
     ] = False
     tilt_sigma: Annotated[
@@ -69,115 +61,81 @@ class TrackChoice:
             metavar="RAD",
             min=0.0,
             max=0.1,
-            help=(
-                "1-sigma of the tilt of the gradiometer's platform, which is estimated where there"
-                " are several components; 0 = it is level; goes with --gradients."
-            ),
+            help="1-sigma of the tilt of the gradiometer's platform, which is estimated where"
+            " there are several components; 0 = it is level; goes with --gradients.",
         ),
     ] = 5e-3
     offset_sigma: Annotated[
         float,
-        typer.Option(
-            metavar="E",
-            min=0.0,
-            help="1-sigma of each component's offset, E; goes with --gradients.",
-        ),
+        number("1-sigma of each component's offset, E; goes with --gradients.", "E", least=0),
     ] = 0.0
     offset_walk: Annotated[
         float,
-        typer.Option(
-            metavar="E",
-            min=0.0,
-            help="By how much that walks, E per root second; goes with --gradients.",
-        ),
+        number("By how much that walks, E per root second; goes with --gradients.", "E", least=0),
     ] = 0.0
     also: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE,...",
-            help=(
-                "Another field that was read along the track: map=FILE,column=NAME and, where"
-                " needed, variable, quantity, unit, crs, format, track-unit, reduction, height,"
-                " map-height, sensor-sigma, map-sigma, map-correlation-length, bias-sigma, as the"
-                " options of these names; repeatable."
-            ),
+        text(
+            "KEY=VALUE,...",
+            "Another field that was read along the track: map=FILE,column=NAME and, where needed,"
+            " variable, quantity, unit, crs, format, track-unit, reduction, height, map-height,"
+            " sensor-sigma, map-sigma, map-correlation-length, bias-sigma, as the options of these"
+            " names; repeatable.",
         ),
     ] = None
     track_unit: Annotated[
         str | None,
-        typer.Option(
-            metavar="UNIT",
-            help=(
-                "Unit of value, sigma and offset and of the sigma options below; default: the map"
-                " file's."
-            ),
+        text(
+            "UNIT",
+            "Unit of value, sigma and offset and of the sigma options below; default: the map"
+            " file's.",
         ),
     ] = None
     reduction: Annotated[
         str | None,
-        typer.Option(
-            metavar="none|latitude|velocity|main-field",
-            help=(
-                "What of the track itself went into value or offset: normal gravity at its"
-                " latitude, or also the Eötvös"
-                " acceleration of its velocity, or the Earth's main magnetic field at its"
-                " position. A candidate elsewhere would"
-                " have had another. Default: none, but an offset that holds normal gravity is"
-                " allowed to be that of another"
-                " latitude. Of a bag's readings it is known."
-            ),
+        text(
+            "none|latitude|velocity|main-field",
+            "What of the track itself went into value or offset: normal gravity at its latitude,"
+            " or also the Eötvös acceleration of its velocity, or the Earth's main magnetic field"
+            " at its position. A candidate elsewhere would have had another. Default: none, but an"
+            " offset that holds normal gravity is allowed to be that of another latitude. Of a"
+            " bag's readings it is known.",
         ),
     ] = None
-    fix_topic: Annotated[
-        str,
-        typer.Option("--fix-topic", metavar="TOPIC", help="Of a bag: the navigator's position."),
-    ] = "nav/fix"
+    fix_topic: Annotated[str, text("TOPIC", "Of a bag: the navigator's position.")] = "nav/fix"
     compensation: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.yaml",
-            help=(
-                "Coefficients of isogal mag calibrate: the track is a flight of isogal mag with"
-                " the columns scalar, vector_x, vector_y, vector_z (nT) and height (m); the"
-                " vehicle's field and the main field are taken off."
-            ),
+        text(
+            "FILE.yaml",
+            "Coefficients of isogal mag calibrate: the track is a flight of isogal mag with the"
+            " columns scalar, vector_x, vector_y, vector_z (nT) and height (m); the vehicle's"
+            " field and the main field are taken off.",
         ),
     ] = None
     base: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.csv",
-            help=(
-                "Base station near by, with the columns time (on the track's clock) and scalar"
-                " (nT): the daily variation that it measured is taken off the track's values."
-            ),
+        text(
+            "FILE.csv",
+            "Base station near by, with the columns time (on the track's clock) and scalar (nT):"
+            " the daily variation that it measured is taken off the track's values.",
         ),
     ] = None
     height: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            callback=finite,
-            help=(
-                "Height of the readings above the ellipsoid: the map is continued there from the"
-                " level that it says its values hold on. Default: it is taken as it is."
-            ),
+        number(
+            "Height of the readings above the ellipsoid: the map is continued there from the level"
+            " that it says its values hold on. Default: it is taken as it is.",
+            "M",
         ),
     ] = None
     map_height: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            callback=finite,
-            help="With --height: the level that the map's values hold on; default: as it says.",
+        number(
+            "With --height: the level that the map's values hold on; default: as it says.", "M"
         ),
     ] = None
     spacing: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="Average readings over stretches of this length, m.",
-        ),
+        float | None, number("Average readings over stretches of this length, m.", "M", positive)
     ] = None
 
     def resolved(self) -> "TrackChoice":
@@ -196,16 +154,9 @@ class TrackChoice:
 class MatcherChoice:
     """Which matcher, with which batches."""
 
-    matcher: Annotated[
-        str | None,
-        typer.Option("--matcher", metavar="NAME", help="Matching algorithm; default: pmht."),
-    ] = None
+    matcher: Annotated[str | None, text("NAME", "Matching algorithm; default: pmht.")] = None
     batch_length: Annotated[
-        str | None,
-        typer.Option(
-            metavar="T|all",
-            help="Readings matched at once, or all of a track; default: 30.",
-        ),
+        str | None, text("T|all", "Readings matched at once, or all of a track; default: 30.")
     ] = None
     stride: Annotated[
         int | None,
@@ -232,15 +183,6 @@ class MatcherChoice:
         """Whether a track is matched as one batch."""
         return self.batch_length is not None and self.batch_length.casefold() == "all"
 
-    def check(self) -> None:
-        """Raise InputError unless the keys and their values are allowed."""
-        from isogal.scenario import load_scenario
-
-        try:
-            load_scenario(None, self.changes())
-        except InputError as error:
-            raise InputError(str(error).removeprefix("scenario: ")) from None
-
     def changes(self) -> list[str]:
         """Return the keys of the scenario's section `matcher` that the options change, as
         ``KEY=VALUE``.
@@ -265,70 +207,50 @@ class Assumptions:
 
     PANEL: ClassVar = "What is assumed"
 
-    prior_sigma: Annotated[
-        float,
-        typer.Option(
-            metavar="M",
-            help="1-sigma of the track's position, m per axis.",
-        ),
-    ] = 1000.0
+    prior_sigma: Annotated[float, number("1-sigma of the track's position, m per axis.", "M")] = (
+        1000.0
+    )
     velocity_sigma: Annotated[
         float,
-        typer.Option(
-            metavar="M/S",
-            help="1-sigma of the track's velocity, constant over a batch, m/s per axis.",
-        ),
+        number("1-sigma of the track's velocity, constant over a batch, m/s per axis.", "M/S"),
     ] = 0.0
     walk_sigma: Annotated[
         float,
-        typer.Option(
-            metavar="M",
-            help="With --chain: how far the track's error walks between batches, m in an hour.",
+        number(
+            "With --chain: how far the track's error walks between batches, m in an hour.", "M"
         ),
     ] = 0.0
     sensor_sigma: Annotated[
         str | None,
-        typer.Option(
-            metavar="SIGMA",
-            help=(
-                "1-sigma of a reading, where the track has no column sigma, such as 0.5mGal;"
-                " default: what --reference shows, for gravity 1 mGal."
-            ),
+        text(
+            "SIGMA",
+            "1-sigma of a reading, where the track has no column sigma, such as 0.5mGal; default:"
+            " what --reference shows, for gravity 1 mGal.",
         ),
     ] = None
     map_sigma: Annotated[
         str | None,
-        typer.Option(
-            metavar="SIGMA|auto",
-            help=(
-                "1-sigma of the map's error, such as 15nT, or auto: estimated; default: what the"
-                " map says (it counts where it is larger), else auto."
-            ),
+        text(
+            "SIGMA|auto",
+            "1-sigma of the map's error, such as 15nT, or auto: estimated; default: what the map"
+            " says (it counts where it is larger), else auto.",
         ),
     ] = None
     map_correlation_length: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            help="Its correlation length, m; default: what the map says, else estimated.",
-        ),
+        number("Its correlation length, m; default: what the map says, else estimated.", "M"),
     ] = None
     reference: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help=(
-                "Track like --track (CSV), near by and with true positions: the map's error is"
-                " learnt from it; repeatable."
-            ),
+        text(
+            "FILE",
+            "Track like --track (CSV), near by and with true positions: the map's error is learnt"
+            " from it; repeatable.",
         ),
     ] = None
     bias_sigma: Annotated[
         str | None,
-        typer.Option(
-            metavar="SIGMA",
-            help="1-sigma of an unknown constant in the readings; default: estimated.",
-        ),
+        text("SIGMA", "1-sigma of an unknown constant in the readings; default: estimated."),
     ] = None
 
     def of_track(self) -> "Uncertainty":
@@ -337,7 +259,7 @@ class Assumptions:
 
         return Uncertainty(self.prior_sigma, self.velocity_sigma, self.walk_sigma)
 
-    def map_changes(self, field_map: "ScalarMap", factor: float) -> list[str]:
+    def changes(self, field_map: "ScalarMap", factor: float) -> list[str]:
         """Return what the options say of the map's and the readings' errors as keys of the
         scenario.
 
@@ -354,16 +276,16 @@ class Assumptions:
         """
         from isogal.cli.match.sigmas import parse_sigma
 
-        items = []
-        for name, text in (("map_sigma", self.map_sigma), ("bias_sigma", self.bias_sigma)):
-            if name == "map_sigma" and text == "auto":
-                items.append("matcher.map_sigma=auto")
-            elif text is not None:
-                option = f"--{name.replace('_', '-')}"
-                items.append(f"matcher.{name}={parse_sigma(text, option, field_map, factor)!r}")
-        if self.map_correlation_length is not None:
-            items.append(f"matcher.map_correlation_length={self.map_correlation_length!r}")
-        return items
+        named: dict[str, str | float | None] = {
+            "map_sigma": self.map_sigma,
+            "map_correlation_length": self.map_correlation_length,
+            "bias_sigma": self.bias_sigma,
+        }
+        for name in ("map_sigma", "bias_sigma"):
+            said, option = named[name], f"--{name.replace('_', '-')}"
+            if said is not None and (name, said) != ("map_sigma", "auto"):
+                named[name] = parse_sigma(said, option, field_map, factor)
+        return [f"matcher.{name}={value}" for name, value in named.items() if value is not None]
 
     def reading_sigma(self, field_map: "ScalarMap", factor: float) -> float | None:
         """Return ``--sensor-sigma`` in the unit inside; raises InputError."""
@@ -395,7 +317,7 @@ class MatchResults:
             writer_for(path)
 
 
-GOES_WITH = {
+_GOES_WITH = {
     "--one-potential": "--gradients",
     "--offset-sigma": "--gradients",
     "--offset-walk": "--gradients",
@@ -403,13 +325,11 @@ GOES_WITH = {
     "--walk-sigma": "--chain",
 }
 """Options that mean nothing without another one."""
-EXCLUDED = {
-    "--gradients": (
-        *("--column", "--reference", "--spacing", "--reduction", "--compensation", "--base"),
-        "--report",
-    )
-}
-"""Options that another one rules out."""
+_NOT_OF_GRADIENTS = (
+    *("--column", "--reference", "--spacing", "--reduction", "--compensation", "--base"),
+    "--report",
+)
+"""Options that do not go with `--gradients`."""
 
 
 def check_together(*groups: TrackChoice | MatcherChoice | Assumptions | MatchResults) -> None:
@@ -421,10 +341,9 @@ def check_together(*groups: TrackChoice | MatcherChoice | Assumptions | MatchRes
         for option in fields(group)
         if getattr(group, option.name) != option.default
     }
-    for option, other in GOES_WITH.items():
+    for option, other in _GOES_WITH.items():
         if option in given and other not in given:
             raise InputError(f"{option}: goes with {other}")
-    for other, options in EXCLUDED.items():
-        for option in options:
-            if other in given and option in given:
-                raise InputError(f"{option}: does not go with {other}")
+    for option in _NOT_OF_GRADIENTS:
+        if "--gradients" in given and option in given:
+            raise InputError(f"{option}: does not go with --gradients")

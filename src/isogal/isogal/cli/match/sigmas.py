@@ -10,10 +10,23 @@ if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
 
 _TEXT = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?$")
-_LARGEST_SHARE = 1.0
-"""Of the map's range: no error is larger than all that the map shows."""
 _PLAUSIBLE = (1e-5, 0.5)
-"""Shares of the map's range between which a sigma makes sense."""
+"""Shares of the map's range between which a sigma makes sense; none is larger than all that the
+map shows."""
+
+
+def factor_of(unit: str, option: str, field_map: "ScalarMap") -> float:
+    """Return how many units inside a unit has; raises InputError where it is not one of the
+    map's."""
+    from isogal.maps.quantities import unit_factor
+
+    inside, factor = unit_factor(unit, option)
+    if inside != field_map.unit:
+        raise InputError(
+            f"{option}: '{unit}' does not fit a {field_map.quantity} map, which is in"
+            f" {field_map.file_unit}"
+        )
+    return factor
 
 
 def parse_sigma(
@@ -40,43 +53,24 @@ def parse_sigma(
         It is no number, its unit is not the map's, it is negative, or larger than the map's range:
         then the message says in which unit it would make sense.
     """
-    from isogal.maps.quantities import unit_factor
+    import numpy as np
+
+    from isogal.maps.quantities import fitting_unit
 
     found = _TEXT.match(str(text))
     if found is None:
         raise InputError(f"{option}: must be a number, or one with its unit, not '{text}'")
-    number, unit = float(found[1]), found[2]
-    if unit is not None:
-        inside, factor = unit_factor(unit, option)
-        if inside != field_map.unit:
-            raise InputError(
-                f"{option}: '{unit}' does not fit a {field_map.quantity} map, which is in"
-                f" {field_map.file_unit}"
-            )
-    value = number * factor
+    number = float(found[1])
+    value = number * (factor_of(found[2], option, field_map) if found[2] else factor)
     if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
         raise InputError(f"{option}: must be {'>=' if zero else '>'} 0, is {number:g}")
-    _check_size(value, number, option, field_map)
-    return value
-
-
-def _check_size(value: float, number: float, option: str, field_map: "ScalarMap") -> None:
-    import numpy as np
-
-    from isogal.maps.quantities import UNITS
-
     values = np.concatenate([np.ravel(part.values) for part in field_map.parts()])
     extent = float(np.nanmax(values) - np.nanmin(values))
-    if value <= _LARGEST_SHARE * extent or extent == 0.0:
-        return
+    if value <= extent or extent == 0.0:
+        return value
     least, most = (share * extent for share in _PLAUSIBLE)
-    fitting = [
-        name
-        for name, (inside, factor) in UNITS.items()
-        if inside == field_map.unit and least <= number * factor <= most
-    ]
-    preferred = [name for name in ("mGal", "nT", "m") if name in fitting] or fitting
-    hint = f"; did you mean {number:g}{preferred[0]}?" if preferred else ""
+    unit = fitting_unit(field_map.unit, lambda one: least <= number * one <= most)
+    hint = f"; did you mean {number:g}{unit}?" if unit else ""
     own = field_map.file_factor
     raise InputError(
         f"{option}: {value / own:g} {field_map.file_unit} is more than the whole map varies"

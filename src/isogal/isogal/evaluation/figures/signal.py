@@ -60,42 +60,27 @@ def signal_figure(runs: Runs, field_map: "ScalarMap", sigma: float) -> "Figure":
     return figure
 
 
-@style.journal
 def variability_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
     """Noiseless signal and map feature variability along the true track (paper fig-60;
     docs/mathematics.md, section 12.5), with the batches of the first run that gave no fix."""
-    from isogal.maps.variability import feature_variability
+    from isogal.maps.variability import feature_variability, normalised_variability
 
-    scale = style.field_scale(field_map)
-    figure = style.new_figure(3.8)
-    top, bottom = figure.subplots(2, 1, sharex=True)
-    time = style.hours(runs.elapsed)
-    signal = field_map.value(runs.latitude, runs.longitude)
-    top.plot(time, scale(signal), **style.TRUTH.options(), label="noiseless signal")
-    top.set_ylabel(scale.two_lines)
-    variability = feature_variability(field_map, runs.latitude, runs.longitude)
-    known = variability[np.isfinite(variability)]
-    usual = float(known.mean()) if known.size and known.mean() > 0.0 else 1.0
-    bottom.plot(
-        time,
-        variability / usual,
-        **style.AIDED.options(),
-        label="map feature variability, 1 = mean of the track",
-    )
-    if known.size and known.min() > 0.0:
-        style.logarithmic(bottom)  # it ranges over decades, and what matters is where it is small
+    time, place = style.hours(runs.elapsed), (runs.latitude, runs.longitude)
+    variability = feature_variability(field_map, *place)
+    curves = field_map.value(*place), variability, normalised_variability(variability)
+    figure = variability_along(field_map, time, *curves)
+    panel = figure.axes[-1]
     declined = style.hours(runs.fix_time[~runs.published[0]] - runs.time[0])
     if declined.size:
-        bottom.plot(
-            *(declined, np.full(declined.size, 0.03), "x"),
-            transform=bottom.get_xaxis_transform(),
+        panel.plot(
+            *(declined, np.full(declined.size, 0.06), "x"),
+            transform=panel.get_xaxis_transform(),
             color=style.VERMILION,
             markersize=5,
             label="batch without fix",
         )
-    bottom.set_ylabel("map feature\nvariability (1)")
-    style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
-    style.legend_below(figure)
+        style.legend_below(figure)
+    style.time_axis(panel, float(time[-1]))
     return figure
 
 
@@ -125,7 +110,7 @@ def variability_along(
     root = np.sqrt(variability) / scale.unit
     for panel, curve, label, line in (
         (panels[0], scale(value), scale.two_lines, style.TRUTH),
-        (panels[1], root, f"root of the feature\nvariability {scale.unit_label}", style.AIDED),
+        (panels[1], root, f"root of feature\nvariability\n{scale.unit_label}", style.AIDED),
         (panels[2], normalised, "normalised\nvariability (1)", style.SERIES[2]),
     ):
         panel.plot(along, curve, **line.options())

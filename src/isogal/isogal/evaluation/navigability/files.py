@@ -9,19 +9,11 @@ from isogal.errors import InputError
 from isogal.evaluation.navigability.area import Navigability
 from isogal.files import atomic_path
 
-_NETCDF, _GEOTIFF = (".nc", ".nc4"), (".tif", ".tiff")
-
-
-def check_name(path: Path) -> None:
-    """Raise InputError unless the suffix is one that can be written."""
-    if path.suffix.casefold() not in _NETCDF + _GEOTIFF:
-        raise InputError(f"{path}: must end in .nc or .tif")
-
 
 def write_navigability(found: Navigability, path: Path) -> None:
-    """Write all layers; raises InputError where the file cannot be written."""
-    check_name(path)
-    write = _netcdf if path.suffix.casefold() in _NETCDF else _geotiff
+    """Write all layers, as GeoTIFF where the name ends so; raises InputError where the file cannot
+    be written."""
+    write = _geotiff if path.suffix.casefold() in (".tif", ".tiff") else _netcdf
     try:
         with atomic_path(path) as temporary:
             write(found, temporary)

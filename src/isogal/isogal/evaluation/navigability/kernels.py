@@ -23,6 +23,7 @@ from isogal.arrays import Array, Booleans, Integers, Values
 from isogal.compiled import kernel
 from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.matrices import inverse_of_lower, lower
 
 _PROMISING = 60.0
 """Chi-square that a minimum between points of the grid may have by a parabola through them."""
@@ -108,82 +109,20 @@ def _filter(
 
 
 @kernel(error_model="numpy")
-def _weights(between: float, weight: Array) -> None:
-    """Write by how much each of the four nodes about a place counts in its value, and in its
-    derivative per node (2, 4), `between` the second and the third by a share.
-
-    They are what the map's interpolation makes of grids that are 1 along one line of nodes."""
-    values = np.empty((4, 4))
-    for k in range(4):
-        for p in range(4):
-            for q in range(4):
-                values[p, q] = 1.0 if p == k else 0.0
-        grid = Grid(values, 4, 0.0, 1.0, 0.0, 1.0)
-        weight[0, k], weight[1, k], _ = value_and_gradient(grid, 1.0 + between, 1.0)
-
-
-@kernel(error_model="numpy")
-def _slopes_along(
-    ground: Ground,
-    offset: Array,
-    i: int,
-    columns: Integers,
-    known: Booleans,
-    slope: Array,
-    lines: Array,
-) -> None:
-    """Write the map's slopes to the north and to the east (2, M), per m, at an offset (2,) from
-    nodes in row i and some columns (M,), and where it has them. `lines` (2, m) is work space."""
-    values = ground.grid.values
-    n, m = values.shape
+def _slope(ground: Ground, offset: Array, i: int, j: int, slope: Array) -> bool:
+    """Write the map's slopes to the north and to the east (2,), per m, at an offset (2,) from a
+    node, zero where it has none; return whether it has them."""
+    n, m = ground.grid.values.shape
     north, east = ground.cell[i]
-    row, right = i + offset[0] / north, offset[1] / east
-    k, j = math.floor(row), math.floor(right)
-    by_row, by_column = np.empty((2, 4)), np.empty((2, 4))
-    _weights(row - k, by_row)
-    _weights(right - j, by_column)
-    inside = 1 <= k <= n - 3
-    for c in range(m):
-        for d in range(2):
-            lines[d, c] = 0.0
-            for p in range(4):
-                if inside:
-                    lines[d, c] += by_row[d, p] * values[k - 1 + p, c]
-    for b in range(columns.size):
-        c = columns[b] + j
-        on_map = inside and 1 <= c <= m - 3
-        slope[0, b] = slope[1, b] = 0.0
-        for q in range(4):
-            if on_map:
-                slope[0, b] += by_column[0, q] * lines[1, c - 1 + q] / north
-                slope[1, b] += by_column[1, q] * lines[0, c - 1 + q] / east
-        known[b] = on_map and not math.isnan(slope[0, b] + slope[1, b])
-        if not known[b]:
-            slope[0, b] = slope[1, b] = 0.0
-
-
-@kernel(error_model="numpy")
-def _invert(A: Array, pivot: Array) -> None:
-    """Invert symmetric, positive matrices (m, m, M) of M nodes side by side in place, by sweeps of
-    Gauss and Jordan; only what is below or on the diagonal is read and written. `pivot` (m, M) is
-    work space."""
-    m, M = pivot.shape
-    for k in range(m):
-        for p in range(m):
-            for b in range(M):
-                pivot[p, b] = A[max(p, k), min(p, k), b]
-        for p in range(m):
-            for q in range(p + 1):
-                for b in range(M):
-                    A[p, q, b] -= pivot[p, b] * pivot[q, b] / pivot[k, b]
-        for p in range(m):
-            for b in range(M):
-                swept = -1.0 if p == k else pivot[p, b]
-                A[max(p, k), min(p, k), b] = swept / pivot[k, b]
-    for p in range(m):
-        for q in range(p + 1):
-            for b in range(M):
-                A[p, q, b] = -A[p, q, b]
+    row, column = i + offset[0] / north, j + offset[1] / east
+    slope[0] = slope[1] = 0.0
+    if not (1.0 <= row <= n - 2 and 1.0 <= column <= m - 2):
+        return False
+    _, by_row, by_column = value_and_gradient(ground.grid, row, column)
+    if math.isnan(by_row):
+        return False
+    slope[0], slope[1] = by_row / north, by_column / east
+    return True
 
 
 @kernel(error_model="numpy")
@@ -209,54 +148,40 @@ def errors_on_arrival(
     rest : float
         See `isogal.evaluation.navigability.leg.Leg`.
     """
-    (T, m), M = reduction.shape, columns.size
-    out = np.full((rows.size, M), math.nan)
-    slope, known = np.empty((T, 2, M)), np.empty((T, M), dtype=np.bool_)
-    gain, weight, correlation = np.empty((M, T)), np.empty((M, T)), np.empty(M)
-    h, forecast, root = np.empty((m, M)), np.empty((m, M)), np.empty(M)
-    P, lines = np.empty((m, m, M)), np.empty((2, ground.sigma.shape[1]))
-    there = np.empty(T, dtype=np.bool_)
-    arrival = np.empty((m, m))
-    for p in range(m):
-        for q in range(m):
-            arrival[p, q] = 0.0
-            for axis in range(2):
-                arrival[p, q] += position[T - 1, axis, p] * position[T - 1, axis, q]
+    T, m = reduction.shape
+    out = np.full((rows.size, columns.size), math.nan)
+    slope, known = np.empty((T, 2)), np.empty(T, dtype=np.bool_)
+    gain, weight, h, forecast = np.empty(T), np.empty(T), np.empty(m), np.empty(m)
+    information = np.empty((m, m))
     for a in range(rows.size):
-        for t in range(T):
-            _slopes_along(ground, approach.offset[t], rows[a], columns, known[t], slope[t], lines)
-        for b in range(M):
+        for b in range(columns.size):
+            i, j = rows[a], columns[b]
+            if math.isnan(ground.grid.values[i, j]):
+                continue
             for t in range(T):
-                there[t] = known[t, b]
-            correlation[b] = _filter(
-                ground, approach, rows[a], columns[b], there, gain[b], weight[b]
-            )
-        for p in range(m):
-            for b in range(M):
-                forecast[p, b] = 0.0
-                for q in range(p + 1):
-                    P[p, q, b] = 1.0 if q == p else 0.0
-        for t in range(T):
-            for b in range(M):
-                root[b] = math.sqrt(weight[b, t]) if known[t, b] else 0.0
+                known[t] = _slope(ground, approach.offset[t], i, j, slope[t])
+            correlation = _filter(ground, approach, i, j, known, gain, weight)
             for p in range(m):
-                north, east = position[t, 0, p], position[t, 1, p]
-                for b in range(M):
-                    by_map = slope[t, 0, b] * north + slope[t, 1, b] * east
-                    h[p, b] = reduction[t, p] - by_map - forecast[p, b]
-                    forecast[p, b] = correlation[b] * (forecast[p, b] + gain[b, t] * h[p, b])
-                    h[p, b] *= root[b]
-                for q in range(p + 1):
-                    for b in range(M):
-                        P[p, q, b] += h[p, b] * h[q, b]
-        _invert(P, h)
-        for b in range(M):
-            if not math.isnan(ground.grid.values[rows[a], columns[b]]):
-                variance = rest
+                forecast[p] = 0.0
+                for q in range(m):
+                    information[p, q] = 1.0 if q == p else 0.0
+            for t in range(T):
+                root = math.sqrt(weight[t]) if known[t] else 0.0
                 for p in range(m):
+                    by_map = slope[t, 0] * position[t, 0, p] + slope[t, 1] * position[t, 1, p]
+                    new = reduction[t, p] - by_map - forecast[p]
+                    forecast[p] = correlation * (forecast[p] + gain[t] * new)
+                    h[p] = root * new
                     for q in range(p + 1):
-                        variance += arrival[p, q] * P[p, q, b] * (2.0 if q < p else 1.0)
-                out[a, b] = math.sqrt(variance)
+                        information[p, q] += h[p] * h[q]
+            variance, inverse = rest, inverse_of_lower(lower(information))
+            for axis in range(2):
+                for p in range(m):
+                    part = 0.0
+                    for q in range(p + 1):
+                        part += inverse[p, q] * position[T - 1, axis, q]
+                    variance += part**2
+            out[a, b] = math.sqrt(variance)
     return out
 
 

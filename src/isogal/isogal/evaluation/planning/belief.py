@@ -1,184 +1,125 @@
-"""The navigator's error covariance along a straight edge: the recursion of the bound
-(`isogal.evaluation.bound`) with the reading interval as its step.
+"""The navigator's error covariance along straight edges: the linear model of the bound
+(`isogal.evaluation.ins_error_model`) with the reading interval as its step.
 
 Thirteen errors of the navigator, the map's error along the track, and offset and drift of the
 readings. Auxiliary states of the filter are left out here; the route that is found is assessed
 with them."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.compiled import kernel
-from isogal.earth.ellipsoid import curvature
+from isogal.earth.ellipsoid import radii
 from isogal.earth.gravity import normal_gravity
-from isogal.evaluation.ins_error_model import initial_covariance, noise_density
+from isogal.evaluation.ins_error_model import (
+    Segments,
+    initial_covariance,
+    noise_density,
+    transitions,
+)
 from isogal.evaluation.planning.lattice import Lattice
-from isogal.evaluation.reading_errors import effective_noise_variance
+from isogal.evaluation.reading_errors import SlowError, effective_noise_variance
 from isogal.fields.measured import measured_field
-from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.inertial.error_model import STATES
 from isogal.inertial.rotations import from_heading, matrix
-from isogal.maps.error_model import markov_step
-from isogal.maps.interpolation import Grid, value_and_gradient
-from isogal.matrices import product, product_transposed
+from isogal.maps.field_map import FieldMap
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
 
-SIZE = STATES + 3
-"""Navigator's errors, map error, offset and drift."""
+_MAP, _OFFSET, _DRIFT = range(STATES, STATES + 3)
+"""States beside the navigator's errors."""
 
 
-class Edges(NamedTuple):
-    """What the kernel needs besides the place, by direction (D)."""
+class Edges:
+    """The edges of a lattice, driven with a scenario's speed and sensors over a map."""
 
-    velocity: Array
-    """(D, 2) m/s north and east."""
-    rotation: Array
-    """(D, 3, 3) body to NED."""
-    jacobian: Array
-    """(D, 4) a reading's derivative by the navigator's error."""
-    white: Array
-    """(D, SIZE, SIZE) density of the white noise that enters the navigator's errors."""
-    map_error: Array
-    """(2,) variance and correlation length of the map's error where the map says nothing."""
-    constants: Array
-    """(4,) reading interval s, noise variance, height m, gravity m/s²."""
+    def __init__(self, scenario: Scenario, lattice: Lattice, field_map: FieldMap) -> None:
+        world, self._map = scenario.informed, field_map
+        self._world, self._length = world, lattice.length
+        self._velocity = world.route.speed * np.stack(
+            [np.cos(lattice.heading), np.sin(lattice.heading)], axis=1
+        )
+        self._rotation = matrix(from_heading(lattice.heading))
+        self._noise = effective_noise_variance(world.gravimeter, field_map.quantisation)
+        middle = len(lattice.latitude) // 2, lattice.middle
+        latitude, longitude, height = (
+            np.full(len(self._velocity), value)
+            for value in (
+                lattice.latitude[middle],
+                lattice.longitude[middle],
+                world.route.height,
+            )
+        )
+        at = State(latitude, longitude, height, *self._velocity.T)
+        self._jacobian = measured_field(world).reduction(world).jacobian(at)
+        sensor, error, nothing = world.gravimeter, world.map_error, np.empty(0)
+        self._states = [
+            SlowError.of("map", 1.0, nothing, length=error.correlation_length).state,
+            SlowError.of("offset", math.hypot(sensor.bias, error.offset), nothing).state,
+            SlowError.of("drift", sensor.drift, nothing).state,
+        ]
 
+    def _map_variance(self, latitude: Array, longitude: Array) -> Array:
+        """Return the variance of the map's error at places: what the map says, or what the
+        scenario does where that is larger."""
+        said = np.nan_to_num(self._map.sigma_at(latitude, longitude))
+        return np.square(np.maximum(said, self._world.map_error.sigma))
 
-def edges_of(scenario: Scenario, lattice: Lattice, quantisation: float) -> Edges:
-    """Return the edges of a lattice, driven with a scenario's speed and sensors."""
-    world = scenario.informed
-    speed, height = world.route.speed, world.route.height
-    middle = len(lattice.latitude) // 2, lattice.middle
-    latitude, longitude = float(lattice.latitude[middle]), float(lattice.longitude[middle])
-    velocity = speed * np.stack([np.cos(lattice.heading), np.sin(lattice.heading)], axis=1)
-    here = np.full(len(velocity), latitude), np.full(len(velocity), longitude)
-    at = State(*here, np.full(len(velocity), height), velocity[:, 0], velocity[:, 1])
-    rotation, density = matrix(from_heading(lattice.heading)), noise_density(world)
-    white = np.zeros((len(rotation), SIZE, SIZE))
-    white[:, 2:4, 2:4] = (rotation * density[:3] @ rotation.transpose(0, 2, 1))[:, :2, :2]
-    white[:, 4:7, 4:7] = rotation * density[3:] @ rotation.transpose(0, 2, 1)
-    return Edges(
-        velocity,
-        rotation,
-        np.ascontiguousarray(measured_field(scenario).reduction(scenario).jacobian(at)),
-        white,
-        np.array([world.map_error.sigma**2, world.map_error.correlation_length]),
-        np.array(
-            [
-                world.gravimeter.interval,
-                effective_noise_variance(world.gravimeter, quantisation),
-                height,
-                float(normal_gravity(latitude, height)),
-            ]
-        ),
-    )
+    def start(self, latitude: float, longitude: float) -> Array:
+        """Return the covariance (n, n) at the start, a place in rad."""
+        P = initial_covariance(self._world, self._states)
+        P[_MAP, _MAP] = self._map_variance(np.array(latitude), np.array(longitude))
+        return P
 
+    def along(
+        self, P: Array, latitude: Array, longitude: Array, elapsed: Array, direction: int
+    ) -> Array:
+        """Return the covariances (W, n, n) at the ends of edges.
 
-def start_covariance(scenario: Scenario, own_variance: float) -> Array:
-    """Return the covariance (SIZE, SIZE) at the start, with the variance of the map's error."""
-    world = scenario.informed
-    P = np.zeros((SIZE, SIZE))
-    P[:STATES, :STATES] = initial_covariance(world)
-    P[STATES, STATES] = own_variance
-    P[-2, -2] = world.gravimeter.bias**2 + world.map_error.offset**2
-    P[-1, -1] = world.gravimeter.drift**2
-    return P
-
-
-@kernel(error_model="numpy")
-def _update(P: Array, h: Array, noise: float, column: Array) -> None:
-    """Take a reading with a derivative h (n,) and a variance into a covariance (n, n), in place;
-    `column` (n,) is work space."""
-    n, total = P.shape[0], noise
-    for i in range(n):
-        column[i] = 0.0
-        for j in range(n):
-            column[i] += P[i, j] * h[j]
-        total += column[i] * h[i]
-    for i in range(n):
-        for j in range(n):
-            P[i, j] -= column[i] * column[j] / total
-
-
-@kernel(error_model="numpy")
-def along_edge(
-    P: Array,
-    latitude: float,
-    longitude: float,
-    length: float,
-    direction: int,
-    edges: Edges,
-    grid: Grid,
-    sigma: Array,
-) -> Array:
-    """Return the covariance at the end of an edge.
-
-    Parameters
-    ----------
-    P : (SIZE, SIZE) array
-        At its beginning.
-    latitude, longitude : float
-        rad, where it begins.
-    length : float
-        m.
-    direction : int
-        Of the lattice, counted as in `edges`.
-    edges : Edges
-    grid : Grid
-        The map.
-    sigma : (n, m) array
-        1-sigma of its error.
-    """
-    velocity, rotation, jacobian, white, map_error, constants = edges
-    vn, ve = velocity[direction]
-    interval, noise, height, gravity = constants
-    speed = math.sqrt(vn * vn + ve * ve)
-    count = max(1, int(length / (speed * interval) + 0.5))
-    dt = length / (speed * count)
-    n = P.shape[0]
-    m = n - 3
-    force = np.array([0.0, 0.0, -gravity])
-    meridian, normal = curvature(math.sin(latitude))
-    inv_m, inv_n = 1.0 / (meridian + height), 1.0 / (normal + height)
-    geometry = np.array([latitude, vn, ve, inv_m, inv_n])
-    F = np.zeros((n, n))
-    fill_dynamics(F, geometry, force, rotation[direction])
-    F[n - 2, n - 1] = 1.0
-    transition = product(F, F)
-    for i in range(n):
-        for j in range(n):
-            transition[i, j] = (i == j) + dt * F[i, j] + 0.5 * dt * dt * transition[i, j]
-    c, joins = markov_step(speed * dt, map_error[1])
-    transition[m, m] = c
-    half, before = np.empty((n, n)), np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            half[i, j] = 0.5 * dt * white[direction, i, j]
-    h, column = np.zeros(n), np.empty(n)
-    for k in range(count):
-        lat = latitude + (k + 1) * dt * vn * inv_m
-        lon = longitude + (k + 1) * dt * ve * inv_n / math.cos(lat)
-        _, by_lat, by_lon = value_and_gradient(grid, lat, lon)
-        i = int((lat - grid.latitude0) / grid.latitude_step + 0.5)
-        j = int((lon - grid.longitude0) / grid.longitude_step + 0.5)
-        known = not math.isnan(by_lat)
-        variance = sigma[i, j] ** 2 if known else P[m, m]
-        half[m, m] = variance * joins / (1.0 + c * c)
-        for i in range(n):
-            for j in range(n):
-                before[i, j] = P[i, j] + half[i, j]
-        P = product_transposed(product(transition, before), transition)
-        for i in range(n):
-            for j in range(n):
-                P[i, j] += half[i, j]
-        if known:
-            for i in range(4):
-                h[i] = jacobian[direction, i]
-            h[0] -= by_lat * inv_m
-            h[1] -= by_lon * inv_n / math.cos(lat)
-            h[m] = h[n - 2] = 1.0
-            _update(P, h, noise, column)
-    return P
+        Parameters
+        ----------
+        P : (W, n, n) array
+            At their beginnings.
+        latitude, longitude : (W,) arrays
+            rad, where they begin.
+        elapsed : (W,) array
+            s since the start, there.
+        direction : int
+            Of the lattice.
+        """
+        (north, east), length = self._velocity[direction], self._length[direction]
+        interval, speed = self._world.gravimeter.interval, self._world.route.speed
+        count = max(1, round(length / (speed * interval)))
+        dt, ones = length / (speed * count), np.ones(len(P))
+        meridian, normal = (one + self._world.route.height for one in radii(latitude))
+        gravity = normal_gravity(latitude, self._world.route.height)
+        segments = Segments(
+            np.stack([latitude, north * ones, east * ones, 1 / meridian, 1 / normal], axis=1),
+            np.stack([0.0 * ones, 0.0 * ones, -gravity], axis=1),
+            np.broadcast_to(self._rotation[direction], (len(P), 3, 3)),
+            np.zeros((len(P), 3)),
+            dt,
+            1,
+        )
+        steps = transitions(segments, noise_density(self._world), self._states)
+        transition, half = (np.array(each) for each in zip(*steps, strict=True))
+        of_map = half[:, _MAP, _MAP].copy()  # of a variance of one
+        h = np.zeros(P.shape[:2])
+        for k in range(1, count + 1):
+            there = latitude + k * dt * north / meridian
+            across = longitude + k * dt * east / (normal * np.cos(there))
+            _, by_north, by_east = self._map.value_and_gradient(there, across)
+            known = np.isfinite(by_north)
+            variance = np.where(known, self._map_variance(there, across), P[:, _MAP, _MAP])
+            half[:, _MAP, _MAP] = of_map * variance
+            P = transition @ (P + half) @ transition.swapaxes(1, 2) + half
+            h[:, :4] = self._jacobian[direction]
+            h[:, 0] -= by_north
+            h[:, 1] -= by_east
+            h[:, [_MAP, _OFFSET]], h[:, _DRIFT] = 1.0, elapsed + k * dt
+            h[~known] = 0.0  # such a reading tells nothing
+            gain = np.einsum("wij,wj->wi", P, h)
+            total = self._noise + np.einsum("wi,wi->w", h, gain)
+            P -= gain[:, :, None] * gain[:, None, :] / total[:, None, None]
+        return P

@@ -8,22 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from isogal.earth.frames import LocalFrame
-from isogal.errors import InputError
 from isogal.evaluation.planning.planner import Assessed
 from isogal.files import write_atomic
 
-_SUFFIXES = (".yaml", ".yml", ".geojson")
-
-
-def check_name(path: Path) -> None:
-    """Raise InputError unless the suffix is one that can be written."""
-    if path.suffix.casefold() not in _SUFFIXES:
-        raise InputError(f"{path}: must end in .yaml or .geojson")
-
 
 def write_route(route: Assessed, path: Path) -> None:
-    """Write the waypoints, as a scenario's section `route` or as GeoJSON."""
-    check_name(path)
+    """Write the waypoints: as GeoJSON where the name ends so, else as a scenario's section
+    `route`."""
     text = _geojson(route) if path.suffix.casefold() == ".geojson" else _yaml(route)
     write_atomic(path, text)
 

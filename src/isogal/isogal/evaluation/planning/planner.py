@@ -11,7 +11,7 @@ The route that is found, and the straight one, are then assessed by the bound al
 is driven, with its turns (`isogal.evaluation.bound`)."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,14 +19,8 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.evaluation.bound import BoundResult, posterior_cramer_rao
-from isogal.evaluation.navigability.area import map_error_at_nodes
 from isogal.evaluation.planning.areas import Rings, inside
-from isogal.evaluation.planning.belief import (
-    Edges,
-    along_edge,
-    edges_of,
-    start_covariance,
-)
+from isogal.evaluation.planning.belief import Edges
 from isogal.evaluation.planning.lattice import Lattice, lattice_between
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Scenario
@@ -198,72 +192,48 @@ def _search(
     progress: Callable[[int, int], None] | None,
 ) -> list[_Way]:
     """Return the ways that reach the goal, one for each class of length at most."""
-    own = float(field_map.sigma_at(*request.start))
-    own = max(own, scenario.true.map_error.sigma) if math.isfinite(own) else 0.0
-    start = start_covariance(scenario, own**2)
-    world = _World(
-        lattice,
-        edges_of(scenario, lattice, field_map.quantisation),
-        field_map,
-        map_error_at_nodes(scenario, field_map)[0],
-        (1.0 + _DRIVEN * request.detour) * lattice.straight,
-    )
-    columns = len(lattice.free)
-    ways = {lattice.middle: [_Way(0.0, start, 0.0, -1, lattice.middle, None)]}
+    edges = Edges(scenario, lattice, field_map)
+    most = (1.0 + _DRIVEN * request.detour) * lattice.straight
+    columns, speed = len(lattice.free), scenario.route.speed
+    start = _Way(0.0, edges.start(*request.start), 0.0, -1, lattice.middle, None)
+    ways = [start]
     for column in range(columns):
         reached: dict[int, dict[int, _Way]] = {}
-        for here in ways.values():
-            for way in here:
-                for kind, after in world.after(way, column):
-                    kept = reached.setdefault(after.row, {})
-                    if kind not in kept or after.cost < kept[kind].cost:
-                        kept[kind] = after
-        ways = {row: _useful(kept) for row, kept in reached.items()}
+        for direction, length in enumerate(lattice.length.tolist()):
+            going = [way for way in ways if _may_go(way, column, direction, lattice, most)]
+            if not going:
+                continue
+            rows = [way.row for way in going]
+            covariances = edges.along(
+                np.array([way.covariance for way in going]),
+                lattice.latitude[column, rows],
+                lattice.longitude[column, rows],
+                np.array([way.length for way in going]) / speed,
+                direction,
+            )
+            for way, P in zip(going, covariances, strict=True):
+                cost = float(P[0, 0] + P[1, 1] + _HORIZON**2 * (P[2, 2] + P[3, 3]))
+                there = way.row + int(lattice.rise[direction])
+                after = _Way(way.length + length, P, cost, direction, there, way)
+                excess = after.length + lattice.left(column + 1, there) - lattice.straight
+                kind = min(int(CLASSES * excess / (most - lattice.straight)), CLASSES - 1)
+                kept = reached.setdefault(there, {})
+                if kind not in kept or cost < kept[kind].cost:
+                    kept[kind] = after
+        ways = [way for kept in reached.values() for way in _useful(kept)]
         if progress is not None:
             progress(column + 1, columns)
-    return ways.get(lattice.middle, [])
+    return [way for way in ways if way.row == lattice.middle]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _World:
-    """What ways go through."""
-
-    lattice: Lattice
-    edges: Edges
-    field_map: FieldMap
-    sigma: Array
-    """(n, m) 1-sigma of the map's error."""
-    most: float
-    """m, length of the longest route."""
-
-    def after(self, way: _Way, column: int) -> Iterator[tuple[int, _Way]]:
-        """Yield the ways that go on from a place of a column by one edge, with their classes of
-        length."""
-        lattice = self.lattice
-        for direction, rise in enumerate(lattice.rise):
-            there = way.row + int(rise)
-            if not (
-                0 <= there < lattice.free.shape[1] and lattice.free[column, way.row, direction]
-            ):
-                continue
-            length = way.length + float(lattice.length[direction])
-            whole = length + lattice.left(column + 1, there)
-            if whole > self.most * (1.0 + 1e-9) or _too_sharp(lattice, way.direction, direction):
-                continue
-            P = along_edge(
-                way.covariance,
-                lattice.latitude[column, way.row],
-                lattice.longitude[column, way.row],
-                lattice.length[direction],
-                direction,
-                self.edges,
-                self.field_map.grid,
-                self.sigma,
-            )
-            cost = float(P[0, 0] + P[1, 1] + _HORIZON**2 * (P[2, 2] + P[3, 3]))
-            excess = (whole - lattice.straight) / (self.most - lattice.straight)
-            kind = min(int(CLASSES * excess), CLASSES - 1)
-            yield kind, _Way(length, P, cost, direction, there, way)
+def _may_go(way: _Way, column: int, direction: int, lattice: Lattice, most: float) -> bool:
+    """Return whether a way may go on from a column in a direction: not into an area, nor too far
+    (m) or round a sharp corner."""
+    there = way.row + int(lattice.rise[direction])
+    if not (0 <= there < lattice.free.shape[1] and lattice.free[column, way.row, direction]):
+        return False
+    whole = way.length + lattice.length[direction] + lattice.left(column + 1, there)
+    return bool(whole <= most * (1.0 + 1e-9) and not _too_sharp(lattice, way.direction, direction))
 
 
 def _useful(kept: dict[int, _Way]) -> list[_Way]:

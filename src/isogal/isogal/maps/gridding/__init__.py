@@ -15,6 +15,5 @@
     validation      readings left out and predicted from the others
     amplitude       where errors are larger or smaller than the covariance says
     spacing         how far apart nodes are to be
-    cores           work that is spread over all cores
     gridder         all of it, one after the other
 """

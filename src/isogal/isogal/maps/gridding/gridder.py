@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -11,7 +12,6 @@ from isogal.arrays import Array, Integers
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.amplitude import Amplitude, Errors
-from isogal.maps.gridding.cores import spread
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.kriging import Kriging
@@ -21,6 +21,7 @@ from isogal.maps.gridding.reduction import Trend, block_reduced
 from isogal.maps.gridding.spacing import gap_of, spacing_of
 from isogal.maps.gridding.survey import Survey
 from isogal.maps.gridding.validation import LeftOut, far_off, leave_out
+from isogal.threads import available_cores
 
 METHODS = {"kriging": "matern", "equivalent-sources": "harmonic"}
 """Ways of gridding, and their covariances."""
@@ -293,12 +294,14 @@ def _at_nodes(model: Model, places: Array, progress: Progress | None) -> dict[st
             "ellipse": error_ellipses(places[rows], covariance, length),
         }
 
-    for rows, found in spread(kriged, model.kriging.groups(places)):
-        for name, values in found.items():
-            at[name][rows] = values
-        done += rows.size
-        if progress is not None:
-            progress("nodes", done, count)
+    groups = list(model.kriging.groups(places))
+    with ThreadPoolExecutor(available_cores()) as pool:  # linear algebra leaves Python's lock
+        for rows, found in zip(groups, pool.map(kriged, groups), strict=True):
+            for name, values in found.items():
+                at[name][rows] = values
+            done += rows.size
+            if progress is not None:
+                progress("nodes", done, count)
     variance = at.pop("variance")
     unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
     at["value"] += model.trend.at(places)

@@ -2,16 +2,17 @@
 blocks, and predicted from the others."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.maps.gridding.cores import spread
 from isogal.maps.gridding.covariance import Readings
 from isogal.maps.gridding.kriging import Kriging, groups
 from isogal.maps.gridding.survey import Groups, Survey, blocks_of
 from isogal.seeds import generator
+from isogal.threads import available_cores
 
 BLOCKS = 12
 """Parts that the blocks of a survey of stations are divided into."""
@@ -135,13 +136,13 @@ def leave_out(
     ]
     error, variance = np.full((2, len(part)), np.nan)
     done = 0
-    for rows, (mean, own) in spread(
-        lambda rows: kriging.at(places[rows], part == part[rows[0]]), groups
-    ):
-        error[rows], variance[rows] = readings.value[rows] - mean, own
-        done += rows.size
-        if progress is not None:
-            progress(done, chosen.size)
+    with ThreadPoolExecutor(available_cores()) as pool:  # linear algebra leaves Python's lock
+        predicted = pool.map(lambda rows: kriging.at(places[rows], part == part[rows[0]]), groups)
+        for rows, (mean, own) in zip(groups, predicted, strict=True):
+            error[rows], variance[rows] = readings.value[rows] - mean, own
+            done += rows.size
+            if progress is not None:
+                progress(done, chosen.size)
     rows = chosen
     covariance = kriging.covariance
     noise = np.full(rows.size, covariance.noise**2)

@@ -18,7 +18,15 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid, values_and_gradients
 from isogal.matching.information import likelihood_information, measurement_only
-from isogal.matching.interfaces import Batch, Candidates, Fix, Information, declined
+from isogal.matching.interfaces import (
+    Batch,
+    Candidates,
+    Fix,
+    Information,
+    declined,
+    located,
+    with_scans,
+)
 from isogal.scenario import Matcher as MatcherSettings
 
 
@@ -256,24 +264,6 @@ def _fix(
     candidates: Candidates | None,
     information: Information | None,
 ) -> Fix:
-    north, east = metres_per_radian(batch.latitude)
-    moved = batch.transition @ xi
-    scan_covariance = np.full((len(batch), 2, 2), np.nan)
-    # as many fixes together hold the information once
-    scan_covariance[len(batch) - batch.new :] = batch.new * covariance
-    return Fix(
-        time=float(batch.time[-1]),
-        latitude=float(batch.end[0] - position[0] / north[-1]),
-        longitude=float(batch.end[1] - position[1] / east[-1]),
-        covariance=covariance,
-        shown=None if candidates is None else lambda: candidates,
-        diagnostics=diagnostics,
-        information=information,
-        # late readings say where the vehicle was, not where it is at their stamps
-        scan_position=None
-        if batch.end_place is not None
-        else np.stack(
-            [batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east], axis=-1
-        ),
-        scan_covariance=None if batch.end_place is not None else scan_covariance,
-    )
+    shown = None if candidates is None else lambda: candidates
+    more = {"shown": shown, "diagnostics": diagnostics, "information": information}
+    return with_scans(located(batch, position, covariance, **more), batch, batch.transition @ xi)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.compiled import kernel
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
@@ -24,9 +23,6 @@ CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 PLACES = 600
 """Cells, and then hypotheses, that are followed up, at most."""
-SURE = 1.0 - RARE
-"""Probability of what is taken as certain: that the place is in the first grid and among the cells
-that are followed up, and that a navigator that is reset has diverged."""
 GROUPS = 120
 """Means of readings that cells are ranked by, at most: of an hour's, means over 660 m at 22 m/s.
 With a third of them a place on a map of 3 mGal is found a minute later."""
@@ -50,12 +46,19 @@ class Ranked:
     def of(cls, seen: "Seen", spread: Array) -> "Ranked":
         """Return cells all over a prior N(0, spread)."""
         sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
-        reach = sigma * math.sqrt(-2.0 * math.log(1.0 - SURE))
+        reach = sigma * math.sqrt(-2.0 * math.log(RARE))
         size = 0.5 * FEATURE_M
         count = math.ceil(reach / size)
         centres = square_of(size * np.arange(-count, count + 1.0))
         centres = centres[np.hypot(*centres.T) < reach + size]
-        return cls(seen, centres, size, spread, seen.log_density(centres, spread, size))
+        return cls.at(seen, centres, size, spread)
+
+    @classmethod
+    def at(cls, seen: "Seen", centres: Array, size: float, spread: Array) -> "Ranked":
+        """Return cells of centres (C, 2), m, and a size (m)."""
+        log = seen.log_evidence(residuals_at(seen.rows, seen.grid, centres), size)
+        prior = log_normal(centres, spread)[:, None] + 2.0 * math.log(size)
+        return cls(seen, centres, size, spread, log + prior)
 
     def finer(self) -> "Ranked | None":
         """Return the best cells, each divided by nine; None where they may not hold the place."""
@@ -63,11 +66,9 @@ class Ranked:
         if best is None:
             return None
         size = self.size / 3.0
-        centres = (self.centres[best][:, None] + square_of(np.arange(-1.0, 2.0) * size)).reshape(
-            -1, 2
-        )
-        density = self.seen.log_density(centres, self.spread, size)
-        return Ranked(self.seen, centres, size, self.spread, density)
+        ninths = square_of(np.arange(-1.0, 2.0) * size)
+        centres = (self.centres[best][:, None] + ninths).reshape(-1, 2)
+        return Ranked.at(self.seen, centres, size, self.spread)
 
     def hypotheses(self, wide: Array) -> Hypotheses | None:
         """Return those of the best cells and models about an error of covariance `wide` (7, 7);
@@ -104,15 +105,10 @@ def at_cells(
     wide : (7, 7) array
         Prior covariance of the navigator's error.
     """
-    base, n = Hypotheses.before(models, wide), BATCH_STATES
     gain = np.linalg.solve(wide[:2, :2], wide[:2]).T  # errors that go with a place
     inner = wide + gain @ ((cell / CELL_SIGMA) ** 2 * np.eye(2) - wide[:2, :2]) @ gain.T
-    covariance = base.covariance[which]
-    covariance[:, :n, :n] = inner
-    mean = np.zeros((len(which), covariance.shape[1]))
-    mean[:, :n] = centres @ gain.T
     weight = log_normal(centres, wide[:2, :2]) + 2.0 * math.log(cell) + models.log_prior[which]
-    return Hypotheses(models, which, weight, mean, covariance)
+    return Hypotheses.of(models, which, weight, centres @ gain.T, inner)
 
 
 def log_normal(centres: Array, covariance: Array) -> Array:
@@ -129,7 +125,7 @@ def _covering(log: Array, most: int) -> Integers | None:
         return None
     best = best[log[best] > log[best[0]] - NEGLIGIBLE]
     lacking = np.logaddexp.reduce(log) - np.logaddexp.reduce(log[best])
-    return np.asarray(best, dtype=np.int64) if lacking < -math.log(SURE) else None
+    return np.asarray(best, dtype=np.int64) if lacking < -math.log(1.0 - RARE) else None
 
 
 def square_of(axis: Array) -> Array:
@@ -183,12 +179,6 @@ class Seen:
         load = grouped.load[models.shape[0]]
         shape = decay(distance, models.length[0]) * (load @ load.T)
         return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
-
-    def log_density(self, centres: Array, spread: Array, cell: float) -> Array:
-        """Return (C, M) the log of how probable cells of a size (m) with errors (C, 2) of the
-        place are, each with a model, before and by the readings; of a prior N(0, spread)."""
-        log = self.log_evidence(residuals_at(self.rows, self.grid, centres), cell)
-        return log + log_normal(centres, spread)[:, None] + 2.0 * math.log(cell)
 
     def log_evidence(self, residual: Array, cell: float) -> Array:
         """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
@@ -254,42 +244,13 @@ def states_at(rows: Rows, since: Array, initial: Array) -> tuple[Array, Array]:
 
 
 def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
-    """Return (n, C) of navigators with errors (C, 2) of their place; NaN off the map."""
-    place, reading = (np.ascontiguousarray(a[..., :2]) for a in (rows.place, rows.reading))
-    return np.asarray(
-        _residuals(
-            grid, rows.latitude, rows.longitude, rows.radian, rows.level, place, reading,
-            rows.channel, np.ascontiguousarray(centres),
-        )
-    )  # fmt: skip
-
-
-@kernel(error_model="numpy")
-def _residuals(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    radian: Array,
-    level: Array,
-    place: Array,
-    reading: Array,
-    channel: Integers,
-    centres: Array,
-) -> Array:
-    """Return (n, C) readings less the map where a navigator with errors (C, 2) of its place would
-    be, and less what these put into them."""
-    count, rows = centres.shape[0], latitude.shape[0]
-    out = np.empty((rows, count))
-    lat, lon = np.empty(count), np.empty(count)
-    row, column = np.empty(count, np.int64), np.empty(count, np.int64)
-    for t in range(rows):
-        for c in range(count):
-            n, e = centres[c, 0], centres[c, 1]
-            lat[c] = latitude[t] - (place[t, 0, 0] * n + place[t, 0, 1] * e) * radian[t, 0]
-            lon[c] = longitude[t] - (place[t, 1, 0] * n + place[t, 1, 1] * e) * radian[t, 1]
-        there = out[t]
-        look_up(grid, lat, lon, channel[t], row, column, there)
-        for c in range(count):
-            n, e = centres[c, 0], centres[c, 1]
-            there[c] = level[t] - reading[t, 0] * n - reading[t, 1] * e - there[c]
+    """Return (n, C) readings less the map where navigators with errors (C, 2) of their place would
+    be, and less what these put into them; NaN off the map."""
+    out = np.empty((len(rows.level), len(centres)))
+    row, column = np.empty((2, len(centres)), dtype=np.int64)
+    for t, there in enumerate(out):
+        moved = centres @ (rows.place[t, :, :2] * rows.radian[t][:, None]).T
+        lat, lon = rows.latitude[t] - moved[:, 0], rows.longitude[t] - moved[:, 1]
+        look_up(grid, lat, lon, rows.channel[t], row, column, there)
+        there[:] = rows.level[t] - centres @ rows.reading[t, :2] - there
     return out

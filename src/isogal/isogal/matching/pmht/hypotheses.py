@@ -5,6 +5,7 @@ Magill (1965, IEEE TAC 10:434) and Maybeck & Hanlon (1995, IEEE TAES 31:1216) fo
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,17 +16,14 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid
 from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
-from isogal.matching.pmht import kernels, mixture_kernels
-from isogal.matching.pmht.models import DECEIVED, FAMILIES, NONE, Models, largest
+from isogal.matching.pmht import kernels
+from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.matrices import symmetric
 
-CURVED = 0.25
-"""Share of its change by which the map may depart from linear over a hypothesis before that is
-split, unless an option says otherwise."""
 REACH = 2.0
-"""1-sigma at which that is looked at."""
+"""1-sigma at which it is looked at how far the map departs from linear (`CURVED`)."""
 SPLIT = (
     (0.2129622780, 0.5740754440, 0.2129622780),
     (-1.1353227127, 0.0, 1.1353227127),
@@ -53,6 +51,10 @@ CREDIBLE = 2.0
 model of a few percent would widen what is published for ever."""
 
 
+COLUMNS = ("which", "log_weight", "mean", "covariance")
+"""Arrays of `Hypotheses`, one row of each for each of them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
     """K hypotheses: which model, and a Gaussian of the augmented state (see `kernels`)."""
@@ -68,35 +70,33 @@ class Hypotheses:
     """(K, N, N)."""
 
     @classmethod
+    def of(
+        cls, models: Models, which: Integers, log_weight: Array, mean: Array, covariance: Array
+    ) -> "Hypotheses":
+        """Return those with means (K, 7) and covariances (K, 7, 7) of the navigator's error,
+        before any reading has said anything of the rest."""
+        n, rest = BATCH_STATES, models.initial.shape[1]
+        means, covariances = np.zeros((len(which), n + rest)), np.zeros((n + rest, n + rest))
+        covariances = np.tile(covariances, (len(which), 1, 1))
+        means[:, :n], covariances[:, :n, :n] = mean, covariance
+        diagonal = np.arange(n, n + rest)
+        covariances[:, diagonal, diagonal] = models.initial[which] ** 2
+        return cls(models, which, log_weight, means, covariances)
+
+    @classmethod
     def before(cls, models: Models, prior: Array) -> "Hypotheses":
         """Return those of a navigator of covariance (7, 7), one for each model, before any
         reading."""
-        count, rest = models.initial.shape
-        n = BATCH_STATES
-        covariance = np.zeros((count, n + rest, n + rest))
-        covariance[:, :n, :n] = models.start[:, None, None] * prior
-        diagonal = np.arange(n, n + rest)
-        covariance[:, diagonal, diagonal] = models.initial**2
-        return cls(
-            models,
-            np.arange(count),
-            models.log_prior.copy(),
-            np.zeros((count, n + rest)),
-            covariance,
-        )
+        count, covariance = len(models.start), models.start[:, None, None] * prior
+        nothing = np.zeros((count, BATCH_STATES))
+        return cls.of(models, np.arange(count), models.log_prior.copy(), nothing, covariance)
 
     def __len__(self) -> int:
         return len(self.which)
 
     def part(self, which: Integers | Booleans) -> "Hypotheses":
         """Return some of them, by indices or a mask."""
-        return replace(
-            self,
-            which=self.which[which],
-            log_weight=self.log_weight[which],
-            mean=self.mean[which],
-            covariance=self.covariance[which],
-        )
+        return Hypotheses(self.models, *(getattr(self, name)[which] for name in COLUMNS))
 
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
@@ -117,12 +117,9 @@ class Hypotheses:
         while True:  # `most` ends it on a map as rough as that
             values, vectors = np.linalg.eigh(whole.places(of_place)[1])
             axes = np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(1, 2)
-            asked, departure = whole.log_weight > least[whole.which], np.empty((len(whole), 2))
-            mixture_kernels.curvature(
-                grid, rows, self.models, whole.which, asked, whole.mean, REACH * axes, departure
-            )
-            worst = departure.max(axis=1)
-            cut = worst > curved
+            asked, departure = whole.log_weight > least[whole.which], np.zeros((len(whole), 2))
+            departure[asked] = whole._curvature(grid, rows, asked, REACH * axes)
+            cut = departure.max(axis=1) > curved
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
@@ -135,6 +132,20 @@ class Hypotheses:
             along = axes[cut, departure[cut].argmax(axis=1)]
             whole = whole.part(cut)._thirds(along, of_place)
         return joined([*done, whole]) if done else whole
+
+    def _curvature(self, grid: Grid, rows: Rows, asked: Booleans, axes: Array) -> Array:
+        """Return (A, 2) of A of them that are asked for, a mask (K,), how far readings depart from
+        linear between the ends of two axes (K, 2, 2), m, about where they were taken: in 1-sigma
+        of what is new in them and, where that is more, in units of their change."""
+        models, m, axes = self.models, self.which[asked], axes[asked]
+        away = np.concatenate([np.zeros((len(m), 1, 2)), axes, -axes], axis=1)
+        value = kernels.values_beside(grid, rows, models, m, self.mean[asked], away)
+        joins = np.einsum("ktj,ktjj->kt", rows.load**2, rows.joined)[models.shape[m]]
+        R = rows.noise * models.noise[m, None] + models.sigma[m, None] ** 2 * joins
+        bend = 0.5 * (value[:, 1:3] + value[:, 3:]) - value[:, :1]
+        change = 0.5 * (value[:, 1:3] - value[:, 3:])
+        departure, change = (np.sqrt((d**2 / R[:, None]).sum(axis=2)) for d in (bend, change))
+        return np.asarray(departure / np.maximum(change, 1.0))
 
     def places(self, of_place: Array) -> tuple[Array, Array]:
         """Return (K, 2) and (K, 2, 2) mean and covariance of where a reading was taken (m north
@@ -251,7 +262,7 @@ class Hypotheses:
             return self
         mean, covariance = self.mean.copy(), self.covariance.copy()
         weight = self.log_weight.copy()
-        stay = mixture_kernels.merged(self.which, weight, mean, covariance, *self.places(of_place))
+        stay = kernels.merged(self.which, weight, mean, covariance, *self.places(of_place))
         return replace(self, log_weight=weight, mean=mean, covariance=covariance).part(stay)
 
     @cached_property
@@ -327,12 +338,11 @@ class Hypotheses:
         return np.asarray(shares, dtype=np.float64)
 
     def figures(self, states: States) -> dict[str, float]:
-        """Return the mean of the instrument's states that have names, and of those of UNKNOWN."""
+        """Return the mean of the instrument's states that have names; of two of one name that of
+        the first, which is specified."""
         mean = self.weight @ self.mean[:, BATCH_STATES + states.channels :]
-        named, first = len(states.names), len(mean) - states.unknown
-        names = (*UNKNOWN[: states.unknown], *states.names)
-        values = zip(names, (*mean[first:], *mean[:named]), strict=True)
-        return {name: float(value) for name, value in values if name}
+        each = reversed(list(zip(states.names, mean, strict=True)))
+        return {name: float(value) for name, value in each if name}
 
 
 def at_same_time(states: int) -> float:
@@ -341,12 +351,64 @@ def at_same_time(states: int) -> float:
     return min(1.0, USUAL_STATES / states) ** 2
 
 
-def joined(parts: list[Hypotheses]) -> Hypotheses:
+def joined(parts: Sequence[Hypotheses]) -> Hypotheses:
     """Return the hypotheses of several parts."""
+    columns = (np.concatenate([getattr(one, name) for one in parts]) for name in COLUMNS)
+    return Hypotheses(parts[0].models, *columns)
+
+
+def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
+    """Return a bank with the models that are needed, and without others (a moving bank; Maybeck &
+    Hentz 1987, JGCD 10:90); of hypotheses whose first states beside the navigator's are so many
+    map errors.
+
+    Models that differ by the sigma of the map's error only are neighbours. One that is negligible
+    beside the best of them is left out where no neighbour needs it, and begins with what that
+    knows where one does. A negligible neighbour of a smaller sigma begins anew after each reading:
+    it has followed too narrow a place, and were never probable again with that one. One of a
+    larger sigma keeps its places, which are wider (docs/mathematics.md, section 6.4)."""
+    models, total = bank.models, bank.of_models
+    near = total > largest(total, models.group) - NEGLIGIBLE
+    larger, smaller = neighbours(near, models.group)
+    there = np.isfinite(total)
+    those = bank.part((near | larger & there)[bank.which])
+    from_below = np.r_[(larger & ~there)[1:], False]
+    from_above = np.r_[False, (smaller & ~larger)[:-1]]
+    one_up = _of_neighbour(those, (near & from_below)[those.which], 1, errors, there)
+    one_down = _of_neighbour(those, (near & from_above)[those.which], -1, errors, there)
+    return joined([those, one_up, one_down])
+
+
+def neighbours(near: Booleans, group: Integers) -> tuple[Booleans, Booleans]:
+    """Return (M,) which models are not near (M,), but are the next of a larger sigma to one that
+    is, and the same of a smaller sigma."""
+    alike = group[1:] == group[:-1]
+    larger = np.r_[False, near[:-1] & alike] & ~near
+    smaller = np.r_[near[1:] & alike, False] & ~near
+    return larger, smaller
+
+
+def _of_neighbour(
+    bank: Hypotheses, which: Booleans, step: int, count: int, there: Booleans
+) -> Hypotheses:
+    """Return some hypotheses as of the model one further: the same map error is another number of
+    1-sigmas. Where that model is there, it is negligible, and begins as such."""
+    models, those = bank.models, bank.part(which)
+    old, new = those.which, those.which + step
+    sigma, prior = models.sigma, models.log_prior
+    errors = np.arange(BATCH_STATES, BATCH_STATES + count)
+    unit = np.ones_like(those.mean)
+    exact = sigma[new] == 0.0
+    unit[:, errors] = np.where(exact, 0.0, sigma[old] / np.where(exact, 1.0, sigma[new]))[:, None]
+    covariance = those.covariance * unit[:, :, None] * unit[:, None, :]
+    from_exact = np.flatnonzero(sigma[old] == 0.0)
+    initial = models.initial[new[from_exact], :count]
+    covariance[from_exact[:, None], errors, errors] = initial**2
+    less = np.where(there[new], NEGLIGIBLE, 0.0)
     return replace(
-        parts[0],
-        which=np.concatenate([p.which for p in parts]),
-        log_weight=np.concatenate([p.log_weight for p in parts]),
-        mean=np.concatenate([p.mean for p in parts]),
-        covariance=np.concatenate([p.covariance for p in parts]),
+        those,
+        which=new,
+        log_weight=those.log_weight + prior[new] - prior[old] - less,
+        mean=those.mean * unit,
+        covariance=covariance,
     )

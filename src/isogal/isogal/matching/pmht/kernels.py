@@ -1,4 +1,4 @@
-"""Compiled loops over hypotheses: linearisation and Kalman update.
+"""Compiled loops over hypotheses: linearisation, Kalman update, and which are one place.
 
 A hypothesis k has the model ``which[k]`` and a Gaussian of the augmented state: the navigator's
 error (7), the map error of each channel in units of its 1-sigma, and the instrument's states
@@ -13,7 +13,6 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.error_model import markov_step
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
@@ -45,52 +44,54 @@ def predicted(
     instrument's filter is specified or has a time constant `lag` (s)."""
     lat = rows.latitude[t] - north * rows.radian[t, 0]
     lon = rows.longitude[t] - east * rows.radian[t, 1]
-    channel = rows.channel[t]
     value = by_north = by_east = 0.0
-    if lag > 0.0:
-        for q in range(AGES.shape[0]):
-            age, weight = AGES[q, 0], AGES[q, 1]
-            back = age * lag
-            v, a, b = value_and_gradient(
-                grid,
-                lat - back * rows.velocity[t, 0] * rows.radian[t, 0],
-                lon - back * rows.velocity[t, 1] * rows.radian[t, 1],
-                channel,
-            )
-            value += weight * v
-            by_north += weight * a
-            by_east += weight * b
-    else:
-        for q in range(rows.nodes.shape[1]):
+    for q in range(AGES.shape[0] if lag > 0.0 else rows.nodes.shape[1]):
+        if lag > 0.0:
+            weight, back = AGES[q, 1], AGES[q, 0] * lag
+            to_north = -back * rows.velocity[t, 0] * rows.radian[t, 0]
+            to_east = -back * rows.velocity[t, 1] * rows.radian[t, 1]
+        else:
+            to_north, to_east = rows.nodes[t, q, 0], rows.nodes[t, q, 1]
             weight = rows.nodes[t, q, 2]
-            v, a, b = value_and_gradient(
-                grid, lat + rows.nodes[t, q, 0], lon + rows.nodes[t, q, 1], channel
-            )
-            value += weight * v
-            by_north += weight * a
-            by_east += weight * b
+        v, a, b = value_and_gradient(grid, lat + to_north, lon + to_east, rows.channel[t])
+        value += weight * v
+        by_north += weight * a
+        by_east += weight * b
     return value, by_north * rows.radian[t, 0], by_east * rows.radian[t, 1]
 
 
 @kernel(error_model="numpy")
+def values_beside(
+    grid: Grid, rows: Rows, models: Models, which: Integers, mean: Array, away: Array
+) -> Array:
+    """Return (K, P, n) what the map has where rows were taken by hypotheses of models (K,) and
+    means (K, N), and `away` (K, P, 2) m north and east from there."""
+    count = away.shape[1]
+    values = np.empty((which.shape[0], count, rows.level.shape[0]))
+    for k in range(which.shape[0]):
+        m = which[k]
+        for t in range(rows.level.shape[0]):
+            north = east = 0.0
+            for i in range(models.sizes[m]):
+                s = models.used[m, i]
+                north += rows.place[t, 0, s] * mean[k, s]
+                east += rows.place[t, 1, s] * mean[k, s]
+            for p in range(count):
+                at = north - away[k, p, 0], east - away[k, p, 1]
+                values[k, p, t] = predicted(grid, rows, t, at[0], at[1], models.lag[m])[0]
+    return values
+
+
+@kernel(error_model="numpy")
 def _linearised(
-    grid: Grid,
-    rows: Rows,
-    sigma: float,
-    load: Array,
-    lag: float,
-    used: Integers,
-    c: int,
-    at: Array,
-    z: Array,
-    H: Array,
+    grid: Grid, rows: Rows, models: Models, m: int, at: Array, z: Array, H: Array
 ) -> bool:
-    """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,); say whether all of
-    them are on the map."""
-    n = BATCH_STATES
+    """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,) of a model; say
+    whether all of them are on the map."""
+    n, used, lag, load = BATCH_STATES, models.used[m], models.lag[m], rows.load[models.shape[m]]
     for t in range(rows.level.shape[0]):
         north = east = 0.0
-        for i in range(c):
+        for i in range(models.sizes[m]):
             s = used[i]
             north += rows.place[t, 0, s] * at[i]
             east += rows.place[t, 1, s] * at[i]
@@ -98,12 +99,12 @@ def _linearised(
         if not math.isfinite(value):
             return False
         z[t] = rows.level[t] - value - lag * rows.rate[t]
-        for i in range(c):
+        for i in range(models.sizes[m]):
             s = used[i]
             slope = by_north * rows.place[t, 0, s] + by_east * rows.place[t, 1, s]
             H[t, i] = rows.reading[t, s] - slope
             if n <= s < n + load.shape[1]:
-                H[t, i] += sigma * load[t, s - n]
+                H[t, i] += models.sigma[m] * load[t, s - n]
             z[t] -= slope * at[i]  # z - J x = z - (J - G) x - G x
     return True
 
@@ -139,18 +140,7 @@ def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array
 
 @kernel(error_model="numpy")
 def _filtered(
-    x: Array,
-    P: Array,
-    z: Array,
-    H: Array,
-    noise: Array,
-    keep: Array,
-    fresh: Array,
-    step: Array,
-    joined: Array,
-    used: Integers,
-    c: int,
-    PH: Array,
+    rows: Rows, models: Models, m: int, x: Array, P: Array, z: Array, H: Array, PH: Array
 ) -> float:
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
@@ -158,20 +148,21 @@ def _filtered(
     everywhere; the two posteriors are merged by their moments."""
     wrong, width = OUTLIER
     square, determinant, evidence = 0.0, 1.0, 0.0
-    n = BATCH_STATES
-    dependent = step.shape[1] > 0 and c > n and used[n] == n
+    n, c, used, shape = BATCH_STATES, models.sizes[m], models.used[m], models.shape[m]
+    map_errors = c > n and used[n] == n
     for t in range(z.shape[0]):
-        if dependent and joined[t, 0, 0] > 0.0:
-            _stepped(x, P, step[t], joined[t], c, PH)
-        for i in range(BATCH_STATES, c):
-            f = keep[t, used[i] - BATCH_STATES]
+        if map_errors and rows.joined[shape, t, 0, 0] > 0.0:
+            _stepped(x, P, rows.step[shape, t], rows.joined[shape, t], c, PH)
+        for i in range(n, c):
+            f = rows.keep[t, used[i] - n]
             if f != 1.0:
                 x[i] *= f
                 for j in range(c):
                     P[i, j] *= f
                     P[j, i] *= f
-            P[i, i] += fresh[t, used[i] - BATCH_STATES]
-        S, innovation = noise[t], z[t]
+            P[i, i] += rows.fresh[t, used[i] - n]
+        noise = rows.noise[t] * models.noise[m]
+        S, innovation = noise, z[t]
         for i in range(c):
             value = 0.0
             for j in range(c):
@@ -189,7 +180,7 @@ def _filtered(
                 determinant = 1.0
         else:
             good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
-            bad = -0.5 * math.log(S + width * noise[t]) + math.log(wrong)
+            bad = -0.5 * math.log(S + width * noise) + math.log(wrong)
             both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
             evidence += both
             p, q = math.exp(good - both), math.exp(bad - both)
@@ -221,24 +212,12 @@ def observed(
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
     n, size = rows.level.shape[0], mean.shape[1]
-    z, H, R = np.empty(n), np.empty((n, size)), np.empty(n)
-    keep, fresh = rows.keep.copy(), rows.fresh.copy()
+    z, H, P = np.empty(n), np.empty((n, size)), np.empty((size, size))
     x, at, PH = np.empty(size), np.empty(size), np.empty(size)
-    P = np.empty((size, size))
-    channels = rows.load.shape[2]
-    before = -1
     shift, from_north, from_east = np.zeros(size), math.inf, math.inf
     for k in range(which.shape[0]):
         m = which[k]
         c, used = models.sizes[m], models.used[m]
-        if m != before:
-            before, length = m, models.length[m]
-            for t in range(n):
-                R[t] = rows.noise[t] * models.noise[m]
-                left, joins = markov_step(rows.travelled[t], length)
-                for j in range(channels):
-                    if rows.step.shape[2] == 0:
-                        keep[t, j], fresh[t, j] = left, joins
         # hypotheses at one place are moved alike: what moved the last one is a good guess
         near = abs(mean[k, 0] - from_north) + abs(mean[k, 1] - from_east) < math.sqrt(
             min(covariance[k, 0, 0], covariance[k, 1, 1])
@@ -248,19 +227,15 @@ def observed(
             at[i] = mean[k, used[i]]
             if near:
                 at[i] += shift[used[i]]
-        shape = models.shape[m]
-        load, step, joined = rows.load[shape], rows.step[shape], rows.joined[shape]
         for iteration in range(ITERATIONS):
-            if not _linearised(
-                grid, rows, models.sigma[m], load, models.lag[m], used, c, at, z, H
-            ):
+            if not _linearised(grid, rows, models, m, at, z, H):
                 evidence[k] = -math.inf
                 break
             for i in range(c):
                 x[i] = mean[k, used[i]]
                 for j in range(c):
                     P[i, j] = covariance[k, used[i], used[j]]
-            evidence[k] = _filtered(x, P, z, H, R, keep, fresh, step, joined, used, c, PH)
+            evidence[k] = _filtered(rows, models, m, x, P, z, H, PH)
             moved = math.hypot(x[0] - at[0], x[1] - at[1])
             if not moved > SETTLED * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
                 break
@@ -275,3 +250,49 @@ def observed(
                 mean[k, used[i]] = x[i]
                 for j in range(c):
                     covariance[k, used[i], used[j]] = P[i, j]
+
+
+@kernel(error_model="numpy")
+def merged(
+    which: Integers,
+    log_weight: Array,
+    mean: Array,
+    covariance: Array,
+    place: Array,
+    spreads: Array,
+) -> Integers:
+    """Merge hypotheses of one model whose places are within one 1-sigma of each other by their
+    moments, in place, and return the indices of those that stay.
+
+    Parameters
+    ----------
+    which : (K,) array
+        Sorted; within a model by falling weight.
+    place, spreads : (K, 2) and (K, 2, 2) arrays
+        See `Hypotheses.places`, m.
+    """
+    count, size = mean.shape
+    kept = np.ones(count, np.bool_)
+    for a in range(count):
+        if not kept[a]:
+            continue
+        p, q, r = spreads[a, 0, 0], spreads[a, 0, 1], spreads[a, 1, 1]
+        det = p * r - q * q
+        n0, e0 = place[a, 0], place[a, 1]
+        b = a + 1
+        while b < count and which[b] == which[a]:
+            n, e = place[b, 0] - n0, place[b, 1] - e0
+            if kept[b] and r * n * n - 2.0 * q * n * e + p * e * e < det:
+                kept[b] = False
+                total = np.logaddexp(log_weight[a], log_weight[b])
+                w = math.exp(log_weight[b] - total)
+                for i in range(size):
+                    apart = w * (1.0 - w) * (mean[b, i] - mean[a, i])
+                    for j in range(size):
+                        P, Q = covariance[a, i, j], covariance[b, i, j]
+                        covariance[a, i, j] = P + w * (Q - P) + apart * (mean[b, j] - mean[a, j])
+                for i in range(size):
+                    mean[a, i] += w * (mean[b, i] - mean[a, i])
+                log_weight[a] = total
+            b += 1
+    return np.flatnonzero(kept)

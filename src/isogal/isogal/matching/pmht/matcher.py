@@ -8,8 +8,8 @@ states. Every reading is a Kalman update of every hypothesis; how well each fore
 evidence (docs/mathematics.md, sections 4 to 9).
 
     propagate    hypotheses follow the navigator to the batch end      memory.py
-    observe      they take the new readings, field by field            rows.py, kernels.py
-    search       is the navigator somewhere else?                      diverged.py, search.py
+    observe      they take the new readings, field by field            hypotheses.py, rows.py
+    search       is the navigator somewhere else?                      search.py, cells.py
     publish      what the readings alone say; what is remembered       publish.py
 """
 
@@ -22,24 +22,24 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.maps.channels import AnyMap, channels_of
-from isogal.matching.interfaces import LOST_COVARIANCE, Batch, Fix, SecondaryBatch, declined
-from isogal.matching.pmht.cells import SURE
-from isogal.matching.pmht.diverged import decided, pursued, undeceived
-from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.matching.pmht.memory import FieldMemory, Memory, grown
-from isogal.matching.pmht.models import models_of
-from isogal.matching.pmht.moving_bank import with_needed
-from isogal.matching.pmht.publish import FieldInformation, published
+from isogal.matching.interfaces import (
+    LOST_COVARIANCE,
+    Batch,
+    Fix,
+    Information,
+    SecondaryBatch,
+    declined,
+)
+from isogal.matching.pmht.hypotheses import Hypotheses, with_needed
+from isogal.matching.pmht.memory import Memory, decided, grown, undeceived
+from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
+from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
-from isogal.matching.pmht.search import WIDE_M
-from isogal.matching.pmht.settings import assumed, options_of
+from isogal.matching.pmht.search import WIDE_M, Diverged, FieldMemory, pursued
 from isogal.matching.pmht.states import States
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 
-ELSEWHERE = -2.0 * math.log(1.0 - SURE)
-"""Squared distance, in 1-sigmas of the navigator, from its own place to one that is found, from
-which on the navigator counts as diverged: outside of where it is sure to be."""
 SAME_ESTIMATE = 0.25
 """Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and
 the one that was made, up to which the fix counts as taken: half a 1-sigma."""
@@ -47,7 +47,7 @@ the one that was made, up to which the fix counts as taken: half a 1-sigma."""
 
 @dataclass(frozen=True)
 class Pmht:
-    """The default matcher. See the module; options in `settings.Options`."""
+    """The default matcher. See the module; options in `models.Options`."""
 
     settings: tuple[MatcherSettings, ...]
     """Of each field."""
@@ -90,7 +90,7 @@ class Pmht:
             return declined(batch, reason), memory
         prior = batch.covariance
         if memory is None:
-            memory = Memory.before(prior, float(batch.time[-1]))
+            memory = Memory({}, Diverged.before(prior, float(batch.time[-1])), prior)
         else:
             memory = _propagated(memory, batch, prior)
         if reason is not None:  # of the readings: the navigator has gone on
@@ -102,7 +102,7 @@ class Pmht:
         observed = _observed(each, rows, memory, prior, curved)
         if observed is None:
             return declined(batch, "none of the likely places is on the map"), memory
-        memory, shared, evidence = observed
+        memory, information, evidence = observed
         lead = memory.fields[self.lead]
         last = replace(memory.diverged.last, rows=rows[0], evidence=evidence)
         diverged = memory.diverged.with_last(last)
@@ -116,13 +116,15 @@ class Pmht:
         reset, widened = False, None
         if found and lead.bank is not None:
             mean, covariance = bank.moments()
-            reset = bool(mean[:2] @ np.linalg.solve(prior[:2, :2], mean[:2]) > ELSEWHERE)
+            # outside of where it is all but sure to be (chi-square of 2 degrees of freedom)
+            away = float(mean[:2] @ np.linalg.solve(prior[:2, :2], mean[:2]))
+            reset = away > -2.0 * math.log(RARE)
             widened = covariance + np.outer(mean, mean)  # else the fix were beyond its gate
             prior = prior + widened + (LOST_COVARIANCE if reset else 0.0)
         if found:
-            shared = FieldInformation.nothing().with_bank(self.lead, bank, prior)
+            information = added(bank, prior, total(()))
         each_scan = self.settings[self.lead].mode == "retrodiction"
-        fix, memory = published(each, memory, prior, shared, self.names, each_scan)
+        fix, memory = published(each, memory, prior, information, self.names, each_scan)
         return replace(fix, reset=reset, widened=widened), memory
 
     def _readings(
@@ -177,7 +179,7 @@ def _propagated(memory: Memory, batch: Batch, prior: Array) -> Memory:
     first = max(len(batch) - batch.new - 1, 0)
     back = batch.backward[first].copy()
     # the last batch ended before that where all scans are new, or one was not matched
-    back[:2] -= (batch.time[first] - memory.time) * back[2:4]
+    back[:2] -= (batch.time[first] - memory.diverged.last.time) * back[2:4]
     before = memory.covariance
     if batch.correction is not None:
         off = -batch.correction - memory.taken
@@ -198,18 +200,18 @@ def _observed(
     memory: Memory,
     prior: Array,
     curved: Sequence[float],
-) -> tuple[Memory, FieldInformation, float] | None:
+) -> tuple[Memory, Information, float] | None:
     """Return the memory after new readings, what they say, and the log evidence of the first
-    field's; None where none of its hypotheses is on the map. `curved`: see `settings.Options`.
+    field's; None where none of its hypotheses is on the map. `curved`: see `models.Options`.
 
     Readings of two fields are independent given where the vehicle was: what one says of the
     navigator informs the hypotheses of the others (expectation propagation; Minka 2001)."""
-    fields, shared, evidence = dict(memory.fields), FieldInformation.nothing(), 0.0
+    fields, said, evidence = dict(memory.fields), dict[int, Information](), 0.0
     for one, new in zip(each, rows, strict=True):
         field = fields[one.field]
         if new is None or field.bank is None:
             continue
-        bank, log = field.bank.informed(shared.total, prior).normalised(), 0.0
+        bank, log = field.bank.informed(total(said.values()), prior).normalised(), 0.0
         for part in parts_of(new):
             whole = bank.split(one.field_map.grid, part, curved=curved[one.field])
             seen = whole.observed(one.field_map.grid, part)
@@ -224,9 +226,11 @@ def _observed(
         if one is each[0]:
             evidence = log
         fields[one.field] = replace(field, bank=bank)
-        shared = shared.with_bank(one.field, bank, prior)
+        said[one.field] = added(bank, prior, total(said.values()))
+    order = list(said)
     for index, field in fields.items():
         if field.bank is not None:
-            later = field.bank.informed(shared.after(index), prior).normalised()
+            since = order[order.index(index) + 1 :] if index in said else order
+            later = field.bank.informed(total(said[k] for k in since), prior).normalised()
             fields[index] = replace(field, bank=later)
-    return replace(memory, fields=fields), shared, evidence
+    return replace(memory, fields=fields), total(said.values()), evidence

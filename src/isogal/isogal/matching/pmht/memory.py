@@ -1,86 +1,22 @@
-"""What `pmht` carries from batch to batch, and how the navigator's error goes on between them
-(docs/mathematics.md, section 6.2)."""
+"""What `pmht` carries from batch to batch, how the error of the navigator goes on in between, and
+what is known where it has been found elsewhere (docs/mathematics.md, sections 6.2 and 9)."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Aided
 from isogal.matching.pmht.hypotheses import Hypotheses
-from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import Epoch
-from isogal.matching.pmht.search import Past, Search
-from isogal.matching.pmht.states import States
+from isogal.matching.pmht.models import DECEIVED, RARE
+from isogal.matching.pmht.search import Diverged, FieldMemory, Past, ranked, resolved, spread_over
 
-HOUR = 3600.0
-"""s that a search goes back."""
-EVERY, LATER = 200.0, HOUR / 2.0
-"""s from one look for other places to the next, and where it has found the navigator where it
-believes to be. Later looks find later a navigator that has diverged, earlier ones take as long
-as the fixes."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FieldMemory:
-    """Of one field."""
-
-    states: States
-    models: Models
-    bank: Hypotheses | None
-    """About the navigator as it is; None = its place is searched for."""
-    epoch: Epoch | None = None
-    specified: float = 0.0
-    """1-sigma of the map's error as specified, map's unit; 0 = it is not."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Diverged:
-    """About a navigator that may be anywhere, by the readings of the first field."""
-
-    start: Array
-    """(7, 7) covariance of the navigator before the first of `past`."""
-    past: tuple[Past, ...]
-    """Batches of the last hour, and those that a search has not come to."""
-    look: float
-    """s, when it is time for the next look."""
-    whole: bool = True
-    """Whether they are all since the navigator's place was known."""
-    search: Search | None = None
-    """None = nothing is likely enough to be followed up."""
-
-    @classmethod
-    def before(cls, prior: Array, time: float) -> "Diverged":
-        """Return that of a navigator of covariance (7, 7) of whose readings before a time (s)
-        nothing is asked."""
-        same, nothing = np.eye(BATCH_STATES), np.zeros_like(prior)
-        return cls(prior, (Past.of(same, nothing, prior, time),), time + EVERY)
-
-    @property
-    def found(self) -> Hypotheses | None:
-        """What a search has found that has come to the last batch; None = nothing has."""
-        done = self.search is not None and self.search.done == len(self.past)
-        return self.search.hypotheses if self.search is not None and done else None
-
-    def later(self, passed: Past) -> "Diverged":
-        """Return it with another batch, and without those that nothing asks for any more."""
-        past, start, search, whole = (*self.past, passed), self.start, self.search, self.whole
-        while passed.time - past[0].time > HOUR and (search is None or search.done > 1):
-            start, past, whole = past[0].left, past[1:], False
-            search = None if search is None else replace(search, done=search.done - 1)
-        return replace(self, past=past, start=start, whole=whole, search=search)
-
-    @property
-    def last(self) -> Past:
-        """The last batch."""
-        return self.past[-1]
-
-    def with_last(self, last: Past) -> "Diverged":
-        """Return it with another last batch."""
-        return replace(self, past=(*self.past[:-1], last))
+SAYS = math.log((1.0 - RARE) / RARE)
+"""Log odds at which the bank is given up for what a search has found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,24 +25,16 @@ class Memory:
 
     fields: Mapping[int, FieldMemory]
     """By their place in the list of fields."""
-    covariance: Array
-    """(7, 7) of that navigator."""
     diverged: Diverged
     untaken: Array
     """(7, 7) what it was before that fix."""
     taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
     """(7,) error that the last fix takes off its estimate."""
 
-    @classmethod
-    def before(cls, prior: Array, time: float) -> "Memory":
-        """Return that before the readings of a first batch, which ends at a time (s), of a
-        navigator of covariance (7, 7)."""
-        return cls({}, prior, Diverged.before(prior, time), prior)
-
     @property
-    def time(self) -> float:
-        """s, end of the last batch."""
-        return self.diverged.last.time
+    def covariance(self) -> Array:
+        """(7, 7) of that navigator."""
+        return self.diverged.last.left
 
     def moved(self, by: Array) -> "Memory":
         """Return that of a navigator whose estimate has lost a further error (7,)."""
@@ -124,26 +52,29 @@ class Memory:
 
         Parameters
         ----------
-        before, back, prior
-            See `steps`.
+        before, prior : (7, 7) arrays
+            The navigator's covariance at the last batch end after its fix, and at this one. What
+            it has learnt from other aids makes every hypothesis as much narrower.
+        back : (7, 7) array
+            Error there per unit of error here.
         aided : Aided, optional
             What satellites have told of the error at that end.
         """
-        alone, narrowing = steps(before, back, prior if aided is None else aided.covariance)
-        if any(one.bank is None for one in self.fields.values()):
-            # of kilometres, what is not linear in them looks like growth
-            alone = alone._replace(growth=np.zeros_like(prior))
-        diverged = self.diverged.with_last(replace(self.diverged.last, left=before))
-        passed = Past.of(*alone, prior, time)
+        told = prior if aided is None else aided.covariance
+        forward, growth, learnt = steps(before, back, told)
+
+        def followed(bank: Hypotheses) -> Hypotheses:
+            bank = bank.carried(forward, growth)
+            bank = bank if learnt is None else bank.carried(learnt, np.zeros_like(prior))
+            return bank.aided(aided, prior)
+
+        # of kilometres, what is not linear in them looks like growth
+        lost = any(one.bank is None for one in self.fields.values())
+        passed = Past(forward, np.zeros_like(prior) if lost else growth, prior, time)
         if aided is not None:
             passed = replace(passed, taken=-aided.jump)
-        return replace(
-            self._each(lambda bank: bank.carried(*narrowing).aided(aided, prior)),
-            covariance=prior,
-            untaken=prior,
-            diverged=diverged.later(passed),
-            taken=np.zeros(BATCH_STATES),
-        )
+        diverged = self.diverged.with_last(replace(self.diverged.last, left=before))
+        return Memory(self._each(followed).fields, diverged.later(passed), prior)
 
     def after(self, taken: Array, covariance: Array) -> "Memory":
         """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
@@ -155,7 +86,6 @@ class Memory:
             diverged = diverged.with_last(replace(last, taken=last.taken + taken, left=covariance))
         return replace(
             self._each(lambda bank: bank.moved(taken)),
-            covariance=covariance,
             diverged=diverged,
             taken=taken,
         )
@@ -168,36 +98,14 @@ class Memory:
         return replace(self, fields=fields)
 
 
-class Step(NamedTuple):
-    """An error x becomes `forward` x, and `growth` joins its covariance."""
-
-    forward: Array
-    """(7, 7)."""
-    growth: Array
-    """(7, 7)."""
-
-
-def steps(before: Array, back: Array, prior: Array) -> tuple[Step, Step]:
-    """Return what the dynamics do, and the same with what the navigator has learnt from other
-    aids, which makes every hypothesis as much narrower as the navigator.
-
-    Parameters
-    ----------
-    before, prior : (7, 7) arrays
-        The navigator's covariance at the last batch end after its fix, and at this one.
-    back : (7, 7) array
-        Error there per unit of error here.
-    """
+def steps(before: Array, back: Array, told: Array) -> tuple[Array, Array, Array | None]:
+    """Return (7, 7) what the dynamics make of an error, what joins its covariance, and what then
+    makes that covariance the navigator's, `told`; None where it is that already. See
+    `Memory.propagated`."""
     forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
     dynamic = forward @ before @ forward.T
-    growth, narrower = grown(dynamic, prior)
-    alone = Step(forward, growth)
-    if not narrower:
-        return alone, alone
-    scale = np.sqrt(np.diag(prior))
-    unit = np.outer(scale, scale)
-    learnt = _transport((dynamic + growth) / unit, prior / unit) * scale[:, None] / scale
-    return alone, Step(learnt @ forward, learnt @ growth @ learnt.T)
+    growth, narrower = grown(dynamic, told)
+    return forward, growth, _transport(dynamic + growth, told) if narrower else None
 
 
 def grown(before: Array, after: Array) -> tuple[Array, bool]:
@@ -210,12 +118,52 @@ def grown(before: Array, after: Array) -> tuple[Array, bool]:
 
 
 def _transport(a: Array, b: Array) -> Array:
-    """Return the symmetric T with T a T = b: the optimal map from N(0, a) to N(0, b) (Gelbrich
-    1990)."""
-    values, vectors = np.linalg.eigh(a)
+    """Return the symmetric T with T a T = b in units of the 1-sigmas of b: the optimal map from
+    N(0, a) to N(0, b) (Gelbrich 1990)."""
+    scale = np.sqrt(np.diag(b))
+    values, vectors = np.linalg.eigh(a / scale / scale[:, None])
     root = np.sqrt(np.maximum(values, 1e-300))
     half = (vectors * root) @ vectors.T
     inverse = (vectors / root) @ vectors.T
-    values, vectors = np.linalg.eigh(half @ b @ half)
+    values, vectors = np.linalg.eigh(half @ (b / scale / scale[:, None]) @ half)
     middle = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    return np.asarray(inverse @ middle @ inverse)
+    return np.asarray(inverse @ middle @ inverse * scale[:, None] / scale)
+
+
+def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool]:
+    """Return the memory, with hypotheses at the place that has been found where that is certain,
+    and whether it is."""
+    diverged, lead = memory.diverged, memory.fields[first]
+    search, found = diverged.search, diverged.found
+    if search is None or found is None or not resolved(found):
+        return memory, False
+    if lead.bank is not None and search.log_odds < SAYS:
+        return memory, False
+    # those that a search began with may not have held the place: have all cells it there?
+    _, there = ranked(diverged, lead, field_map, found.moments()[0])
+    if there < RARE:
+        return replace(memory, diverged=replace(diverged, search=None, look=-math.inf)), False
+    return _at_place(memory, found), True
+
+
+def undeceived(memory: Memory, first: int) -> tuple[Memory, bool]:
+    """Return the memory, with hypotheses where the map says the navigator is where it is certain
+    that satellites are wrong, and whether it is."""
+    bank = memory.fields[first].bank
+    if bank is None or not bank.faults[DECEIVED] > 1.0 - RARE:
+        return memory, False
+    alone = bank.part(bank.models.family[bank.which] == DECEIVED)
+    return (_at_place(memory, alone), True) if resolved(alone) else (memory, False)
+
+
+def _at_place(memory: Memory, found: Hypotheses) -> Memory:
+    """Return the memory of a navigator that is where hypotheses have it; of the models nothing is
+    known but what was before the first reading."""
+    fields = {
+        index: replace(
+            one, bank=spread_over(found, one.models).reduced(np.eye(2, one.states.count))
+        )
+        for index, one in memory.fields.items()
+    }
+    diverged = Diverged.before(memory.covariance, memory.diverged.past[-1].time)
+    return replace(memory, fields=fields, diverged=diverged)

@@ -12,9 +12,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array, Integers
 from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.quantities import GRAVITY
+from isogal.maps.roughness import roughness
+from isogal.matching.interfaces import Batch
+from isogal.matching.pmht.rows import stated_sigma
 from isogal.matching.pmht.states import (
     BIAS,
     COUPLING_FORWARD,
@@ -23,7 +29,12 @@ from isogal.matching.pmht.states import (
     DRIFT,
     States,
 )
+from isogal.matching.registry import check_options
+from isogal.scenario import Matcher as MatcherSettings
 
+CURVED = 0.25
+"""Share of its change by which the map may depart from linear over a hypothesis before that is
+split, unless an option says otherwise."""
 LENGTH_STEP, LENGTH_FACTOR = 4.0, 2.5
 LEAST_SIGMA, OF_SCALE = 0.125, 0.5
 """Of the map's error: least sigma in units of the noise, largest in units of the map's scale; the
@@ -51,10 +62,6 @@ LATE_S = 20.0
 """1-sigma of a delay where none is specified."""
 COUPLING = 1e-3
 """1-sigma of what a gravimeter takes from each horizontal acceleration: 1 mGal from 0.01 m/s²."""
-
-FALSE_SATELLITES = UNHEARD_OF**2
-"""Probability that satellites are wrong, times how likely what they say is then: a voyage in a
-thousand, and as likely anywhere within a kilometre as within metres where they are right."""
 
 COARSE_SHARES, COARSE_LENGTH = (0.5, 1.0), 0.5
 """1-sigma of what a map's grid leaves out, as shares of its roughness (over SE Australia, half as
@@ -105,7 +112,9 @@ FAULTS = (
     *(Fault(FILTERED, 0.005, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
-    Fault(DECEIVED, FALSE_SATELLITES),
+    # satellites are wrong on a voyage in a thousand, times how likely what they say is then: as
+    # likely anywhere within a kilometre as within metres where they are right
+    Fault(DECEIVED, UNHEARD_OF**2),
 )
 
 
@@ -182,33 +191,89 @@ class Assumed:
     """1-sigma of a specified bias."""
     drift: float = 0.0
     """1-sigma, per s."""
-    walks: bool = False
-    """Whether the bias is specified as a random walk."""
     delay: float = 0.0
     """1-sigma of a specified delay, s."""
-    filtered: bool = False
-    """Whether the instrument's filter is specified."""
-    satellites: bool = False
-    """Whether the navigator may have satellites."""
-    shaken: bool = False
-    """Whether readings may contain what accelerations do to a gravimeter, not specified."""
+    without: frozenset[int] = frozenset({DECEIVED})
+    """Families of faults that there cannot be, or that are specified instead."""
+
+
+class Options(BaseModel):
+    """`matcher.options` of a scenario."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    trust: float = Field(
+        2.0,
+        ge=1.0,
+        le=100.0,
+        description=(
+            "factor within which a given map_sigma and correlation length are right (1-sigma); 1"
+            " = to the letter"
+        ),
+    )
+    curved: float = Field(
+        CURVED,
+        gt=0.0,
+        le=1.0,
+        description=(
+            "share of its change by which the map may depart from linear over a hypothesis before"
+            " that is split; less where a navigator is far less certain than the map's hills are"
+            " wide, at the price of time"
+        ),
+    )
+    bias_drift_sigma: float | None = Field(
+        None,
+        ge=0.0,
+        description=(
+            "1-sigma of the readings' drift, map's unit per second; null = bias_sigma in three"
+            " hours"
+        ),
+    )
+
+
+def options_of(matcher: MatcherSettings) -> Options:
+    """Return its options; raises InputError on an unknown or bad one."""
+    return check_options("pmht", matcher.options, Options)
+
+
+def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assumed:
+    """Return what is known before the first batch of a run, by a scenario's matcher section;
+    raises InputError on a bad option."""
+    options, maps = options_of(matcher), channels_of(field_map)
+    rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
+    stated = float(np.mean([stated_sigma(one) for one in maps]))
+    specified = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
+    if stated > 0.0:
+        specified = max(specified or 0.0, stated)
+    drift = options.bias_drift_sigma
+    named = () if batch.parameters is None else batch.parameters.names
+    known = (
+        (BIASED, matcher.bias_sigma > 0.0 or batch.bias_walk > 0.0),
+        (LATE, batch.delay_sigma > 0.0),
+        (FILTERED, batch.filter_path is not None),
+        (SHAKEN, field_map.quantity not in GRAVITY or "coupling_forward" in named),
+        (DECEIVED, not batch.satellites),
+    )
+    return Assumed(
+        noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
+        scale=float(np.mean([one.scale for one in maps])),
+        rough=float(np.mean([roughness(one) for one in maps])),
+        step=math.hypot(*maps[0].cell_size_m(float(batch.latitude[-1]))) / math.sqrt(2.0),
+        sigma=specified,
+        length=matcher.map_correlation_length,
+        trust=options.trust,
+        bias=matcher.bias_sigma,
+        drift=matcher.bias_sigma / DRIFT_TIME if drift is None else drift,
+        delay=batch.delay_sigma,
+        without=frozenset(family for family, gone in known if gone),
+    )
 
 
 def models_of(assumed: Assumed, states: States) -> Models:
     """Return the models of a run."""
-    gone = set() if states.unknown else set(OF_ONE_NUMBER)
-    gone |= {
-        family
-        for family, known in (
-            (BIASED, assumed.bias > 0.0 or assumed.walks),
-            (LATE, assumed.delay > 0.0),
-            (FILTERED, assumed.filtered),
-            (SHAKEN, not assumed.shaken),
-            (DECEIVED, not assumed.satellites),
-            (COARSE, assumed.sigma is not None or not assumed.rough > 0.0),
-        )
-        if known
-    }
+    gone = assumed.without | (set() if states.unknown else OF_ONE_NUMBER)
+    if assumed.sigma is not None or not assumed.rough > 0.0:
+        gone |= {COARSE}
     faults = [fault for fault in FAULTS if fault.family not in gone]
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
         faults = [fault for fault in faults if fault.family in (NONE, DECEIVED)]
@@ -288,15 +353,12 @@ def table_of(
         last[:, DRIFT] = [max(f.drift * share / DRIFT_TIME, assumed.drift) for f in fault]
         last[:, DELAY] = [max(f.delay, assumed.delay) for f in fault]
         last[:, COUPLING_FORWARD] = last[:, COUPLING_RIGHT] = [f.coupling for f in fault]
-    has = initial > 0.0
-    has[:, states.channels :] |= states.walk > 0.0
-    n = BATCH_STATES + initial.shape[1]
-    used = np.zeros((count, n), np.int64)
-    sizes = np.zeros(count, np.int64)
-    for k in range(count):
-        own = np.r_[np.arange(BATCH_STATES), BATCH_STATES + np.flatnonzero(has[k])]
-        used[k, : len(own)], sizes[k] = own, len(own)
-    family = np.array([f.family for f in fault])
+    has = np.concatenate([np.ones((count, BATCH_STATES), bool), initial > 0.0], axis=1)
+    has[:, BATCH_STATES + states.channels :] |= states.walk > 0.0
+    family, noise, lag, start, growth = (
+        np.array([getattr(f, name) for f in fault])
+        for name in ("family", "noise", "lag", "start", "growth")
+    )
     begins = [a[3] != b[3] or a[1] != b[1] for a, b in itertools.pairwise(rows)]
     rough = np.where(family == COARSE, assumed.rough, 0.0)
     shape = np.unique(np.stack([rough, length], axis=1), axis=0, return_inverse=True)[1]
@@ -305,13 +367,13 @@ def table_of(
         length,
         shape.reshape(-1).astype(np.int64),
         rough,
-        np.array([f.noise for f in fault]),
-        np.array([f.lag for f in fault]),
-        np.array([f.start for f in fault]),
-        np.array([f.growth for f in fault]),
+        noise,
+        lag,
+        start,
+        growth,
         initial,
-        used,
-        sizes,
+        np.argsort(~has, axis=1, kind="stable"),
+        has.sum(axis=1),
         family,
         np.cumsum([False, *begins]),
         log_prior - np.logaddexp.reduce(log_prior),

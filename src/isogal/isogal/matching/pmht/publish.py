@@ -1,7 +1,7 @@
 """The fix of a batch: what its readings alone say (docs/mathematics.md, section 7)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,8 +25,9 @@ from isogal.matching.interfaces import (
     Information,
     SecondaryBatch,
     declined,
+    located,
+    with_scans,
 )
-from isogal.matching.pmht.diverged import probability
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.memory import Memory
 from isogal.matching.pmht.models import FAMILIES
@@ -38,53 +39,28 @@ SHOWN = 64
 """Hypotheses that are shown as candidates, at most."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FieldInformation:
-    """What the readings of fields say of the navigator's error x, one after the other."""
-
-    each: tuple[tuple[int, Information], ...]
-    """Fields and what theirs add to those before."""
-
-    @classmethod
-    def nothing(cls) -> "FieldInformation":
-        """Return that of no readings."""
-        return cls(())
-
-    @property
-    def total(self) -> Information:
-        """Of all."""
-        return _sum([one for _, one in self.each])
-
-    def after(self, field: int) -> Information:
-        """Return what fields say that came after one of them."""
-        order = [index for index, _ in self.each]
-        first = order.index(field) + 1 if field in order else 0
-        return _sum([one for _, one in self.each[first:]])
-
-    def with_bank(self, field: int, bank: Hypotheses, prior: Array) -> "FieldInformation":
-        """Return it with what the readings of a field say that makes a navigator N(0, prior),
-        informed by the others, what its bank says."""
-        mean, before = np.zeros(BATCH_STATES), prior
-        if self.each:
-            mean, before = informed(prior, self.total)
-        after, covariance = bank.credible().moments()
-        own = likelihood_information(after - mean, covariance, before)
-        own = Information(own.vector + own.matrix @ mean, own.matrix)
-        return FieldInformation((*self.each, (field, own)))
-
-
-def _sum(parts: Sequence[Information]) -> Information:
+def total(parts: Iterable[Information]) -> Information:
+    """Return what all of some readings say of the navigator's error, by what each adds."""
     vector, matrix = np.zeros(BATCH_STATES), np.zeros((BATCH_STATES, BATCH_STATES))
     for one in parts:
         vector, matrix = vector + one.vector, matrix + one.matrix
     return Information(vector, matrix)
 
 
+def added(bank: Hypotheses, prior: Array, known: Information) -> Information:
+    """Return what readings add to what is known that make a navigator N(0, prior), informed by
+    that, what their bank says."""
+    mean, before = informed(prior, known)
+    after, covariance = bank.credible().moments()
+    own = likelihood_information(after - mean, covariance, before)
+    return Information(own.vector + own.matrix @ mean, own.matrix)
+
+
 def published(
     each: Sequence[SecondaryBatch],
     memory: Memory,
     prior: Array,
-    shared: FieldInformation,
+    information: Information,
     names: Sequence[str],
     each_scan: bool,
 ) -> tuple[Fix, Memory]:
@@ -96,30 +72,27 @@ def published(
         The batch of the first field, and those of others.
     prior : (7, 7) array
         Covariance of the navigator, widened where it has diverged.
+    information : Information
+        What the readings of all fields say.
     each_scan : bool
         Whether it says what each scan is given of it (retrodiction).
     """
     batch = each[0].batch
     figures = _figures(each, memory, names)
     error = _gravity_error(each, memory)
-    information = shared.total
-    if not information.matrix.any():
-        reason = SATELLITES if batch.aided is not None else NOTHING_NEW
+    reason = SATELLITES if batch.aided is not None else NOTHING_NEW
+    mean, covariance = informed(prior, information)
+    new = information.matrix.any() and (batch.aided is None or adds(prior, covariance))
+    if not new:
         fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
-    mean, covariance = informed(prior, information)
-    if batch.aided is not None and not adds(prior, covariance):
-        fix = replace(declined(batch, SATELLITES, **figures), map_error=error)
-        return fix, memory.after(np.zeros(BATCH_STATES), prior)
     place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
-    north, east = metres_per_radian(batch.end[0])
     bank = memory.fields[each[0].field].bank
     assert bank is not None
-    fix = Fix(
-        time=float(batch.time[-1]),
-        latitude=float(batch.end[0] - place[0] / north),
-        longitude=float(batch.end[1] - place[1] / east),
-        covariance=spread,
+    fix = located(
+        batch,
+        place,
+        spread,
         shown=lambda: _candidates(each[0], bank),
         diagnostics=figures,
         information=information,
@@ -172,26 +145,11 @@ def _of_each_scan(
     fix: Fix, one: SecondaryBatch, information: Information, prior: Array, mean: Array
 ) -> Fix:
     """Return the fix with what it says at each scan, for retrodiction."""
-    batch = one.batch
-    each, _ = first_channel(batch, one.field_map)  # each scan once
-    count, new = len(each), slice(len(each) - each.new, None)
-    moved = np.full((count, 2), np.nan)
-    moved[new] = each.position_by_error[new] @ mean
-    north, east = metres_per_radian(each.latitude)
-    covariance = np.full((count, 2, 2), np.nan)
-    covariance[new] = fix.covariance * each.new
-    parts: list[Information | None] = [None] * count
-    parts[new] = shares(information, prior, each.backward[new])
-    late = batch.end_place is not None  # says where the vehicle was, not where it is at the stamps
-    places = np.stack(
-        [each.latitude - moved[:, 0] / north, each.longitude - moved[:, 1] / east], -1
-    )
-    return replace(
-        fix,
-        scan_position=None if late else places,
-        scan_covariance=None if late else covariance,
-        scan_information=tuple(parts),
-    )
+    each, _ = first_channel(one.batch, one.field_map)  # each scan once
+    parts: list[Information | None] = [None] * (len(each) - each.new)
+    parts += shares(information, prior, each.backward[len(parts) :])
+    fix = with_scans(fix, each, each.position_by_error @ mean)
+    return replace(fix, scan_information=tuple(parts))
 
 
 def _figures(
@@ -217,5 +175,5 @@ def _figures(
     figures["feature_variability"] = float(feature_variability(field_map, *place)[0])
     search = memory.diverged.search
     if search is not None and memory.diverged.found is not None:
-        figures["diverged"] = probability(search.log_odds)
+        figures["diverged"] = float(np.exp(-np.logaddexp(0.0, -search.log_odds)))
     return figures

@@ -22,7 +22,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
-from isogal.maps.error_model import Chain, chained, filtered_chain, shares
+from isogal.maps.error_model import Chain, chained, filtered_chain, independent, shares
 from isogal.maps.field_map import FieldMap
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
@@ -64,18 +64,15 @@ class Rows(NamedTuple):
     lengths; in units of a model's sigma."""
     noise: Array
     """(n,) variance."""
-    travelled: Array
-    """(n,) m since the row before."""
     keep: Array
-    """(n, N - 7) share of a state that is left since the row before; of u the models say it."""
+    """(n, N - 7) share of a state that is left since the row before; of u, 1."""
     fresh: Array
-    """(n, N - 7) variance that has joined it."""
+    """(n, N - 7) variance that has joined it; of u, 0."""
     step: Array
-    """(L, n, U, U) what has become of map errors since the row before where they depend on each
-    other, for each of the L correlation lengths of the models, instead of `keep`; (L, n, 0, 0)
-    where they do not."""
+    """(L, n, U, U) what has become of u since the row before, for each of the L lengths."""
     joined: Array
-    """(L, n, U, U) covariance that has joined them; 0 where `step` is of no concern."""
+    """(L, n, U, U) covariance that has joined u; 0 of a row at the place of the one before, whose
+    `step` does not count."""
     rate: Array
     """(n,) change per s of what the reduction adds to the readings."""
     velocity: Array
@@ -147,12 +144,14 @@ def rows_of(
     elapsed = np.diff(time, prepend=first.time)
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
-    travelled = np.hypot(*moved.T)
-    chain = _chain_of(batch, states)
-    steps, step, joined = chained(chain, moved, first.steps, lengths, last is None)
-    if batch.filter_path is not None and states.channels == 2:
+    steps, travelled, chain = first.steps, np.hypot(*moved.T), _chain_of(batch, states)
+    if chain is not None:
+        steps, step, joined = chained(chain, moved, steps, lengths, last is None)
+    elif batch.filter_path is not None and states.channels == 2:
         memory = batch.filter_path.memory
         step, joined = filtered_chain(memory, travelled, lengths, last is None)
+    else:
+        step, joined = independent(states.channels, travelled, lengths)
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
     place, reading = _effects(batch, which, states, first)
@@ -166,7 +165,6 @@ def rows_of(
         reading,
         loads_of(batch, which, field_map, states.channels, channel, rough),
         batch.sigma[which] ** 2 + rounding[channel],
-        travelled,
         keep,
         fresh,
         step,

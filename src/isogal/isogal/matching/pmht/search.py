@@ -2,29 +2,55 @@
 kilometres, or where the readings of the last hour say that it has diverged.
 
 The best cells of a grid (`cells.py`) become hypotheses of few models, which follow the navigator
-through the batches of the last hour. docs/mathematics.md, section 9.
+through the batches of the last hour; their odds against the bank say whether it is there.
+docs/mathematics.md, section 9.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
+from isogal.maps.channels import AnyMap
 from isogal.maps.interpolation import Grid
-from isogal.matching.pmht.cells import PLACES
-from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
-from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import OF_LENGTHS, Rows, parts_of
+from isogal.matching.interfaces import LOST_COVARIANCE
+from isogal.matching.pmht.cells import FEATURE_M, PLACES, Ranked, Seen
+from isogal.matching.pmht.hypotheses import FLOOR, NEGLIGIBLE, Hypotheses, at_same_time
+from isogal.matching.pmht.models import NONE, RARE, SIGMA_STEP, UNHEARD_OF, Models, few
+from isogal.matching.pmht.rows import OF_LENGTHS, Epoch, Rows, parts_of, usual_noise
+from isogal.matching.pmht.states import States
 
 WORK = 10000
 """Readings times hypotheses of the usual number of states that a search goes through with one
 batch, 0.15 s; with 8000 a place on a map of 3 mGal is found 2 minutes later than with 20000."""
 
-WIDE_M, FEW = 500.0, 24
+WIDE_M, FEW = FEATURE_M / 4.0, 24
 """1-sigma of a place, along an axis, above which it is searched for and below which it is found;
 and how many hypotheses stand for it at most."""
+HOUR = 3600.0
+"""s that a search goes back."""
+EVERY, LATER = 200.0, HOUR / 2.0
+"""s from one look for other places to the next, and where it has found the navigator where it
+believes to be. Later looks find later a navigator that has diverged, earlier ones take as long
+as the fixes."""
+DIVERGED_LOG_ODDS = math.log(UNHEARD_OF)
+"""Of a navigator that has diverged, before any reading."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldMemory:
+    """Of one field."""
+
+    states: States
+    models: Models
+    bank: Hypotheses | None
+    """About the navigator as it is; None = its place is searched for."""
+    epoch: Epoch | None = None
+    specified: float = 0.0
+    """1-sigma of the map's error as specified, map's unit; 0 = it is not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,19 +63,14 @@ class Past:
     """(7, 7) what has joined the navigator's covariance."""
     left: Array
     """(7, 7) covariance of the navigator after its fix."""
-    taken: Array
-    """(7,) what its fix took off the error."""
     time: float
     """s, its end."""
+    taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
+    """(7,) what its fix took off the error."""
     rows: Rows | None = None
     """None = there was no reading."""
     evidence: float = 0.0
     """Log evidence of its readings given those before, by the bank."""
-
-    @classmethod
-    def of(cls, forward: Array, growth: Array, prior: Array, time: float) -> "Past":
-        """Return that of a batch that has had no reading and no fix."""
-        return cls(forward, growth, prior, np.zeros(BATCH_STATES), time)
 
 
 def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array, Array]:
@@ -154,14 +175,125 @@ def resolved(them: Hypotheses) -> bool:
     return bool(covariance[0, 0] + covariance[1, 1] < 2.0 * WIDE_M**2)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Diverged:
+    """About a navigator that may be anywhere, by the readings of the first field."""
+
+    start: Array
+    """(7, 7) covariance of the navigator before the first of `past`."""
+    past: tuple[Past, ...]
+    """Batches of the last hour, and those that a search has not come to."""
+    look: float
+    """s, when it is time for the next look."""
+    whole: bool = True
+    """Whether they are all since the navigator's place was known."""
+    search: Search | None = None
+    """None = nothing is likely enough to be followed up."""
+
+    @classmethod
+    def before(cls, prior: Array, time: float) -> "Diverged":
+        """Return that of a navigator of covariance (7, 7) of whose readings before a time (s)
+        nothing is asked."""
+        same, nothing = np.eye(BATCH_STATES), np.zeros_like(prior)
+        return cls(prior, (Past(same, nothing, prior, time),), time + EVERY)
+
+    @property
+    def found(self) -> Hypotheses | None:
+        """What a search has found that has come to the last batch; None = nothing has."""
+        done = self.search is not None and self.search.done == len(self.past)
+        return self.search.hypotheses if self.search is not None and done else None
+
+    def later(self, passed: Past) -> "Diverged":
+        """Return it with another batch, and without those that nothing asks for any more."""
+        past, start, search, whole = (*self.past, passed), self.start, self.search, self.whole
+        while passed.time - past[0].time > HOUR and (search is None or search.done > 1):
+            start, past, whole = past[0].left, past[1:], False
+            search = None if search is None else replace(search, done=search.done - 1)
+        return replace(self, past=past, start=start, whole=whole, search=search)
+
+    @property
+    def last(self) -> Past:
+        """The last batch."""
+        return self.past[-1]
+
+    def with_last(self, last: Past) -> "Diverged":
+        """Return it with another last batch."""
+        return replace(self, past=(*self.past[:-1], last))
+
+
+def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
+    """Return it after the hypotheses about places have taken more readings, or after a look where
+    there are none and it is time for one."""
+    history, search = diverged.past, diverged.search
+    rows, now, lost = history[-1].rows, history[-1].time, lead.bank is None
+    if search is None:
+        if lost and all(one.rows is None for one in history):
+            return diverged
+        if not lost and (now < diverged.look or rows is None or not _in_doubt(lead, rows)):
+            return diverged
+        begun, wait = _look(diverged, lead, field_map)
+        diverged = replace(diverged, look=now + wait)
+        if begun is None:
+            return diverged
+        search = Search(begun, DIVERGED_LOG_ODDS)
+    search = search.later(history, field_map.grid)
+    if search is None or lost:
+        return replace(diverged, search=search)
+    if search.log_odds < DIVERGED_LOG_ODDS - FLOOR:
+        return replace(diverged, search=None, look=now + LATER)
+    worse = search.done == len(history) and search.log_odds < DIVERGED_LOG_ODDS
+    return replace(diverged, search=None if worse else search)
+
+
+def _wide(diverged: Diverged, lost: bool) -> Array:
+    """Return (7, 7) the covariance of an error that is searched for."""
+    wide = diverged.start.copy()
+    if not lost:
+        n = BATCH_STATES if not diverged.whole else 2
+        wide[:n, :n] += LOST_COVARIANCE[:n, :n]
+    return wide
+
+
+def ranked(
+    diverged: Diverged, lead: FieldMemory, field_map: AnyMap, now: Array
+) -> tuple[Ranked, float]:
+    """Return all cells by the readings of the last hour, and how probable those are where a
+    navigator of an error (7,) at the end of the last batch, before its fix, would be."""
+    rows, since, A, b = unaided(diverged.past, diverged.start)
+    seen = Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows)))
+    cells = Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2])
+    begin = np.asarray(np.linalg.solve(A, now - b), dtype=np.float64)
+    return cells, cells.share(begin[:2], 4.0 * WIDE_M)
+
+
+def _look(
+    diverged: Diverged, lead: FieldMemory, field_map: AnyMap
+) -> tuple[Hypotheses | None, float]:
+    """Return hypotheses about places where the readings fit, None where there are too many, or
+    where they fit at the navigator's own as well; and how long it is to the next look (s)."""
+    lost = lead.bank is None
+    cells, own = ranked(diverged, lead, field_map, np.zeros(BATCH_STATES))
+    if not lost and own > RARE:
+        return None, LATER if own > 0.5 else EVERY
+    fine = cells.finer()
+    return None if fine is None else fine.hypotheses(_wide(diverged, lost)), EVERY
+
+
+def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
+    """Whether readings and map differ by what a wrong place could explain: the map's error is
+    larger than the noise and than specified, or something else is wrong."""
+    bank = lead.bank
+    assert bank is not None
+    expected = max(usual_noise(rows), lead.specified * SIGMA_STEP)
+    return bool(bank.map_error[0] > expected or bank.faults[NONE] < 0.5)
+
+
 def spread_over(them: Hypotheses, models: Models) -> Hypotheses:
     """Return the same places under other models, of which nothing is known yet."""
     them = pruned(them, FEW, np.eye(2, them.mean.shape[1]))
     count, m, n = len(them), len(models.sigma), BATCH_STATES
-    base = Hypotheses.before(models, np.eye(n))
-    covariance = np.tile(base.covariance, (count, 1, 1))
-    covariance[:, :n, :n] = np.repeat(them.covariance[:, :n, :n], m, axis=0)
-    mean = np.zeros((count * m, covariance.shape[1]))
-    mean[:, :n] = np.repeat(them.mean[:, :n], m, axis=0)
+    mean, covariance = (
+        np.repeat(a, m, axis=0) for a in (them.mean[:, :n], them.covariance[:, :n, :n])
+    )
     weight = (them.log_weight[:, None] + models.log_prior).ravel()
-    return Hypotheses(models, np.tile(np.arange(m), count), weight, mean, covariance)
+    return Hypotheses.of(models, np.tile(np.arange(m), count), weight, mean, covariance)

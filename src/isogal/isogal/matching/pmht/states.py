@@ -29,7 +29,7 @@ class States:
     """The states of an instrument, theta: C numbers."""
 
     names: tuple[str, ...]
-    """Of the first of them; there may be fewer than C."""
+    """(C,) as the diagnostics have them; "" of those that they do not have."""
     sigma: Array
     """(C,) 1-sigma before any reading; of those of UNKNOWN, which come last, models say it."""
     time: Array
@@ -48,11 +48,12 @@ class States:
     @classmethod
     def of(cls, batch: Batch, field_map: AnyMap) -> "States":
         """Return those of the batches of a run, by its first one."""
-        parameters = batch.parameters
-        if parameters is None:
-            parameters = Parameters((), np.zeros(0), np.zeros((len(batch), 0)))
         more = 0 if batch.channel is not None else len(UNKNOWN)
-        last = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
+        walk = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
+        none = np.zeros((len(batch), more))
+        unknown = Parameters(UNKNOWN[:more], np.zeros(more), none, walk=walk)
+        every = Parameters.together([batch.parameters, unknown])
+        assert every is not None
         channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
         order = 1
         if batch.of_one_potential is not None:
@@ -62,13 +63,7 @@ class States:
         elif batch.filter_path is not None and channels == 1:
             channels = 2
         return cls(
-            parameters.names,
-            np.concatenate([parameters.sigma, np.zeros(more)]),
-            np.concatenate([parameters.times, np.full(more, np.inf)]),
-            np.concatenate([parameters.walks, last]),
-            channels * order,
-            more,
-            order,
+            every.names, every.sigma, every.times, every.walks, channels * order, more, order
         )
 
     @property
