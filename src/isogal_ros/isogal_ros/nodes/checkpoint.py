@@ -86,7 +86,7 @@ class Checkpoint:
 
     def save(self, ns: int, content: Any) -> None:
         """Write what is true at a stamp; a failure is reported and changes nothing else."""
-        if not self.is_kept:
+        if self._path is None:
             return
         sync = time.monotonic() - self._synced > SYNC_EVERY
         try:
