@@ -9,7 +9,6 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.magnetics.aircraft import MagneticAircraft, VectorErrors
 from isogal.magnetics.manoeuvres import Flight, calibration_flight, ordinary_flight
-from isogal.magnetics.terms import derivative
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.seeds import generator
@@ -71,7 +70,7 @@ def record(path: Path, flight: Flight, anomaly: Array, astray: float, seed: int)
     main_field = field_vector(*place, HEIGHT, YEAR)
     length = np.linalg.norm(main_field, axis=-1)
     body = flight.in_body(main_field * (1.0 + anomaly / length)[:, None])
-    felt = AIRCRAFT.field_on_board(body, derivative(body, flight.time))
+    felt = AIRCRAFT.field_on_board(body, np.gradient(body, flight.time, axis=0))
     scalar = np.linalg.norm(felt, axis=-1) + 0.1 * random.standard_normal(len(felt))
     rows = np.column_stack(
         [

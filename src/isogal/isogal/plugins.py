@@ -60,22 +60,27 @@ def check(group: str, name: str) -> str:
     raise InputError(f"unknown {_NOUNS[group]} '{name}'{nearest}; allowed: {allowed}")
 
 
-def load(group: str, name: str) -> Any:
+def load(group: str, name: str, kind: type = object) -> Any:
     """Import and return the object that a group has under a name.
 
     Raises
     ------
     InputError
-        There is no such name, or its package cannot be imported.
+        There is no such name, its package cannot be imported, or the object is not of a kind.
     """
     entry = _registered(group)[check(group, name)]
     try:
-        return entry.load()
+        found = entry.load()
     except Exception as error:
         raise InputError(
             f"{_NOUNS[group]} '{name}' of the package {_package(entry)} cannot be imported:"
             f" {type(error).__name__}: {error}"
         ) from error
+    if not isinstance(found, kind):
+        raise InputError(
+            f"{_NOUNS[group]} '{name}': its package gives no {kind.__module__}.{kind.__qualname__}"
+        )
+    return found
 
 
 @cache

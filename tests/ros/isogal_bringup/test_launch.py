@@ -305,10 +305,8 @@ def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
         with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
             patch.setenv(DOMAIN, str(domain))
             there = "gnss.available=[[0, 30], [90, 120]]"
-            for name, *keys in (
-                ("ship", "route.duration=180.0"),
-                ("boat", "route.duration=120.0", there),
-            ):
+            boat = "boat", "route.duration=120.0", there
+            for name, *keys in (("ship", "route.duration=180.0"), boat):
                 folder = tmp_path_factory.mktemp(name)
                 file = folder / "params.yaml"
                 file.write_text(parameter_file(scenario(*keys), {}))

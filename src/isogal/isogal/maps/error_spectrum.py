@@ -83,10 +83,6 @@ class ErrorSpectrum:
         """Return the 1-sigma after an operator of white noise of 1-sigma one."""
         return math.sqrt(float((self.white * factor(self.wavenumber) ** 2).sum()))
 
-    def sigma_after(self, factor: Factor) -> float:
-        """Return the 1-sigma after an operator of correlated errors and rounding together."""
-        return math.hypot(self.sigma * self.gain(factor), self.rounding * self.white_gain(factor))
-
     def length(self, factor: Factor) -> float | None:
         """Return the distance (m) at which errors after an operator have a correlation of 1/e;
         None where there are no errors."""

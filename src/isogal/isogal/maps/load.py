@@ -77,11 +77,7 @@ def _format_of(path: Path) -> Format:
 
 
 def _named(name: str) -> Format:
-    found = plugins.load(plugins.MAP_FORMATS, name)
-    if not isinstance(found, Format):
-        raise InputError(
-            f"map format '{name}': its package gives no isogal.maps.formats.format.Format"
-        )
+    found: Format = plugins.load(plugins.MAP_FORMATS, name, Format)
     return found
 
 

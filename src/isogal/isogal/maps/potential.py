@@ -38,7 +38,7 @@ from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.channels import ChannelMap
 from isogal.maps.error_model import shares
-from isogal.maps.error_spectrum import ErrorSpectrum, upward
+from isogal.maps.error_spectrum import ErrorSpectrum
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Spectrum, Waves
 from isogal.scenario import TENSOR_COMPONENTS
@@ -96,40 +96,13 @@ def tensor_maps(
         Not a map of the disturbance, unknown component, negative height, too many holes, too small
         or too large a map.
     """
-    spectral.check_disturbance(disturbance, "gradients", height=height, edge=edge)
     unknown = [name for name in components if name not in COMPONENTS]
     if unknown or not components:
         raise InputError(
             f"unknown tensor component {', '.join(unknown) or '(none)'}; known:"
             f" {', '.join(COMPONENTS)}"
         )
-    result = _transformed(disturbance, components, height, edge)
-    named = zip(components, result, strict=True)
-    return ChannelMap([_gradient(disturbance, name, one, height) for name, one in named])
-
-
-def _gradient(disturbance: FieldMap, component: str, values: Array, height: float) -> FieldMap:
-    """Return the map of a component of the tensor, with what becomes of the map's errors."""
-    spectrum = ErrorSpectrum.of_map(disturbance)
-    share = math.sqrt(float(shares((component,))[0]))
-
-    def factor(wavenumber: Array) -> Array:
-        """Return the root mean square of `operator` over all directions."""
-        return np.asarray(share * wavenumber * np.exp(-wavenumber * height))
-
-    return FieldMap(
-        disturbance.latitude,
-        disturbance.longitude,
-        values,
-        unit="1/s²",
-        quantity="gradient",
-        sigma=spectrum.sigma * spectrum.gain(factor),
-        correlation_length=replace(spectrum, rounding=0.0).length(factor),
-        quantisation=disturbance.quantisation * spectrum.white_gain(factor),
-        provenance=f"T_{component} of {disturbance.provenance or 'map'}",
-        file_unit="1/s²",
-        error_stated=disturbance.states_error,
-    )
+    return _derived(disturbance, components, height, edge)
 
 
 def gravity_vector(
@@ -159,28 +132,7 @@ def gravity_vector(
         Not a map of the disturbance, negative height or edge, too many holes, too small or too
         large a map.
     """
-    spectral.check_disturbance(disturbance, "horizontal components", height=height, edge=edge)
-    result = _transformed(disturbance, components, height, edge)
-    spectrum, decay = ErrorSpectrum.of_map(disturbance), upward(height)
-    own, length = spectrum.sigma_after(decay), spectrum.length(decay)
-    # half of the variance goes into each horizontal component, with the same correlation on the
-    # mean of all directions
-    channels = [
-        FieldMap(
-            disturbance.latitude,
-            disturbance.longitude,
-            values,
-            unit="m/s²",
-            quantity=name,
-            sigma=own if name == "disturbance" else math.sqrt(0.5) * own,
-            correlation_length=length,
-            provenance=f"{name} of {disturbance.provenance or 'map'}",
-            file_unit="m/s²",
-            height=None if disturbance.height is None else disturbance.height + height,
-        )
-        for name, values in zip(components, result, strict=True)
-    ]
-    return ChannelMap(channels, result)
+    return _derived(disturbance, components, height, edge)
 
 
 def from_deflections(xi: FieldMap, eta: FieldMap) -> ChannelMap:
@@ -239,13 +191,15 @@ def operator(component: str, height: float, waves: Waves) -> Spectrum:
     return products[component] / k * decay
 
 
-def _transformed(
+def _derived(
     disturbance: FieldMap, components: tuple[str, ...], height: float, edge: float
-) -> Array:
-    """Return (C, n, m) components of the gravity vector or of the tensor, NaN at the rim."""
+) -> ChannelMap:
+    """Return maps of components of the gravity vector or of the tensor, NaN at the rim."""
+    of_vector = components[0] in VECTOR
+    what = "horizontal components" if of_vector else "gradients"
+    spectral.check_disturbance(disturbance, what, height=height, edge=edge)
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
-    of_vector = components[0] in VECTOR
     level = 0.0 if of_vector else float(np.nanmean(values))
     kept = spectral.inside(disturbance, missing, edge)
     filled = np.where(missing, 0.0, values - level)
@@ -253,4 +207,35 @@ def _transformed(
     taper = _VECTOR_TAPER if of_vector else _TENSOR_TAPER
     result = spectral.transformed(disturbance, filled, operators, taper)
     result[:, ~kept] = np.nan
-    return result
+    named = zip(components, result, strict=True)
+    return ChannelMap([_channel(disturbance, name, one, height) for name, one in named], result)
+
+
+def _channel(disturbance: FieldMap, component: str, values: Array, height: float) -> FieldMap:
+    """Return the map of a component, with what becomes of the map's errors."""
+    of_tensor = component in COMPONENTS
+    # half of the variance of the disturbance goes into each horizontal component
+    share = float(shares((component,))[0]) if of_tensor else 0.5
+    root = math.sqrt(1.0 if component == "disturbance" else share)
+
+    def factor(wavenumber: Array) -> Array:
+        """Return the root mean square of `operator` over all directions."""
+        return np.asarray(root * np.exp(-wavenumber * height) * wavenumber**of_tensor)
+
+    spectrum, unit = ErrorSpectrum.of_map(disturbance), "1/s²" if of_tensor else "m/s²"
+    above = None if of_tensor or disturbance.height is None else disturbance.height + height
+    name = f"T_{component}" if of_tensor else component
+    return FieldMap(
+        disturbance.latitude,
+        disturbance.longitude,
+        values,
+        unit=unit,
+        quantity="gradient" if of_tensor else component,
+        sigma=spectrum.sigma * spectrum.gain(factor),
+        correlation_length=replace(spectrum, rounding=0.0).length(factor),
+        quantisation=disturbance.quantisation * spectrum.white_gain(factor),
+        provenance=f"{name} of {disturbance.provenance or 'map'}",
+        file_unit=unit,
+        error_stated=disturbance.states_error,
+        height=above,
+    )
