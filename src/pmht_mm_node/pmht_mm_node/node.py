@@ -115,8 +115,9 @@ class PmhtMmNode(GraphNode):
         matching.add(field, to_seconds(nav.ns), nav.position, nav.velocity, reading, white)
         if field == matching.lead and matching.ready:
             self._match(nav)
-        collected = matching.batches.collected
-        self._checkpoint.save(nav.ns, (collected, matching.memory, self.scans.last))
+        if self._checkpoint.is_kept:
+            collected = matching.batches.collected
+            self._checkpoint.save(nav.ns, (collected, matching.memory, self.scans.last))
 
     def _white(self, field: int, nav: NavSample, variance: Array | float) -> float:
         """Return the variance of a reading's own noise: that of its message less what the
