@@ -64,7 +64,9 @@ def propagate(
     track = np.empty((len(specific_force), TRACK_COLUMNS))
     # in one memory layout and writable, whatever came: the filter is compiled anew for each, for
     # ten seconds
-    samples = (np.require(part, float, ("C", "W")) for part in (specific_force, angular_rate, height))
+    samples = (
+        np.require(part, float, ("C", "W")) for part in (specific_force, angular_rate, height)
+    )
     mean, learnt = state.nominal, state.residual_gravity
     if compiled:
         kept = NONE if trace is None else trace
