@@ -28,12 +28,11 @@ from isogal.maps.load import load_map
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.barometer import height_of
-from isogal.sensors.scans import Thinning
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "phone_drive"
 sys.path.insert(0, str(EXAMPLE))
 
-from phone_log import Drive, position_at, read_drive, velocity_at
+from phone_log import Drive, ground_pressure, position_at, read_drive, velocity_at
 from road_heights import with_sigma
 
 KNOWN = 300.0
@@ -69,14 +68,14 @@ def navigate(
 ) -> np.ndarray:
     """Return (K, 4) of each second after the satellites that has a position: time (s), error (m),
     NEES per axis, 1-sigma of the position (m)."""
-    rows, thinning = [], Thinning(round(1e9 * scenario.gravimeter.interval))
+    rows, scans = [], ground_pressure(drive) if matched else {}
     for k in range(1, len(drive.time)):
         t = drive.time[k]
         navigator.imu(t, drive.force[k], drive.rate[k])
         for one in aids_at(drive, k, scenario, known):
             navigator.measure(t, one)
-        if matched and np.isfinite(drive.pressure[k]) and thinning.takes(round(1e9 * t)):
-            height = float(height_of(drive.pressure[k], scenario.height))
+        if k in scans:
+            height = float(height_of(scans[k], scenario.height))
             navigator.read(0, np.array([t]), np.array([height]))
             navigator.fix()
         if t >= known and np.isfinite(drive.latitude[k]):

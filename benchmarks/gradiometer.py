@@ -4,7 +4,7 @@
     python benchmarks/gradiometer.py [--runs 16] [--first 0] [--case TEXT ...] [--out DIR]
 
 Ratio is the RMS error of all scans after the first half hour over the RMS bound of that world at
-the same scans, for a navigator that learns at the ends of batches."""
+the same scans."""
 
 from pathlib import Path
 

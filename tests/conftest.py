@@ -40,7 +40,8 @@ os.environ["ISOGAL_CACHE"] = str(ROOT / "build" / "test-cache")
 
 FIRST = (
     *("ros/isogal_bringup", "ros/graph", "montecarlo", "ros", "benchmarks", "paper"),
-    *("project", "test_compiled.py", "tracks", "evaluation", "cli/match", "maps/gridding"),
+    *("docs", "project", "test_compiled.py", "tracks", "evaluation", "cli/match"),
+    "maps/gridding",
 )
 """Folders and files that take longest."""
 

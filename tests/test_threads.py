@@ -30,9 +30,11 @@ def after(code: str, **given: str) -> str:
     return done.stdout.splitlines()[-1]
 
 
-def test_importing_the_library_sets_nothing() -> None:
+def test_importing_the_library_sets_nothing_and_reports_load_what_draws_when_they_draw() -> None:
     assert after(
-        "import isogal, isogal.matching.pmht.matcher, isogal.navigator, isogal.cli.main"
+        "import isogal, isogal.evaluation.run_report, sys\n"
+        "assert not {'matplotlib', 'jinja2', 'scipy.stats'} & set(sys.modules)\n"
+        "import isogal.matching.pmht.matcher, isogal.navigator, isogal.cli.main"
     ) == str([None] * 3)
 
 

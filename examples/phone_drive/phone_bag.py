@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from phone_log import Drive, position_at, read_drive, velocity_at
+from phone_log import Drive, ground_pressure, position_at, read_drive, velocity_at
 
 from isogal_ros import topics
 from isogal_ros.bags.writer import BagWriter
@@ -28,14 +28,14 @@ NOT_MEASURED = -1.0
 def write_bag(drive: Drive, folder: Path, satellites: float) -> int:
     """Write a drive with so many seconds of satellites."""
     bag = BagWriter(folder, replace=True)
+    scans = ground_pressure(drive)
     for k in range(1, len(drive.time)):
         ns = from_seconds(drive.time[k])
         bag.put(topics.IMU, imu(drive, k, ns), ns)
         if math.isfinite(drive.pressure[k]):
-            for topic, frame in ((topics.BAROMETER, BASE), (topics.GROUND_PRESSURE, BAROMETER)):
-                pressure = framed(topic, frame, ns)
-                pressure.fluid_pressure = float(drive.pressure[k])
-                bag.put(topic, pressure, ns)
+            put_pressure(bag, topics.BAROMETER, BASE, float(drive.pressure[k]), ns)
+        if k in scans:
+            put_pressure(bag, topics.GROUND_PRESSURE, BAROMETER, scans[k], ns)
         if math.isfinite(drive.speed[k]):
             bag.put(topics.VELOCITY, speed(drive, k, ns), ns)
         if drive.time[k] < satellites and math.isfinite(drive.latitude[k]):
@@ -47,6 +47,13 @@ def write_bag(drive: Drive, folder: Path, satellites: float) -> int:
                 bag.put(topics.GNSS_VELOCITY, over_ground(drive, k, ns), ns)
     bag.close()
     return bag.messages
+
+
+def put_pressure(bag: BagWriter, topic: topics.Topic, frame: str, value: float, ns: int) -> None:
+    """Write a pressure, Pa."""
+    message = framed(topic, frame, ns)
+    message.fluid_pressure = value
+    bag.put(topic, message, ns)
 
 
 def imu(drive: Drive, k: int, ns: int) -> Message:

@@ -13,6 +13,8 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 
+from isogal.sensors.scans import Thinning
+
 Array = np.ndarray
 GRAVITY = 9.80665
 STANDS, HANDLED = 0.5, 3e-3
@@ -29,6 +31,13 @@ LEAST_FIX, LEAST_VELOCITY = 3.0, 0.2
 """m and m/s, 1-sigma at least of what satellites say: its error changes slowly."""
 LEAST_SPEED = 3.0
 """m/s above which acceleration says which way is forward."""
+INTERVAL = 10.0
+"""s from one scan to the next, `gravimeter.interval` of car.yaml."""
+SPACING = 350.0
+"""m between heights that are compared with the map: half the correlation length of its error. What
+is measured again at the same place has the same error of the map, and says nothing new of the
+place.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +66,20 @@ class Drive:
     course_sigma: Array
     horizontal_sigma: Array
     speed_sigma: Array
+
+
+def ground_pressure(drive: Drive) -> dict[int, float]:
+    """Return the pressure (Pa) that is compared with the map at each scan, by its sample; NaN
+    where the car has not gone on by SPACING since the last one."""
+    thinning, gone = Thinning(round(1e9 * INTERVAL)), math.inf
+    scans = dict[int, float]()
+    for k in range(1, len(drive.time)):
+        gone += float(np.nan_to_num(drive.speed[k])) * (drive.time[k] - drive.time[k - 1])
+        if thinning.takes(round(1e9 * drive.time[k])):
+            apart = gone >= SPACING and math.isfinite(drive.pressure[k])
+            scans[k] = float(drive.pressure[k]) if apart else math.nan
+            gone = 0.0 if apart else gone
+    return scans
 
 
 def position_at(drive: Drive, k: int) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.studies import outcomes
-from isogal.evaluation.integrity import RISKS, Rate
+from isogal.evaluation.integrity import RISKS
 from isogal.evaluation.records import Runs
 from isogal.scenario import Integrity, Scenario
 
@@ -51,15 +51,6 @@ def test_parts_that_are_there_are_counted(tmp_path, monkeypatch):
     )
 
 
-def test_a_line_of_the_table(tmp_path):
-    found = integrity.Count.of(integrity.Solution.of(part(4)), Integrity())
-    line = integrity.line_of("readings late", "untold", [found])
-    assert line.count("|") == len(integrity.HEAD) + 1
-    assert line.startswith("| readings late | untold | 4 | ")
-    level = float(integrity.Solution.of(part(4)).level(Integrity())[0, 0])
-    assert f"| {level:.0f} | {level / 50.0:.2f} |" in line
-
-
 def test_tails_are_found():
     """Of 40,000 values of a bivariate t of 20 degrees of freedom: the factor's sigma is 0.008, and
     that of 1 / freedom 0.003."""
@@ -68,8 +59,3 @@ def test_tails_are_found():
     factor, freedom = integrity.tails(squares)
     assert factor == pytest.approx(1.2, abs=0.03)
     assert 1.0 / freedom == pytest.approx(0.05, abs=0.012)
-
-
-def test_events_that_come_too_often_are_bold():
-    assert integrity.cell(Rate(1, 4.0), 1e-3) == "**1: 0.25 (0.0063 to 1.4)**"
-    assert integrity.cell(Rate(1, 4.0), 0.1) == "1: 0.25 (0.0063 to 1.4)"

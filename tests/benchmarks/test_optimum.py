@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import optimum
 from optimum import Data, Model, narrow, posterior
 
 from isogal.earth.ellipsoid import metres_per_radian
@@ -68,15 +67,15 @@ def test_over_a_plane_it_is_the_kalman_filter():
 
 
 def test_over_hills_it_is_consistent_where_one_gaussian_is_not():
-    """Of 60 runs, 3 sigma of the mean NEES per axis is 0.4."""
+    """Of 30 runs, 3 sigma of the mean NEES per axis is 0.55."""
     model, random = model_of(1.0), np.random.default_rng(2)
     found = {"many": [], "one": []}
-    for _ in range(60):
+    for _ in range(30):
         data = drawn(model, random)
         for name, count, width in (("many", 400, 0.5), ("one", 1, 100.0)):
             last = posterior(model, data, count, width, random)
             found[name].append(nees_per_axis(last.error[-1], last.covariance[-1]))
-    assert 0.6 < np.mean(found["many"]) < 1.4
+    assert 0.45 < np.mean(found["many"]) < 1.55
     assert np.mean(found["one"]) > 2.0
 
 
@@ -89,11 +88,3 @@ def test_narrow_leaves_what_particles_say_together():
     assert np.linalg.eigvalsh(np.linalg.solve(before[:2, :2], P[0, :2, :2])).max() < 0.2501
     together = P.mean(axis=0) + mean.T @ mean / count
     np.testing.assert_allclose(together, before, atol=0.05 * np.abs(before).max())
-
-
-def test_a_row_of_the_table():
-    one = dict.fromkeys(("agreement", "larger", "score", "nees", "own_nees"), 1.0)
-    one |= {"mmse": 100.0, "off": 2.0, "mean": 0.01, "spread": 0.03, "squared": 121.0}
-    cells = optimum.line("row", [one, one | {"off": 4.0}])
-    assert cells[1] == "0.030 ± 0.010" and cells[2] == "0.040 ± 0.000"
-    assert cells[-2] == "11, 10 m"

@@ -38,11 +38,6 @@ class TestChannels:
             settings, build_trajectory(settings), ChannelMap([one] * len(names))
         ).covariance
 
-    def test_noise_of_one_and_of_two(self) -> None:
-        np.testing.assert_allclose(
-            self.bound([[8.0, 0.0], [0.0, 8.0]]), self.bound([[4.0]]), rtol=1e-9
-        )
-
     def test_correlated_noise(self) -> None:
         # the best linear combination of both has the variance (1' R⁻¹ 1)⁻¹: (a + b) / 2
         # of equal ones

@@ -17,13 +17,14 @@ from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 
+NORMAL = validate_scenario({"gravity": {"field": "normal"}})
 HOURS = np.array([0.5, 1.0, 2.0, 3.0, 3.5])
 
 
 def test_the_unaided_spread_is_that_of_the_full_strapdown():
     """150 runs of the non-linear strapdown with noise, biases and initial errors drawn as the
     simulation draws them."""
-    settings = Scenario()
+    settings = NORMAL
     trajectory = build_trajectory(settings)
     instants = np.array([600, 1800, 3600, 7200, 12600])
     errors = []

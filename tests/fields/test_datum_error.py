@@ -10,7 +10,7 @@ from isogal.fields.map_error import TrueMapError
 from isogal.fields.scenario_map import true_map
 from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.montecarlo.chunks import Case
+from isogal.montecarlo.cases import Case
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo.chunks import Chunk
+from isogal.montecarlo.cases import Job
 from isogal.scenario import Scenario, validate_scenario
 
 
@@ -61,16 +61,16 @@ class Watcher:
     """A display that remembers."""
 
     def __init__(self) -> None:
-        self.todo: list[Chunk] = []
+        self.todo: list[Job] = []
         self.kept = 0
-        self.done: list[Chunk] = []
+        self.done: list[Job] = []
         self.said: list[str] = []
 
-    def begin(self, todo: Sequence[Chunk], kept: int) -> None:
+    def begin(self, todo: Sequence[Job], kept: int) -> None:
         self.todo, self.kept = list(todo), kept
 
-    def finished(self, chunk: Chunk) -> None:
-        self.done.append(chunk)
+    def finished(self, job: Job) -> None:
+        self.done.append(job)
 
     def say(self, text: str) -> None:
         self.said.append(text)

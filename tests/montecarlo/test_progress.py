@@ -7,7 +7,7 @@ import pytest
 from helpers.studies import small_scenario
 from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import progress
-from isogal.montecarlo.chunks import Case, Chunk, divide
+from isogal.montecarlo.cases import Case, Job
 from isogal.montecarlo.progress import LINE_EVERY, LiveProgress
 
 
@@ -17,10 +17,10 @@ class Terminal(io.StringIO):
 
 
 @pytest.fixture
-def chunks(field_map: FieldMap) -> list[Chunk]:
-    """Four runs of ten minutes, in two."""
-    case = Case("small", small_scenario(), 4, field_map)
-    return divide(case, [0, 1, 2, 3], 2)
+def jobs(field_map: FieldMap) -> list[Job]:
+    """Two runs of ten minutes."""
+    case = Case("small", small_scenario(), 2, field_map)
+    return [Job(case, 0), Job(case, 1)]
 
 
 @pytest.fixture
@@ -30,33 +30,32 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
-def test_without_a_terminal_a_line_now_and_then(chunks, clock, capsys) -> None:
-    assert [len(chunk.runs) for chunk in chunks] == [2, 2]
+def test_without_a_terminal_a_line_now_and_then(jobs, clock, capsys) -> None:
     with LiveProgress("study") as shown:
-        shown.begin(chunks, 6)
+        shown.begin(jobs, 6)
         clock[0] += LINE_EVERY
-        shown.finished(chunks[0])
+        shown.finished(jobs[0])
         shown.say("a line")
-    # 1200 of 2400 s in 15 s
+    # 600 of 1200 s in 15 s
     assert capsys.readouterr().err.splitlines() == [
-        "6 of 10 runs are there already",
-        "study: 8/10 runs, 80 x real time, 15 s left",
+        "6 of 8 runs are there already",
+        "study: 7/8 runs, 40 x real time, 15 s left",
         "a line",
     ]
 
 
-def test_on_a_terminal_a_bar(chunks, monkeypatch) -> None:
+def test_on_a_terminal_a_bar(jobs, monkeypatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     with LiveProgress("study") as shown:
         for _ in range(2):  # what is shown second takes the place of the first
-            shown.begin(chunks, 0)
-            shown.finished(chunks[0])
-            assert [(task.completed, task.total) for task in shown._bar.tasks] == [(1200, 2400)]
-            assert shown._bar.tasks[0].fields["runs"] == "2/4 runs"
+            shown.begin(jobs, 0)
+            shown.finished(jobs[0])
+            assert [(task.completed, task.total) for task in shown._bar.tasks] == [(600, 1200)]
+            assert shown._bar.tasks[0].fields["runs"] == "1/2 runs"
         shown.say("a line [not markup of rich]")
     said = terminal.getvalue()
     assert "study" in said
-    assert "2/4 runs" in said
+    assert "1/2 runs" in said
     assert "a line" in said
     assert said.rindex("\x1b[?25h") > said.rindex("\x1b[?25l")  # the cursor is back

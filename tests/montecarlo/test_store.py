@@ -1,3 +1,4 @@
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,8 @@ from helpers.studies import same_runs, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo.chunks import Case, Chunk, compute
+from isogal.montecarlo.cases import Case, Job
+from isogal.montecarlo.engine import simulate
 from isogal.montecarlo.store import Store
 
 CASE_RUNS = 5
@@ -18,27 +20,20 @@ def case(field_map: FieldMap) -> Case:
     return Case("stored", small_scenario(route={"duration": 300.0}), CASE_RUNS, field_map)
 
 
-def computed(case: Case, runs: range) -> Runs:
-    return compute(Chunk(case, tuple(runs)).task, case.field_map)
-
-
 @pytest.fixture(scope="module")
 def whole(case: Case) -> Runs:
-    return computed(case, range(CASE_RUNS))
+    return simulate(case.scenario, range(CASE_RUNS), case.field_map)
 
 
-def fill(store: Store, case: Case, *parts: range) -> None:
-    for part in parts:
-        store.put(Chunk(case, tuple(part)), computed(case, part))
+def fill(store: Store, case: Case, runs: Iterable[int]) -> None:
+    for run in runs:
+        store.put(Job(case, run), simulate(case.scenario, [run], case.field_map))
 
 
-@pytest.mark.parametrize("parts", [[range(5)], [range(3, 5), range(1), range(1, 4)]])
-def test_any_chunking_gives_the_same_runs(
-    tmp_path: Path, case: Case, whole: Runs, parts: list[range]
-) -> None:
+def test_what_is_kept_is_what_was_computed(tmp_path: Path, case: Case, whole: Runs) -> None:
     store = Store(tmp_path)
     assert store.missing(case) == list(range(5))
-    fill(store, case, *parts)
+    fill(store, case, (3, 4, 0, 1, 2))
     assert store.missing(case) == []
     same_runs(store.load(case), whole)
 
@@ -66,6 +61,6 @@ def test_damaged_file_is_computed_again(tmp_path: Path, case: Case, whole: Runs)
 
 def test_details_are_those_of_run_0(tmp_path: Path, case: Case) -> None:
     store = Store(tmp_path)
-    fill(store, case, range(2), range(2, 4))
+    fill(store, case, range(4))
     found = [Runs.load(path).detail for path in sorted(tmp_path.rglob("*.npz"))]
     assert [detail is None for detail in found] == [False, True, True, True]

@@ -22,8 +22,8 @@ from isogal.evaluation.records import Runs
 from isogal.evaluation.results import canonical_json
 from isogal.evaluation.summary import summarise
 from isogal.maps.field_map import FieldMap
-from isogal.montecarlo import chunks, workers
-from isogal.montecarlo.chunks import Case, Chunk
+from isogal.montecarlo import workers
+from isogal.montecarlo.cases import Case, Job
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, compute_cases
 from isogal.montecarlo.workers import Submit, WorkerError, check_code
@@ -54,18 +54,13 @@ def workers_alive() -> list[ForkServerProcess]:
     return [child for child in alive if isinstance(child, ForkServerProcess)]
 
 
-def test_two_workers_and_other_chunks_give_the_same(
-    tmp_path: Path,
-    small_case: Case,
-    one_worker: Store,
-    watcher: Watcher,
-    monkeypatch: pytest.MonkeyPatch,
+def test_two_workers_give_the_same(
+    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
 ) -> None:
-    monkeypatch.setattr(chunks, "MEMORY", 1)
     store = Store(tmp_path)
     compute_cases([small_case], store, Backend(workers=2), watcher)
-    assert [chunk.runs for chunk in watcher.todo] == [(0,), (1,), (2,), (3,)]
-    assert sorted(chunk.runs for chunk in watcher.done) == [(0,), (1,), (2,), (3,)]
+    assert [job.run for job in watcher.todo] == [0, 1, 2, 3]
+    assert sorted(job.run for job in watcher.done) == [0, 1, 2, 3]
     assert results_json(small_case, store) == results_json(small_case, one_worker)
     assert not workers_alive()
 
@@ -119,8 +114,8 @@ def test_only_what_is_new_is_computed(
     store, first, second = Store(tmp_path), Watcher(), Watcher()
     compute_cases([replace(small_case, runs=1)], store, Backend(workers=1), first)
     compute_cases([small_case], store, Backend(workers=1), second)
-    assert [run for chunk in first.todo for run in chunk.runs] == [0]
-    assert [run for chunk in second.todo for run in chunk.runs] == [1, 2, 3]
+    assert [job.run for job in first.todo] == [0]
+    assert [job.run for job in second.todo] == [1, 2, 3]
     assert second.kept == 1
     assert results_json(small_case, store) == results_json(small_case, one_worker)
 
@@ -128,17 +123,15 @@ def test_only_what_is_new_is_computed(
 class Killing:
     """One worker process, which is killed so many times as soon as it has something to do."""
 
-    count = 1
-
     def __init__(self, times: int) -> None:
         self.times = times
 
     @contextmanager
-    def start(self, chunks: Sequence[Chunk]) -> Iterator[Submit]:
-        with Backend(workers=1).start(chunks) as submit:
+    def start(self, jobs: Sequence[Job]) -> Iterator[Submit]:
+        with Backend(workers=1).start(jobs) as submit:
 
-            def deadly(chunk: Chunk) -> Future[Runs]:
-                future = submit(chunk)
+            def deadly(job: Job) -> Future[Runs | Path]:
+                future = submit(job)
                 if self.times > 0:
                     self.times -= 1
                     for child in workers_alive():
@@ -148,7 +141,7 @@ class Killing:
             yield deadly
 
 
-def test_chunk_of_a_dead_worker_is_done_again(
+def test_run_of_a_dead_worker_is_done_again(
     tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
 ) -> None:
     backend, store = Killing(times=1), Store(tmp_path)
@@ -176,7 +169,7 @@ def test_scenario_that_cannot_be_used_is_bad_input(
 
 
 def test_what_goes_wrong_in_a_worker_is_one_line_here(small_case: Case) -> None:
-    no_such_run = Chunk(small_case, (-1,))
+    no_such_run = Job(small_case, -1)
     with pytest.raises(WorkerError, match="small, run -1: ValueError: "):
         list(workers.computed([no_such_run], Backend(workers=1).start))
 

@@ -18,7 +18,6 @@ from isogal.paper.claims import (
     judge,
     paired,
     quantum_gain,
-    rate_interval,
 )
 from isogal.paper.iterations import Snapshot
 from isogal.paper.measure import AlongTrack, Outcome, Results, Tracks, roughness
@@ -103,20 +102,6 @@ def test_what_does_not_hold_is_explained() -> None:
         assert claim.why == "" or claim.verdict != HOLDS
     explained = {claim.key for claim in judged if claim.why}
     assert {"500 m", "benefit", "divergence by noise"} <= explained
-
-
-@pytest.mark.parametrize(
-    ("count", "total", "low", "high"),
-    [
-        (0, 100, 0.0, 0.0362),
-        (6, 100, 0.0223, 0.1260),
-        (100, 100, 0.9638, 1.0),
-        (1, 2, 0.0126, 0.9874),
-    ],
-)
-def test_interval_of_a_share(count: int, total: int, low: float, high: float) -> None:
-    # tabulated 95 % intervals, for example Fleiss, Levin and Paik (2003)
-    assert rate_interval(count, total) == pytest.approx((low, high), abs=1e-4)
 
 
 def test_paired_difference_uses_common_runs() -> None:

@@ -115,7 +115,9 @@ def test_without_it_the_matcher_is_unknown(plugin, inputs):
 
 @pytest.mark.ros
 def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
-    """Its field, messages and matcher together, with the same map in another format."""
+    """Its field, messages and matcher together, with the same map in another format. A run in one
+    process leaves the home folder alone, where ROS puts its logs unless told otherwise."""
+    (tmp_path / "home").mkdir()
     grid, out = tmp_path / "map.nc", tmp_path / "run"
     values = 1e-5 * np.loadtxt(inputs[0], skiprows=5)[::-1]
     west, south, step = (float(line.split()[1]) for line in inputs[0].open().readlines()[2:5])
@@ -127,14 +129,17 @@ def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
         "gravity.field=normal",
     )
     options = [word for item in settings for word in ("--set", item)]
-    done = isogal(
-        "run", "--in-process", "--out", out, *options, figures=False, environment=knowing(plugin)
-    )
+    folders = "--out", out, "--bag", tmp_path / "bag"
+    environment = knowing(plugin) | {"HOME": str(tmp_path / "home")}
+    words = "run", "--in-process", "--json", *folders, *options
+    done = isogal(*words, figures=False, environment=environment)
     assert done.returncode == 0, done.stderr
-    fixes = json.loads((out / "summary.json").read_text())["fixes"]
-    assert fixes == {"published": 1, "declined": 0, "failed": 0, "rejected": 0}
-    bag = (out / "bag" / "metadata.yaml").read_text()
+    summary = json.loads((out / "summary.json").read_text())
+    assert json.loads(done.stdout) == summary
+    assert summary["fixes"] == {"published": 1, "declined": 0, "failed": 0, "rejected": 0}
+    bag = (tmp_path / "bag" / "metadata.yaml").read_text()
     assert "gravimeter/free_air_anomaly" in bag
+    assert not (tmp_path / "home" / ".ros").exists()
 
 
 def test_its_own_tests_pass(plugin):

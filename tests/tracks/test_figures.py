@@ -5,10 +5,7 @@ import pytest
 
 from helpers.tracks import field_of, made_track
 from isogal.scenario import Matcher
-from isogal.tracks.figures import (
-    readings_figure,
-    track_map_figure,
-)
+from isogal.tracks.figures import readings_figure, track_map_figure
 from isogal.tracks.matching import Uncertainty, match_track
 
 HEIGHT = field_of("height")

@@ -19,20 +19,8 @@ def write(path, names, rows):
 
 
 def test_all_columns(tmp_path) -> None:
-    names = [
-        "time",
-        "lat",
-        "lon",
-        "height",
-        "vn",
-        "ve",
-        "vd",
-        "roll",
-        "pitch",
-        "heading",
-        "value",
-        "sigma",
-    ]
+    others = ("height", "vn", "ve", "vd", "roll", "pitch", "heading", "value", "sigma")
+    names = ["time", "lat", "lon", *others]
     own = (50.0, 1.0, 10.0, -0.5, 1.0, -2.0, 90.0)
     rows = [(*place, *own, value, 0.1) for place, value in zip(PLACES, (1, "", 3), strict=True)]
     said = read_ins_file(write(tmp_path / "ins.csv", names, rows), 0.0)

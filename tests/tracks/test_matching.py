@@ -46,12 +46,12 @@ class Recorder:
 
 
 def test_the_same_field_in_another_unit_gives_the_same_fixes():
-    gravity = match_track(
-        made_track(DISTURBANCE, error=(300.0, 200.0))[0], DISTURBANCE, Matcher(), PRIOR
-    )
+    count, error = 30, (300.0, 200.0)
+    track, _, _ = made_track(DISTURBANCE, count, error)
+    gravity = match_track(track, DISTURBANCE, Matcher(), PRIOR)
     height = field_of("height")
     factor, offset = FIELDS["height"][1:]
-    scaled = made_track(height, error=(300.0, 200.0), sigma=1e-5 * factor)[0]
+    scaled, _, _ = made_track(height, count, error, sigma=1e-5 * factor)
     other = match_track(scaled, height, Matcher(), PRIOR)
     assert offset > 0.0
     for a, b in zip(gravity, other, strict=True):
@@ -172,11 +172,12 @@ def test_readings_that_may_lie_off_the_map_do_not_move_the_fix():
     )
     prior = Uncertainty(position=1500.0)
     recorder = Recorder()
-    match_track(track, DISTURBANCE, Matcher(batch_length=120), prior, matcher=recorder)
+    settings = Matcher(batch_length=120)
+    match_track(track, DISTURBANCE, settings, prior, matcher=recorder)
     kept = np.isfinite(recorder.batches[0].reading)
     assert not kept[:10].any()
     assert kept[-80:].all()
-    match = match_track(track, DISTURBANCE, Matcher(batch_length=120), prior)[0]
+    match = match_track(track, DISTURBANCE, settings, prior)[0]
     assert match.fix.published, match.fix.reason
     assert nees_per_axis(errors_of([match], latitude, longitude)[0], match.fix.covariance) < 6.9
 

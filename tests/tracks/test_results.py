@@ -73,25 +73,12 @@ def test_chained_objects_hold_the_aided_position():
 
 def test_csv_has_a_column_for_each_number():
     rows = list(csv.DictReader(io.StringIO(as_csv(as_objects([FIXED, DECLINED], chained=True)))))
-    names = [
-        "time",
-        "latitude",
-        "longitude",
-        "covariance_ee",
-        "covariance_en",
-        "covariance_nn",
-        "status",
-        "reason",
-    ]
+    place = ["latitude", "longitude", "covariance_ee", "covariance_en", "covariance_nn"]
+    names = ["time", *place, "status", "reason"]
     assert list(rows[0])[:8] == names
     assert [rows[0][name] for name in names[3:]] == ["400.0", "30.0", "100.0", "fix", ""]
-    assert [rows[1][name] for name in names[3:]] == [
-        "",
-        "",
-        "",
-        "no_fix",
-        "ambiguous: 2 places fit",
-    ]
+    none = [rows[1][name] for name in names[3:]]
+    assert none == ["", "", "", "no_fix", "ambiguous: 2 places fit"]
 
 
 def test_geojson_has_longitude_first_and_no_geometry_without_a_fix():

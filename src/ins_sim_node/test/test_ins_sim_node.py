@@ -5,6 +5,7 @@ from isogal_ros.graph.bus import Bus
 
 
 def test_the_node_is_active_with_its_defaults() -> None:
-    node = Bus().add(topics.INS_SIM, {"gravity.field": "normal"})
-    assert node.active
-    assert node.get_name() == "ins_sim_node"
+    with Bus() as bus:
+        node = bus.add(topics.INS_SIM, {"gravity.field": "normal"})
+        assert node.active
+        assert node.get_name() == "ins_sim_node"

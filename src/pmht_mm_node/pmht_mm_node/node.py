@@ -25,7 +25,7 @@ from isogal_ros.parameters.values import scenario_from
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.report import Report
 from pmht_mm_node.scans import Scans
-from pmht_mm_node.survival import Survival
+from pmht_mm_node.survival import are_scans, checkpoint_of
 from pmht_mm_node.warm_up import warm_up
 
 
@@ -58,7 +58,8 @@ class PmhtMmNode(GraphNode):
         warm_up(each, maps)
         self.outputs = Outputs(self)
         self.scans = Scans(self, self.scenario, self._first, self._scan)
-        self._survival = Survival(self, maps[self._matching.lead], self._matching.matcher)
+        its_map = maps[self._matching.lead]
+        self._checkpoint = checkpoint_of(self, its_map, self._matching.matcher)
         self.offer_reset(self._reset)
         for field, one in enumerate(each):
             adapter = adapter_of(one)
@@ -89,14 +90,14 @@ class PmhtMmNode(GraphNode):
 
     def _first(self, nav: NavSample) -> None:
         """Go on from what an earlier process has left, or begin."""
-        kept = self._survival.take(nav.ns)
-        if kept is not None:
-            collected, self._matching.memory, last = kept
+        saved = self._checkpoint.take(nav.ns)
+        if saved is not None and are_scans(saved.content[0]):
+            collected, self._matching.memory, last = saved.content
             self._matching.batches.restore(collected)
             self.scans.go_on(last)
 
     def _reset(self) -> str:
-        self._survival.forget()
+        self._checkpoint.forget()
         self._matching.begin_anew()
         self.scans.go_on([-1] * len(self._reductions))
         return "begins with the next scan"
@@ -114,8 +115,9 @@ class PmhtMmNode(GraphNode):
         matching.add(field, to_seconds(nav.ns), nav.position, nav.velocity, reading, white)
         if field == matching.lead and matching.ready:
             self._match(nav)
-        collected = matching.batches.collected
-        self._survival.keep(nav.ns, collected, matching.memory, self.scans.last)
+        if self._checkpoint.is_kept:
+            collected = matching.batches.collected
+            self._checkpoint.save(nav.ns, (collected, matching.memory, self.scans.last))
 
     def _white(self, field: int, nav: NavSample, variance: Array | float) -> float:
         """Return the variance of a reading's own noise: that of its message less what the

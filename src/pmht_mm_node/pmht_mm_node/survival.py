@@ -1,4 +1,6 @@
-"""What the matcher's node goes on from when it is started again: scans and memory."""
+"""What the matcher's node goes on from when it is started again: scans, the matcher's memory and
+the stamp of the last scan of each field. The maps that a memory refers to are not saved: they are
+parts of the node's own map."""
 
 from typing import Any
 
@@ -13,60 +15,27 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 
 
-class Survival:
-    """The checkpoint of scans, the matcher's memory and the stamp of the last scan.
+def checkpoint_of(node: GraphNode, field_map: Any, matcher: Matcher) -> Checkpoint:
+    """Return the checkpoint of a node with a map; the matcher's package may have dataclasses in
+    its memory."""
 
-    The maps that a memory refers to are not saved: they are parts of the node's own map.
-
-    Parameters
-    ----------
-    node : GraphNode
-    field_map : map
-        The node's.
-    matcher : Matcher
-        Its package may have dataclasses in its memory.
-    """
-
-    def __init__(self, node: GraphNode, field_map: Any, matcher: Matcher) -> None:
-        self._map = field_map
-        packages = {"isogal", type(matcher).__module__.partition(".")[0]}
-        self._checkpoint = Checkpoint(
-            node,
-            lambda value: isinstance(value, FieldMap | ChannelMap | TiledMap),
-            self._map_of,
-            packages,
-        )
-
-    def _map_of(self, known: Any) -> Any:
+    def map_of(known: Any) -> Any:
         batch = known["batch"]
         if not isinstance(batch, Batch):
             raise TypeError("a map of no batch")
-        return self._map.near(batch.latitude, batch.longitude)
+        return field_map.near(batch.latitude, batch.longitude)
 
-    def take(self, ns: int) -> tuple[tuple[Collected, ...], Any, tuple[int, ...]] | None:
-        """Return scans, memory and the last scan's stamp of each field, where there are any that a
-        scan of a stamp may follow."""
-        saved = self._checkpoint.take(ns)
-        if saved is None:
-            return None
-        collected, memory, last = saved.content
-        if any(
-            not isinstance(one, Collected)
-            or any(
-                not np.isfinite([scan.time, scan.latitude, scan.longitude]).all()
-                for scan in one.scans
-            )
-            for one in collected
-        ):
-            return None
-        return collected, memory, last
+    packages = {"isogal", type(matcher).__module__.partition(".")[0]}
+    maps = FieldMap | ChannelMap | TiledMap
+    return Checkpoint(node, lambda value: isinstance(value, maps), map_of, packages)
 
-    def keep(
-        self, ns: int, collected: tuple[Collected, ...], memory: Any, last: tuple[int, ...]
-    ) -> None:
-        """Write what is true after the scan of a stamp."""
-        self._checkpoint.save(ns, (collected, memory, last))
 
-    def forget(self) -> None:
-        """Delete it."""
-        self._checkpoint.forget()
+def are_scans(collected: tuple[Collected, ...]) -> bool:
+    """Whether what a checkpoint has of each field are scans at places."""
+    return all(
+        isinstance(one, Collected)
+        and all(
+            np.isfinite([scan.time, scan.latitude, scan.longitude]).all() for scan in one.scans
+        )
+        for one in collected
+    )

@@ -5,6 +5,7 @@ from isogal_ros.graph.bus import Bus
 
 
 def test_the_node_is_active_with_its_defaults() -> None:
-    node = Bus().add(topics.UKF_FUSION, {"gravity.field": "normal"})
-    assert node.active
-    assert node.get_name() == "ukf_fusion_node"
+    with Bus() as bus:
+        node = bus.add(topics.UKF_FUSION, {"gravity.field": "normal"})
+        assert node.active
+        assert node.get_name() == "ukf_fusion_node"

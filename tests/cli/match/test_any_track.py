@@ -84,7 +84,7 @@ def write_track(path, shape, count, readings, off):
 
 
 @settings(
-    max_examples=8,
+    max_examples=5,
     deadline=None,
     derandomize=True,
     database=None,

@@ -78,7 +78,7 @@ def test_a_ceiling_gives_a_shorter_route(planned):
     assert found.error <= ceiling
     assert found.length <= planned.route.length
     with pytest.raises(InputError, match="below 1 m; the best has"):
-        plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, ceiling=1.0))
+        plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, 0.05, ceiling=1.0))
 
 
 def square(north, east, half):

@@ -8,19 +8,20 @@ from helpers.command_line import answer, refusal
 from helpers.studies import small_scenario, wavy_map
 from isogal.evaluation.results import write_json
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.montecarlo.chunks import Case, divide
+from isogal.montecarlo.cases import Case, Job
 from isogal.montecarlo.store import Store
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory, make_runs):
-    """What a study of three runs in two chunks leaves behind."""
+    """What a study of three runs leaves behind."""
     folder = tmp_path_factory.mktemp("study")
     write_netcdf(wavy_map(), folder / "map.nc")
     scenario = small_scenario(map={"source": str(folder / "map.nc")})
     store, runs = Store(folder / "out" / "runs"), make_runs(runs=3, detail=True)
-    for chunk in divide(Case("montecarlo", scenario, 3, wavy_map()), [0, 1, 2], 2):
-        store.put(chunk, runs.part(chunk.runs))
+    case = Case("montecarlo", scenario, 3, wavy_map())
+    for run in range(3):
+        store.put(Job(case, run), runs.part([run]))
     document = {"scenario": scenario.model_dump(mode="json"), "runs": 3}
     write_json(folder / "out" / "results.json", document)
     return folder / "out"

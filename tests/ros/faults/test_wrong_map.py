@@ -6,6 +6,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from helpers.batches import field_map_of, wavy
+from helpers.node_bench import feed_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal_ros import topics
 from isogal_ros.faults.campaign import two_batches
@@ -24,7 +25,7 @@ WRONG = {
 def feed(scenario) -> Feed:
     """Twelve minutes over the map as it is."""
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
-    return Feed(scenario("route.duration=720.0", *own), 0)
+    return feed_of(scenario("route.duration=720.0", *own))
 
 
 @pytest.mark.parametrize("what", ["as it is", *WRONG])
@@ -41,9 +42,10 @@ def test_a_wrong_map_is_reported_and_does_no_harm(feed, tmp_path, what) -> None:
     player = assumed.player()
     levels, warned = {}, {}
     player.bus.hear(topics.DIAGNOSTICS, lambda data: take_levels(data, levels))
-    for ns in sorted(player.recorded.sensors[topics.IMU]):
-        player.play(ns / 1e9)
-        warned[ns / 1e9] = any(levels.values())
+    with player.bus:
+        for ns in sorted(player.recorded.sensors[topics.IMU]):
+            player.play(ns / 1e9)
+            warned[ns / 1e9] = any(levels.values())
     track = track_of(player.collector)
     reports = [now for now, text in player.reports if "agree" in text or "lost" in text]
     assert bool(reports) == (what in WRONG)

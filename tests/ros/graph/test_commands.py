@@ -2,12 +2,12 @@
 
 import importlib.util
 import json
-import os
 
 import pytest
+import yaml
 
 from helpers.command_line import call
-from helpers.commands import isogal, sets
+from helpers.commands import sets
 from helpers.field_scenarios import GRADIENT
 from helpers.recordings import rewritten
 from isogal.cli import run
@@ -33,8 +33,6 @@ def test_a_bag_without_scenario_is_refused_unless_told(recording, settings, tmp_
     code, _, err = call("replay", tmp_path / "poor")
     assert code == 2
     assert "the bag has no scenario" in err
-    import yaml
-
     file = tmp_path / "scenario.yaml"
     scenario = load_scenario(None, settings())
     file.write_text(yaml.safe_dump(scenario.model_dump(mode="json")))
@@ -42,21 +40,6 @@ def test_a_bag_without_scenario_is_refused_unless_told(recording, settings, tmp_
     code, out, err = call("replay", tmp_path / "poor", *words)
     assert code == 0, err
     assert "disagreements: 0" in out
-
-
-def test_a_run_in_one_process_prints_json_and_leaves_the_home_folder_alone(
-    settings, tmp_path
-) -> None:
-    (tmp_path / "home").mkdir()  # where ROS puts its logs unless told otherwise
-    overrides = sets(settings("route.duration=120.0"))
-    folders = ("--bag", tmp_path / "bag", "--out", tmp_path / "out")
-    environment = os.environ | {"HOME": str(tmp_path / "home")}
-    words = ("run", "--in-process", "--json", *overrides, *folders)
-    result = isogal(*words, environment=environment, figures=False)
-    assert result.returncode == 0, result.stderr
-    assert json.loads(result.stdout) == json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert (tmp_path / "bag" / "metadata.yaml").exists()
-    assert not (tmp_path / "home" / ".ros").exists()
 
 
 BAD = [

@@ -13,9 +13,10 @@ import rclpy
 from rclpy.node import Node
 
 from helpers.domains import claim_domain
-from helpers.node_bench import run_here
+from helpers.node_bench import run_by_middleware
 from isogal.cli.main import main
 from isogal.errors import InputError
+from isogal.evaluation.figures import style
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.domain import (
@@ -146,7 +147,7 @@ def without_garbage_collection() -> Iterator[None]:
 @pytest.mark.usefixtures("without_garbage_collection")
 def test_a_graph_that_has_ended_is_not_there_any_more(other_domain, scenario) -> None:
     """It once was until Python searched for garbage, so that a second one took another domain."""
-    run_here(scenario("route.duration=60.0"), None)
+    run_by_middleware(scenario("route.duration=60.0"), None)
     assert participants(other_domain) == 0
 
 
@@ -166,6 +167,7 @@ def test_the_commands_stay_out_of_a_domain_with_a_driver(
     driver, recording, settings, tmp_path, monkeypatch, capfd
 ) -> None:
     """Two in one domain once fed each other's nodes."""
+    monkeypatch.setattr(style, "png", lambda *_: b"not drawn")
 
     def call(*words: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["isogal", *map(str, words)])

@@ -4,7 +4,7 @@ import errno
 
 import pytest
 
-from helpers.node_bench import run_here
+from helpers.node_bench import run_by_middleware
 from helpers.recordings import collect
 from isogal.errors import InputError
 from isogal.scenario import Scenario
@@ -19,12 +19,12 @@ def test_a_gravimeters_sigma_is_refused_for_another_field(magnetic) -> None:
     with pytest.raises(
         InputError, match=r"gravimeter\.sigma: must be in nT where field is magnetic"
     ):
-        run_here(magnetic.model_copy(update={"gravimeter": default}), None)
+        run_by_middleware(magnetic.model_copy(update={"gravimeter": default}), None)
 
 
 def test_a_node_that_cannot_start(scenario, tmp_path) -> None:
     with pytest.raises(InputError, match="does not cover the route"):
-        run_here(
+        run_by_middleware(
             scenario("route.end=[-35.0, 150.0]", "route.duration=10000.0", "route.speed=30.0"),
             tmp_path / "bag",
         )
@@ -40,7 +40,7 @@ def test_a_recorder_that_fails_fails_the_run(scenario, tmp_path, monkeypatch) ->
 
     monkeypatch.setattr(BagWriter, "write", full)
     with pytest.raises(GraphError, match=r"^isogal_recorder: .* No space left on device"):
-        run_here(scenario(), tmp_path / "bag")
+        run_by_middleware(scenario(), tmp_path / "bag")
     assert len(collect(tmp_path / "bag").truth) > 10
 
 
@@ -58,4 +58,4 @@ def test_a_node_that_stops_answering(scenario, tmp_path, monkeypatch) -> None:
     with pytest.raises(
         GraphError, match=r"no answer to the step at 20\.000 s .* missing nav/odom \(0 of 1\)"
     ):
-        run_here(scenario(), tmp_path / "bag")
+        run_by_middleware(scenario(), tmp_path / "bag")

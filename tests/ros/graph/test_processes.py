@@ -17,6 +17,7 @@ from helpers.commands import sets, wait_for
 from helpers.own_memory import left_of, own_memory
 from helpers.recordings import collect, nav_positions
 from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, start
+from isogal.evaluation.figures import style
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
@@ -94,7 +95,8 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert all(one == {"udp"} for one in finished.transports.values())
 
 
-def test_the_replay_command(finished, tmp_path) -> None:
+def test_the_replay_command(finished, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(style, "png", lambda *_: b"drawn before")
     out = finished.out
     document = json.loads(answer("replay", out / "bag", "--json", "--out", tmp_path / "again"))
     assert (

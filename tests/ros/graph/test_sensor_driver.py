@@ -42,21 +42,22 @@ def play(folder, minutes, change=lambda message: None):
     own = {name: {"peers": list(names)} for name in names}
     own[topics.GRAVIMETER] |= {"simulate": False}
     own[topics.UKF_FUSION] |= parameters["/**/ukf_fusion_node"]["ros__parameters"]
-    bus, heard = Bus(), Collector(scenario)
-    for topic in heard.topics():
-        bus.hear(topic, lambda data, topic=topic: heard.take(topic, data))
-    for name in names:
-        bus.add(name, node_values(scenario, own[name], node_class(name).sections))
+    heard = Collector(scenario)
     both = [
         *driver.imu_samples(folder / "imu.csv"),
         *driver.gravimeter_readings(folder / "gravimeter.csv"),
     ]
-    for utc, topic, message in sorted(both, key=lambda sample: sample[0]):
-        if utc > both[0][0] + 60 * minutes:
-            break
-        change(message)
-        bus.send(topic, serialize_message(message))
-        bus.run()
+    with Bus() as bus:
+        for topic in heard.topics():
+            bus.hear(topic, lambda data, topic=topic: heard.take(topic, data))
+        for name in names:
+            bus.add(name, node_values(scenario, own[name], node_class(name).sections))
+        for utc, topic, message in sorted(both, key=lambda sample: sample[0]):
+            if utc > both[0][0] + 60 * minutes:
+                break
+            change(message)
+            bus.send(topic, serialize_message(message))
+            bus.run()
     return heard, bus.errors
 
 

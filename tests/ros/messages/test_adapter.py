@@ -94,8 +94,11 @@ def test_a_barometer_on_the_ground_says_a_height() -> None:
     raw = adapter.write_raw(7, 123.4, 0.25, None)
     assert raw.fluid_pressure == pytest.approx(99849.0, abs=50.0)  # ISA at 123.4 m
     assert adapter.read_raw(raw) == pytest.approx((123.4, 0.25), rel=1e-6)
+    nothing, variance = adapter.read_raw(adapter.write_raw(7, math.nan, 0.25, None))
+    assert math.isnan(nothing) and variance is None
+    raw.fluid_pressure = -1.0
     with pytest.raises(BadMessageError):
-        adapter.read_raw(adapter.write_raw(7, math.nan, 0.25, None))
+        adapter.read_raw(raw)
     reduced = adapter.write_reduced(7, 120.0, 0.5, (0.7, -1.3))
     assert adapter.read_reduced(reduced) == pytest.approx((120.0, 0.5))
 

@@ -67,7 +67,8 @@ def test_what_is_neither_stamp_nor_number() -> None:
     for _ in range(2):  # the name outside is not taken for one inside
         message.rename(FrameNames(base="map", map="odom").outward)
         assert read(topics.NAV_FIX, message).header.frame_id == "map"
-    assert read(topics.NAV_FIX, message).altitude == 3.0
+    found = read(topics.NAV_FIX, message)
+    assert (found.altitude, found.header.stamp.nanosec) == (3.0, 5)
 
 
 def test_numbers_that_do_not_follow_one_another() -> None:

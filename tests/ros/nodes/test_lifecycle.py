@@ -64,7 +64,7 @@ def test_a_recorder_finishes_its_bag_when_cleaned_up(scenario, tmp_path) -> None
         assert made.node.trigger_deactivate() == SUCCESS
         assert made.node.trigger_cleanup() == SUCCESS
         reader = BagReader(tmp_path / "bag")
-        assert [item.topic for item in reader.messages()].count("imu/data_raw") == 1
+        assert [item.topic for item in reader.messages()].count("/imu/data_raw") == 1
         assert reader.cut is None
 
 

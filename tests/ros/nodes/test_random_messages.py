@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 from helpers.node_bench import bench
 from isogal.seeds import generator
 from isogal_ros import topics
-from isogal_ros.graph.bus import Publisher
+from isogal_ros.graph.bus import Bus
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
@@ -89,10 +89,10 @@ def test_a_listener_that_takes_nothing_does_not_end_a_node(scenario, monkeypatch
             made.imu(k)
         with monkeypatch.context() as patch:
 
-            def fail(publisher: Any, message: Any) -> None:
+            def fail(bus: Bus, name: str, message: Any) -> None:
                 raise rclpy_implementation.RCLError("Failed to publish: cannot publish data")
 
-            patch.setattr(Publisher, "publish", fail)
+            patch.setattr(Bus, "send", fail)
             made.node.advertise(topics.NAV_PATH).publish(topics.NAV_PATH.type())
             made.node.advertise(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type())
         assert set(made.node.health.dropped) == {topics.NAV_PATH.name, topics.DIAGNOSTICS.name}

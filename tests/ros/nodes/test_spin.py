@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from helpers.commands import PATIENCE
+from helpers.own_memory import left_of
 from isogal_ros import topics
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.spin import run_node
@@ -68,13 +69,18 @@ def test_every_entry_point_passes_its_arguments_on(module, name, capsys) -> None
 
 
 def test_a_process_ends_whatever_hangs_after_its_node() -> None:
-    """The middleware sometimes waits for ever when it is taken down."""
+    """The middleware sometimes waits for ever when it is taken down. No shared memory is left."""
     lines = (
-        "import atexit, time",
+        "import atexit, os, time",
+        "from helpers.own_memory import own_memory",
         "from ros.nodes.test_spin import Finished",
         "from isogal_ros.nodes.spin import main_of",
+        "class Told(Finished):",
+        "    def setup(self):",
+        "        super().setup()",
+        "        print(*own_memory(os.getpid()))",
         "atexit.register(lambda: print('taken down', flush=True) or time.sleep(1000.0))",
-        "main_of(Finished, 'quiet')(['--ros-args'])",
+        "main_of(Told, 'quiet')(['--ros-args'])",
     )
     ended = subprocess.run(
         [sys.executable, "-c", "\n".join(lines)],
@@ -84,4 +90,7 @@ def test_a_process_ends_whatever_hangs_after_its_node() -> None:
         timeout=PATIENCE,
         check=False,
     )
-    assert (ended.returncode, ended.stdout) == (0, ""), ended.stderr
+    assert ended.returncode == 0, ended.stderr
+    own = {Path(word) for word in ended.stdout.split()}
+    assert own and all(path.is_absolute() for path in own)
+    assert not left_of(own)

@@ -1,6 +1,7 @@
 """Time never turns back: neither by old samples, nor where samples are found untrue."""
 
 from collections import defaultdict
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -61,12 +62,13 @@ class Played:
 
 
 @pytest.fixture
-def played(scenario) -> Played:
+def played(scenario) -> Iterator[Played]:
     made = Played(scenario())
     for k in range(1, 101):
         made.imu(k, NOISE[k])
     assert made.stamps["nav/odom"][-1] == 100.0
-    return made
+    with made.bus:
+        yield made
 
 
 def place(message) -> np.ndarray:
@@ -79,8 +81,9 @@ def test_old_samples_change_nothing(scenario, played, what) -> None:
     """A block of equal ones was once taken for a stuck sensor, and the newest true samples were
     forgotten with it; so was one for each that differs from its neighbours."""
     alone = Played(scenario())
-    for k in range(1, 111):
-        alone.imu(k, NOISE[k])
+    with alone.bus:
+        for k in range(1, 111):
+            alone.imu(k, NOISE[k])
     other = NOISE[0] + [0.5, 0, 0, 0, 0, 0]
     for k in range(300):
         old = {"the same": NOISE[0], "as they were": NOISE[90 + k % 5]}

@@ -15,7 +15,7 @@ from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
     from isogal.evaluation.results import Summary
-    from isogal.montecarlo.chunks import Case
+    from isogal.montecarlo.cases import Case
     from isogal.montecarlo.store import Store
     from isogal.scenario import Scenario
 
@@ -42,9 +42,9 @@ def montecarlo(
     """Run a scenario many times; write results.json, report.html and figures, and print the
     figures of merit.
 
-    Finished runs are kept in DIR/runs: Ctrl-C loses at most the chunks being computed, the same
-    command goes on, and more runs compute only the new ones. Summary do not depend on the number
-    or kind of workers."""
+    Finished runs are kept in DIR/runs: Ctrl-C loses those being computed, the same command goes
+    on, and more runs compute only the new ones. Results do not depend on the number or kind of
+    workers."""
     from isogal.files import make_folder
     from isogal.montecarlo.progress import LiveProgress
     from isogal.montecarlo.store import Store
@@ -72,7 +72,7 @@ def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
     from isogal.fields.simulator import check_readings
     from isogal.maps.several import each_map
     from isogal.matching.registry import build_run_matcher
-    from isogal.montecarlo.chunks import Case
+    from isogal.montecarlo.cases import Case
     from isogal.sensors.trajectory import build_trajectory
 
     build_run_matcher(settings)

@@ -62,9 +62,10 @@ def propagate(
     if dt is not None and dt != assumed.dt:
         assumed = assumed._replace(dt=dt)
     track = np.empty((len(specific_force), TRACK_COLUMNS))
-    # in one memory layout, whatever came: the filter is compiled anew for each, for ten seconds
+    # in one memory layout and writable, whatever came: the filter is compiled anew for each, for
+    # ten seconds
     samples = (
-        np.ascontiguousarray(part, float) for part in (specific_force, angular_rate, height)
+        np.require(part, float, ("C", "W")) for part in (specific_force, angular_rate, height)
     )
     mean, learnt = state.nominal, state.residual_gravity
     if compiled:

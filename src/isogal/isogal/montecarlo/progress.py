@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from isogal.montecarlo.chunks import Chunk
+from isogal.montecarlo.cases import Job
 
 LINE_EVERY = 15.0
 """s between lines where there is no terminal."""
@@ -55,11 +55,11 @@ class LiveProgress:
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    def begin(self, todo: Sequence[Chunk], kept: int) -> None:
-        """Take note of the chunks to compute, and of how many runs were there already."""
+    def begin(self, todo: Sequence[Job], kept: int) -> None:
+        """Take note of the runs to compute, and of how many runs were there already."""
         self._start = self._last = time.monotonic()
-        self._total = sum(chunk.seconds for chunk in todo)
-        self._runs = kept + sum(len(chunk.runs) for chunk in todo)
+        self._total = sum(job.case.duration for job in todo)
+        self._runs = kept + len(todo)
         self._finished = kept
         self._done = 0.0
         if kept and todo:
@@ -67,10 +67,10 @@ class LiveProgress:
         self._bar.reset(self._task, total=self._total)
         self._show()
 
-    def finished(self, chunk: Chunk) -> None:
-        """Take note that a chunk is computed and kept."""
-        self._done += chunk.seconds
-        self._finished += len(chunk.runs)
+    def finished(self, job: Job) -> None:
+        """Take note that a run is computed and kept."""
+        self._done += job.case.duration
+        self._finished += 1
         self._show()
 
     def say(self, text: str) -> None:

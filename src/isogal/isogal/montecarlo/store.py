@@ -7,7 +7,7 @@ from pathlib import Path
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.evaluation.results import write_json
-from isogal.montecarlo.chunks import Case, Chunk
+from isogal.montecarlo.cases import Case, Job
 
 
 class Store:
@@ -19,18 +19,16 @@ class Store:
         self.damaged: list[str] = []
         """Files that were found damaged and removed, a line each."""
 
-    def put(self, chunk: Chunk, runs: Runs) -> None:
-        """Keep the runs of a chunk; the details only of run 0, which the figures show."""
-        case = chunk.case
+    def put(self, job: Job, runs: Runs) -> None:
+        """Keep a run; its details only where it is run 0, which the figures show."""
+        case = job.case
         place = self.folder / case.key
         note = place / "case.json"
         if not note.exists():
             scenario = case.scenario.model_dump(mode="json")
             write_json(note, {"case": case.name, "aided": case.aided, "scenario": scenario})
-        for index, run in enumerate(chunk.runs):
-            one = runs.part([index])
-            kept = one if run == 0 else replace(one, detail=None)
-            kept.save(file_of(place, run))
+        kept = runs if job.run == 0 else replace(runs, detail=None)
+        kept.save(file_of(place, job.run))
 
     def missing(self, case: Case) -> list[int]:
         """Return which runs of a case are not there yet; a damaged file is removed."""

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
 
 from isogal.errors import InputError
-from isogal.montecarlo.chunks import Case, Chunk, divide, fair_share, map_digest
+from isogal.montecarlo.cases import Case, Job, map_digest
 from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.workers import Submit, cluster, computed, processes
@@ -15,7 +15,7 @@ from isogal.threads import available_cores
 
 @dataclass(frozen=True, slots=True)
 class Backend:
-    """Where chunks are computed."""
+    """Where runs are computed."""
 
     workers: int | None = None
     """Processes on this machine; None = one for each core."""
@@ -28,16 +28,11 @@ class Backend:
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers: must be at least 1, is {self.workers}")
 
-    @property
-    def count(self) -> int:
-        """Number of workers that the work is divided for."""
-        return self.workers or (8 if self.scheduler else available_cores())
-
-    def start(self, chunks: Sequence[Chunk]) -> AbstractContextManager[Submit]:
-        """Start workers for chunks; see `processes` and `cluster`."""
-        maps = {map_digest(chunk.case.field_map): chunk.case.field_map for chunk in chunks}
+    def start(self, jobs: Sequence[Job]) -> AbstractContextManager[Submit]:
+        """Start workers for jobs; see `processes` and `cluster`."""
+        maps = {map_digest(job.case.field_map): job.case.field_map for job in jobs}
         if self.scheduler is None:
-            return processes(maps, min(self.count, len(chunks)))
+            return processes(maps, min(self.workers or available_cores(), len(jobs)))
         return cluster(maps, self.scheduler)
 
 
@@ -74,21 +69,17 @@ def compute_cases(
     for case in cases:
         if case.key not in largest or case.runs > largest[case.key].runs:
             largest[case.key] = case
-    missing = {key: store.missing(case) for key, case in largest.items()}
     total = sum(case.runs for case in largest.values())
-    left = sum(map(len, missing.values()))
-    share, kept = fair_share(left, backend.count), total - left
-    chunks = [
-        chunk for key, case in largest.items() for chunk in divide(case, missing[key], share)
-    ]
+    jobs = [Job(case, run) for case in largest.values() for run in store.missing(case)]
+    kept = total - len(jobs)
     for damage in store.damaged:
         display.say(f"computed again: {damage}")
-    display.begin(chunks, kept)
+    display.begin(jobs, kept)
     try:
-        with closing(computed(chunks, backend.start)) as finished:
-            for chunk, runs in finished:
-                store.put(chunk, runs)
-                kept += len(chunk.runs)
-                display.finished(chunk)
+        with closing(computed(jobs, backend.start)) as finished:
+            for job, runs in finished:
+                store.put(job, runs)
+                kept += 1
+                display.finished(job)
     except KeyboardInterrupt:
         raise Interrupted(kept, total) from None

@@ -1,4 +1,4 @@
-"""Who computes chunks: processes of this machine, or the workers of a Dask cluster, both by the
+"""Who computes runs: processes of this machine, or the workers of a Dask cluster, both by the
 interface of `concurrent.futures`.
 
 A script that computes by processes needs the guard ``if __name__ == "__main__"``, since each of
@@ -12,78 +12,86 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
+from uuid import uuid4
 
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.several import RunMap
-from isogal.montecarlo.chunks import Chunk, Task, compute, source_digest
+from isogal.montecarlo.cases import Job, Task, compute, source_digest
 from isogal.threads import VARIABLES
 
 if TYPE_CHECKING:
     from distributed import Client
 
 ATTEMPTS = 3
-"""How often in a row worker processes may die before any chunk is finished."""
+"""How often in a row worker processes may die before any run is finished."""
 TIMEOUT = 10.0
 """s to wait for a scheduler."""
 _THREADS = (*VARIABLES, "NUMBA_NUM_THREADS")
 
-Submit = Callable[[Chunk], Future[Runs]]
-"""Has a chunk computed."""
+Submit = Callable[[Job], Future[Runs | Path]]
+"""Has a run computed, and returns it or the file that it is in."""
 
 
 class WorkerError(RuntimeError):
-    """Chunks cannot be computed; one line says why."""
+    """Runs cannot be computed; one line says why."""
 
 
 def computed(
-    chunks: Sequence[Chunk], start: Callable[[Sequence[Chunk]], AbstractContextManager[Submit]]
-) -> Generator[tuple[Chunk, Runs], None, None]:
-    """Yield chunks with their runs as they are finished. Where a worker process dies, new ones
+    jobs: Sequence[Job], start: Callable[[Sequence[Job]], AbstractContextManager[Submit]]
+) -> Generator[tuple[Job, Runs], None, None]:
+    """Yield jobs with their runs as they are finished. Where a worker process dies, new ones
     take its place and what is left.
 
     Parameters
     ----------
-    chunks : sequence of Chunk
+    jobs : sequence of Job
         Begun in this order.
     start : callable
-        Returns workers for chunks: `processes` or `cluster` of their maps.
+        Returns workers for jobs: `processes` or `cluster` of their maps.
 
     Raises
     ------
     InputError
-        The scenario of a chunk cannot be used; see also `cluster`.
+        The scenario of a job cannot be used; see also `cluster`.
     WorkerError
-        Anything else has gone wrong with a chunk, or workers died `ATTEMPTS` times in a row.
+        Anything else has gone wrong with a job, or workers died `ATTEMPTS` times in a row.
     """
-    left, deaths = list(chunks), 0
+    left, deaths = list(jobs), 0
     while left:
         try:
             with start(left) as submit:
-                futures = {submit(chunk): chunk for chunk in left}
+                futures = {submit(job): job for job in left}
                 for future in as_completed(futures):
-                    chunk = futures.pop(future)  # which drops its result, too
-                    runs = _result(future, chunk)
-                    left.remove(chunk)
+                    job = futures.pop(future)  # which drops its result, too
+                    runs = _result(future, job)
+                    left.remove(job)
                     deaths = 0
-                    yield chunk, runs
+                    yield job, runs
         except BrokenProcessPool:
             deaths += 1
             if deaths == ATTEMPTS:
                 raise WorkerError(
                     f"{left[0]} and after it: workers were killed {deaths} times in a row before"
-                    " a chunk was finished; is there too little memory?"
+                    " a run was finished; is there too little memory?"
                 ) from None
 
 
-def _result(future: Future[Runs], chunk: Chunk) -> Runs:
+def _result(future: Future[Runs | Path], job: Job) -> Runs:
     try:
-        return future.result()
+        found = future.result()
     except (InputError, BrokenProcessPool):
         raise
     except Exception as error:
-        raise WorkerError(f"{chunk}: {type(error).__name__}: {error}") from error
+        raise WorkerError(f"{job}: {type(error).__name__}: {error}") from error
+    if isinstance(found, Runs):
+        return found
+    runs = Runs.load(found)
+    found.unlink()
+    return runs
 
 
 @contextmanager
@@ -102,17 +110,18 @@ def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
     context.set_forkserver_preload(["__main__", __name__])
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, context, _take, (maps,))
+    with TemporaryDirectory(prefix="isogal-") as folder:
 
-    def submit(chunk: Chunk) -> Future[Runs]:
-        with _as_worker():
-            return pool.submit(_compute, chunk.task)
+        def submit(job: Job) -> Future[Runs | Path]:
+            with _as_worker():
+                return pool.submit(_compute, job.task, Path(folder))
 
-    try:
-        yield submit
-    finally:
-        for process in set(multiprocessing.active_children()) - others:
-            process.kill()
-        pool.shutdown(cancel_futures=True)
+        try:
+            yield submit
+        finally:
+            for process in set(multiprocessing.active_children()) - others:
+                process.kill()
+            pool.shutdown(cancel_futures=True)
 
 
 _maps: dict[str, RunMap] = {}
@@ -123,8 +132,12 @@ def _take(maps: Mapping[str, RunMap]) -> None:
     _maps.update(maps)
 
 
-def _compute(task: Task) -> Runs:
-    return compute(task, _maps[task.map_key])
+def _compute(task: Task, folder: Path) -> Path:
+    """Compute a task; return the file that the run is in. A worker that is killed while it sends
+    more than fits into the pool's pipe would leave the parent waiting for the rest."""
+    path = folder / f"{uuid4().hex}.npz"
+    compute(task, _maps[task.map_key]).save(path)
+    return path
 
 
 @contextmanager
@@ -146,7 +159,7 @@ def _as_worker() -> Iterator[None]:
 
 @contextmanager
 def cluster(maps: Mapping[str, RunMap], address: str) -> Iterator[Submit]:
-    """Use the workers of a Dask cluster. If one dies, Dask gives its chunk to another,
+    """Use the workers of a Dask cluster. If one dies, Dask gives its run to another,
     `distributed.scheduler.allowed-failures` times.
 
     Parameters
@@ -170,7 +183,7 @@ def cluster(maps: Mapping[str, RunMap], address: str) -> Iterator[Submit]:
         }
         pool = client.get_executor(pure=False)
         try:
-            yield lambda chunk: pool.submit(compute, chunk.task, spread[chunk.task.map_key])
+            yield lambda job: pool.submit(compute, job.task, spread[job.task.map_key])
         finally:
             pool.shutdown(wait=False)
     finally:

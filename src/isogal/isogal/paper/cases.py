@@ -8,7 +8,7 @@ from isogal.fields.source_map import MapSource
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
-from isogal.montecarlo.chunks import Case
+from isogal.montecarlo.cases import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
 from isogal.scenario.imu_grades import PAPER_GRADES

@@ -18,7 +18,7 @@ from isogal.evaluation.summary import summarise
 from isogal.fields.simulator import scan_index
 from isogal.maps.variability import feature_variability, normalised_variability
 from isogal.matching.paper.iteration import PaperOptions
-from isogal.montecarlo.chunks import Case
+from isogal.montecarlo.cases import Case
 from isogal.montecarlo.engine import simulate
 from isogal.montecarlo.store import Store
 from isogal.paper.cases import AIDING, HEADINGS, PAPER, Plan, Setting

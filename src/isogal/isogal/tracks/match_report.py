@@ -39,31 +39,33 @@ def write_match_report(
     track, field_map = field.track, field.scalar_map
     published = sum(match.fix.published for match in matches)
     start = "what the earlier ones told" if chained else "the same prior"
-    figures = {
-        "track": (
+    figures = [
+        Illustration(
+            "track",
             track_map_figure(track, field_map, matches),
             "The track as the navigator recorded it, and moved by what the fixes (and the prior)"
             " say, on the map.",
         ),
-        "readings": (
+        Illustration(
+            "readings",
             readings_figure(track, field_map, matches),
             "Readings (less their offset) and the map's values along the track as recorded and as"
             " matched; below, their differences.",
         ),
-    }
+    ]
     if any(match.shifts is not None for match in matches):
-        figures["shifts"] = (
-            shift_figure(matches),
+        caption = (
             "Where the track may be: log posterior over its error, all noise models together; the"
-            " ellipse is the fix's with the prior, 2-sigma, and + no error at all.",
+            " ellipse is the fix's with the prior, 2-sigma, and + no error at all."
         )
+        figures.append(Illustration("shifts", shift_figure(matches), caption))
     result = Section(
         "Result",
         [
             f"{published} fixes from {len(matches)} batches of {field.settings.batch_length}"
             f" readings; each batch starts from {start}."
         ],
-        [Illustration(name, *each) for name, each in figures.items()],
+        figures,
         [_fixes(matches), *_estimates(field, matches)],
     )
     return write_report(

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.tracks.track import Track
@@ -98,28 +99,29 @@ def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> list[Track]:
             f"{path}: has no message on {' or '.join(repr(one.topic) for one in wanted)}; it has"
             f" {', '.join(sorted(seen)) or 'none at all'}"
         )
-    clock, latitude, longitude = positions.T
-    latitude, longitude = np.radians(latitude), np.unwrap(np.radians(longitude))
-    tracks = []
-    for quantity, rows in readings.items():
-        time, value, variance = rows[(clock[0] <= rows[:, 0]) & (rows[:, 0] <= clock[-1])].T
-        if time.size:
-            tracks.append(
-                Track(
-                    time=time,
-                    latitude=np.interp(time, clock, latitude),
-                    longitude=np.interp(time, clock, longitude),
-                    value=value,
-                    sigma=np.sqrt(np.where(variance > 0.0, variance, np.nan)),
-                    offset=np.zeros(time.size),
-                    where=str(path),
-                    reduction=READINGS[quantity].reduction,
-                    quantity=quantity,
-                )
-            )
+    made = [_track(str(path), quantity, rows, positions) for quantity, rows in readings.items()]
+    tracks = [track for track in made if len(track)]
     if not tracks:
         raise InputError(f"{path}: no reading lies between the first and the last position")
     return tracks
+
+
+def _track(where: str, quantity: str, rows: Array, positions: Array) -> Track:
+    """Return readings (N, 3) as stamp, value and variance with the positions (M, 3), stamp and
+    deg, at their stamps; without those before the first and after the last of these."""
+    clock, latitude, longitude = positions.T
+    time, value, variance = rows[(clock[0] <= rows[:, 0]) & (rows[:, 0] <= clock[-1])].T
+    return Track(
+        time=time,
+        latitude=np.interp(time, clock, np.radians(latitude)),
+        longitude=np.interp(time, clock, np.unwrap(np.radians(longitude))),
+        value=value,
+        sigma=np.sqrt(np.where(variance > 0.0, variance, np.nan)),
+        offset=np.zeros(time.size),
+        where=where,
+        reduction=READINGS[quantity].reduction,
+        quantity=quantity,
+    )
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, Message]]:

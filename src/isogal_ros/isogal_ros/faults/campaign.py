@@ -12,14 +12,8 @@ import typer
 
 from isogal.files import write_atomic
 from isogal.scenario import Scenario
-from isogal_ros.faults.catalogue import (
-    FAULTS,
-    MESSAGE_FAULTS,
-    NODE_FAULTS,
-    QUICK,
-    Fault,
-)
-from isogal_ros.faults.trials import Feed, Outcome, run_trials
+from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
+from isogal_ros.faults.trials import Feed, Outcome, run_trial
 from isogal_ros.nodes.signals import Interrupt
 
 OUTCOMES, TABLE, PAGE = "outcomes.jsonl", "faults.json", "faults.md"
@@ -111,9 +105,8 @@ def run_campaign(
             if due and not interrupt:
                 feed = Feed(scenario, trial, interrupt)
                 interrupt.ends_at_once = True
-                for kind in (MESSAGE_FAULTS, NODE_FAULTS):
-                    for outcome in run_trials(feed, [one for one in due if one in kind]):
-                        keep(outcome)
+                for fault in due:
+                    keep(run_trial(feed, fault))
                 interrupt.ends_at_once = False
     interrupt.ends_at_once = False
     table = table_of(scenario, faults, done.values())

@@ -137,7 +137,10 @@ def _of(
 
 _FORCE, _RATE = "linear_acceleration", "angular_velocity"
 _FORCE_VARIANCE, _VARIANCE = ("linear_acceleration_covariance", 0), ("accel.covariance", 14)
-MESSAGE_FAULTS = (
+ANSWERING = (topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION)
+"""The nodes that answer the sensors."""
+_SEVERAL = {"filter and matcher": ANSWERING[1:], "all that answer": ANSWERING}
+FAULTS = (
     *_of(
         "imu",
         60.0,
@@ -201,11 +204,6 @@ MESSAGE_FAULTS = (
         ("every message twice", _copies(2), 60.0, False),
         ("lost for 60 s", _copies(0)),
     ),
-)
-ANSWERING = (topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION)
-"""The nodes that answer the sensors."""
-_SEVERAL = {"filter and matcher": ANSWERING[1:], "all that answer": ANSWERING}
-NODE_FAULTS = (
     *(
         # a few seconds cost the filter samples, and the others hardly anything
         Fault(f"{who} killed for {s:.0f} s", nodes, "killed", s, s > 5.0 or ANSWERING[2] in nodes)
@@ -216,7 +214,6 @@ NODE_FAULTS = (
     *(Fault(f"{name} stopped for 60 s", (name,), "stopped", 60.0, False) for name in ANSWERING),
     *(Fault(f"{name} slow", (name,), "slow", 180.0, False) for name in ANSWERING),
 )
-FAULTS = MESSAGE_FAULTS + NODE_FAULTS
 QUICK = (
     "imu NaN", "imu one stamp ahead", "imu outage of 60 s", "imu dead gyroscope",
     "reading in mGal", "nav NaN", "ukf_fusion_node killed for 5 s",

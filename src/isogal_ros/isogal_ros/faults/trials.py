@@ -1,21 +1,13 @@
-"""Trials: a run without fault, and the rest of it with one fault from a time on, played to fresh
-nodes.
+"""Trials: a run without fault, and the same with one fault from a time on, played to fresh
+nodes."""
 
-All faults of a run share what comes before them: the run is played once, and where a fault begins
-a process is forked off that plays the rest with it."""
-
-import gc
-import multiprocessing
 import re
-import shutil
 import signal
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple, TypedDict
 
@@ -52,7 +44,6 @@ TURN = 20.0
 """s that a slow node takes nothing, and then goes."""
 STORES = ("truth", "last_nav", "readings", "fixes")
 """Messages of a `Collector` that are lost where only the run without fault has their stamp."""
-_FORK = multiprocessing.get_context("fork")
 
 
 class Outcome(TypedDict):
@@ -207,53 +198,34 @@ def without_numbers(text: str) -> str:
     return re.sub(r"[0-9.]+", "", text)
 
 
-def run_trials(feed: Feed, faults: Sequence[Fault]) -> Iterator[Outcome]:
-    """Play a run, and yield what became of each fault, by the time it begins."""
-    with tempfile.TemporaryDirectory(prefix="isogal-faults-") as folder:
-        # checkpoints take time, and only nodes that are killed need them
-        killing = any(isinstance(fault.effect, str) for fault in faults)
-        player = feed.player(Path(folder) if killing else None)
-        for fault in sorted(faults, key=lambda one: feed.begin_of(one)[0]):
-            player.play(feed.begin_of(fault)[0] - 1e-9)
-            with _unchanged(Path(folder)):
-                outcome = _forked(partial(_with_fault, feed, player, fault))
-            yield feed.outcome(fault, player, outcome) if isinstance(outcome, str) else outcome
+class _HangsError(BaseException):
+    """A trial hangs: no node takes this for what is wrong with a message."""
 
 
 @contextmanager
-def _unchanged(folder: Path) -> Iterator[None]:
-    """Put a folder back, in the end, as it was."""
-    with tempfile.TemporaryDirectory() as copy:
-        shutil.copytree(folder, copy, dirs_exist_ok=True)
-        yield
-        shutil.rmtree(folder)
-        shutil.copytree(copy, folder)
+def _limited() -> Iterator[None]:
+    """Raise _HangsError where the block lasts for `LIMIT`; in the main thread."""
 
+    def end(*_: object) -> None:
+        raise _HangsError(f"nothing came within {LIMIT:g} s")
 
-def _forked(play: Callable[[], Outcome]) -> Outcome | str:
-    """Return what a function returns in a process of its own, forked off here, or why it returned
-    nothing."""
-
-    def run(sending: Connection) -> None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with this process's trial
-        sending.send(play())
-
-    gc.freeze()
-    receiving, sending = _FORK.Pipe(duplex=False)
-    child = _FORK.Process(target=run, args=(sending,))
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, LIMIT)
     try:
-        child.start()
-        sending.close()
-        found: Outcome | str = f"nothing came within {LIMIT:g} s"
-        if receiving.poll(LIMIT):
-            found = receiving.recv()
-        return found
-    except EOFError:
-        return "the process ended"
+        yield
     finally:
-        if child.pid is not None:
-            child.kill()
-            child.join()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def run_trial(feed: Feed, fault: Fault) -> Outcome:
+    """Play a run with a fault, and return what became of it."""
+    with tempfile.TemporaryDirectory(prefix="isogal-faults-") as folder:
+        # checkpoints take time, and only nodes that are killed need them
+        player = feed.player(Path(folder) if isinstance(fault.effect, str) else None)
+        with player.bus:
+            player.play(feed.begin_of(fault)[0] - 1e-9)
+            return _with_fault(feed, player, fault)
 
 
 def _with_fault(feed: Feed, player: Player, fault: Fault) -> Outcome:
@@ -280,12 +252,13 @@ def _with_fault(feed: Feed, player: Player, fault: Fault) -> Outcome:
     known, acts, crash = len(player.reports), False, None
     player.bus.change = change
     try:
-        for ns in player.steps(feed.looked_at(fault)[1]):
-            is_on = fault.is_on(to_seconds(ns) - begin, TURN)
-            if isinstance(fault.effect, str) and acts != is_on:
-                acts = is_on
-                _act(player, fault, acts)
-    except Exception:
+        with _limited():
+            for ns in player.steps(feed.looked_at(fault)[1]):
+                is_on = fault.is_on(to_seconds(ns) - begin, TURN)
+                if isinstance(fault.effect, str) and acts != is_on:
+                    acts = is_on
+                    _act(player, fault, acts)
+    except (Exception, _HangsError):
         crash = traceback.format_exc(limit=-3)
     return feed.outcome(fault, player, crash, known)
 

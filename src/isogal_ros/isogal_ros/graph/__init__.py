@@ -5,7 +5,7 @@ plan           which nodes, with which parameters, and can they be used?
 parameter_files  what do a parameter file and options say to each node?
 running        how does it run, in one process or as one for each node?
 launching      what does the launch file do with its arguments?
-bus            how do nodes hear each other without middleware?
+bus            how do nodes of one process hear each other past the middleware?
 recorded       what does a replay need of a bag?
 player         how is it played to fresh nodes?
 replay         how do their fixes differ from the recorded ones, and what was used?

@@ -182,10 +182,11 @@ def participants(domain: int) -> int:
 
 
 @contextmanager
-def local_context(domain: int) -> Iterator[Context]:
-    """Yield a context in a domain, with `defaults` where the user has not said otherwise."""
+def local_context(domain: int, context: Context | None = None) -> Iterator[Context]:
+    """Yield a context in a domain, a new one unless it is given, with `defaults` where the user
+    has not said otherwise."""
     os.environ.update(defaults(os.environ))
-    context = Context()
+    context = Context() if context is None else context
     # without log files, which would go to the user's home folder, and without lines between
     # those of the command
     arguments = ["--ros-args", "--disable-external-lib-logs", "--log-level", "warn"]

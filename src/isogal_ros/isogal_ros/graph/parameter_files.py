@@ -13,10 +13,9 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
-from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import node_class
-from isogal_ros.nodes.base import NodeSettings
-from isogal_ros.parameters.declaration import OF_RCLPY
+from isogal_ros.nodes.base import KEYS, NodeSettings
+from isogal_ros.parameters.declaration import OF_RCLPY, known_values
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs, yaml_line
 from isogal_ros.parameters.values import scenario_from, settings_from
 
@@ -94,10 +93,14 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
         key: yaml_line(value) if isinstance(value, dict) else value
         for key, value in values_of(document, full).items()
     }
+    kind = node_class(name)
+    specs = kind.specs()
     try:
-        Bus().add(name, values | {"autostart": False}).destroy_node()
-    except (InputError, TypeError) as error:  # the latter of what no parameter can hold
-        raise InputError(f"{where}: {error}") from None
+        found = known_values(values, specs, KEYS)
+        found = {spec.name: spec.to_field(found[spec.name]) for spec in specs}
+    except InputError as error:
+        raise InputError(f"{where}: {name}: {error}") from None
+    kind.read(f"{where}: {name}", found)
 
 
 def unmatched_sections(document: Document, names: Collection[str], namespace: str) -> list[str]:

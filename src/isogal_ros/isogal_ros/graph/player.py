@@ -1,4 +1,4 @@
-"""Fresh nodes that the sensor messages of a recording are played to, without middleware, step by
+"""Fresh nodes that the sensor messages of a recording are played to, past the middleware, step by
 step: every sample and reading is dealt with before the next."""
 
 import math
@@ -11,7 +11,7 @@ from pydantic import JsonValue
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
-from isogal_ros.graph.bus import Bus, Publisher
+from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.recorded import Recorded
 from isogal_ros.messages.stamps import to_seconds
@@ -23,7 +23,8 @@ TICK = 5.0
 
 
 class Player:
-    """Nodes on a bus, what is still to be played to them, and what they have said.
+    """Nodes on a bus, what is still to be played to them, and what they have said. Its bus has to
+    be closed.
 
     Parameters
     ----------
@@ -70,11 +71,15 @@ class Player:
         """By name."""
         self._due = deque(recorded.in_order())
         fed = [topic for topic, messages in recorded.sensors.items() if messages]
-        self._publishers = {topic: Publisher(topic.name, self.bus) for topic in fed}
-        for name in names:
-            self.start(name)
+        self._publishers = {topic: self.bus.publisher(topic) for topic in fed}
         self._ticked = 0.0
-        self.bus.tick()
+        try:
+            for name in names:
+                self.start(name)
+            self.bus.tick()
+        except BaseException:
+            self.bus.close()
+            raise
 
     def _take(self, topic: Topic, data: bytes) -> None:
         """Keep a serialised message that a node has published."""

@@ -106,8 +106,11 @@ def replay(
     whole = bool(recorded.collector.truth) and recorded.first <= LATE
     start = {} if whole or recorded.start is None else recorded.start
     player = Player(recorded, {}, {**start, **(parameters or {})}, quiet=False)
-    answered = _play(player, interrupt, report)
     outputs = player.collector
+    with player.bus:
+        answered = _play(player, interrupt, report)
+        failures = [] if interrupt else _shortcomings(player, answered)
+        fusion = player.filter
     outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
     return Replay(
         scenario,
@@ -116,9 +119,9 @@ def replay(
         to_seconds(answered) - recorded.first if answered else 0.0,
         time.monotonic() - begun,
         _notes(reader, recorded),
-        [] if interrupt else _shortcomings(player, answered),
+        failures,
         bool(interrupt),
-        player.filter,
+        fusion,
     )
 
 

@@ -277,8 +277,7 @@ def run_processes(
             wall = _watch(processes, domain, interrupt, report, inject)
         finally:
             processes.stop(interrupt)
-            if any(code < 0 for code in processes.ended().values()) or processes.restarts:
-                sweep_shared_memory(before)
+            sweep_shared_memory(before)  # nodes end without taking their middleware down
     failed = {name: code for name, code in processes.ended().items() if code != 0}
     if failed and not interrupt:
         raise GraphError(processes.describe(*next(iter(failed.items()))))
@@ -345,8 +344,8 @@ def shared_memory() -> set[str]:
 
 
 def sweep_shared_memory(before: set[str]) -> None:
-    """Delete the shared memory files that came since and that no process uses: one that is killed
-    leaves its own behind."""
+    """Delete the shared memory files that came since and that no process uses: one that ends
+    without taking its middleware down leaves its own behind."""
     came = shared_memory() - before
     if came:
         time.sleep(SETTLED)  # a graph that is just starting makes a file, then locks it

@@ -1,6 +1,7 @@
 """Messages to arrays and back.
 
 stamps           which time does a stamp say, in whole nanoseconds?
+prepared         how are messages of every step serialised once, and then only written to?
 frames           which frames and axes have messages, and which the library?
 checks           what makes a message unusable?
 imu              how is an inertial sample written and read?

@@ -42,6 +42,9 @@ def _write(
 
 
 def _read(settings: Height, message: FluidPressure) -> tuple[float, float | None]:
-    """Return the height (m), and its variance; None = unknown (zero)."""
+    """Return the height (m), NaN of a pressure that is none, and its variance; None = unknown
+    (zero)."""
+    if math.isnan(message.fluid_pressure):
+        return math.nan, None
     _, height, variance = read_pressure(message, settings)
     return height, variance or None

@@ -6,7 +6,7 @@ their float64 follow one another as in memory, aligned to eight bytes."""
 
 import struct
 from collections.abc import Callable, Iterator
-from functools import cache, reduce
+from functools import reduce
 
 import numpy as np
 from rclpy.serialization import serialize_message
@@ -18,6 +18,7 @@ from isogal_ros.topics import Message
 _STAMP, _STAMP_AT = struct.Struct("=iI"), 4
 """Behind four bytes that say how the message is represented."""
 _SECOND = 1_000_000_000
+_NONE = np.empty(0)
 
 
 class Prepared:
@@ -41,12 +42,15 @@ class Prepared:
         """Stamp."""
         self.numbers = numbers_of(message)
         """(N,) all float64 of the message, in the order of its fields."""
+        first = next(iter(message.get_fields_and_field_types().values()))
+        self._has_stamp = first in ("std_msgs/Header", "builtin_interfaces/Time")
         self._renamed = False
         self.prepare()
 
     def prepare(self) -> None:
         """Serialise what is not stamp or number anew."""
-        _write_object(self.message, marks := 1.0 + np.arange(len(self.numbers)))
+        marks: Array = np.arange(1.0, 1.0 + len(self.numbers))
+        _write_object(self.message, marks)
         data = serialize_message(self.message)
         start = data.rfind(marks.tobytes())
         if start < 0:
@@ -62,18 +66,17 @@ class Prepared:
 
     def serialised(self) -> bytes:
         """Return the message as it is now."""
-        return b"".join((self._head, self.numbers, self._tail))
+        if self._has_stamp:
+            _STAMP.pack_into(self._head, _STAMP_AT, *divmod(self.ns, _SECOND))
+        return b"".join((self._head, self.numbers.tobytes(), self._tail))
 
     def write(self, ns: int, numbers: Array) -> None:
         """Write a stamp, where the message has one, and all numbers; where it holds as many as
         one likes, they may become more or fewer."""
-        self.ns = ns
-        is_longer = len(numbers) != len(self.numbers)
-        self.numbers = numbers
-        if is_longer:
+        more = len(numbers) != len(self.numbers)
+        self.ns, self.numbers = ns, numbers
+        if more:
             self.prepare()
-        if _has_stamp(type(self.message)):
-            _STAMP.pack_into(self._head, _STAMP_AT, *divmod(ns, _SECOND))
 
 
 def serialised(message: Message | Prepared) -> bytes:
@@ -87,11 +90,8 @@ def numbers_of(message: Message | Prepared) -> Array:
     """Return (N,) all float64 of a message, in the order of its fields."""
     if isinstance(message, Prepared):
         return message.numbers
-    parts = (reduce(getattr, way, message) for way, _ in _paths(type(message)))
+    parts = (reduce(getattr, way, message) for way, _ in _fields(message))
     return np.concatenate([np.empty(0), *(np.atleast_1d(np.asarray(one, float)) for one in parts)])
-
-
-_NONE = np.empty(0)
 
 
 def write(message: Message | Prepared, ns: int, numbers: Array = _NONE) -> None:
@@ -106,7 +106,7 @@ def write(message: Message | Prepared, ns: int, numbers: Array = _NONE) -> None:
 
 def _write_object(message: Message, numbers: Array) -> None:
     rest = numbers
-    for way, kind in _paths(type(message)):
+    for way, kind in _fields(message):
         owner = reduce(getattr, way[:-1], message)
         if kind == "double":
             setattr(owner, way[-1], float(rest[0]))
@@ -119,23 +119,11 @@ def _write_object(message: Message, numbers: Array) -> None:
             rest = rest[size:]
 
 
-@cache
-def _paths(kind: type[Message]) -> tuple[tuple[tuple[str, ...], str], ...]:
-    """Return the names that lead to each field of float64, or of an array of them, and what it
+def _fields(message: Message) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the names that lead to each field of float64, or of an array of them, and what it
     is."""
-    return tuple(_walk(kind()))
-
-
-def _walk(message: Message) -> Iterator[tuple[tuple[str, ...], str]]:
     for name, kind in message.get_fields_and_field_types().items():
         if "double" in kind:
             yield (name,), kind
         elif "/" in kind and "sequence" not in kind:
-            yield from (((name, *way), inner) for way, inner in _walk(getattr(message, name)))
-
-
-@cache
-def _has_stamp(kind: type[Message]) -> bool:
-    """Whether a message begins with a stamp, in a header or alone."""
-    first = next(iter(kind.get_fields_and_field_types().values()))
-    return first in ("std_msgs/Header", "builtin_interfaces/Time")
+            yield from (((name, *way), inner) for way, inner in _fields(getattr(message, name)))

@@ -43,6 +43,8 @@ from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import Values, scenario_from, settings_from
 from isogal_ros.topics import LOSSLESS, Topic
 
+KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
+"""Of a scenario, which a file that all nodes share may say to each."""
 PARENT = "ISOGAL_PARENT_PID"
 """Environment variable: the process whose end ends a node as well."""
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -143,9 +145,8 @@ class GraphNode(LifecycleNode):
         values: Mapping[str, JsonValue] | None = None,
         context: Context | None = None,
     ) -> None:
-        self.active = False
-        """Whether messages are dealt with."""
-        self.configured = False
+        self.active = self.configured = False
+        """Whether messages are dealt with, and whether there is what deals with them."""
         self._failed: BaseException | None = None
         self._before: dict[str, set[Entity]] = {}
         super().__init__(
@@ -158,7 +159,7 @@ class GraphNode(LifecycleNode):
             automatically_declare_parameters_from_overrides=True,
         )
         self.monotonic: Callable[[], float] = getattr(context, "monotonic", time.monotonic)
-        """Returns the wall time, s; a graph without middleware (`graph.bus`) has its own."""
+        """Returns the wall time, s; nodes on a bus (`graph.bus`) have its own."""
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
@@ -172,7 +173,8 @@ class GraphNode(LifecycleNode):
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
-            specs = self._declare(name)
+            specs = self.specs()
+            self.settings, self.scenario = self.read(name, declare(self, specs, KEYS))
             self.frame_names = self.settings.frame_names
             self._entrance = Entrance(self.settings.drivers, self.frame_names)
             self._said = self.advertise(topics.DIAGNOSTICS)
@@ -198,22 +200,23 @@ class GraphNode(LifecycleNode):
             self.destroy_node()
             raise
 
-    def _declare(self, name: str) -> list[ParameterSpec]:
-        """Declare the parameters, set `settings` and `scenario`, and return the parameters."""
-        own = parameter_specs(self.settings_model, mutable=self.mutable)
-        of_scenario = parameter_specs(Scenario, sections=self.sections, mutable=self.mutable)
-        values = declare(
-            self, own + of_scenario, {spec.name for spec in parameter_specs(Scenario)}
-        )
-        self.settings = settings_from(
-            self.settings_model, {spec.name: values[spec.name] for spec in own}, name
-        )
-        assumed = {spec.name: values[spec.name] for spec in of_scenario}
+    @classmethod
+    def specs(cls) -> list[ParameterSpec]:
+        """Return the parameters: own ones, and those of the sections of the scenario."""
+        own = parameter_specs(cls.settings_model, mutable=cls.mutable)
+        return own + parameter_specs(Scenario, sections=cls.sections, mutable=cls.mutable)
+
+    @classmethod
+    def read(cls, name: str, values: Values) -> tuple[NodeSettings, Scenario]:
+        """Return settings and scenario of the values of all parameters; raises InputError, which
+        begins with a name."""
+        fields = cls.settings_model.model_fields
+        own = {key: value for key, value in values.items() if key.partition(".")[0] in fields}
+        assumed = {key: value for key, value in values.items() if key not in own}
         truth = assumed.get("truth")
         if isinstance(truth, dict):  # a file that all nodes share says it of all sections
-            assumed["truth"] = truth_of(truth, self.sections)
-        self.scenario = scenario_from(assumed, name)
-        return own + of_scenario
+            assumed["truth"] = truth_of(truth, cls.sections)
+        return settings_from(cls.settings_model, own, name), scenario_from(assumed, name)
 
     def setup(self) -> None:
         """Make publishers and subscriptions; the scenario, settings and health are there."""
@@ -443,9 +446,7 @@ class GraphNode(LifecycleNode):
             self._destroy_made({})
             return
         super().destroy_node()
-        states = getattr(self, "_state_machine", None)
-        if states is not None:  # a graph without middleware has none
-            states.destroy_when_not_in_use()
+        self._state_machine.destroy_when_not_in_use()
 
     def close(self, timeout: float = 1.0) -> None:
         """Let listeners have what was published, for `timeout` s of wall time at most, then

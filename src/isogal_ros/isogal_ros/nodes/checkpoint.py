@@ -79,6 +79,11 @@ class Checkpoint:
         self._node.get_logger().warning(f"checkpoint refused: {self.reason}")
         return None
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether anything is written."""
+        return self._path is not None
+
     def save(self, ns: int, content: Any) -> None:
         """Write what is true at a stamp; a failure is reported and changes nothing else."""
         if self._path is None:

@@ -1,7 +1,9 @@
 """What the middleware of every process of the graph is told, however that was started."""
 
 import os
+import re
 from collections.abc import MutableMapping
+from contextlib import suppress
 from pathlib import Path
 
 OWN_FILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
@@ -16,6 +18,20 @@ usual."""
 LEASE = 20.0
 """s of wall time after which Fast DDS takes a process that says nothing for gone, and drops
 all that it keeps for it."""
+
+_LOCK = re.compile(r"(/dev/shm/)(fastrtps_[0-9a-f]{16})_el")
+"""File that a process holds for as long as it has shared memory of Fast DDS."""
+
+
+def leave_shared_memory() -> None:
+    """Delete this process's files of shared memory, which it has although its data do not go over
+    it: at the end of a process that does not take its participant down."""
+    for one in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):  # what lists them is among them, and is gone
+            if held := _LOCK.fullmatch(str(one.readlink())):
+                folder, name = held.groups()
+                for left in (f"sem.{name}_mutex", name, f"{name}_el"):
+                    Path(folder, left).unlink(missing_ok=True)
 
 
 def set_profiles(environment: MutableMapping[str, str] = os.environ) -> None:

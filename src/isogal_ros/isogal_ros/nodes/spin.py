@@ -18,7 +18,7 @@ from rclpy.utilities import remove_ros_args
 from isogal.compiled import tell_of_compiling
 from isogal.errors import InputError
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.middleware import set_profiles
+from isogal_ros.nodes.middleware import leave_shared_memory, set_profiles
 from isogal_ros.nodes.signals import INTERRUPTED, Interrupt, interrupts
 
 USAGE = "parameters are --ros-args -p KEY:=VALUE or --params-file FILE"
@@ -126,6 +126,7 @@ def main_of(kind: Callable[[str], GraphNode], name: str) -> Callable[..., None]:
         if code == REFUSED:
             sys.exit(code)
         # all is written and said, and the middleware is not taken down (`GraphNode.destroy_node`)
+        leave_shared_memory()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

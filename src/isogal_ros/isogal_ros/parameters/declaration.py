@@ -41,8 +41,10 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
     for name in overrides:
         node.undeclare_parameter(name)
     try:
-        overrides = known_overrides(overrides, specs, known)
-        values = {spec.name: _declare(node, spec, overrides) for spec in specs}
+        values = known_values(overrides, specs, known)
+        for spec in specs:
+            _declare(node, spec, values[spec.name])
+        found = {spec.name: spec.to_field(values[spec.name]) for spec in specs}
     except InputError as error:
         raise InputError(f"{node.get_name()}: {error}") from None
     casts = {spec.name: spec.cast for spec in specs}
@@ -56,14 +58,14 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
         ]
 
     node.add_pre_set_parameters_callback(recast)
-    return values
+    return found
 
 
-def known_overrides(
+def known_values(
     overrides: Mapping[str, JsonValue], specs: Sequence[ParameterSpec], known: Collection[str] = ()
 ) -> Values:
-    """Return overrides by the names of parameters; raises InputError for one that neither is a
-    parameter nor `known`, see `declare`.
+    """Return the values of parameters by name, by overrides or else their defaults; raises
+    InputError for an override that neither is of a parameter nor `known`, see `declare`.
 
     Those inside a parameter that holds YAML (``truth.imu.grade``, as a parameter file with nested
     keys has it) are put together as its text."""
@@ -82,7 +84,8 @@ def known_overrides(
             choice = f"; allowed: {', '.join(sorted(names))}"
             hint = f", did you mean '{close[0]}'?" if close else choice
             raise InputError(f"unknown parameter '{name}'{hint}")
-    return kept | {outer: yaml_line(nested(part)) for outer, part in parts.items()}
+    kept |= {outer: yaml_line(nested(part)) for outer, part in parts.items()}
+    return {spec.name: spec.cast(kept.get(spec.name, spec.default)) for spec in specs}
 
 
 def on_change(node: Node, specs: Sequence[ParameterSpec], apply: Callable[[Values], None]) -> None:
@@ -101,9 +104,8 @@ def on_change(node: Node, specs: Sequence[ParameterSpec], apply: Callable[[Value
     node.add_on_set_parameters_callback(callback)
 
 
-def _declare(node: Node, spec: ParameterSpec, overrides: Mapping[str, JsonValue]) -> JsonValue:
-    """Declare one parameter; return its value as the model wants it."""
-    value = spec.cast(overrides.get(spec.name, spec.default))
+def _declare(node: Node, spec: ParameterSpec, value: JsonValue) -> None:
+    """Declare one parameter."""
     try:
         node.declare_parameter(spec.name, value, spec.descriptor, ignore_override=True)
     except InvalidParameterTypeException:
@@ -113,4 +115,3 @@ def _declare(node: Node, spec: ParameterSpec, overrides: Mapping[str, JsonValue]
         ) from None
     except InvalidParameterValueException as error:
         raise InputError(f"parameter {spec.name}: {error}") from None
-    return spec.to_field(value)

@@ -47,7 +47,7 @@ class ParameterSpec:
         if self.is_yaml:
             try:
                 found: JsonValue = parse_yaml(value, self.name) if value.strip() else self.empty
-            except InputError:
+            except (InputError, AttributeError):
                 raise InputError(f"parameter {self.name}: must hold YAML, not {value!r}") from None
             return found
         if isinstance(value, str | int | float):

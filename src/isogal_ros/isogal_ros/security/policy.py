@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from isogal.scenario import Scenario
+from isogal_ros import topics
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import Plan
 
@@ -37,16 +38,23 @@ def endpoints(scenario: Scenario) -> dict[str, tuple[set[str], set[str], set[str
     route = scenario.route.model_copy(update={"duration": duration})
     short = scenario.model_copy(update={"route": route})
     for real in (False, True):
-        with tempfile.TemporaryDirectory() as folder:
-            bus, plan = Bus(), Plan(short, Path(folder) / "bag", real=real)
+        with tempfile.TemporaryDirectory() as folder, Bus() as bus:
+            plan = Plan(short, Path(folder) / "bag", real=real)
             for name in plan.names:
                 node = bus.add(name, plan.values(name))
                 published, heard, answered = found.setdefault(name, (set(), set(), set()))
-                published |= {one.topic_name for one in node.publishers}
-                heard |= {one.topic_name for one in node.subscriptions}
-                answered |= {service for owner, service in bus.services if owner == name}
+                published |= {relative(one.topic_name) for one in node.publishers}
+                heard |= {relative(one.topic_name) for one in node.subscriptions}
+                answered |= bus.services(node).keys() - {*PARAMETERS, *LIFECYCLE}
+                published -= {relative(one) for one in COMMON_PUBLISHED}
                 node.close()
     return found
+
+
+def relative(name: str) -> str:
+    """Return the name of a topic as a node of the namespace / has given it."""
+    absolute = {topic.name for topic in topics.ALL if topic.name.startswith("/")}
+    return name if name in absolute else name.lstrip("/")
 
 
 def policy(scenario: Scenario) -> ET.ElementTree:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from isogal.maps.axes import Window
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
-    from isogal.scenario import Gradiometer, Matcher
+    from isogal.scenario import Gradiometer, Matcher, Scenario
     from isogal.tracks.fields import TrackField
     from isogal.tracks.map_error import MapError
     from isogal.tracks.track import Track
@@ -33,8 +33,7 @@ scenario."""
 _LEAST_SHARE = 0.05
 """Of the map's learnt error: no learnt noise of the readings is taken as smaller."""
 _MARGIN = 25_000.0
-"""m of map kept around a track, and five 1-sigmas of its position: also those, within 20 km of a
-map's edge, where its gradients are not known."""
+"""m of map kept around a track, and five 1-sigmas of its position; more than `_GRADIENT_REACH`."""
 _REFERENCE_MARGIN = 5_000.0
 """m of map kept around reference tracks."""
 _GRADIENT_REACH = 20_000.0
@@ -60,7 +59,7 @@ class FieldChoice:
 
     @property
     def margin(self) -> float:
-        """M of map that are kept around a track."""
+        """How much of the map is kept around a track, m."""
         return _MARGIN + 5.0 * self.assumed.prior_sigma
 
     def read(self, matching: MatcherChoice) -> "list[TrackField]":
@@ -87,15 +86,13 @@ class FieldChoice:
         InputError
             A key or a value is not allowed.
         """
-        from isogal.scenario import load_scenario
-
         one, track = field.scalar_map, field.track
         changes = matching.changes() + self.assumed.changes(one, track.factor)
         given = {item.partition("=")[0] for item in changes}
         length = "matcher.map_correlation_length"
         if length not in given and one.correlation_length is not None:
             changes.append(f"{length}={one.correlation_length!r}")
-        settings = load_scenario(None, changes).matcher
+        settings = _scenario(changes).matcher
         if "matcher.map_sigma" not in given and not one.states_error:
             note(
                 "the map does not say how wrong it is, which is estimated along the track; give"
@@ -342,8 +339,6 @@ def _learnt_error(
 
 def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":
     """Return what the options say of the gradiometer; raises InputError where it cannot be."""
-    from isogal.scenario import load_scenario
-
     keys = {
         "components": list(components),
         "allowed_tilt": chosen.tilt_sigma,
@@ -351,7 +346,17 @@ def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiomete
         "bias_walk_eotvos": chosen.offset_walk,
         "map_errors": "one_potential" if chosen.one_potential else "independent",
     }
-    return load_scenario(None, [f"gradiometer.{k}={x}" for k, x in keys.items()]).gradiometer
+    return _scenario([f"gradiometer.{key}={x}" for key, x in keys.items()]).gradiometer
+
+
+def _scenario(changes: list[str]) -> "Scenario":
+    """Return the scenario of all defaults with some keys changed; raises InputError."""
+    from isogal.scenario import load_scenario
+
+    try:
+        return load_scenario(None, changes)
+    except InputError as error:
+        raise InputError(str(error).removeprefix("scenario: ")) from None
 
 
 def read_fields(
@@ -365,6 +370,7 @@ def read_fields(
     InputError
         `--also` is not understood, or says what does not go together; or as `FieldChoice.read`.
     """
+    _scenario(matching.changes())  # refuses what is wrong before a file is read
     name = "gradients" if track.gradients is not None else (track.column or "value")
     first = FieldChoice(name, map_, replace(track, also=None), assumed)
     every = [first, *(_also(text, first) for text in track.also or ())]

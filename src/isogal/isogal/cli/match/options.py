@@ -276,23 +276,20 @@ class Assumptions:
         """
         from isogal.cli.match.sigmas import parse_sigma
 
-        named: dict[str, str | float | None] = {
-            "map_sigma": self.map_sigma,
+        sigma: str | float | None = self.map_sigma
+        if sigma != "auto":
+            sigma = parse_sigma(self.map_sigma, "--map-sigma", field_map, factor)
+        named = {
+            "map_sigma": sigma,
             "map_correlation_length": self.map_correlation_length,
-            "bias_sigma": self.bias_sigma,
+            "bias_sigma": parse_sigma(self.bias_sigma, "--bias-sigma", field_map, factor),
         }
-        for name in ("map_sigma", "bias_sigma"):
-            said, option = named[name], f"--{name.replace('_', '-')}"
-            if said is not None and (name, said) != ("map_sigma", "auto"):
-                named[name] = parse_sigma(said, option, field_map, factor)
         return [f"matcher.{name}={value}" for name, value in named.items() if value is not None]
 
     def reading_sigma(self, field_map: "ScalarMap", factor: float) -> float | None:
         """Return ``--sensor-sigma`` in the unit inside; raises InputError."""
         from isogal.cli.match.sigmas import parse_sigma
 
-        if self.sensor_sigma is None:
-            return None
         return parse_sigma(self.sensor_sigma, "--sensor-sigma", field_map, factor, zero=False)
 
 

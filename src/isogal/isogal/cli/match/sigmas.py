@@ -30,13 +30,13 @@ def factor_of(unit: str, option: str, field_map: "ScalarMap") -> float:
 
 
 def parse_sigma(
-    text: str | float, option: str, field_map: "ScalarMap", factor: float, *, zero: bool = True
-) -> float:
-    """Return a sigma in the unit inside.
+    text: str | None, option: str, field_map: "ScalarMap", factor: float, *, zero: bool = True
+) -> float | None:
+    """Return a sigma in the unit inside; None where none is given.
 
     Parameters
     ----------
-    text : str or float
+    text : str, optional
         Such as ``0.5``, in the track's unit, or ``0.5mGal``.
     option : str
         For messages.
@@ -57,7 +57,9 @@ def parse_sigma(
 
     from isogal.maps.quantities import fitting_unit
 
-    found = _TEXT.match(str(text))
+    if text is None:
+        return None
+    found = _TEXT.match(text)
     if found is None:
         raise InputError(f"{option}: must be a number, or one with its unit, not '{text}'")
     number = float(found[1])

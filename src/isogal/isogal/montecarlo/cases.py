@@ -1,9 +1,9 @@
-"""Cases to compute, and the chunks of runs that workers compute one at a time."""
+"""Cases to compute, and their runs, which workers compute one at a time: what runs share, such as
+the map, is prepared once in each worker."""
 
 import hashlib
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -21,11 +21,6 @@ from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 
-MEMORY = 256_000_000
-"""Bytes that the arrays of one chunk may take in a worker."""
-MOST_RUNS = 10
-"""Runs of a chunk at most: an interruption loses no more than that, at the end of a study the last
-worker does not keep the others idle for longer than that, and progress is shown by chunks."""
 _CODE = (
     "earth",
     "inertial",
@@ -88,35 +83,28 @@ class Case:
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
-    """Some runs of a case."""
+class Job:
+    """A run of a case, to be computed."""
 
     case: Case
-    runs: tuple[int, ...]
-
-    @property
-    def seconds(self) -> float:
-        """Simulated time of its runs together, s."""
-        return self.case.duration * len(self.runs)
+    run: int
 
     @property
     def task(self) -> "Task":
         """What a worker needs to know of it."""
         case = self.case
-        return Task(map_digest(case.field_map), case.scenario, self.runs, case.aided, case.smooth)
+        return Task(map_digest(case.field_map), case.scenario, self.run, case.aided, case.smooth)
 
     def __str__(self) -> str:
-        first, last = self.runs[0], self.runs[-1]
-        which = f"run {first}" if first == last else f"runs {first} to {last}"
-        return f"{self.case.name}, {which}"
+        return f"{self.case.name}, run {self.run}"
 
 
 class Task(NamedTuple):
-    """A chunk as it is sent to a worker; maps are sent once, under their digests."""
+    """A job as it is sent to a worker; maps are sent once, under their digests."""
 
     map_key: str
     scenario: Scenario
-    runs: tuple[int, ...]
+    run: int
     aided: bool
     smooth: bool
 
@@ -126,7 +114,7 @@ def compute(task: Task, field_map: RunMap) -> Runs:
     used."""
     matcher = None if task.aided else Unaided()
     lag = math.inf if task.smooth else 0.0
-    return simulate(task.scenario, task.runs, field_map, matcher, lag=lag)
+    return simulate(task.scenario, [task.run], field_map, matcher, lag=lag)
 
 
 class Unaided:
@@ -139,34 +127,6 @@ class Unaided:
     def match(self, batch: Batch, field_map: AnyMap, memory: None) -> tuple[Fix, None]:
         """Decline (see `isogal.matching.interfaces.Matcher`)."""
         return declined(batch, "unaided"), None
-
-
-def divide(case: Case, missing: Sequence[int], share: int) -> list[Chunk]:
-    """Cut the missing runs of a case into chunks of at most `share` runs (see `fair_share`) that
-    fit into memory."""
-    size = min(share, fitting(case.scenario, case.duration))
-    return [Chunk(case, tuple(missing[i : i + size])) for i in range(0, len(missing), size)]
-
-
-def fair_share(runs: int, workers: int) -> int:
-    """Return how many of so many runs a chunk may have, so that all workers are busy to the
-    end."""
-    return min(MOST_RUNS, max(1, math.ceil(runs / (8 * workers))))
-
-
-def fitting(scenario: Scenario, duration: float) -> int:
-    """Return how many runs of a scenario of so many seconds can be computed together within
-    `MEMORY`, at least one.
-
-    A run holds six IMU readings and the unaided track of every step, and about 100 numbers of
-    every scan. All runs share the truth, the samples of the run being simulated, and the
-    covariance of the map's error between all scans."""
-    intervals, scans = duration * scenario.navigation_rate, duration / scenario.scan_interval
-    samples = duration * scenario.imu.rate
-    wrong = sum(one.map_error.sigma > 0.0 for one in scenario.each_field)
-    shared = 8 * (40 * samples + 5 * wrong * scans**2)
-    each = 8 * (9 * intervals + 100 * scans) + 200_000
-    return max(1, int((MEMORY - shared) / each))
 
 
 @cache
