@@ -15,6 +15,9 @@ from helpers.own_memory import left_of, own_memory
 from helpers.small_graph import nodes_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
 
+LOOK = 0.2
+"""s between looks at what a run's processes have: the nodes are there for a few seconds."""
+
 
 @dataclass(frozen=True)
 class Finished:
@@ -75,9 +78,9 @@ def finished(
     made = Finished(tmp_path_factory.mktemp("processes"))
     words = command("run", *sets(settings()), "--out", made.out)
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    for _ in range(round(PATIENCE)):
+    for _ in range(round(PATIENCE / LOOK)):
         try:
-            said, complained = process.communicate(timeout=1.0)
+            said, complained = process.communicate(timeout=LOOK)
             break
         except subprocess.TimeoutExpired:
             made.look(process.pid)
