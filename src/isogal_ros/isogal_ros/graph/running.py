@@ -32,6 +32,7 @@ from isogal_ros.graph.domain import (
 from isogal_ros.graph.plan import CLASSES, GraphError, Plan, node_class
 from isogal_ros.nodes.base import PARENT, GraphNode
 from isogal_ros.nodes.health import figures_of
+from isogal_ros.nodes.middleware import SHARED_MEMORY, delete_shared_memory
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.nodes.spin import COMPILING, drain, make_executor
 from isogal_ros.parameters.values import parameter_file
@@ -44,7 +45,6 @@ MOST_RESTARTS = 100
 """Of one node in one run."""
 LOG_LINES = 5
 """Last lines of a node's output that its end is described with."""
-SHARED_MEMORY = Path("/dev/shm")
 SETTLED = 1.0
 """s after which Fast DDS has locked a shared memory file that it has made."""
 
@@ -277,7 +277,7 @@ def run_processes(
             wall = _watch(processes, domain, interrupt, report, inject)
         finally:
             processes.stop(interrupt)
-            sweep_shared_memory(before)  # nodes end without taking their middleware down
+            sweep_shared_memory(before)  # of a node that did not come to its own end
     failed = {name: code for name, code in processes.ended().items() if code != 0}
     if failed and not interrupt:
         raise GraphError(processes.describe(*next(iter(failed.items()))))
@@ -344,8 +344,8 @@ def shared_memory() -> set[str]:
 
 
 def sweep_shared_memory(before: set[str]) -> None:
-    """Delete the shared memory files that came since and that no process uses: one that ends
-    without taking its middleware down leaves its own behind."""
+    """Delete the shared memory files that came since and that no process uses: one that is killed
+    leaves its own behind."""
     came = shared_memory() - before
     if came:
         time.sleep(SETTLED)  # a graph that is just starting makes a file, then locks it
@@ -355,5 +355,4 @@ def sweep_shared_memory(before: set[str]) -> None:
         # what has a file with its name and _el is locked by who uses it
         with suppress(OSError), (SHARED_MEMORY / f"{base}_el").open("rb") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for left in (f"sem.{base}_mutex", base, f"{base}_el"):
-                (SHARED_MEMORY / left).unlink(missing_ok=True)
+            delete_shared_memory(base, SHARED_MEMORY)

@@ -19,8 +19,16 @@ LEASE = 20.0
 """s of wall time after which Fast DDS takes a process that says nothing for gone, and drops
 all that it keeps for it."""
 
-_LOCK = re.compile(r"(/dev/shm/)(fastrtps_[0-9a-f]{16})_el")
+SHARED_MEMORY = Path("/dev/shm")
+"""Folder of its files."""
+_LOCK = re.compile(rf"{SHARED_MEMORY}/(fastrtps_[0-9a-f]{{16}})_el")
 """File that a process holds for as long as it has shared memory of Fast DDS."""
+
+
+def delete_shared_memory(name: str, folder: Path = SHARED_MEMORY) -> None:
+    """Delete the files of one piece of shared memory of Fast DDS, by its name."""
+    for left in (f"sem.{name}_mutex", name, f"{name}_el"):
+        (folder / left).unlink(missing_ok=True)
 
 
 def leave_shared_memory() -> None:
@@ -29,9 +37,7 @@ def leave_shared_memory() -> None:
     for one in Path("/proc/self/fd").iterdir():
         with suppress(OSError):  # what lists them is among them, and is gone
             if held := _LOCK.fullmatch(str(one.readlink())):
-                folder, name = held.groups()
-                for left in (f"sem.{name}_mutex", name, f"{name}_el"):
-                    Path(folder, left).unlink(missing_ok=True)
+                delete_shared_memory(held[1])
 
 
 def set_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
