@@ -25,6 +25,7 @@ from isogal_ros.messages.aids import AIDS, aids_of, alternatives_of, delays_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.ins_solution import inertial_topics
+from isogal_ros.messages.mounting import mounted
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.nav_sample import moved, read_nav
 from isogal_ros.topics import Topic
@@ -105,6 +106,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     InputError
         A topic that is needed is missing.
     """
+    scenario = mounted(scenario, reader.entrance.drivers)
     collector = Collector(scenario)
     each = [adapter_of(one) for one in scenario.each_field]
     raw, inertial = tuple(one.raw for one in each), inertial_topics(scenario.ins)

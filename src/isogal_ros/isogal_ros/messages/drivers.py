@@ -54,6 +54,9 @@ _NOT_MEASURED = -1.0
 """Variance of what a sensor does not measure."""
 
 
+Triple = tuple[float, float, float]
+
+
 class Driver(BaseModel):
     """How the messages of a topic come, where that is not as the graph has them."""
 
@@ -61,16 +64,22 @@ class Driver(BaseModel):
 
     frame: str | None = None
     """of its messages, in place of the graph's own; empty = any; null = the graph's own"""
-    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: Triple | None = None
     """roll, pitch, yaw of the sensor's axes in those of the graph's frame (REP-103), deg, as in a
-    static transform or a URDF's rpy"""
+    static transform or a URDF's rpy; null = none"""
+    translation: Triple | None = None
+    """where the sensor is in the graph's frame, x, y, z in m, as in a static transform or a URDF's
+    xyz; counts where the scenario has no lever arm (`mounting`)"""
+    from_tf: bool = False
+    """whether the two are those of /tf_static where they are not given"""
     unit: str = ""
     """of its numbers; empty = SI"""
 
     @cached_property
     def turn(self) -> Array:
         """Rotation (3, 3) from the sensor's axes to the frame's."""
-        (sr, sp, sy), (cr, cp, cy) = (f(np.radians(self.rotation)) for f in (np.sin, np.cos))
+        angles = np.radians(self.rotation or (0.0, 0.0, 0.0))
+        (sr, sp, sy), (cr, cp, cy) = (f(angles) for f in (np.sin, np.cos))
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
         about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
         about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
@@ -217,6 +226,8 @@ class Entrance:
                 near = get_close_matches(name, known, 1, 0.4)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise InputError(f"drivers: the graph has no topic {name!r}{hint}")
+            if driver.from_tf and not driver.frame:
+                raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
             units = UNITS.get(known[name].type, {}) if name in known else {}
             if driver.unit and driver.unit not in units:
                 allowed = f"one of {', '.join(units)}" if units else "empty"
@@ -291,7 +302,7 @@ def _adjust(message: Message, form: Form, driver: Driver, size: float) -> None:
         if driver.frame not in ("", message.header.frame_id):
             return  # which its reader refuses
         message.header.frame_id = form.frame
-    turned = any(driver.rotation)
+    turned = any(driver.rotation or ())
     if turned or size != 1.0:
         for name, of_covariance in form.vectors:
             _transform(message, name, of_covariance, driver.turn, size)
