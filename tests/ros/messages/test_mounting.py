@@ -78,17 +78,24 @@ def test_arms_are_from_the_inertial_sensors(scenario) -> None:
         "gnss.available=[[0, 60]]",
         "positions=[{name: usbl, sigma: 5}, {name: radar, sigma: 5}]",
     )
-    own = scenario(*keys, "velocity.kind=dvl", "velocity.lever_arm=[7, 0, 0]")
+    own = scenario(
+        *keys,
+        "velocity.kind=dvl",
+        "velocity.lever_arm=[7, 0, 0]",
+        "velocities=[{name: second, kind: dvl}]",
+    )
     found = entrance(
         imu__data_raw={"frame": "imu_link"},
         gnss__fix={"frame": "gps"},
         velocity__data_raw={"frame": "dvl"},
+        velocity__second__data_raw={"frame": "dvl"},
         position__radar__fix={"frame": "mast"},
     )
     made = mounted(own, found.drivers)
     assert made.gnss.lever_arm == pytest.approx((0.5, -2.0, -3.8))
     assert made.positions[1].lever_arm == pytest.approx((0.5, 0.0, -2.8))
     assert made.positions[0].lever_arm == (0.0, 0.0, 0.0)
+    assert made.velocities[0].lever_arm == pytest.approx((-1.5, -0.5, 2.2))
     assert made.velocity.lever_arm == (7.0, 0.0, 0.0)  # its own key wins
     # what is mounted already is not mounted again
     assert mounted(made, found.drivers) == made

@@ -21,6 +21,7 @@ from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
 from isogal.fusion.measurements import (
     HeadingReading,
+    HeightReading,
     Measurement,
     VelocityReading,
     position_fix,
@@ -238,13 +239,18 @@ class Simulation:
         they come; those of the height come with the inertial data."""
         found: Arrivals = defaultdict(list)
         time = self.trajectory.time
-        if self._measured.velocity is not None:
-            settings = self.scenario.velocity
-            for k, velocity in enumerate(self._measured.velocity[run], 1):
+        aids = self.scenario.velocity_aids
+        for settings, speeds in zip(aids, self._measured.velocities, strict=True):
+            for k, velocity in enumerate(speeds[run], 1):
                 rate = self._imu.angular_rate[run, k - 1]
                 reading = VelocityReading.of(settings, velocity, rate=rate)
                 if reading is not None:
                     found[k].append((float(time[k]), reading))
+        own = self.scenario.heights or ()
+        for sensor, heights in zip(own, self._measured.heights, strict=True):
+            for k in np.flatnonzero(~np.isnan(heights[run])).tolist():
+                height = HeightReading(heights[run, k], sensor.sigma**2, sensor.prefix)
+                found[k + 1].append((float(time[k + 1]), height))
         for delay, ends, measured in self._aids(run):
             late = math.ceil(delay / self.trajectory.dt - 1e-9)
             for k, each in zip(ends.tolist(), measured, strict=True):

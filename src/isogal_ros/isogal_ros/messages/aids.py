@@ -49,6 +49,8 @@ def aids_of(scenario: Settings) -> tuple[Topic, ...]:
     aid with two of them (`alternatives_of`) the first."""
     return (
         *(topic for topic, used in AIDS.items() if used(scenario)),
+        *(topics.height_topic(aid.name) for aid in scenario.heights or ()),
+        *(topics.velocity_topic(aid.name) for aid in scenario.velocities or ()),
         *alternatives_of(scenario),
         *(topics.heading_topic(aid.name) for aid in scenario.headings or ()),
     )

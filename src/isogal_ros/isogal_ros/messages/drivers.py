@@ -12,7 +12,6 @@ What cannot be seen in a message (unit, mounting, a frame of another name) is sa
 
 import json
 import math
-import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from difflib import get_close_matches
@@ -46,8 +45,6 @@ from isogal_ros.messages.gravimeter import PLATFORM
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Message, Topic, type_name
 
-OF_AIDS = re.compile(r"position(/\w+)?/(fix|pose)|heading(/\w+)?/data_raw")
-"""Topics of aids that a scenario names."""
 _NONE = 1e-9
 """Share of an axis in another below which they have nothing in common."""
 _NOT_MEASURED = -1.0
@@ -222,13 +219,14 @@ class Entrance:
     def __post_init__(self) -> None:
         known = {topic.name: topic for topic in topics.ALL if topic.single}
         for name, driver in self.drivers.items():
-            if name not in known and not OF_AIDS.fullmatch(name):
+            topic = known.get(name) or topics.aid_topic(name)
+            if topic is None:
                 near = get_close_matches(name, known, 1, 0.4)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise InputError(f"drivers: the graph has no topic {name!r}{hint}")
             if driver.from_tf and not driver.frame:
                 raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
-            units = UNITS.get(known[name].type, {}) if name in known else {}
+            units = UNITS.get(topic.type, {})
             if driver.unit and driver.unit not in units:
                 allowed = f"one of {', '.join(units)}" if units else "empty"
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")

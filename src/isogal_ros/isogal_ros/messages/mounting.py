@@ -17,7 +17,7 @@ from isogal.inertial.rotations import matrix, to_angles
 from isogal.scenario import Scenario, validate_scenario
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.drivers import OF_AIDS, Driver, Entrance
+from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FRD_FLU
 
 Pose = tuple[Array, Array]
@@ -31,6 +31,11 @@ _SECTIONS = {
     topics.GRAVIMETRY.name: "gravimeter",
 }
 """Sections of a scenario with the lever arm of a topic's sensor."""
+_LISTS: Mapping[str, Callable[[str | None], tuple[topics.Topic, ...]]] = {
+    "positions": topics.position_topics,
+    "velocities": lambda name: (topics.velocity_topic(name),),
+}
+"""Lists of aids whose entries have one."""
 _ON_GROUND = ("gnss/", "position/")
 """Begin the topics whose messages are not in axes of the sensor."""
 
@@ -158,10 +163,10 @@ def mounted(scenario: Scenario, drivers: Mapping[str, Driver]) -> Scenario:
     document, changed = scenario.model_dump(mode="json"), False
     for name, arm in arms.items():
         section = document.get(_SECTIONS.get(name, ""))
-        if (aid := OF_AIDS.fullmatch(name)) and name.startswith("position"):
-            own = (aid[1] or "").lstrip("/") or None
-            aids = document["positions"] or ()
-            section = next((one for one in aids if one["name"] == own), None)
+        for key, topics_of in _LISTS.items():
+            for aid in document[key] or ():
+                if name in (topic.name for topic in topics_of(aid["name"])):
+                    section = aid
         if section is not None and not any(section["lever_arm"]):
             section["lever_arm"], changed = arm, True
     return validate_scenario(document) if changed else scenario
