@@ -12,7 +12,6 @@ from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal.scenario import HeadingAid, Height
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
-    aids_of,
     fill_ground_velocity,
     fill_position,
     fill_pressure,
@@ -56,8 +55,8 @@ def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
         gnss, late = scenario.gnss, (true.gnss.delay, fixes.ends)
         fill = partial(fill_position, aid=gnss.positions)
         yield _Aid(topics.GNSS_FIX, ANTENNA, *late, fixes.position[0], fill)
-        if topics.GNSS_VELOCITY in aids_of(scenario):
-            speed = partial(fill_ground_velocity, sigma=gnss.velocity_sigma or 0.0)
+        if gnss.velocity_sigma is not None:
+            speed = partial(fill_ground_velocity, sigma=gnss.velocity_sigma)
             yield _Aid(topics.GNSS_VELOCITY, ANTENNA, *late, fixes.velocity[0], speed)
     of_positions = scenario.positions or (), true.positions or (), found.positions
     for aid, really, places in zip(*of_positions, strict=True):

@@ -23,10 +23,9 @@ from isogal.fusion.measurements import (
 )
 from isogal.scenario import HeadingAid, Height, PositionAid, Velocity
 from isogal.sensors.barometer import height_of
-from isogal_ros import topics
 from isogal_ros.messages.aids import (
-    aids_of,
-    alternatives_of,
+    Aid,
+    each_aid,
     read_ground_velocity,
     read_position_fix,
     read_pressure,
@@ -99,44 +98,27 @@ class Aids:
         self._sources: list[_Source] = []
         self._first = sys.maxsize
         """Stamp of the first IMU sample."""
-        own = node.scenario
-        height, velocity, gnss = own.height, own.velocity, own.gnss
-        every: dict[Topic, tuple[float, float, Callable[[Message], _Read]]] = {
-            topics.BAROMETER: (height.interval, 0.0, self._pressures(height)),
-            topics.VELOCITY: (velocity.interval, 0.0, self._velocities(velocity)),
-            topics.GNSS_FIX: (gnss.interval, gnss.delay, self._positions(gnss.positions)),
-            topics.GNSS_VELOCITY: (gnss.interval, gnss.delay, self._satellite_velocity),
-        }
-        for sensor in own.heights or ():
-            every[topics.height_topic(sensor.name)] = (
-                sensor.interval,
-                0.0,
-                self._pressures(sensor),
-            )
-        for speed in own.velocities or ():
-            every[topics.velocity_topic(speed.name)] = (
-                speed.interval,
-                0.0,
-                self._velocities(speed),
-            )
-        for aid in own.positions or ():
-            fix, pose = topics.position_topics(aid.name)
-            every[fix] = aid.interval, aid.delay, self._positions(aid)
-            every[pose] = aid.interval, aid.delay, self._poses(aid)
-        for bow in own.headings or ():
-            topic = topics.heading_topic(bow.name)
-            every[topic] = bow.interval, bow.delay, self._headings(bow)
-        for topic in (*aids_of(node.scenario), *alternatives_of(node.scenario).values()):
-            self._add(node, topic, *every[topic])
+        for aid in each_aid(node.scenario):
+            for topic in (aid.topic, *aid.instead):
+                self._add(node, topic, aid)
 
-    def _add(
-        self,
-        node: GraphNode,
-        topic: Topic,
-        interval: float,
-        delay: float,
-        read: Callable[[Message], _Read],
-    ) -> None:
+    def _reader(self, topic: Topic, aid: Aid) -> Callable[[Message], _Read]:
+        """Return what reads the messages of an aid on a topic."""
+        match aid.settings:
+            case Height():
+                return self._pressures(aid.settings)
+            case Velocity():
+                return self._velocities(aid.settings)
+            case HeadingAid():
+                return self._headings(aid.settings)
+            case PositionAid():
+                of_pose = topic.type is PoseWithCovarianceStamped
+                return (self._poses if of_pose else self._positions)(aid.settings)
+        return self._satellite_velocity
+
+    def _add(self, node: GraphNode, topic: Topic, aid: Aid) -> None:
+        read, interval = self._reader(topic, aid), aid.settings.interval
+
         def take(message: Message) -> None:
             reading = read(message)
             ns = to_ns(message.header.stamp)
@@ -145,7 +127,7 @@ class Aids:
             self._advance()
 
         subscription = node.listen(topic, take)
-        times = from_seconds(interval), from_seconds(delay)
+        times = from_seconds(interval), from_seconds(aid.delay)
         measured = self._report.add(topic.name, interval)
         source = _Source(topic, *times, subscription.get_publisher_count, measured)
         self._sources.append(source)

@@ -23,7 +23,7 @@ from isogal.montecarlo.engine import simulate
 from isogal.scenario import changed_scenario, load_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.messages.aids import aids_of
+from isogal_ros.messages.aids import each_aid
 
 ONE_IN_10000 = 18.4
 """Of a chi-square with two degrees of freedom."""
@@ -260,7 +260,7 @@ def test_aids_by_name(scenario, tmp_path) -> None:
     )
     run_here(short, tmp_path / "bag")
     assert_closed_loop(tmp_path / "bag", short)
-    found = messages_of(tmp_path / "bag", topics.NAV_AIDS, *aids_of(short))
+    found = messages_of(tmp_path / "bag", topics.NAV_AIDS, *(aid.topic for aid in each_aid(short)))
     said = {item.name: item.message for item in found["nav/aids"][-1].status}
     # those of the last 3 s and 1 s have not come
     assert len(found["position/fix"]) == 13

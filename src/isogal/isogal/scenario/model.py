@@ -163,6 +163,12 @@ class Settings(Section):
         return self
 
     @property
+    def height_aids(self) -> tuple[Height, ...]:
+        """All sensors of the height."""
+        own = (self.height,) if self.height.measured else ()
+        return (*own, *(self.heights or ()))
+
+    @property
     def velocity_aids(self) -> tuple[Velocity, ...]:
         """All sensors of the velocity."""
         own = (self.velocity,) if self.velocity.kind != "none" else ()
