@@ -252,6 +252,7 @@ class Simulation:
         """Yield what each aid gives in a run: how late it comes (s), the ends of the steps that it
         is of, and the measurements of each."""
         scenario, truth = self.scenario, self.scenario.true
+        read: Iterator[tuple[Measurement | None, ...]]
         steps, rates = np.arange(1, len(self.trajectory) + 1), self._imu.angular_rate[run]
         for log, speeds in zip(scenario.velocity_aids, self._measured.velocities, strict=True):
             known = np.isfinite(speeds[run]).any(axis=-1)
