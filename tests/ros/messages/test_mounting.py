@@ -1,5 +1,7 @@
 """Arms and mountings of sensors from static transforms."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -47,10 +49,15 @@ def test_transforms_are_read_in_either_byte_order() -> None:
 
 
 @given(st.data())
-def test_what_is_cut_off_is_no_transform(data) -> None:
-    whole = serialised(VEHICLE)
+def test_what_is_cut_off_or_damaged_is_no_transform_or_another(data) -> None:
+    whole = bytearray(serialised(VEHICLE))
     with pytest.raises(BadMessageError):
-        read_transforms(whole[: data.draw(st.integers(4, len(whole) - 1))])
+        read_transforms(bytes(whole[: data.draw(st.integers(0, len(whole) - 1))]))
+    for at in data.draw(st.lists(st.integers(0, len(whole) - 1), max_size=9)):
+        whole[at] = data.draw(st.integers(0, 255))
+    with suppress(BadMessageError):
+        for link in read_transforms(bytes(whole)).values():
+            assert np.isfinite(link.pose[0]).all() and np.isfinite(link.pose[1]).all()
 
 
 def test_a_pose_and_its_inverse_are_none() -> None:

@@ -4,7 +4,7 @@ import re
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -14,6 +14,7 @@ from isogal.mcap_damage import is_damage, unpacked
 from isogal.scenario import Scenario, validate_scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros.bags.remapping import Remapping, given_drivers
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Entrance
 from isogal_ros.messages.mounting import TF_STATIC, Link, Tree, placed, read_transforms
 
@@ -96,7 +97,8 @@ class BagReader:
         found: dict[str, Link] = {}
         for message in self.messages():
             if topic_of(message.topic, TF_STATIC):
-                found |= read_transforms(message.data)
+                with suppress(BadMessageError):
+                    found |= read_transforms(message.data)
         return found
 
     def scenario(self) -> Scenario | None:

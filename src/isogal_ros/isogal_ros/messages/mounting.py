@@ -19,6 +19,7 @@ from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FRD_FLU
+from isogal_ros.messages.position import FARTHEST
 
 Pose = tuple[Array, Array]
 """Position (3,) m and rotation (3, 3) of a child frame in its parent."""
@@ -64,7 +65,7 @@ def inverse(pose: Pose) -> Pose:
 def read_transforms(data: bytes) -> dict[str, Link]:
     """Return the transforms of a serialised tf2_msgs/TFMessage, whose class is not among ROS 2's
     wheels (CDR: OMG DDS-XTypes 1.3, section 7.4); raises BadMessageError where it is none."""
-    order, at, found = "<" if data[1] & 1 else ">", 4, {}
+    order, at, found = "<" if data[1:2] == b"\1" else ">", 4, {}
 
     def take(form: str, align: int) -> tuple[float, ...]:
         nonlocal at
@@ -85,8 +86,10 @@ def read_transforms(data: bytes) -> dict[str, Link]:
             take("iI", 4)
             parent, child = text(), text()
             numbers = np.array(take("7d", 8))
-            x, y, z, w = numbers[3:]
-            found[child] = Link(parent, (numbers[:3], matrix([w, x, y, z])))
+            turn = np.roll(numbers[3:], 1)  # w first
+            if not (np.abs(numbers) < FARTHEST).all() or abs(turn @ turn - 1.0) > 1e-3:
+                raise BadMessageError(f"transform to {child!r}: not finite, or no rotation")
+            found[child] = Link(parent, (numbers[:3], matrix(turn)))
     except (struct.error, UnicodeDecodeError):
         raise BadMessageError("no transforms") from None
     return found
