@@ -106,6 +106,8 @@ def test_arms_are_from_the_inertial_sensors(scenario) -> None:
     assert made.velocity.lever_arm == (7.0, 0.0, 0.0)  # its own key wins
     # what is mounted already is not mounted again
     assert mounted(made, found.drivers) == made
+    of_ins = {"ins/solution": found.drivers["imu/data_raw"], "gnss/fix": found.drivers["gnss/fix"]}
+    assert mounted(own, of_ins).gnss == made.gnss
 
 
 def test_frames_have_the_names_that_they_have_outside() -> None:

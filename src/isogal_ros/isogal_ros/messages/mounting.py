@@ -25,6 +25,8 @@ Pose = tuple[Array, Array]
 """Position (3,) m and rotation (3, 3) of a child frame in its parent."""
 TF_STATIC = "/tf_static"
 HERE: Pose = (np.zeros(3), np.eye(3))
+_INERTIAL = topics.IMU, topics.INS_SOLUTION, topics.INS_SOLUTION_FIX
+"""What the navigator's place is that of."""
 _SECTIONS = {
     topics.GNSS_FIX.name: "gnss",
     topics.GNSS_VELOCITY.name: "gnss",
@@ -156,10 +158,11 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
 
 def mounted(scenario: Scenario, drivers: Mapping[str, Driver]) -> Scenario:
     """Return a scenario with the lever arms that entries of `drivers` say, where it has none of
-    its own: from the inertial sensors, so less the translation of these."""
-    of_imu = np.array(drivers.get(topics.IMU.name, Driver()).translation or (0.0, 0.0, 0.0))
+    its own: from the inertial sensors, or the INS, so less the translation of these."""
+    of_inertial = (drivers.get(topic.name, Driver()).translation for topic in _INERTIAL)
+    origin = np.array(next(filter(None, of_inertial), (0.0, 0.0, 0.0)))
     arms = {
-        name: (FRD_FLU * (np.array(one.translation) - of_imu)).tolist()
+        name: (FRD_FLU * (np.array(one.translation) - origin)).tolist()
         for name, one in drivers.items()
         if one.translation is not None
     }
