@@ -176,4 +176,5 @@ def test_lines_stations_and_all_readings_at_once(files, tmp_path):
     assert [one["line"] for one in found] == ["A", "B"]
     assert all(one["readings"] <= 30 and one["estimated"]["map_sigma"] >= 0.0 for one in found)
     assert "line A" in text
+    assert "readings used, 0 left out" in text
     assert "estimated_map_sigma" in out.with_suffix(".csv").read_text()
