@@ -138,7 +138,8 @@ class Hypotheses:
         linear between the ends of two axes (K, 2, 2), m, about where they were taken: in 1-sigma
         of what is new in them and, where that is more, in units of their change."""
         models, m, axes = self.models, self.which[asked], axes[asked]
-        away = np.concatenate([np.zeros((len(m), 1, 2)), axes, -axes], axis=1)
+        away = np.zeros((len(m), 5, 2))  # in the one layout that it is compiled for
+        away[:, 1:3], away[:, 3:] = axes, -axes
         value = kernels.values_beside(grid, rows, models, m, self.mean[asked], away)
         joins = np.einsum("ktj,ktjj->kt", rows.load**2, rows.joined)[models.shape[m]]
         R = rows.noise * models.noise[m, None] + models.sigma[m, None] ** 2 * joins

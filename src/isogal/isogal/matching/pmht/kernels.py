@@ -289,8 +289,11 @@ def merged(
                 total = np.logaddexp(log_weight[a], log_weight[b])
                 w = math.exp(log_weight[b] - total)
                 d = mean[b] - mean[a]
-                covariance[a] += w * (covariance[b] - covariance[a] + (1.0 - w) * np.outer(d, d))
-                mean[a] += w * d
+                for i in range(d.shape[0]):
+                    for j in range(d.shape[0]):
+                        apart = covariance[b, i, j] - covariance[a, i, j]
+                        covariance[a, i, j] += w * (apart + (1.0 - w) * (d[i] * d[j]))
+                    mean[a, i] += w * d[i]
                 log_weight[a] = total
             b += 1
     return np.flatnonzero(kept)
