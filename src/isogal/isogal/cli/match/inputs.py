@@ -117,12 +117,13 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
     """Yield the field of each line; learn the map's error from reference tracks."""
     from isogal.maps.corridor import corridor_of, joined
     from isogal.tracks.averaging import averaged
-    from isogal.tracks.csv_file import read_csv_track
+    from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.fields import TrackField
 
     map_, chosen, assumed = choice.map_, choice.track, choice.assumed
     lines = _lines(chosen, map_.crs)
-    references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
+    files = (read_csv_tracks(path, map_.crs) for path in assumed.reference or ())
+    references = [one for file in files for one in file]
     map_ = _of_map(map_, [*(one[0] for one in lines), *references])
     corridors = [corridor_of(o.latitude, o.longitude, choice.margin) for o, *_ in lines]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
