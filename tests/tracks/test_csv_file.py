@@ -62,10 +62,7 @@ def test_a_byte_order_mark_does_not_belong_to_the_header(tmp_path):
             GOOD.replace("latitude", "latitud"),
             r"has no column 'latitude' \(is it 'latitud'\?\); it has time, latitud, longitude, v",
         ),
-        (GOOD.replace("value", "gravity"), "has no column 'value'; it has"),
         (GOOD.replace("value", "time"), "has no column 'value'|has 2 columns 'time'"),
-        (GOOD.replace("1,2,4", "1,2"), "line 3 has 3 cells, the header 4"),
-        (GOOD.replace("1,2,4", "1,2,x"), "value in line 3 is 'x', not a number"),
         (GOOD.replace("1,2,4", "1,,4"), "longitude in line 3 is empty, not a number"),
         (GOOD.replace("1,2,4", "1,2,inf"), "value in line 3 is inf, not a finite number"),
         (GOOD.replace("1,2,4", "inf,2,4"), "latitude in line 3 is inf, not a finite number"),
@@ -86,7 +83,6 @@ def test_a_byte_order_mark_does_not_belong_to_the_header(tmp_path):
             'time,latitude,longitude,value\n0,1,2,"3\n1,1,2,4"\n',
             "quoted cell runs over several lines",
         ),
-        ("time,latitude,longitude,value\n", "has no readings"),
     ],
 )
 def test_bad_files_end_in_one_clear_line(tmp_path, text, message):
