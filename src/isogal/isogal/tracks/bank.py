@@ -42,9 +42,8 @@ CONFIDENCE = 0.9
 """Probability that the heaviest of several places needs; what the others have is in the
 covariance."""
 OFF_MAP = -1e5
-OUTLIER_SIGMA, MOST_OUTLIERS, ROUNDS = 6.0, 0.1, 3
-"""Beyond which a reading, predicted from all others, is left out; the share that may be, and how
-often they are looked for."""
+OUTLIER_SIGMA, MOST_OUTLIERS = 6.0, 0.1
+"""Beyond which a reading, predicted from all others, is left out; the share that may be."""
 MAP_REACH, POSSIBLE, SURE = 4.0, 0.05, 0.95
 """Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
 must lie on the map for a reading to be used: of a map that is continued, of one that is not."""
@@ -171,27 +170,21 @@ def on_map(batch: Batch, field_map: RouteMap, least: float) -> Batch:
 def without_outliers(seen: Sequence[Seen], prior: Array) -> tuple[Shifts, list[int]]:
     """Return the posterior without readings that do not fit the others at the likeliest shift, and
     how many of each field these are."""
-    seen, out = list(seen), [np.zeros(len(one.white), bool) for one in seen]
-    for _ in range(ROUNDS):
-        shifts, found = shifts_of(seen, prior), False
-        for k, one in enumerate(seen):
-            bad = outliers(shifts, k) & ~out[k]
-            if bad.any() and (bad | out[k]).sum() <= MOST_OUTLIERS * len(bad):
-                seen[k], out[k], found = one.without(bad), out[k] | bad, True
-        if not found:
-            break
-    else:
-        shifts = shifts_of(seen, prior)
-    return shifts, [int(one.rows.sizes[left].sum()) for one, left in zip(seen, out, strict=True)]
+    shifts = shifts_of(seen, prior)
+    out = [outliers(shifts, field) for field in range(len(seen))]
+    if any(bad.any() for bad in out):
+        shifts = shifts_of([one.without(bad) for one, bad in zip(seen, out, strict=True)], prior)
+    return shifts, [int(one.rows.sizes[bad].sum()) for one, bad in zip(seen, out, strict=True)]
 
 
 def outliers(shifts: Shifts, field: int) -> Booleans:
     """Return (n,) which readings do not fit the others: residuals e of each predicted from the
     others, with e_i = (R⁻¹ r)_i / (R⁻¹)_ii and variance 1 / (R⁻¹)_ii (Rasmussen & Williams 2006,
-    eq. 5.12)."""
+    eq. 5.12); none where these would be too many."""
     residual, R, _ = best(shifts, field)
     precision = np.linalg.inv(R)
-    return np.asarray(np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision)))
+    bad = np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision))
+    return np.asarray(bad & (bad.sum() <= MOST_OUTLIERS * len(bad)))
 
 
 def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
