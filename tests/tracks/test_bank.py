@@ -21,6 +21,7 @@ from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
+from isogal.tracks.displacement import LASTING, SIZE, displacement
 from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
@@ -100,6 +101,30 @@ def test_evidence_counts_half_where_errors_are_only_modelled(said, share):
     evidence = np.logaddexp.reduce(shifts.by_model(0))
     np.testing.assert_allclose(shifts.log_density - shifts.log_prior, share * evidence)
     assert shifts.of_models(0).sum() == pytest.approx(1.0)
+
+
+def _shifts(field_map, count=40, step=(140.0, 170.0)):
+    track, _, _ = made_track(field_map, count, (300.0, -200.0), 1e-6, step=step)
+    settings = Matcher(batch_length=count)
+    return match_track(track, field_map, settings, Uncertainty(500.0))[0].shifts
+
+
+def test_a_gridded_map_may_be_displaced_and_all_its_evidence_counts():
+    """An error of 2 mGal over 2 km, of a field of 10 mGal RMS; each is found within a factor."""
+    ellipses = np.broadcast_to([4e6, 0.0, 4e6], (*DISTURBANCE.values.shape, 3))
+    sigma = np.full(DISTURBANCE.values.shape, 2e-5)
+    gridded = replace(DISTURBANCE, sigma=sigma, correlation_length=2e3, error_ellipses=ellipses)
+    assert not displacement(_shifts(DISTURBANCE)).any()
+    short, long = _shifts(gridded), _shifts(gridded, 120)
+    evidence = np.logaddexp.reduce(short.by_model(0))
+    np.testing.assert_allclose(short.log_density - short.log_prior, evidence)
+    north, east = np.diag(displacement(short))
+    assert north == pytest.approx(east) and abs(displacement(short)[0, 1]) < 1e-6 * north
+    assert SIZE * 1e3 * 0.02 < np.sqrt(north) < SIZE * 4e3 * 0.4
+    # its mean over the track: three times as long a one has less of it
+    weight = 1.0 + 8.8e3 / (2.0 * LASTING * 2e3), 1.0 + 26.2e3 / (2.0 * LASTING * 2e3)
+    ratio = displacement(long)[0, 0] / north * weight[1] / weight[0]
+    assert 0.3 < ratio < 3.0 and displacement(long)[0, 0] < north
 
 
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():

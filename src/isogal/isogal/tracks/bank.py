@@ -4,7 +4,7 @@ No navigator says how wrong a track is, so that it may be anywhere within a prio
 Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
 impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
 do on a vehicle; half of what they say counts (`models`). How far the fix moves without half of the
-readings widens it (`jackknife`)."""
+readings widens it (`jackknife`), and that a gridded map may be displaced (`displacement`)."""
 
 import math
 from collections.abc import Sequence
@@ -32,6 +32,7 @@ from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.continued_map import continued
+from isogal.tracks.displacement import displacement
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
 from isogal.tracks.models import track_models, worth_of
@@ -128,7 +129,7 @@ def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) 
         reason = "the batch tells nothing that the navigator does not know"
         return declined(batch, reason, **numbers)
     place, spread = measurement_only(mean, covariance, prior)
-    more = excess(shifts)
+    more = excess(shifts) + displacement(shifts)
     if more.any():
         information = widened(information, more)
     known = {"diagnostics": numbers, "information": information}
@@ -192,8 +193,7 @@ def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
     is."""
     seen = shifts.seen[field]
     likely = int(shifts.which[field][int(np.argmax(shifts.of_models(field)))])
-    place = shifts.centres[[int(np.argmax(shifts.log_density))]]
-    return seen.residuals(place)[:, 0], seen.covariance(likely, shifts.size), likely
+    return seen.residuals(shifts.likeliest)[:, 0], seen.covariance(likely, shifts.size), likely
 
 
 def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str, float]:
@@ -202,7 +202,6 @@ def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str
     outliers or off the map."""
     seen, which = shifts.seen[field], shifts.which[field]
     models, weight = seen.models, shifts.of_models(field)
-    load = np.array([np.sqrt(np.mean(seen.load(k) ** 2)) for k in range(len(seen.readings.load))])
     residual, R, likely = best(shifts, field)
     widest = 0.0
     if seen.around is not None:  # of several channels there is no constant
@@ -215,7 +214,7 @@ def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str
     new = np.isfinite(batch.reading[-batch.new :]).sum()
     used = len(seen.readings.level) - seen.old
     return {
-        "map_sigma": float(weight @ (models.sigma[which] * load[models.shape[which]])),
+        "map_sigma": float(weight @ seen.map_sigma(which)),
         "map_correlation_length": math.exp(float(weight @ np.log(models.length[which]))),
         "offset": offset,
         "offset_sigma": 1.0 / math.sqrt(known),

@@ -130,6 +130,17 @@ class Seen:
         return self.rows.mean(self.readings.load[shape].sum(axis=1))
 
     @property
+    def gridded(self) -> bool:
+        """Whether the map says place by place over which lengths its errors hold together, as
+        those of `isogal map grid` do."""
+        return self.around is not None and self.around.field.error_ellipses is not None
+
+    def map_sigma(self, which: Integers) -> Array:
+        """Return (M,) the RMS 1-sigma of the map's error along the rows by some models."""
+        each = [np.sqrt(np.mean(self.load(k) ** 2)) for k in range(len(self.readings.load))]
+        return np.asarray(self.models.sigma[which] * np.array(each)[self.models.shape[which]])
+
+    @property
     def old_rows(self) -> int:
         """How many rows are of earlier batches."""
         return int(np.searchsorted(self.rows.first, self.old))

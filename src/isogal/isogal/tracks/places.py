@@ -72,9 +72,21 @@ class Shifts:
         return softmax(self.log_density)
 
     @property
+    def likeliest(self) -> Array:
+        """(1, 2) the cell of the highest density."""
+        return self.centres[[int(np.argmax(self.log_density))]]
+
+    @property
     def moments(self) -> tuple[Array, Array]:
         """Mean (2,) and covariance (2, 2), m."""
-        weight = self.weight
+        return self._moments(self.weight)
+
+    def covariance_by(self, field: int) -> Array:
+        """Return (2, 2) m², what one field alone leaves of the prior, on these cells."""
+        log = self.log_prior + self.log_evidence(field, self.by_model(field))
+        return self._moments(softmax(log))[1]
+
+    def _moments(self, weight: Array) -> tuple[Array, Array]:
         mean = weight @ self.centres
         apart = self.centres - mean
         return mean, (apart * weight[:, None]).T @ apart + np.eye(2) * self.size**2 / 12.0
