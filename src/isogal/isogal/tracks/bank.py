@@ -3,8 +3,8 @@
 No navigator says how wrong a track is, so that it may be anywhere within a prior of kilometres.
 Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
 impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
-do on a vehicle; half of what they say counts (`models`). How far the fix moves without half of the
-readings widens it (`jackknife`), and that a gridded map may be displaced (`displacement`)."""
+do on a vehicle. How far the fix moves without half of the readings widens it (`jackknife`), and
+that a gridded map may be displaced (`displacement`)."""
 
 import math
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ from isogal.tracks.continued_map import continued
 from isogal.tracks.displacement import displacement
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
-from isogal.tracks.models import track_models, worth_of
+from isogal.tracks.models import track_models
 from isogal.tracks.places import Shifts, shifts_of
 from isogal.tracks.track import FEWEST
 
@@ -108,7 +108,6 @@ class TrackMatcher:
         states = States.of(batch, field_map)
         settings = self.settings[one.field]
         models = track_models(settings, batch, field_map, states)
-        worth = worth_of(settings, batch, field_map, models)
         # what earlier batches have used counts as given
         old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
         whole = replace(batch, new=len(batch))
@@ -116,7 +115,7 @@ class TrackMatcher:
         if rows is None or len(rows.level) - old < FEWEST:
             return None
         field_map = field_map if around is None else around.field
-        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old, worth=worth)
+        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
 
 
 def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
@@ -244,8 +243,7 @@ def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
             if not len(them):
                 return rigid(shifts, prior)
         said.append(added(them, prior, total(said)))
-    worth, every = min(seen.worth for seen in shifts.seen), total(said)
-    return informed(prior, Information(worth * every.vector, worth * every.matrix))
+    return informed(prior, total(said))
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

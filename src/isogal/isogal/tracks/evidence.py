@@ -66,8 +66,6 @@ class Seen:
     that models have of them at the start."""
     which: Integers
     """(M,) which of these a model has."""
-    worth: float
-    """What of the log evidence counts (`models.WORTH`)."""
 
     @classmethod
     def of(
@@ -78,8 +76,6 @@ class Seen:
         models: Models,
         potential: tuple[str, ...] | None = None,
         old: int = 0,
-        *,
-        worth: float = 1.0,
     ) -> "Seen":
         """Look at readings, the first `old` of which an earlier batch has used; `potential`:
         components of the tensor, where the errors of their maps come from one potential."""
@@ -110,7 +106,7 @@ class Seen:
             np.zeros(2 * [len(rows.first)]),
             rows.covariance(slope) / 6.0,
             np.stack([_of_instrument(readings, rows, one) for one in initial]),
-            which.ravel(), worth,
+            which.ravel(),
         )  # fmt: skip
 
     def without(self, rows: Booleans) -> "Seen":

@@ -58,22 +58,26 @@ def write_match_report(
         )
         figures.append(Illustration("shifts", shift_figure(matches), caption))
     batches = f"Batches are of {length} readings, and each starts from {start}."
-    entries = [flat(entry) for entry in as_objects(matches, fields, chained=chained)]
-    names = tuple(dict.fromkeys(name for entry in entries for name in entry))
-    rows = [["–" if (x := one.get(n)) is None else str(x) for n in names] for one in entries]
-    tables = [
-        Table(
-            "Fixes, from the measurements alone", HEADER, [cells(match.fix) for match in matches]
-        ),
-        Table("As in files of results", names, rows, folded=True),
-    ]
-    result = Section("Result", [batches, *in_words(matches, fields)], figures, tables)
+    result = Section(
+        "Result", [batches, *in_words(matches, fields)], figures, _tables(matches, fields, chained)
+    )
     return write_report(
         out_dir,
         "Recorded track",
         [result, Section("What was assumed", tables=[_assumptions(field, uncertainty)])],
         subtitle=f"{Path(track.where).name} against {field_map.provenance}",
     )
+
+
+def _tables(matches: Sequence[Match], fields: Sequence[TrackField], chained: bool) -> list[Table]:
+    """Return the fixes, and all that files of results say."""
+    entries = [flat(entry) for entry in as_objects(matches, fields, chained=chained)]
+    names = tuple(dict.fromkeys(name for entry in entries for name in entry))
+    rows = [["–" if (x := one.get(n)) is None else str(x) for n in names] for one in entries]
+    return [
+        Table("Fixes, from the measurements alone", HEADER, [cells(one.fix) for one in matches]),
+        Table("As in files of results", names, rows, folded=True),
+    ]
 
 
 def _assumptions(field: TrackField, uncertainty: Uncertainty) -> Table:
