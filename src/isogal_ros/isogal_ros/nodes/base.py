@@ -8,10 +8,10 @@ configured anew."""
 
 import ctypes
 import math
-import os
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
+from multiprocessing import parent_process
 from typing import Any, ClassVar, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
@@ -48,8 +48,6 @@ from isogal_ros.topics import LOSSLESS, Topic
 
 KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 """Of a scenario, which a file that all nodes share may say to each."""
-PARENT = "ISOGAL_PARENT_PID"
-"""Environment variable: the process whose end ends a node as well."""
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
@@ -195,7 +193,7 @@ class GraphNode(LifecycleNode):
             )
             on_change(self, specs, self._change)
             self._heard = 0
-            self._parent = os.environ.get(PARENT)
+            self._parent = parent_process()  # of `isogal run`
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._freed, self._beaten = time.monotonic(), math.inf
             # made before `setup` makes anything, so that they outlive a cleanup
@@ -502,7 +500,7 @@ class GraphNode(LifecycleNode):
         if self.health.publications == self._heard:
             self.health.idle()
         self._heard = self.health.publications
-        if self._parent is not None and os.getppid() != int(self._parent):
+        if self._parent is not None and not self._parent.is_alive():
             self.get_logger().error("the process that started this node is gone")
             self.finished = True
 
