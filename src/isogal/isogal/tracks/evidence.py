@@ -66,8 +66,6 @@ class Seen:
     that models have of them at the start."""
     which: Integers
     """(M,) which of these a model has."""
-    worth: float
-    """What of the log evidence counts (`models.WORTH`)."""
 
     @classmethod
     def of(
@@ -78,8 +76,6 @@ class Seen:
         models: Models,
         potential: tuple[str, ...] | None = None,
         old: int = 0,
-        *,
-        worth: float = 1.0,
     ) -> "Seen":
         """Look at readings, the first `old` of which an earlier batch has used; `potential`:
         components of the tensor, where the errors of their maps come from one potential."""
@@ -110,7 +106,7 @@ class Seen:
             np.zeros(2 * [len(rows.first)]),
             rows.covariance(slope) / 6.0,
             np.stack([_of_instrument(readings, rows, one) for one in initial]),
-            which.ravel(), worth,
+            which.ravel(),
         )  # fmt: skip
 
     def without(self, rows: Booleans) -> "Seen":
@@ -128,6 +124,17 @@ class Seen:
         """Return (m,) 1-sigma of the map's error in units of a model's, for one of the models'
         shapes."""
         return self.rows.mean(self.readings.load[shape].sum(axis=1))
+
+    @property
+    def gridded(self) -> bool:
+        """Whether the map says place by place over which lengths its errors hold together, as
+        those of `isogal map grid` do."""
+        return self.around is not None and self.around.field.error_ellipses is not None
+
+    def map_sigma(self, which: Integers) -> Array:
+        """Return (M,) the RMS 1-sigma of the map's error along the rows by some models."""
+        each = [np.sqrt(np.mean(self.load(k) ** 2)) for k in range(len(self.readings.load))]
+        return np.asarray(self.models.sigma[which] * np.array(each)[self.models.shape[which]])
 
     @property
     def old_rows(self) -> int:
