@@ -206,17 +206,16 @@ class Seen:
         known = np.isfinite(residual).all(axis=0)
         residual = np.where(known, residual, 0.0)
         old = self.old_rows
-        first = np.unique(np.arange(BLOCKS) * (len(residual) - old) // BLOCKS)
-        parts = np.empty((len(which), len(first), len(centres)))
+        new = len(residual) - old
+        ends = np.unique([*np.arange(BLOCKS) * new // BLOCKS, new])
+        blocks = np.repeat(np.eye(len(ends) - 1), np.diff(ends), axis=1)  # (B, rows): sums
+        parts = np.empty((len(which), len(blocks), len(centres)))
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
             term = (np.linalg.inv(factor) @ residual)[old:]
             term *= -0.5 * term
-            parts[k] = np.logaddexp(
-                np.add.reduceat(term, first, axis=0),
-                np.add.reduceat(with_heavy_tails(term), first, axis=0),
-            )
-            parts[k] -= np.add.reduceat(np.log(np.diag(factor))[old:], first)[:, None]
+            parts[k] = np.logaddexp(blocks @ term, blocks @ with_heavy_tails(term))
+            parts[k] -= (blocks @ np.log(np.diag(factor))[old:])[:, None]
         parts -= math.log(2.0)
         parts[:, :, ~known] = -1e6
         return parts
