@@ -22,9 +22,11 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
 from isogal.fusion.segment import AT_ONCE, Segment
-from isogal.fusion.smoothing import smoothed
+from isogal.fusion.smoothing import passed, smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
+from isogal.inertial.error_state import BATCH, BATCH_STATES, FILTER_NAMES
+from isogal.inertial.passage import SLOW, Passage
 
 
 def _joined(segments: Sequence[Segment]) -> Segment:
@@ -315,6 +317,41 @@ class InertialNavigator:
             At one of the times there is no state, or it is older than the history.
         """
         return smoothed(self.history(time), self.model, self.motion, time)
+
+    def passage(self, since: float) -> Passage | None:
+        """Return what has become of the error since a time (s) of the history; None where the
+        heading is as good as known, where nothing is kept of then, and while it is open what has
+        happened."""
+        if not self.model.unsure_heading or self._impossible(since) is not None:
+            return None
+        self._segment_at(since)
+        segments = self._segments[self._index(since) :]
+        found = passed(segments, self.model, self.motion)
+        if found is None:
+            return None
+        gain, hindsight = found
+        first, last = segments[0].after.merged, segments[-1].after.merged
+        size = self.model.states
+        places = dict(zip(FILTER_NAMES, range(size), strict=False)) | self.model.places
+        slow = [[places[name] for name in names if name in places] for names in SLOW]
+        taken = np.zeros((BATCH_STATES + len(slow), size))
+        taken[np.arange(BATCH_STATES), BATCH] = 1.0
+        for row, those in enumerate(slow, BATCH_STATES):
+            taken[row, those] = 1.0
+        taken = taken[taken.any(axis=1)]
+        values = [
+            taken[BATCH_STATES:, 9:] @ np.concatenate(one.nominal[3:]) for one in (first, last)
+        ]
+        return Passage(
+            since,
+            taken @ first.covariance @ taken.T,
+            -taken @ hindsight.shift,
+            taken @ (first.covariance + hindsight.change) @ taken.T,
+            taken @ gain @ last.covariance @ taken.T,
+            taken @ last.covariance @ taken.T,
+            first.velocity[:2].copy(),
+            np.array(values),
+        )
 
     def samples(self, after: float, until: float) -> tuple[Array, Array]:
         """Return the stamps (K,), s, after a time and up to another, of the samples that the

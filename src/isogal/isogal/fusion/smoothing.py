@@ -26,6 +26,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.measurements import Measurement, Widening
+from isogal.fusion.measurements.ground_velocity import GroundVelocity
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
@@ -34,6 +35,7 @@ from isogal.fusion.prediction import propagate
 from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.state import FilterState
 from isogal.fusion.trace import Trace
+from isogal.inertial.rotations import cross_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,10 +253,40 @@ def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _St
         if isinstance(measurement, Widening):
             way = _widened(was.covariance, state.covariance)
         else:
-            moved = error_between(state.nominal, was.nominal)
-            way = _Back(None, moved, state.covariance - was.covariance)
+            way = _informed(was, state, model, isinstance(measurement, GroundVelocity))
         each.append((index, way))
     return _Stage(before, tuple(each))
+
+
+def _informed(
+    was: FilterState, state: FilterState, model: FilterModel, over_ground: bool
+) -> _Back:
+    """Return the way back over a measurement, which re-expresses errors of the velocity
+    (`isogal.fusion.measurements.model.moved`)."""
+    shift, gain = error_between(state.nominal, was.nominal), None
+    after = state.covariance
+    if model.unsure_heading and not over_ground:
+        gain = np.eye(len(after))
+        gain[3:6, 6:9] = cross_matrix(state.velocity - was.velocity)
+        after = gain @ after @ gain.T
+    return _Back(gain, shift, after - was.covariance)
+
+
+def passed(
+    segments: Sequence[Segment], model: FilterModel, motion: UnknownMotion
+) -> tuple[Array, Hindsight] | None:
+    """Return (N, N) the gain of what is known at the end of some segments on the state at the end
+    of the first of them, and hindsight of that; None while it is open what has happened."""
+    gain = np.eye(model.states)
+    hindsight = Hindsight.none(model.states)
+    for k in range(len(segments) - 1, 0, -1):
+        for stage in reversed(stages(segments[k - 1].after, segments[k], model, motion)):
+            if len(stage.before) != 1 or len(stage.each) != 1:
+                return None
+            way = stage.each[0][1]
+            gain = gain if way.gain is None else way.gain @ gain
+            hindsight = way.of(hindsight)
+    return gain, hindsight
 
 
 def _over_gap(

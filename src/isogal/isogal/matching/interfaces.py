@@ -24,6 +24,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fix import LOST_COVARIANCE, LOST_SIGMA, Candidates, Fix, Information, Status
+from isogal.inertial.passage import Passage
 from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
@@ -142,6 +143,9 @@ class Batch:
     """Whether the navigator may have satellites."""
     aided: Aided | None = None
     """What satellites have told the navigator since the last batch; None = nothing."""
+    passage: Passage | None = None
+    """What has become of the navigator's error since the last batch, where its heading is not known
+    well; None = what `backward` says."""
     secondary: "tuple[SecondaryBatch, ...]" = ()
     """What other fields have read up to the same end."""
 

@@ -11,6 +11,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.fields.known_gravity import KnownGravity
 from isogal.inertial.error_state import BATCH_STATES
+from isogal.inertial.passage import Passage
 from isogal.maps.channels import RouteMap
 from isogal.matching.failures import match_or_decline
 from isogal.matching.interfaces import Aided, Batch, Fix, Matcher, declined
@@ -127,7 +128,11 @@ class MapMatching:
         self.batches.restore(nothing)
 
     def match(
-        self, prior: Array, declined_for: str | None = None, aided: Aided | None = None
+        self,
+        prior: Array,
+        declined_for: str | None = None,
+        aided: Aided | None = None,
+        passage: Passage | None = None,
     ) -> Matched:
         """Return the batch that the newest readings end, and its fix.
 
@@ -139,13 +144,18 @@ class MapMatching:
             Why there can be no fix; the readings then belong to the next batch, too.
         aided : Aided, optional
             What satellites have told the navigator since the last batch.
+        passage : Passage, optional
+            What has become of the navigator's error since then, where its heading is not known
+            well.
         """
         collected = None if declined_for is None else self.batches.collected
         batch = self.batches.build(prior, self._near)
         if declined_for is not None and collected is not None:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
-        if self._satellites:
+        if passage is not None:
+            batch = replace(batch, passage=passage)
+        elif self._satellites:
             batch = replace(batch, satellites=True, aided=aided)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)

@@ -9,6 +9,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
+from isogal.inertial.passage import Passage
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.hypotheses import Hypotheses
@@ -33,6 +34,8 @@ class Memory:
     """(7, 7) what it was before that fix."""
     taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
     """(7,) error that the last fix takes off its estimate."""
+    slow: Array | None = None
+    """Estimates of the slow errors of its sensors before that fix."""
 
     @property
     def covariance(self) -> Array:
@@ -69,6 +72,8 @@ class Memory:
         told = prior if aided is None else aided.covariance
         forward, growth, learnt = steps(before, back, told)
 
+        passage = batch.passage
+
         def followed(bank: Hypotheses) -> Hypotheses:
             return bank.carried(learnt @ forward, learnt @ growth @ learnt.T).aided(aided, prior)
 
@@ -80,7 +85,16 @@ class Memory:
         )
         last = replace(memory.diverged.last, left=before)
         diverged = memory.diverged.with_last(last).later(passed)
-        return Memory(memory._each(followed).fields, diverged, prior)
+        if passage is None or abs(passage.begin - self.diverged.last.time) > 1e-6:
+            return Memory(memory._each(followed).fields, diverged, prior)
+        jump = np.zeros(BATCH_STATES) if batch.correction is None else batch.correction
+        fields = {
+            index: one
+            if one.bank is None
+            else replace(one, bank=_passed(one, one.bank, passage, jump, memory.slow))
+            for index, one in memory.fields.items()
+        }
+        return Memory(fields, diverged, prior, slow=passage.slow[1])
 
     def after(self, taken: Array, covariance: Array) -> "Memory":
         """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
@@ -99,6 +113,22 @@ class Memory:
             for index, one in self.fields.items()
         }
         return replace(self, fields=fields)
+
+
+def _passed(
+    one: FieldMemory, bank: Hypotheses, passage: Passage, jump: Array, slow: Array | None
+) -> Hypotheses:
+    """Return a field's hypotheses at the end of a passage, where the navigator's estimate has
+    jumped by so much (7,) at its beginning, and the slow errors' were `slow` (n - 7,) before."""
+    moving = one.states.moving
+    mean, whole = bank.mean.copy(), np.eye(bank.mean.shape[1])
+    if slow is not None and one.states.slow:
+        mean[:, moving[BATCH_STATES:]] += passage.slow[0] - slow
+    # the same attitude error is one of another velocity now (`fusion.measurements.model.moved`)
+    whole[2, 6], whole[3, 6] = -jump[3], jump[2]
+    covariance = whole @ bank.covariance @ whole.T
+    bank = replace(bank, mean=mean @ whole.T, covariance=covariance)
+    return bank.passed(passage.part(len(moving)), moving)
 
 
 def _same(off: Array, covariance: Array) -> bool:
