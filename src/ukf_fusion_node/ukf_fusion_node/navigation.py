@@ -18,6 +18,7 @@ from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
+from isogal.inertial.passage import Passage
 from isogal.matching.interfaces import Aided
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
@@ -125,11 +126,15 @@ class Navigation:
         self._fixed = max(ns, self._fixed)
 
     @property
-    def aided(self) -> AidedSince | None:
-        """What satellites have told since the last fix, at the newest stamp published."""
+    def since(self) -> AidedSince | Passage | None:
+        """What has become of the error since the last fix, at the newest stamp published, where
+        the heading is not known well; else what satellites have told."""
         if self.navigator is None or self._published > self.ns:
             return None
         try:
+            passage = self.navigator.passage(to_seconds(self._fixed))
+            if passage is not None:
+                return passage
             without = self.navigator.unaided(to_seconds(self._fixed))
         except FilterDivergenceError:
             return None

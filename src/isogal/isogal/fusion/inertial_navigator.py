@@ -9,7 +9,6 @@ after: the result is exactly that of a measurement that had come on time."""
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,28 +19,13 @@ from isogal.fusion.measurements.satellites import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
+from isogal.fusion.passage import passage_of
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
-from isogal.fusion.segment import AT_ONCE, Segment
-from isogal.fusion.smoothing import passed, smoothed
+from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
+from isogal.fusion.smoothing import Way, smoothed, way_over
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
-from isogal.inertial.error_state import BATCH, BATCH_STATES, FILTER_NAMES
-from isogal.inertial.passage import SLOW, Passage
-
-
-def _joined(segments: Sequence[Segment]) -> Segment:
-    """Return segments of which each goes on from the one before as one, without measurements."""
-    if len(segments) == 1:
-        return segments[0]
-    return replace(
-        segments[0],
-        time=np.concatenate([one.time for one in segments]),
-        force=np.concatenate([one.force for one in segments]),
-        rate=np.concatenate([one.rate for one in segments]),
-        height=np.concatenate([one.height for one in segments]),
-        track=np.concatenate([one.track for one in segments]),
-        measurements=[],
-    )
+from isogal.inertial.passage import Passage
 
 
 def track_row(state: FilterState) -> Array:
@@ -84,6 +68,8 @@ class InertialNavigator:
         mixture = state.copy() if isinstance(state, Mixture) else Mixture.of(state.copy())
         state = mixture.merged
         self._unaided: Without | None = None
+        self._passed: tuple[float, float, Way | None] | None = None
+        """See `passage`: since when, up to when, and the way back."""
         self._newest_aid = -math.inf
         """Time of the newest measurement of an aid that says where the vehicle is, s."""
         self.monitors: dict[str, AidMonitor] = {}
@@ -225,6 +211,8 @@ class InertialNavigator:
         oldest = min(time for time, _ in measurements)
         if self._unaided is not None and oldest <= self._unaided.time + AT_ONCE:
             self._unaided = None
+        if self._passed is not None and oldest <= self._passed[1] + AT_ONCE:
+            self._passed = None
         before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
@@ -266,7 +254,7 @@ class InertialNavigator:
     def back(self, samples: int) -> None:
         """Forget the newest samples, which came one by one: they were not true. Up to one at which
         there was a measurement, the last true one stands for them."""
-        self._unaided = None
+        self._unaided = self._passed = None
         first = max(1, len(self._segments) - samples)
         while len(self._segments) > first and not self._segments[-1].measurements:
             self._segments.pop()
@@ -324,34 +312,30 @@ class InertialNavigator:
         happened."""
         if not self.model.unsure_heading or self._impossible(since) is not None:
             return None
-        self._segment_at(since)
-        segments = self._segments[self._index(since) :]
-        found = passed(segments, self.model, self.motion)
-        if found is None:
+        first = self._segment_at(since)
+        *_, before, newest = self._segments
+        if newest is first:
             return None
-        gain, hindsight = found
-        first, last = segments[0].after.merged, segments[-1].after.merged
-        size = self.model.states
-        places = dict(zip(FILTER_NAMES, range(size), strict=False)) | self.model.places
-        slow = [[places[name] for name in names if name in places] for names in SLOW]
-        taken = np.zeros((BATCH_STATES + len(slow), size))
-        taken[np.arange(BATCH_STATES), BATCH] = 1.0
-        for row, those in enumerate(slow, BATCH_STATES):
-            taken[row, those] = 1.0
-        taken = taken[taken.any(axis=1)]
-        values = [
-            taken[BATCH_STATES:, 9:] @ np.concatenate(one.nominal[3:]) for one in (first, last)
-        ]
-        return Passage(
-            since,
-            taken @ first.covariance @ taken.T,
-            -taken @ hindsight.shift,
-            taken @ (first.covariance + hindsight.change) @ taken.T,
-            taken @ gain @ last.covariance @ taken.T,
-            taken @ last.covariance @ taken.T,
-            first.velocity[:2].copy(),
-            np.array(values),
-        )
+        # measurements of the newest stamp may still come
+        known = self._passed
+        if known is None or known[0] != since or known[1] > before.end + AT_ONCE:
+            known = since, since, way_over(first.after, [], self.model, self.motion)
+        way = self._way(known[2], known[1], before.end)
+        self._passed = since, before.end, way
+        way = self._way(way, before.end, newest.end)
+        if way is None:
+            return None
+        return passage_of(since, first.after.merged, newest.after.merged, way, self.model)
+
+    def _way(self, way: Way | None, begin: float, end: float) -> Way | None:
+        """Return the way back over the history from a time (s) on that `way` leads to, up to
+        another."""
+        if way is None or end <= begin + AT_ONCE:
+            return way
+        first, last = self._index(begin), self._index(end)
+        segments = self._segments[first + 1 : last + 1]
+        more = way_over(self._segments[first].after, segments, self.model, self.motion)
+        return None if more is None else way.then(more)
 
     def samples(self, after: float, until: float) -> tuple[Array, Array]:
         """Return the stamps (K,), s, after a time and up to another, of the samples that the
@@ -398,26 +382,18 @@ class InertialNavigator:
     def later(self, before: Without, source: str = "") -> Without:
         """Return what is known at the newest sample without an aid, by its name, or without all
         that say where the vehicle is, and without what fixes say."""
-        one, waiting = before.after, list[Segment]()
-        for segment in self._segments[self._index(before.time) + 1 :]:
-            if waiting and not waiting[-1].goes_on(segment):
-                one, _ = self._carried(one, _joined(waiting))
-                waiting = []
-            waiting.append(segment)
-            used = [m for m in segment.measurements if not of_aid(m, source) and by_itself(m)]
-            if used:
-                one, _ = self._carried(one, _joined(waiting))
-                waiting = []
-                for measurement in used:
+        one = before.after
+        for run in runs(self._segments[self._index(before.time) + 1 :]):
+            one, _ = self._carried(one, joined(run))
+            for measurement in run[-1].measurements:
+                if not of_aid(measurement, source) and by_itself(measurement):
                     one.update(measurement, self.model)
-        if waiting:
-            one, _ = self._carried(one, _joined(waiting))
         return Without(before.since, self.time, one)
 
     def forget(self, source: str, without: Without) -> None:
         """Go on from what is known without an aid since a time: measurements of it after that
         never were."""
-        self._unaided = None
+        self._unaided = self._passed = None
         first = self._index(without.since) + 1
         for segment in self._segments[first:]:
             segment.measurements[:] = [m for m in segment.measurements if not of_aid(m, source)]
@@ -429,6 +405,7 @@ class InertialNavigator:
     def go_on_from(self, time: float, known: Mixture) -> None:
         """Go on from what is known at a time (s) of the history, with the samples and measurements
         after it; all before is forgotten."""
+        self._passed = None
         first = self._segment_at(time)
         del self._segments[: self._index(time)]
         first.after = known

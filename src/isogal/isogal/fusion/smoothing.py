@@ -32,7 +32,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
 from isogal.fusion.outage import UnknownMotion, grow
 from isogal.fusion.prediction import propagate
-from isogal.fusion.segment import AT_ONCE, Segment
+from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
 from isogal.fusion.state import FilterState
 from isogal.fusion.trace import Trace
 from isogal.inertial.rotations import cross_matrix
@@ -63,7 +63,7 @@ class Hindsight:
         return found
 
 
-class _Back(NamedTuple):
+class Way(NamedTuple):
     """From hindsight after something to that before it: d = gain d' + shift, D = gain D' gain' +
     change."""
 
@@ -82,12 +82,20 @@ class _Back(NamedTuple):
         change = change + self.change
         return Hindsight(shift + self.shift, 0.5 * (change + change.T), later.log_weight)
 
+    def then(self, later: "Way") -> "Way":
+        """Return the way back over it and over what comes after it."""
+        before = self.of(Hindsight(later.shift, later.change))
+        gain = later.gain if self.gain is None else self.gain
+        if self.gain is not None and later.gain is not None:
+            gain = self.gain @ later.gain
+        return Way(gain, before.shift, before.change)
+
 
 class _Stage(NamedTuple):
     """What happened to the states of a mixture."""
 
     before: tuple[FilterState, ...]
-    each: tuple[tuple[int, _Back], ...]
+    each: tuple[tuple[int, Way], ...]
     """Of each state after it: which one it was before, and the way back."""
     merged: FilterState | None = None
     """One state for all of those before it, which the way back leads to; None = they were not
@@ -205,7 +213,7 @@ def stages(
     return found
 
 
-def _propagated(state: FilterState, model: FilterModel, segment: Segment) -> _Back:
+def _propagated(state: FilterState, model: FilterModel, segment: Segment) -> Way:
     """Carry a state over a segment's samples, in place, and return the way back."""
     trace = Trace.of(len(segment.force), len(state.covariance))
     samples = segment.force, segment.rate, segment.height
@@ -213,7 +221,7 @@ def _propagated(state: FilterState, model: FilterModel, segment: Segment) -> _Ba
     return _way_back([trace])
 
 
-def _way_back(traces: Sequence[Trace]) -> _Back:
+def _way_back(traces: Sequence[Trace]) -> Way:
     """Return the way back over intervals one after the other."""
     size = traces[0].cross.shape[-1]
     gain, shift, change = np.eye(size), np.zeros(size), np.zeros((size, size))
@@ -224,7 +232,7 @@ def _way_back(traces: Sequence[Trace]) -> _Back:
             gain = gain @ one
             shift += gain @ correction
             change += gain @ reduced @ gain.T
-    return _Back(gain, shift, change)
+    return Way(gain, shift, change)
 
 
 def _gains(cross: Array, predicted: Array) -> Array:
@@ -236,10 +244,10 @@ def _gains(cross: Array, predicted: Array) -> Array:
     return np.asarray(np.swapaxes(solved, -1, -2) / scale[..., None, :])
 
 
-def _widened(before: Array, after: Array) -> _Back:
+def _widened(before: Array, after: Array) -> Way:
     """Return the way back over noise that has come in."""
     size = len(before)
-    return _Back(_gains(before, after), np.zeros(size), np.zeros((size, size)))
+    return Way(_gains(before, after), np.zeros(size), np.zeros((size, size)))
 
 
 def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _Stage:
@@ -258,9 +266,7 @@ def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _St
     return _Stage(before, tuple(each))
 
 
-def _informed(
-    was: FilterState, state: FilterState, model: FilterModel, over_ground: bool
-) -> _Back:
+def _informed(was: FilterState, state: FilterState, model: FilterModel, over_ground: bool) -> Way:
     """Return the way back over a measurement, which re-expresses errors of the velocity
     (`isogal.fusion.measurements.model.moved`)."""
     shift, gain = error_between(state.nominal, was.nominal), None
@@ -269,24 +275,23 @@ def _informed(
         gain = np.eye(len(after))
         gain[3:6, 6:9] = cross_matrix(state.velocity - was.velocity)
         after = gain @ after @ gain.T
-    return _Back(gain, shift, after - was.covariance)
+    return Way(gain, shift, after - was.covariance)
 
 
-def passed(
-    segments: Sequence[Segment], model: FilterModel, motion: UnknownMotion
-) -> tuple[Array, Hindsight] | None:
-    """Return (N, N) the gain of what is known at the end of some segments on the state at the end
-    of the first of them, and hindsight of that; None while it is open what has happened."""
-    gain = np.eye(model.states)
-    hindsight = Hindsight.none(model.states)
-    for k in range(len(segments) - 1, 0, -1):
-        for stage in reversed(stages(segments[k - 1].after, segments[k], model, motion)):
+def way_over(
+    before: Mixture, segments: Sequence[Segment], model: FilterModel, motion: UnknownMotion
+) -> Way | None:
+    """Return the way back over segments that follow one another on what is known before them;
+    None while it is open what has happened."""
+    size = model.states
+    way = Way(None, np.zeros(size), np.zeros((size, size)))
+    for those in runs(segments):
+        for stage in stages(before, joined(those), model, motion):
             if len(stage.before) != 1 or len(stage.each) != 1:
                 return None
-            way = stage.each[0][1]
-            gain = gain if way.gain is None else way.gain @ gain
-            hindsight = way.of(hindsight)
-    return gain, hindsight
+            way = way.then(stage.each[0][1])
+        before = those[-1].after
+    return way
 
 
 def _over_gap(

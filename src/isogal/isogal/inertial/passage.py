@@ -6,22 +6,15 @@ known along with it; and what aids tell meanwhile, a gyroscope at rest above all
 several places is likely. Both follow from the filter's joint Gaussian of the errors at the two
 times (docs/mathematics.md, section 6.2)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.fix import Information
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.matrices import symmetric
-
-SLOW = (
-    ("gyroscope_z", "gyroscope_in_run_z"),
-    ("gyroscope_scale_zz",),
-    ("velocity_scale",),
-    ("velocity_yaw",),
-)
-"""Sums of states of the filter that turn the heading or stretch the path: the vertical gyroscope's
-bias (rad/s) and scale factor, the velocity aid's scale factor and its yaw (rad)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +38,27 @@ class Passage:
     """(2,) m/s north and east at the first of them."""
     slow: Array
     """(2, n - 7) estimates of the slow errors at both times."""
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """All but the time."""
+        joint = self.before, self.mean, self.smoothed, self.cross, self.after
+        return *joint, self.velocity, self.slow
+
+    @classmethod
+    def of_numbers(cls, begin: float, numbers: Array) -> "Passage":
+        """Return that of a time (s) whose arrays have these numbers, one after the other; raises
+        ValueError where there is none of so many."""
+        # 4 n² + n + 2 + 2 (n - 7) of n states
+        n = round((math.sqrt(9.0 + 16.0 * (len(numbers) + 12.0)) - 3.0) / 8.0)
+        sizes = np.array([n * n, n, n * n, n * n, n * n, 2, 2 * (n - BATCH_STATES)])
+        if n < BATCH_STATES or sizes.sum() != len(numbers):
+            raise ValueError(f"{len(numbers)} numbers are no passage")
+        before, mean, smoothed, cross, after, velocity, slow = np.split(
+            numbers, np.cumsum(sizes)[:-1]
+        )
+        square = (one.reshape(n, n) for one in (smoothed, cross, after))
+        return cls(begin, before.reshape(n, n), mean, *square, velocity, slow.reshape(2, -1))
 
     def part(self, states: int) -> "Passage":
         """Return that of the first so many states."""
@@ -70,10 +84,9 @@ class Passage:
         return Information(posterior @ (self.mean / scale) / scale, symmetric(matrix))
 
     @property
-    def transition(self) -> tuple[Array, Array, Array]:
-        """(n, n), (n,) and (n, n) A, b and Q of y = A x + b + w with w ~ N(0, Q)."""
+    def transition(self) -> tuple[Array, Array]:
+        """(n, n) and (n, n) A and Q of y = A (x - mean) + w with w ~ N(0, Q)."""
         scale = np.sqrt(np.diag(self.smoothed))
         unit = self.smoothed / np.outer(scale, scale)
         forward = np.linalg.solve(unit, self.cross / scale[:, None]).T / scale
-        left = symmetric(self.after - forward @ self.cross)
-        return forward, -forward @ self.mean, left
+        return forward, symmetric(self.after - forward @ self.cross)

@@ -144,8 +144,8 @@ class Batch:
     aided: Aided | None = None
     """What satellites have told the navigator since the last batch; None = nothing."""
     passage: Passage | None = None
-    """What has become of the navigator's error since the last batch, where its heading is not known
-    well; None = what `backward` says."""
+    """What has become of the navigator's error since the last batch, where its heading is not
+    known well; None = what `backward` says."""
     secondary: "tuple[SecondaryBatch, ...]" = ()
     """What other fields have read up to the same end."""
 

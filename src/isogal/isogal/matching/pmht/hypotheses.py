@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.inertial.error_state import BATCH_NAMES, BATCH_STATES
+from isogal.inertial.error_state import BATCH_STATES, HEADING
 from isogal.inertial.passage import Passage
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import LARGEST_RATIO, positive_part
@@ -52,7 +52,6 @@ CREDIBLE = 2.0
 model of a few percent would widen what is published for ever."""
 
 
-HEADING = BATCH_NAMES.index("psi_down")
 UNSURE = 0.1
 """rad, 1-sigma of a heading above which a hypothesis is split: the path it has gone is then longer
 by 0.5 % than the middle one's."""
@@ -118,7 +117,7 @@ class Hypotheses:
         `Passage` is linear, is turned by as much: its error at the end is E[D - R(-psi) D] more
         than at the beginning, not psi x D."""
         them = self.informed(passage.told, passage.before, moving).headed()
-        A, offset, growth = passage.transition
+        A, growth = passage.transition
         n, heading = len(moving), HEADING
         x = them.mean[:, moving] - passage.mean
         less = np.exp(-0.5 * them.covariance[:, heading, heading])

@@ -85,7 +85,9 @@ class Memory:
         )
         last = replace(memory.diverged.last, left=before)
         diverged = memory.diverged.with_last(last).later(passed)
-        if passage is None or abs(passage.begin - self.diverged.last.time) > 1e-6:
+        if passage is None or not math.isclose(
+            passage.begin, self.diverged.last.time, abs_tol=1e-6
+        ):
             return Memory(memory._each(followed).fields, diverged, prior)
         jump = np.zeros(BATCH_STATES) if batch.correction is None else batch.correction
         fields = {
