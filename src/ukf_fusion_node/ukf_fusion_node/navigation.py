@@ -129,7 +129,7 @@ class Navigation:
     def since(self) -> AidedSince | Passage | None:
         """What has become of the error since the last fix, at the newest stamp published, where
         the heading is not known well; else what satellites have told."""
-        if self.navigator is None or self._published > self.ns:
+        if self.navigator is None or self._published > self.ns or not self.aligned:
             return None
         try:
             passage = self.navigator.passage(to_seconds(self._fixed))
