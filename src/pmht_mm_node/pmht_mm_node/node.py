@@ -10,10 +10,10 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import maps_for_scenario
-from isogal.inertial.passage import Passage
 from isogal.maps.several import each_map
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
+from isogal.passage import Passage
 from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, adapter_of

@@ -18,8 +18,8 @@ from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
-from isogal.inertial.passage import Passage
 from isogal.matching.interfaces import Aided
+from isogal.passage import Passage
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamped_numbers import AidedSince

@@ -6,7 +6,7 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
-from isogal.inertial.passage import Passage
+from isogal.passage import Passage
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, framed, map_frame
 from isogal_ros.messages.odometry import POSE, empty_odometry, fill_odom

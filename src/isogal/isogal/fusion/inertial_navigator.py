@@ -25,7 +25,7 @@ from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
 from isogal.fusion.smoothing import Way, smoothed, way_over
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
-from isogal.inertial.passage import Passage
+from isogal.passage import Passage
 
 
 def track_row(state: FilterState) -> Array:

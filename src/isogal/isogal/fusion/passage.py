@@ -7,7 +7,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.smoothing import Way
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, BATCH_STATES, FILTER_NAMES
-from isogal.inertial.passage import Passage
+from isogal.passage import Passage
 
 SLOW = (
     ("gyroscope_z", "gyroscope_in_run_z"),

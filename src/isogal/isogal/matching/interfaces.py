@@ -24,12 +24,12 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fix import LOST_COVARIANCE, LOST_SIGMA, Candidates, Fix, Information, Status
-from isogal.inertial.passage import Passage
 from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 from isogal.matching.transitions import given_position_and_velocity
 from isogal.matrices import symmetric
+from isogal.passage import Passage
 
 __all__ = [
     "LOST_COVARIANCE",

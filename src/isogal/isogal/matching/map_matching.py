@@ -11,7 +11,6 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.fields.known_gravity import KnownGravity
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.inertial.passage import Passage
 from isogal.maps.channels import RouteMap
 from isogal.matching.failures import match_or_decline
 from isogal.matching.interfaces import Aided, Batch, Fix, Matcher, declined
@@ -19,6 +18,7 @@ from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
 from isogal.matching.update_schedule import UpdateSchedule
+from isogal.passage import Passage
 from isogal.scenario import Scenario
 
 

@@ -10,8 +10,8 @@ from std_msgs.msg import Float64MultiArray
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
-from isogal.inertial.passage import Passage
 from isogal.matching.interfaces import Aided
+from isogal.passage import Passage
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import from_seconds, to_seconds
@@ -66,9 +66,11 @@ def fill_nav_covariance(
     if since is None:
         fill_numbers(message, ns, covariance)
         return
-    passed = isinstance(since, Passage)
-    begin = from_seconds(since.begin) if isinstance(since, Passage) else since.since
-    arrays = since.arrays if passed else since.told
+    if isinstance(since, Passage):
+        begin = from_seconds(since.begin)
+        arrays: tuple[Array, ...] = since.arrays
+    else:
+        begin, arrays = since.since, (since.told.covariance, since.told.jump)
     fill_numbers(message, ns, covariance, np.array(divmod(begin, _SECOND), dtype=float), *arrays)
 
 

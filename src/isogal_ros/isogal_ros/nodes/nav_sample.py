@@ -10,8 +10,8 @@ from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
-from isogal.inertial.passage import Passage
 from isogal.inertial.rotations import from_matrix
+from isogal.passage import Passage
 from isogal_ros.messages.frames import FRD_FLU
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_covariance, read_position

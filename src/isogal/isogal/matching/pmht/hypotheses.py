@@ -13,7 +13,6 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES, HEADING
-from isogal.inertial.passage import Passage
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
@@ -22,6 +21,7 @@ from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models
 from isogal.matching.pmht.rows import Rows, errors_beside
 from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.matrices import symmetric
+from isogal.passage import Passage
 
 REACH = 2.0
 """1-sigma at which it is looked at how far the map departs from linear (`CURVED`)."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.inertial.passage import Passage
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import DECEIVED, RARE
 from isogal.matching.pmht.search import Diverged, FieldMemory, Past, ranked, resolved, spread_over
+from isogal.passage import Passage
 
 SAME_ESTIMATE = 0.25
 """Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and

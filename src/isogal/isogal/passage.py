@@ -51,14 +51,16 @@ class Passage:
         ValueError where there is none of so many."""
         # 4 n² + n + 2 + 2 (n - 7) of n states
         n = round((math.sqrt(9.0 + 16.0 * (len(numbers) + 12.0)) - 3.0) / 8.0)
-        sizes = np.array([n * n, n, n * n, n * n, n * n, 2, 2 * (n - BATCH_STATES)])
-        if n < BATCH_STATES or sizes.sum() != len(numbers):
+        square, slow = (n, n), (2, max(n - BATCH_STATES, 0))
+        shapes = square, (n,), square, square, square, (2,), slow
+        ends = np.cumsum([math.prod(shape) for shape in shapes])
+        if n < BATCH_STATES or ends[-1] != len(numbers):
             raise ValueError(f"{len(numbers)} numbers are no passage")
-        before, mean, smoothed, cross, after, velocity, slow = np.split(
-            numbers, np.cumsum(sizes)[:-1]
+        arrays = (
+            part.reshape(shape)
+            for part, shape in zip(np.split(numbers, ends[:-1]), shapes, strict=True)
         )
-        square = (one.reshape(n, n) for one in (smoothed, cross, after))
-        return cls(begin, before.reshape(n, n), mean, *square, velocity, slow.reshape(2, -1))
+        return cls(begin, *arrays)
 
     def part(self, states: int) -> "Passage":
         """Return that of the first so many states."""
