@@ -86,12 +86,9 @@ class Usage:
 
 
 def nodes_running() -> dict[str, psutil.Process]:
-    """Return the processes of the graph's nodes, children of this one."""
-    found = {}
-    for child in psutil.Process().children():
-        words = child.cmdline()
-        found |= {name: child for name, (module, _) in CLASSES.items() if module in words}
-    return found
+    """Return the processes of the graph's nodes, below this one."""
+    found = {child.name(): child for child in psutil.Process().children(recursive=True)}
+    return {name: child for name, child in found.items() if name in CLASSES}
 
 
 def as_processes(scenario: Scenario, folder: Path) -> Figures:

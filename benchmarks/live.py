@@ -12,6 +12,8 @@ was."""
 
 import json
 import os
+import shlex
+import sys
 import tempfile
 import threading
 import time
@@ -35,6 +37,7 @@ from isogal_ros.graph.running import Processes
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.frames import BASE, framed
 from isogal_ros.messages.imu import fill_imu
+from isogal_ros.messages.prepared import Prepared
 from isogal_ros.messages.stamps import from_seconds, peek_ns
 from isogal_ros.nodes.signals import interrupts
 from isogal_ros.topics import LOSSLESS, Topic
@@ -69,12 +72,12 @@ class Driver:
                 assert not processes.ended() and time.monotonic() < end, processes.ended()
                 time.sleep(0.1)
             time.sleep(5.0)
-            message, begun = framed(topics.IMU, BASE), time.monotonic()
+            message, begun = Prepared(framed(topics.IMU, BASE)), time.monotonic()
             for seconds, force, turn in self._samples:
                 time.sleep(max(0.0, begun + seconds - time.monotonic()))
                 ns = from_seconds(seconds)
                 fill_imu(message, ns, force, turn)
-                imu.publish(message)
+                imu.publish(message.serialised())
                 if (reading := self._readings.get(ns)) is not None:
                     raw.publish(self._adapter.write_raw(*reading, self._variance, None))
                 if seconds % WARM == 0.0:
@@ -196,8 +199,8 @@ def page(found: dict[str, Any], note: str) -> str:
     lines = [
         "# Live: the graph at real time",
         "",
-        f"Made by `benchmarks/live.py --minutes {found['minutes']:g} --page"
-        " docs/evidence/live.md`: the nodes of a real vehicle and a recorder as processes,"
+        f"Made by `benchmarks/live.py {shlex.join(sys.argv[1:])}`:"
+        " the nodes of a real vehicle and a recorder as processes,"
         f" {found['imu_hz']:g} Hz of IMU, each sample published when it is due, on a machine with"
         f" {os.cpu_count()} cores whose load average was {found['load_average']:.1f}. What is"
         f" measured is said in the script's first lines. {note}".rstrip(),
@@ -225,6 +228,10 @@ def page(found: dict[str, Any], note: str) -> str:
             f"| `/diagnostics` of {name} | {one:.2f} |"
             for name, one in found["diagnostics_hz"].items()
         ),
+        "",
+        "The simulator of `isogal run --rate 1` publishes the samples of a step of 1 s together:"
+        " beside it",
+        "latencies are those of a burst, and mean nothing.",
     ]
     return "\n".join(lines) + "\n"
 

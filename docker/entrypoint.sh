@@ -11,5 +11,6 @@ if [ ! -f "$install/setup.bash" ]; then
   exit 2
 fi
 source "$install/setup.bash"
-export PATH="$install/lib/isogal:$PATH"
+# `colcon build` gives each package a folder of its own, with --merge-install all share one
+export PATH="$install/lib/isogal:$install/isogal/lib/isogal:$PATH"
 exec "$@"

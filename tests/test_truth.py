@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from isogal.errors import InputError
 from isogal.scenario import Assumed, Scenario, Truth, load_scenario, truth_of, validate_scenario
-from isogal.scenario.aids import HeadingAid, PositionAid
+from isogal.scenario.aids import HeadingAid, HeightAid, PositionAid, VelocityAid
 from isogal.scenario.truth import SECTIONS, SHARED
 
 LARGE = ["gravimeter.bias=2e-5", "initial_error.hidden_position=1000"]
@@ -96,7 +96,12 @@ def test_bad_truths_are_one_clear_line(override, message):
     assert "\n" not in str(caught.value)
 
 
-OF_ENTRIES = {"positions": PositionAid, "headings": HeadingAid}
+OF_ENTRIES = {
+    "heights": HeightAid,
+    "velocities": VelocityAid,
+    "positions": PositionAid,
+    "headings": HeadingAid,
+}
 
 
 def test_every_section_and_shared_key_is_one_of_the_scenario():

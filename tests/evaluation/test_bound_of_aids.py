@@ -51,3 +51,26 @@ def test_readings_within_a_stretch_count_together():
         bound(*once, f"velocity.sigma={0.02 / np.sqrt(10.0)}", function=unaided_covariance),
         rel=1e-6,
     )
+
+
+def test_a_second_height_tells_the_offset_of_the_first():
+    first = ["height.source=barometer", "height.bias=10", "height.weather_sigma=10"]
+    exact = "heights=[{name: b, sigma: 1e-3, bias: 0, scale: 0, weather_sigma: 0}]"
+    known = bound("route.height=500")
+    assert bound(*first, exact, "route.height=500") == pytest.approx(known, rel=1e-6)
+    same = "heights=[{name: b, bias: 10, scale: 0, weather_sigma: 0}]"
+    again = "height.scale=0", "height.weather_sigma=0"
+    half = bound(*first, *again, f"height.bias={10 / np.sqrt(2.0)}")
+    assert bound(*first, *again, same) == pytest.approx(half, rel=1e-3)
+
+
+def test_a_velocity_by_name_is_as_good_as_that_of_the_section():
+    """And two logs in one water know no more of the current than one whose noise is less."""
+    drift = {"function": unaided_covariance}
+    for kind in ("dvl", "airspeed"):
+        named = bound(f"velocities=[{{name: one, kind: {kind}}}]", **drift)
+        assert named == pytest.approx(bound(f"velocity.kind={kind}", **drift), rel=1e-9)
+    log = ["velocity.kind=log", "velocity.scale=0", "velocity.misalignment=0"]
+    other = "velocities=[{name: two, kind: log, scale: 0, misalignment: 0}]"
+    less = bound(*log, f"velocity.sigma={0.05 / np.sqrt(2.0)}", **drift)
+    assert bound(*log, "velocity.sigma=0.05", other, **drift) == pytest.approx(less, rel=1e-9)

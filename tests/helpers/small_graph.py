@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -51,15 +52,10 @@ def has_recorded(bag: Path) -> bool:
 def nodes_of(pid: int) -> dict[str, psutil.Process]:
     """The node processes that a process has started, by name."""
     found = {}
-    for child in psutil.Process(pid).children():
-        try:
-            words = child.cmdline()
-        except psutil.Error:  # it has just ended
-            continue
-        for name, (module, _) in CLASSES.items():
-            if module in words:
-                found[name] = child
-    return found
+    for child in psutil.Process(pid).children(recursive=True):
+        with suppress(psutil.Error):  # it has just ended
+            found[child.name()] = child
+    return {name: child for name, child in found.items() if name in CLASSES}
 
 
 def start(folder: Path) -> subprocess.Popen:

@@ -102,8 +102,8 @@ def test_batches_of_one_or_two_new_readings_are_as_good(settings):
 
 @cache
 def _late_error(**settings: int) -> float:
-    """RMS error of six runs after 5 min, m."""
-    error = simulate(scenario(**settings), range(6), MAP).error[:, 30:]
+    """RMS error of four runs after 5 min, m; of the same runs for all settings."""
+    error = simulate(scenario(**settings), range(4), MAP).error[:, 30:]
     return float(np.sqrt((error**2).sum(axis=-1).mean()))
 
 
@@ -342,8 +342,8 @@ def test_smoothed_states_are_as_good_as_they_say():
 def test_a_fixed_lag_lies_between_nothing_and_all():
     """Each state by data up to a lag later: the last ones by all, none by more."""
     it = scenario(duration=1200.0, stride=5)
-    causal, whole = (simulate(it, range(3), MAP, lag=lag) for lag in (0.0, np.inf))
-    found = simulate(it, range(3), MAP, lag=300.0)
+    causal, whole = (simulate(it, range(2), MAP, lag=lag) for lag in (0.0, np.inf))
+    found = simulate(it, range(2), MAP, lag=300.0)
     assert causal.smoothed is None
     assert found.smoothed is not None and whole.smoothed is not None
     same_runs(replace(found, smoothed=None), causal)

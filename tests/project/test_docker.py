@@ -110,30 +110,31 @@ def test_entrypoint_is_valid_shell() -> None:
 
 
 def test_entrypoint_finds_the_workspace_outside_of_the_image(tmp_path: Path) -> None:
-    """The one that is named, the one beside it; with neither one line, and no command."""
+    """The one that is named, the one beside it, merged or not; with neither one line, and no
+    command."""
     script = tmp_path / "docker" / "entrypoint.sh"
     script.parent.mkdir()
     script.write_bytes((DOCKER / "entrypoint.sh").read_bytes())
 
     def run(**environment: str) -> subprocess.CompletedProcess[str]:
-        words = ["bash", script, "bash", "-c", 'echo "$WORKSPACE ${PATH%%:*}"']
+        words = ["bash", script, "isogal"]
         env = {"PATH": os.environ["PATH"], **environment}
         return subprocess.run(words, env=env, capture_output=True, text=True, check=False)
 
     missing = run()
     assert (missing.returncode, missing.stdout) == (2, "")
     assert "no workspace in" in missing.stderr
-    for folder, environment in (
-        ("ros2_ws/install", {}),
-        ("docker/install", {}),
-        ("elsewhere", {"ISOGAL_INSTALL": str(tmp_path / "elsewhere")}),
+    for folder, scripts, environment in (
+        ("ros2_ws/install", "isogal/lib/isogal", {}),
+        ("docker/install", "lib/isogal", {}),
+        ("elsewhere", "lib/isogal", {"ISOGAL_INSTALL": str(tmp_path / "elsewhere")}),
     ):
-        install = tmp_path / folder
-        install.mkdir(parents=True)
-        (install / "setup.bash").write_text(f"export WORKSPACE={folder}\n")
-        word, path = run(**environment).stdout.split()
-        assert word == folder
-        assert Path(path).resolve() == install / "lib" / "isogal"
+        command = tmp_path / folder / scripts / "isogal"
+        command.parent.mkdir(parents=True)
+        command.write_text('#!/bin/sh\necho "$WORKSPACE"\n')
+        command.chmod(0o755)
+        (tmp_path / folder / "setup.bash").write_text(f"export WORKSPACE={folder}\n")
+        assert run(**environment).stdout.split() == [folder]
 
 
 def own_words(output: str) -> str:

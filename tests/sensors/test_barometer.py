@@ -54,7 +54,7 @@ def simulated(runs, *more):
         ["route.duration=300", "route.height=1000", "gravity.field=normal",
          "height.source=barometer", *more],
     )  # fmt: skip
-    return simulate_heights(it.true, build_trajectory(it), range(runs)) - 1000.0
+    return simulate_heights(it.true, it.true.height, build_trajectory(it), range(runs)) - 1000.0
 
 
 def test_simulated_errors_are_as_large_as_told():

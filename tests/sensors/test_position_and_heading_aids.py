@@ -66,6 +66,8 @@ def test_the_truth_of_an_entry_is_its_own() -> None:
     ("bad", "says"),
     [
         ("positions=[{}, {}]", "two entries of one name"),
+        ("velocities=[{name: a}]", "velocities.0.kind: must be a sensor"),
+        ("heights=[{name: a}]", "heights.0: it and height must have a sensor"),
         ("positions=[{name: A b}]", "name"),
         ("positions=[{interval: 0.3}]", "positions.0.interval"),
         ("positions=[{available: [[5, 1]]}]", "no time from 0 s on"),

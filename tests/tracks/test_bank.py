@@ -21,11 +21,12 @@ from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
+from isogal.tracks.displacement import LASTING, SIZE, displacement
 from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
-from isogal.tracks.models import LENGTHS, SHAPES, WORTH, track_models
+from isogal.tracks.models import LENGTHS, SHAPES, track_models
 
 DISTURBANCE = field_of("disturbance")
 
@@ -84,22 +85,27 @@ def test_what_is_told_narrows_the_models():
     assert len(literal.sigma) == 1
 
 
-@pytest.mark.parametrize(
-    ("said", "share"),
-    [
-        ({}, WORTH),
-        ({"map_sigma": 3e-5}, WORTH),
-        ({"map_sigma": 3e-5, "options": {"trust": 1.0}}, 1.0),
-        ({"map_sigma": 0.0}, 1.0),
-    ],
-)
-def test_evidence_counts_half_where_errors_are_only_modelled(said, share):
-    track, _, _ = made_track(DISTURBANCE, count=40, error=(300.0, -200.0), sigma=1e-5)
-    settings = Matcher(batch_length=40, **said)
-    shifts = match_track(track, DISTURBANCE, settings, Uncertainty(500.0))[0].shifts
-    evidence = np.logaddexp.reduce(shifts.by_model(0))
-    np.testing.assert_allclose(shifts.log_density - shifts.log_prior, share * evidence)
-    assert shifts.of_models(0).sum() == pytest.approx(1.0)
+def _shifts(field_map, count=40, step=(140.0, 170.0)):
+    track, _, _ = made_track(field_map, count, (300.0, -200.0), 1e-6, step=step)
+    settings = Matcher(batch_length=count)
+    return match_track(track, field_map, settings, Uncertainty(500.0))[0].shifts
+
+
+def test_a_gridded_map_may_be_displaced():
+    """An error of 2 mGal over 2 km, of a field of 10 mGal RMS; each is found within a factor."""
+    ellipses = np.broadcast_to([4e6, 0.0, 4e6], (*DISTURBANCE.values.shape, 3))
+    sigma = np.full(DISTURBANCE.values.shape, 2e-5)
+    gridded = replace(DISTURBANCE, sigma=sigma, correlation_length=2e3, error_ellipses=ellipses)
+    assert not displacement(_shifts(DISTURBANCE)).any()
+    short, long = _shifts(gridded), _shifts(gridded, 120)
+    assert short.of_models(0).sum() == pytest.approx(1.0)
+    north, east = np.diag(displacement(short))
+    assert north == pytest.approx(east) and abs(displacement(short)[0, 1]) < 1e-6 * north
+    assert SIZE * 1e3 * 0.02 < np.sqrt(north) < SIZE * 4e3 * 0.4
+    # its mean over the track: three times as long a one has less of it
+    weight = 1.0 + 8.8e3 / (2.0 * LASTING * 2e3), 1.0 + 26.2e3 / (2.0 * LASTING * 2e3)
+    ratio = displacement(long)[0, 0] / north * weight[1] / weight[0]
+    assert 0.3 < ratio < 3.0 and displacement(long)[0, 0] < north
 
 
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():

@@ -31,10 +31,10 @@ def test_report_has_figures_and_reasons(tmp_path, matcher):
     holed = replace(track, value=np.where(np.arange(60) % 7 == 0, np.nan, track.value))
     field = TrackField("height", holed, HEIGHT, unit="m")
     matches = match_fields([field], PRIOR, matcher=matcher)
-    page = write_match_report(field, PRIOR, matches, tmp_path)
+    page = write_match_report([field], PRIOR, matches, tmp_path)
     text = page.read_text()
     figures = {"track.png", "readings.png"} | ({"shifts.png"} if matcher is None else set())
     assert text.count("data:image/png") == len(figures)
     assert {path.name for path in tmp_path.iterdir()} == {"report.html", *figures}
-    assert f"{sum(m.fix.published for m in matches)} fixes from 2 batches of 30 readings" in text
+    assert f"{sum(m.fix.published for m in matches)} fixes of 2 batches" in text
     assert ("it is &lt; &amp; &gt;" in text) == (matcher is not None)

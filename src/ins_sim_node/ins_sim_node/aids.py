@@ -12,7 +12,6 @@ from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal.scenario import HeadingAid, Height
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
-    aids_of,
     fill_ground_velocity,
     fill_position,
     fill_pressure,
@@ -45,22 +44,19 @@ def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
     scenario, true, found = node.scenario, node.scenario.true, vehicle.aids
     steps = np.arange(1, len(vehicle) + 1)
     if found.height is not None:
-        known, fill_height = (
-            ~np.isnan(found.height[0]),
-            partial(_fill_height, settings=true.height),
-        )
-        heights = steps[known], found.height[0][known]
-        yield _Aid(topics.BAROMETER, BASE, 0.0, *heights, fill_height)
-    if found.velocity is not None:
-        known = np.isfinite(found.velocity[0]).any(axis=-1)
-        speeds = steps[known], found.velocity[0][known]
-        yield _Aid(topics.VELOCITY, BASE, 0.0, *speeds, fill_velocity)
+        yield _of_height(topics.BAROMETER, true.height, steps, found.height[0])
+    for sensor, heights in zip(true.heights or (), found.heights, strict=True):
+        yield _of_height(topics.height_topic(sensor.name), sensor, steps, heights[0])
+    for one, speeds in zip(scenario.velocity_aids, found.velocities, strict=True):
+        measures = np.isfinite(speeds[0]).any(axis=-1)
+        topic = topics.velocity_topic(getattr(one, "name", None))
+        yield _Aid(topic, BASE, 0.0, steps[measures], speeds[0][measures], fill_velocity)
     if (fixes := found.satellites) is not None:
         gnss, late = scenario.gnss, (true.gnss.delay, fixes.ends)
         fill = partial(fill_position, aid=gnss.positions)
         yield _Aid(topics.GNSS_FIX, ANTENNA, *late, fixes.position[0], fill)
-        if topics.GNSS_VELOCITY in aids_of(scenario):
-            speed = partial(fill_ground_velocity, sigma=gnss.velocity_sigma or 0.0)
+        if gnss.velocity_sigma is not None:
+            speed = partial(fill_ground_velocity, sigma=gnss.velocity_sigma)
             yield _Aid(topics.GNSS_VELOCITY, ANTENNA, *late, fixes.velocity[0], speed)
     of_positions = scenario.positions or (), true.positions or (), found.positions
     for aid, really, places in zip(*of_positions, strict=True):
@@ -72,6 +68,12 @@ def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
         topic, known = topics.heading_topic(bow.name), ~np.isnan(seen.heading[0])
         turn = partial(_fill_heading, aid=bow)
         yield _Aid(topic, BASE, really_bow.delay, seen.ends[known], seen.heading[0][known], turn)
+
+
+def _of_height(topic: Topic, settings: Height, steps: Integers, heights: Array) -> _Aid:
+    """Return a sensor that reads heights (K,), m, NaN = none, at the ends of steps (K,)."""
+    known, fill = ~np.isnan(heights), partial(_fill_height, settings=settings)
+    return _Aid(topic, BASE, 0.0, steps[known], heights[known], fill)
 
 
 def _fill_height(message: Message, ns: int, height: Array, settings: Height) -> None:

@@ -55,7 +55,8 @@ class InsSimNode(GraphNode):
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
         "magnetometer", "altimeter", "readings", "map", "map_error", "gravity", "height",
-        "velocity", "gnss", "positions", "headings", "matcher", "fusion", "truth",
+        "velocity", "heights", "velocities", "gnss", "positions", "headings", "matcher", "fusion",
+        "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)

@@ -30,6 +30,7 @@ from numba import njit
 from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.dispatcher import Dispatcher
+from numba.core.registry import cpu_target
 
 _digests: dict[Any, str] = {}
 """Digest of each kernel's Python function."""
@@ -56,6 +57,13 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
         with contextlib.suppress(RuntimeError):  # numba finds no folder to write to
             compiled._cache = _KernelCache(function)
     return compiled
+
+
+def load_compiler() -> None:
+    """Load what numba otherwise loads when a compiled function is first called: for processes that
+    are forked from this one."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
 
 
 class _Compiling(event.Listener):

@@ -16,6 +16,7 @@ content:
 - ``nav/covariance`` is a Float64MultiArray, which has neither stamp nor names
   (`isogal_ros.messages.stamped_numbers`): the weaker choice, for a topic of every step."""
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +45,7 @@ try:
 except ImportError:  # not among ROS 2's wheels: without it there are no transforms
     TFMessage = None
 
+_OF_AID = re.compile(r"[a-z]+(?:/(\w+))?/\w+")
 Message = Any
 """A message of any class, or what it is serialised to: rclpy's classes have no common base."""
 INS_SIM = "ins_sim_node"
@@ -123,11 +125,36 @@ def position_topics(name: str | None) -> tuple[Topic, Topic]:
     )
 
 
+def height_topic(name: str | None) -> Topic:
+    """Return the topic of a sensor of the height, of the list `heights`; None = of `height`."""
+    if name is None:
+        return BAROMETER
+    return Topic(f"barometer/{name}/data_raw", FluidPressure, (UKF_FUSION,))
+
+
+def velocity_topic(name: str | None) -> Topic:
+    """Return the topic of a sensor of the velocity, of the list `velocities`; None = of
+    `velocity`."""
+    if name is None:
+        return VELOCITY
+    return Topic(f"velocity/{name}/data_raw", TwistWithCovarianceStamped, (UKF_FUSION,))
+
+
 def heading_topic(name: str | None) -> Topic:
     """Return the topic of an aid that says where the bow points, of the list `headings`: of its
     orientation the yaw alone is used."""
     space = "heading" if name is None else f"heading/{name}"
     return Topic(f"{space}/data_raw", Imu, (UKF_FUSION,))
+
+
+def aid_topic(name: str) -> Topic | None:
+    """Return the topic of an aid that a scenario names; None = it is of none."""
+    found = _OF_AID.fullmatch(name)
+    if found is None:
+        return None
+    own = found[1]
+    every = *position_topics(own), height_topic(own), velocity_topic(own), heading_topic(own)
+    return next((topic for topic in every if topic.name == name), None)
 
 
 TRUTH_FIX = Topic("ground_truth/fix", NavSatFix, (GRAVIMETER,))

@@ -21,12 +21,11 @@ from isogal.fusion.measurements import (
     position_fix,
     satellite_velocity,
 )
-from isogal.scenario import HeadingAid, Height, PositionAid
+from isogal.scenario import HeadingAid, Height, PositionAid, Velocity
 from isogal.sensors.barometer import height_of
-from isogal_ros import topics
 from isogal_ros.messages.aids import (
-    aids_of,
-    alternatives_of,
+    Aid,
+    each_aid,
     read_ground_velocity,
     read_position_fix,
     read_pressure,
@@ -99,33 +98,27 @@ class Aids:
         self._sources: list[_Source] = []
         self._first = sys.maxsize
         """Stamp of the first IMU sample."""
-        height, velocity, gnss = (
-            node.scenario.height, node.scenario.velocity, node.scenario.gnss,
-        )  # fmt: skip
-        every: dict[Topic, tuple[float, float, Callable[[Message], _Read]]] = {
-            topics.BAROMETER: (height.interval, 0.0, self._pressure),
-            topics.VELOCITY: (velocity.interval, 0.0, self._velocity),
-            topics.GNSS_FIX: (gnss.interval, gnss.delay, self._positions(gnss.positions)),
-            topics.GNSS_VELOCITY: (gnss.interval, gnss.delay, self._satellite_velocity),
-        }
-        for aid in node.scenario.positions or ():
-            fix, pose = topics.position_topics(aid.name)
-            every[fix] = aid.interval, aid.delay, self._positions(aid)
-            every[pose] = aid.interval, aid.delay, self._poses(aid)
-        for bow in node.scenario.headings or ():
-            topic = topics.heading_topic(bow.name)
-            every[topic] = bow.interval, bow.delay, self._headings(bow)
-        for topic in (*aids_of(node.scenario), *alternatives_of(node.scenario).values()):
-            self._add(node, topic, *every[topic])
+        for aid in each_aid(node.scenario):
+            for topic in (aid.topic, *aid.instead):
+                self._add(node, topic, aid)
 
-    def _add(
-        self,
-        node: GraphNode,
-        topic: Topic,
-        interval: float,
-        delay: float,
-        read: Callable[[Message], _Read],
-    ) -> None:
+    def _reader(self, topic: Topic, aid: Aid) -> Callable[[Message], _Read]:
+        """Return what reads the messages of an aid on a topic."""
+        match aid.settings:
+            case Height():
+                return self._pressures(aid.settings)
+            case Velocity():
+                return self._velocities(aid.settings)
+            case HeadingAid():
+                return self._headings(aid.settings)
+            case PositionAid():
+                of_pose = topic.type is PoseWithCovarianceStamped
+                return (self._poses if of_pose else self._positions)(aid.settings)
+        return self._satellite_velocity
+
+    def _add(self, node: GraphNode, topic: Topic, aid: Aid) -> None:
+        read, interval = self._reader(topic, aid), aid.settings.interval
+
         def take(message: Message) -> None:
             reading = read(message)
             ns = to_ns(message.header.stamp)
@@ -134,7 +127,7 @@ class Aids:
             self._advance()
 
         subscription = node.listen(topic, take)
-        times = from_seconds(interval), from_seconds(delay)
+        times = from_seconds(interval), from_seconds(aid.delay)
         measured = self._report.add(topic.name, interval)
         source = _Source(topic, *times, subscription.get_publisher_count, measured)
         self._sources.append(source)
@@ -176,22 +169,30 @@ class Aids:
                     result = navigator.measure(time, measurement)
                     source.measured.take(stamp, result, describe)
 
-    def _pressure(self, message: FluidPressure) -> _Read:
-        settings = self._scenario.height
-        pressure, height, variance = read_pressure(message, settings)
-        reading = HeightReading(height, variance or settings.sigma**2)
-        return lambda *_: reading, lambda seen: _unlikely_pressure(pressure, seen, settings)
+    def _pressures(self, sensor: Height) -> Callable[[Message], _Read]:
+        """Return what reads the pressures of a sensor."""
 
-    def _velocity(self, message: TwistWithCovarianceStamped) -> _Read:
-        settings = self._scenario.velocity
-        velocity, covariance = read_velocity(message, self._frame)
-        velocity[[axis for axis in range(3) if axis not in settings.axes]] = np.nan
+        def read(message: FluidPressure) -> _Read:
+            pressure, height, variance = read_pressure(message, sensor)
+            reading = HeightReading(height, variance or sensor.sigma**2, sensor.prefix)
+            return lambda *_: reading, lambda seen: _unlikely_pressure(pressure, seen, sensor)
 
-        def of(navigator: InertialNavigator, time: float) -> Measurement | None:
-            rate = navigator.sample_at(time)[1]
-            return VelocityReading.of(settings, velocity, covariance, rate)
+        return read
 
-        return of, _unlikely_velocity
+    def _velocities(self, sensor: Velocity) -> Callable[[Message], _Read]:
+        """Return what reads the velocities of a sensor."""
+
+        def read(message: TwistWithCovarianceStamped) -> _Read:
+            velocity, covariance = read_velocity(message, self._frame)
+            velocity[[axis for axis in range(3) if axis not in sensor.axes]] = np.nan
+
+            def of(navigator: InertialNavigator, time: float) -> Measurement | None:
+                rate = navigator.sample_at(time)[1]
+                return VelocityReading.of(sensor, velocity, covariance, rate)
+
+            return of, _unlikely_velocity
+
+        return read
 
     def _positions(self, aid: PositionAid) -> Callable[[Message], _Read]:
         """Return what reads the fixes of an aid."""

@@ -33,7 +33,8 @@ class UkfFusionNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
-        "readings", "map", "gravity", "height", "velocity", "gnss", "positions", "headings",
+        "readings", "map", "gravity", "height", "velocity", "heights", "velocities", "gnss",
+        "positions", "headings",
         "magnetometer", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings

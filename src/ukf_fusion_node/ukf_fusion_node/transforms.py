@@ -1,7 +1,6 @@
 """Frames of the vehicle as transforms (REP-105): ``odom`` to ``base_link``, which never jumps, and
 ``map`` to ``odom``, which takes the jumps of fixes; and where the instruments are."""
 
-import numpy as np
 from geometry_msgs.msg import TransformStamped
 from rclpy.publisher import Publisher
 
@@ -9,21 +8,9 @@ from isogal.arrays import Array
 from isogal.inertial.rotations import from_matrix, matrix
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, ODOM
+from isogal_ros.messages.mounting import HERE, Pose, compose, inverse
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.nodes.base import GraphNode
-
-Pose = tuple[Array, Array]
-"""Position (3,) m and rotation (3, 3) of a child frame in its parent."""
-
-
-def compose(first: Pose, second: Pose) -> Pose:
-    """Return a pose given in a frame whose own pose is `first`."""
-    return first[0] + first[1] @ second[0], first[1] @ second[1]
-
-
-def inverse(pose: Pose) -> Pose:
-    """Return the pose of the parent in the child."""
-    return -(pose[1].T @ pose[0]), pose[1].T
 
 
 class DeadReckoning:
@@ -36,8 +23,8 @@ class DeadReckoning:
 
     def __init__(self) -> None:
         self._ns: int | None = None
-        self._in_map: Pose = (np.zeros(3), np.eye(3))
-        self._in_odom: Pose = (np.zeros(3), np.eye(3))
+        self._in_map: Pose = HERE
+        self._in_odom: Pose = HERE
 
     def take(self, ns: int, position: Array, quaternion: Array) -> tuple[Pose, Pose]:
         """Take the pose of ``base_link`` in ``map`` (quaternion w first) at a stamp, a second time

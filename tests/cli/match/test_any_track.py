@@ -141,14 +141,16 @@ def test_a_matcher_that_raises_declines_its_batch_and_is_counted(map_file, tmp_p
     monkeypatch.setattr(TrackMatcher, "match", raising)
     words = ("match", "--map", map_file, "--track", tmp_path / "track.csv")
     words = (*words, "--track-unit", "mGal", "--sensor-sigma", "1mGal", "--prior-sigma", 1000)
-    fixes = json.loads(answer(*words, "--json", "--report", tmp_path / "report"))
+    out = tmp_path / "fixes.json"
+    said = answer(*words, "--out", out, "--report", tmp_path / "report")
+    fixes = json.loads(out.read_text())
     assert len(fixes) == 3
     reason = "the matcher failed: LinAlgError: Matrix is not positive definite ("
     assert fixes[0]["reason"].startswith(reason)
     assert calls[1] is None
     assert reason in (tmp_path / "report" / "report.html").read_text()
     assert not any("failed" in (fix["reason"] or "") for fix in fixes[1:])
-    assert " of 3 batches; the matcher failed on 1 of them" in answer(*words)
+    assert " of 3 batches; the matcher failed on 1 of them" in said
 
 
 def test_velocity_and_attitude_of_an_ins_are_said_not_to_be_used(map_file, tmp_path):

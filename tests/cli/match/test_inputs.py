@@ -34,6 +34,7 @@ def test_sigmas_are_in_the_unit_of_the_track(files, tmp_path):
     def fixes(map_, recorded, factor, *options):
         sigmas = zip(("sensor", "map", "bias"), (factor, 2 * factor, 3 * factor), strict=True)
         words = [word for name, value in sigmas for word in (f"--{name}-sigma", value)]
+        words += ["--matcher", "pmht-paper"]
         return json.loads(
             answer("match", "--map", map_, "--track", recorded, *words, "--json", *options)
         )
@@ -58,7 +59,7 @@ def test_offset_is_added_to_the_map(files, tmp_path):
         replace(track, value=track.value + offset, offset=offset),
         "time,latitude,longitude,value,sigma,offset",
     )
-    words = ("match", "--map", map_file, "--json", "--track")
+    words = ("match", "--matcher", "pmht-paper", "--map", map_file, "--json", "--track")
     expected = json.loads(answer(*words, plain, "--sensor-sigma", sigma))
     for a, b in zip(json.loads(answer(*words, shifted)), expected, strict=True):
         assert a["latitude"] == pytest.approx(b["latitude"], abs=1e-6)
@@ -103,7 +104,7 @@ def test_a_bag_is_reduced_with_the_latitude_of_its_navigator(files, tmp_path):
         messages.append(("/nav/fix", FIX, position(time, *place)))
         messages.append(("/gravimeter/disturbance", READING, reading(time, reduced[k], sigma**2)))
     write_bag(tmp_path / "bag" / "bag_0.mcap", *messages)
-    words = ("match", "--track", tmp_path / "bag", "--map")
+    words = ("match", "--matcher", "pmht-paper", "--track", tmp_path / "bag", "--map")
     fixes = json.loads(answer(*words, map_file, "--map-sigma", 1e-7, "--json"))
     for fix, row in zip(fixes, (29, 59), strict=True):
         assert squared_distance(fix, latitude[row], longitude[row]) < LIMIT
@@ -124,10 +125,11 @@ def test_the_map_is_continued_to_the_height_of_the_readings(files, tmp_path):
     track, latitude, longitude = made_track(above, error=(700.0, -500.0), sigma=0.1 * sigma)
     path = write_csv(tmp_path / "above.csv", track)
     words = ("match", "--map", map_file, "--track", path, "--sensor-sigma", 0.1 * sigma)
+    words = (*words, "--matcher", "pmht-paper", "--map-sigma", 1e-7)
     fixes = json.loads(answer(*words, "--height", 1000, "--map-height", 0, "--json"))
     for fix, row in zip(fixes, (29, 59), strict=True):
         assert squared_distance(fix, latitude[row], longitude[row]) < LIMIT
-    as_it_is = json.loads(answer(*words, "--map-sigma", 1e-7, "--json"))
+    as_it_is = json.loads(answer(*words, "--json"))
     for fix, row in zip(as_it_is, (29, 59), strict=True):
         assert squared_distance(fix, latitude[row], longitude[row]) > 3.0 * LIMIT
     message = refusal(*words, "--height", 1000)
@@ -145,7 +147,8 @@ def test_readings_beside_the_map_are_mentioned(files, tmp_path):
     track, _, _ = made_track(field_of("disturbance"))
     beyond = np.where(np.arange(60) < 55, track.latitude, half[-1] + 0.001)
     path = write_csv(tmp_path / "t.csv", replace(track, latitude=beyond))
-    status, _, said = call("match", "--map", map_file, "--track", path)
+    matcher = ("--matcher", "pmht-paper")
+    status, _, said = call("match", "--map", map_file, "--track", path, *matcher)
     assert status == 0
     assert "t.csv: the map has no value at 5 of 60 readings as recorded" in said
 
@@ -173,4 +176,5 @@ def test_lines_stations_and_all_readings_at_once(files, tmp_path):
     assert [one["line"] for one in found] == ["A", "B"]
     assert all(one["readings"] <= 30 and one["estimated"]["map_sigma"] >= 0.0 for one in found)
     assert "line A" in text
+    assert "readings used, 0 left out" in text
     assert "estimated_map_sigma" in out.with_suffix(".csv").read_text()

@@ -14,12 +14,14 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rest", "variable", "share"),
     [
-        ("clear_lake_gravity", "stations", "bouguer_disturbance", 1.0),
+        ("clear_lake_gravity", "stations", "bouguer_disturbance", 0.7),
         ("scotland_magnetic", "lines", "magnetic_anomaly", 0.35),
     ],
 )
 def test_readings_held_back_are_as_near_as_the_map_says(shared_data, name, rest, variable, share):
-    """In the middle of a survey, which holds a share of its latitudes and of its longitudes."""
+    """In the middle of a survey, which holds a share of its latitudes and of its longitudes: 533
+    and 719 readings, of whose mean square three 1-sigmas are 0.19 and 0.16 if they are
+    independent."""
     survey = shared_data / f"{name}_survey.nc"
     if not survey.is_file():
         pytest.skip(f"{survey.name} is not among the shared test data")
@@ -38,7 +40,7 @@ def test_readings_held_back_are_as_near_as_the_map_says(shared_data, name, rest,
     with netCDF4.Dataset(shared_data / f"{name}_{rest}.nc") as dataset:
         place = [np.radians(np.ma.filled(dataset[key][:], np.nan)) for key in ("lat", "lon")]
         value = np.ma.filled(dataset[variable][:].astype(float), np.nan)
-    within = np.full(len(value), True) if share == 1.0 else middle(*place)
+    within = middle(*place)
     place, value = [axis[within] for axis in place], value[within]
     found, sigma = model.at(*place)
     error = value - found

@@ -10,7 +10,7 @@ from helpers.batches import INTERVAL, field_map_of, make_batch, noise_covariance
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_model import filtered_chain, tensor_covariance
+from isogal.maps.error_model import tensor_covariance
 from isogal.matching.expansion import Soundings, channel_batch
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
@@ -176,22 +176,6 @@ def test_map_errors_under_beams_are_those_of_the_places_that_they_meet():
     places = np.concatenate([foot[:, :2], foot[:, :2] - [100.0, 0.0]])
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
     np.testing.assert_allclose(u, np.exp(-apart / 80.0), atol=2e-3)
-
-
-@pytest.mark.parametrize("length", [4000.0, 600.0])
-def test_a_map_error_behind_a_filter_is_as_if_filtered_step_by_step(length):
-    """Against a discrete filter of a Gauss-Markov process in steps of 1 m."""
-    memory, steps = 600.0, 150
-    step, joined = filtered_chain(memory, np.array([0.0, steps]), np.array([length]), True)
-    a, keep = 1.0 - np.exp(-1.0 / memory), np.exp(-1.0 / length)
-    one = np.array([[1.0 - a, a * keep], [0.0, keep]])
-    fresh = (1.0 - keep**2) * np.array([[a * a, a], [a, 1.0]])
-    u = joined[0, 0]
-    for _ in range(20000):
-        u = one @ u @ one.T + fresh
-    np.testing.assert_allclose(joined[0, 0], u, atol=2e-3)
-    np.testing.assert_allclose(step[0, 1], np.linalg.matrix_power(one, steps), atol=2e-3)
-    np.testing.assert_allclose(step[0, 1] @ u @ step[0, 1].T + joined[0, 1], u, atol=2e-3)
 
 
 def test_beams_share_what_is_not_white():

@@ -23,7 +23,7 @@ from isogal.montecarlo.engine import simulate
 from isogal.scenario import changed_scenario, load_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.messages.aids import aids_of
+from isogal_ros.messages.aids import each_aid
 
 ONE_IN_10000 = 18.4
 """Of a chi-square with two degrees of freedom."""
@@ -244,10 +244,14 @@ def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
     np.testing.assert_allclose(graph.error[0, -2], library.error[0, -2], atol=1.0)
 
 
-def test_positions_and_headings_by_name(scenario, tmp_path) -> None:
-    """Two aids of position and two of heading, each as late as it is, beside satellites that are
-    lost."""
+def test_aids_by_name(scenario, tmp_path) -> None:
+    """Two of height, velocity, position and heading, each as late as it is, beside satellites that
+    are lost."""
     short = scenario(
+        "height.source=barometer",
+        "heights=[{name: second, interval: 2, bias: 1}]",
+        "velocity.kind=log",
+        "velocities=[{name: wind, kind: airspeed}, {name: other, kind: log, interval: 5}]",
         "route.duration=130.0",
         "gnss.available=[[0, 40]]",
         "positions=[{interval: 10, sigma: 5, correlated_sigma: 3},"
@@ -256,15 +260,19 @@ def test_positions_and_headings_by_name(scenario, tmp_path) -> None:
     )
     run_here(short, tmp_path / "bag")
     assert_closed_loop(tmp_path / "bag", short)
-    found = messages_of(tmp_path / "bag", topics.NAV_AIDS, *aids_of(short))
+    found = messages_of(tmp_path / "bag", topics.NAV_AIDS, *(aid.topic for aid in each_aid(short)))
     said = {item.name: item.message for item in found["nav/aids"][-1].status}
     # those of the last 3 s and 1 s have not come
     assert len(found["position/fix"]) == 13
     assert len(found["position/usbl/fix"]) == 25
     assert len(found["heading/data_raw"]) == 130
     assert len(found["heading/mag/data_raw"]) == 64
+    assert len(found["barometer/second/data_raw"]) == 65
+    assert len(found["velocity/other/data_raw"]) == 26
     assert (
         said["position/fix"] == said["heading/data_raw"] == said["heading/mag/data_raw"] == "used"
     )
+    assert said["barometer/second/data_raw"] == said["velocity/wind/data_raw"] == "used"
+    assert said["velocity/other/data_raw"] == said["velocity/data_raw"] == "used"
     assert said["position/usbl/fix"] == "not since 90 s: the receiver has no fix"
     assert_replayed(tmp_path / "bag")

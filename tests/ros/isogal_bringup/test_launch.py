@@ -13,6 +13,7 @@ from helpers.domains import claim_domain
 from helpers.launching import BRINGUP, Launch
 from helpers.player import Player
 from isogal.errors import InputError
+from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
@@ -25,6 +26,8 @@ from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.parameters.values import parameter_file
 
 FILE = BRINGUP / "launch" / "isogal.launch.py"
+SHORT = "route.duration=600 gravity.field=normal"
+"""Keys of a scenario whose map is made at once."""
 
 
 @pytest.fixture
@@ -33,7 +36,7 @@ def launch(monkeypatch, tmp_path):
     started = []
 
     def go(**arguments: str) -> Launch:
-        made = Launch(FILE, arguments, tmp_path, monkeypatch)
+        made = Launch(FILE, {"set": SHORT} | arguments, tmp_path, monkeypatch)
         started.append(made)
         return made
 
@@ -54,7 +57,7 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         known = node_class(name).settings_model.model_fields
         file, own = keys["parameters"]
         assert file == str(BRINGUP / "params" / "isogal.yaml")
-        assert set(own) <= {*known, "use_sim_time"}, name
+        assert set(own) <= {*known, "use_sim_time", "route.duration", "gravity.field"}, name
         assert own["use_sim_time"] is (name != topics.INS_SIM)
         assert keys["respawn"] is False
     assert all(text for _, text in made.declared.values())
@@ -230,7 +233,7 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
         vehicle="real",
         namespace="ship",
         log_level="warn",
-        set="route.height=0.0 matcher.name=tercom 'route.start=[-36.0, 147.0]'",
+        set=f"{SHORT} route.height=0.0 matcher.name=tercom 'route.start=[-36.0, 147.0]'",
     )
     made.describe()
     assert set(made.nodes) == {*topics.NODES, RECORDER} - {topics.INS_SIM}
@@ -246,106 +249,83 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_with_a_recording_as_the_sensors_the_fixes_are_the_recorded_ones_and_a_kill_ends_all(
-    launch, scenario, recording, tmp_path
+def test_two_graphs_in_one_domain_and_nodes_of_both_are_killed(
+    tmp_path_factory, scenario, recording
 ) -> None:
-    """The graph in its form for a real vehicle, in a namespace, by the recording's clock; the
-    player stands in for `ros2 bag play --clock`."""
-    recorded, heard = Collector(scenario()), Collector(scenario())
-    recorded.take_bag(BagReader(recording))
-    file = tmp_path / "params.yaml"
-    file.write_text(parameter_file(scenario(), {}))
-    made = launch(
-        params=str(file),
-        bag=str(tmp_path / "bag"),
-        vehicle="real",
-        namespace="ship",
-        use_sim_time="true",
-    )
-    made.describe()
-    sensors = (topics.CLOCK, topics.IMU, adapter_of(scenario()).raw)
-    with Player(recording, sensors, "ship") as player:
-        made.start()
-        player.play(list(recorded.fixes), lambda: made.output().count("]: ready") >= 4)
-        made.run_on(kill=[topics.PMHT_MM])
-    # without respawn one that dies ends all, in order
-    assert made.reason == "pmht_mm_node has ended with code -9"
-    assert made.exit_code == 1
-    assert made.codes.pop(topics.PMHT_MM) == -9
-    assert set(made.codes.values()) == {0}, made.output()
-    reader = BagReader(tmp_path / "bag")
-    heard.take_bag(reader)
-    assert {name for name in reader.types if not name.startswith("/ship/")} == {
-        "/clock",
-        "/diagnostics",
-    }
-    before, after = recorded.fix_positions(), heard.fix_positions()
-    assert len(before) == 6
-    assert list(before) == list(after)
-    for ns, place in before.items():
-        assert after[ns] == pytest.approx(place, abs=1e-9)  # rad: 6 mm
-
-
-@pytest.mark.slow
-def test_two_graphs_in_one_domain_and_nodes_of_one_are_killed_and_respawned(
-    tmp_path_factory, scenario
-) -> None:
-    """In a domain that the environment names: neither hears anything of the other, the killed
-    nodes go on until their vehicle has arrived, and the other vehicle loses its satellites and
-    gets them back."""
+    """In a domain that the environment names, neither hears anything of the other. The killed
+    nodes of one go on until its vehicle has arrived. The other has its form for a real vehicle
+    and the sensors of a recording, from a player that stands in for `ros2 bag play --clock`: its
+    fixes are the recorded ones, and without respawn the first kill ends all."""
     killed = [topics.UKF_FUSION, RECORDER, topics.INS_SIM]
     # long enough that it has not arrived before all are killed, however long they take to start
-    more = {"ship": {"rate": "15.0", "respawn": "true"}, "boat": {"rate": "0.0", "run": "1"}}
+    keys = {"ship": ("route.duration=180.0",), "boat": ()}
+    more = {
+        "ship": {"rate": "15.0", "respawn": "true", "run": "1"},
+        "boat": {"vehicle": "real", "use_sim_time": "true"},
+    }
     before, made = shared_memory(), {}
     try:
         with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
             patch.setenv(DOMAIN, str(domain))
-            there = "gnss.available=[[0, 30], [90, 120]]"
-            boat = "boat", "route.duration=120.0", there
-            for name, *keys in (("ship", "route.duration=180.0"), boat):
+            for name, words in more.items():
                 folder = tmp_path_factory.mktemp(name)
                 file = folder / "params.yaml"
-                file.write_text(parameter_file(scenario(*keys), {}))
-                words = {"params": str(file), "bag": str(folder / "bag"), "namespace": name}
-                made[name] = Launch(FILE, words | more[name], folder, patch)
+                file.write_text(parameter_file(scenario(*keys[name]), {}))
+                words |= {"params": str(file), "bag": str(folder / "bag"), "namespace": name}
+                made[name] = Launch(FILE, words, folder, patch)
                 made[name].describe()
-            with ThreadPoolExecutor(2) as pool:
+            with ThreadPoolExecutor(1) as pool:
                 running = pool.submit(made["ship"].run, when="fix with", kill=list(killed))
-                pool.submit(made["boat"].run).result()
+                play(made["boat"], recording, scenario())
                 running.result()
     finally:
         for one in made.values():
             one.kill()
         sweep_shared_memory(before)
-    ship, boat = (arrived(one, name) for name, one in made.items())
-    assert "dropped" not in made["boat"].output()
-    assert len(boat.truth) == 121
-    assert len(boat.batches) == len(boat.fixes)
-    aids = [one.text for one in boat.aids if one.name.endswith("gnss/fix")]
-    assert "not since 30 s: the receiver has no fix" in aids
-    assert aids[-1] == "used"
+    ship, boat = heard(made["ship"], "ship"), heard(made["boat"], "boat")
+    assert made["ship"].reason == "the simulated vehicle has arrived", made["ship"].output()
+    assert (made["ship"].exit_code, {*made["ship"].codes.values()}) == (0, {0})
     assert made["ship"].died[:-1] == [(node, -9) for node in killed], made["ship"].output()
     for words in ("begun", "goes on from the checkpoint", "arrived"):
         assert words in made["ship"].output()
     assert len(BagReader(made["ship"].folder / "bag").files) == 2
     assert len(ship.last_nav) > 100
-    both = ship.last_nav.keys() & boat.last_nav.keys()
-    assert ship.last_nav[max(both)] != boat.last_nav[max(both)]  # of two runs
+    assert any(ship.fix_positions().values())
+    # without respawn one that dies ends all, in order
+    assert made["boat"].reason == "pmht_mm_node has ended with code -9"
+    assert made["boat"].exit_code == 1
+    assert made["boat"].codes.pop(topics.PMHT_MM) == -9
+    assert set(made["boat"].codes.values()) == {0}, made["boat"].output()
+    recorded = Collector(scenario())
+    recorded.take_bag(BagReader(recording))
+    wanted, found = recorded.fix_positions(), boat.fix_positions()
+    assert len(wanted) == 6
+    assert list(wanted) == list(found)
+    for ns, place in wanted.items():
+        assert found[ns] == pytest.approx(place, abs=1e-9)  # rad: 6 mm
 
 
-def arrived(one: Launch, name: str) -> Collector:
-    """What a graph in a namespace has recorded, of nothing but itself and to the end."""
-    output, reader = one.output(), BagReader(one.folder / "bag")
-    assert one.reason == "the simulated vehicle has arrived", output
-    assert (one.exit_code, one.codes) == (0, dict.fromkeys(one.codes, 0)), output
-    assert "Traceback" not in output
+def play(made: Launch, recording: Path, scenario: Scenario) -> None:
+    """Run the graph of a real vehicle on the sensors of a recording, then kill its matcher."""
+    recorded = Collector(scenario)
+    recorded.take_bag(BagReader(recording))
+    sensors = (topics.CLOCK, topics.IMU, adapter_of(scenario).raw)
+    with Player(recording, sensors, "boat") as player:
+        made.start()
+        player.play(list(recorded.fixes), lambda: made.output().count("]: ready") >= 4)
+        made.run_on(kill=[topics.PMHT_MM])
+
+
+def heard(one: Launch, name: str) -> Collector:
+    """What a graph in a namespace has recorded: nothing but itself, and to the end."""
+    reader = BagReader(one.folder / "bag")
+    assert "Traceback" not in one.output()
     collected = Collector(reader.scenario())
     collected.take_bag(reader)
     assert reader.cut is None
     own = {topic.split("/")[1] for topic in reader.types}
     assert own <= {name, "clock", "diagnostics", "tf", "tf_static"}
     assert {said.name.split("/")[0] for said in collected.said} <= {name}
-    assert any(found is not None for found in collected.fix_positions().values())
     return collected
 
 

@@ -107,7 +107,7 @@ def test_velocities_of_other_types_and_units() -> None:
     twist, odometry = TwistStamped(), Odometry(child_frame_id=BASE)
     twist.header.frame_id = BASE
     twist.twist.linear.x = odometry.twist.twist.linear.x = 10.0
-    found, _ = read_velocity(taken(topics.VELOCITY, twist, unit="kn"))
+    found, _ = read_velocity(taken(topics.velocity_topic("log"), twist, unit="kn"))
     assert found[0] == pytest.approx(5.14444, rel=1e-5)
     assert read_velocity(taken(topics.VELOCITY, odometry))[0][0] == 10.0
 

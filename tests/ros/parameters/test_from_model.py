@@ -8,17 +8,19 @@ from rcl_interfaces.msg import ParameterType
 
 from isogal import plugins
 from isogal.scenario import Scenario
+from isogal_ros.graph.plan import CLASSES, node_class
 from isogal_ros.parameters.from_model import parameter_specs
 
 
 def test_every_parameter_is_typed_and_described() -> None:
-    for spec in parameter_specs(Scenario):
+    own = [spec for name in CLASSES for spec in node_class(name).specs()]
+    for spec in (*parameter_specs(Scenario), *own):
         assert (
             spec.descriptor.dynamic_typing
             or spec.descriptor.type != ParameterType.PARAMETER_NOT_SET
         ), spec.name
         assert spec.descriptor.description, spec.name
-        assert spec.descriptor.read_only
+    assert all(spec.descriptor.read_only for spec in parameter_specs(Scenario))
 
 
 def test_ranges_come_from_the_model() -> None:

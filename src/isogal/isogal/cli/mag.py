@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pydantic import JsonValue
 
     from isogal.arrays import Array
-    from isogal.magnetics.calibration import Calibration, Settings
+    from isogal.magnetics.calibration import Settings
     from isogal.tracks.magnetic_flight import MagneticFlight
 
 
@@ -143,7 +143,7 @@ def calibrate(
     The coefficients are those of Tolles and Lawson: 3 of permanent magnetisation, 6 of induced, 9
     of eddy currents, and 3 for each current that is measured."""
     from isogal.magnetics.calibration import calibrate as learn
-    from isogal.tracks.magnetic_report import summary, write_calibration_report
+    from isogal.tracks.magnetic_report import in_words, summary, write_calibration_report
 
     settings, flight = fitting.settings(), chosen.read()
     known = flight.reference
@@ -155,23 +155,7 @@ def calibrate(
     if report is not None:
         files.append(str(write_calibration_report(flight, found, report)))
     numbers = summary(flight, found)
-    lines = _said(found, numbers["readings"], numbers["own_field_peak_to_peak"])
-    print_result(numbers | {"files": files}, json, *lines, *files)
-
-
-def _said(found: "Calibration", readings: int, own_field: float) -> list[str]:
-    """Return what a calibration has found in lines; the vehicle's field in nT, peak to peak."""
-    improvement = found.rms_before / max(found.rms_after, 1e-9)
-    lines = [
-        f"{found.used} of {readings} readings count; in the band {found.rms_before:.2f} nT before,"
-        f" {found.rms_after:.2f} nT after (RMS), improvement {improvement:.0f}",
-        f"the vehicle adds {own_field:.0f} nT, peak to peak",
-        f"the flight tells {found.determined:.1f} of {found.compensation.coefficients.size}"
-        " combinations of coefficients; the others stay near zero",
-    ]
-    if found.compensation.lag:
-        lines.append(f"the vector magnetometer is {found.compensation.lag:.3f} s late")
-    return lines
+    print_result(numbers | {"files": files}, json, *in_words(numbers, found), *files)
 
 
 @dataclass(frozen=True)

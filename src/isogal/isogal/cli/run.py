@@ -120,10 +120,14 @@ def run(
     Writes a bag, summary.json, report.html and the figures. Ctrl-C stops all nodes and keeps the
     bag."""
     require_ros()
-    from isogal_ros.graph.commands import Manner, run_command
+    from isogal_ros.graph import forkserver
 
     settings = chosen.load()
     _check(port if not live else 0, respawn and in_process)
+    if not in_process:
+        forkserver.start()  # which imports what the nodes need while this process does
+    from isogal_ros.graph.commands import Manner, run_command
+
     how = Manner(in_process, rate, respawn, domain, dashboard, page=live, port=port)
     raise typer.Exit(run_command(settings, out, bag, how=how, json=json))
 

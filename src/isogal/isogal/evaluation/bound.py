@@ -54,6 +54,7 @@ from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements import (
     HeadingReading,
+    HeightReading,
     VelocityReading,
     position_fix,
     satellite_velocity,
@@ -524,13 +525,22 @@ class _Aid(NamedTuple):
 
 
 def _aids(world: Scenario, segments: Segments) -> Iterator[_Aid]:
-    """Yield all aids of a scenario but that of the height, which is in the filter's states."""
-    velocity, gnss, place = world.velocity, world.gnss, np.array([0.0, 0.0, world.route.height])
-    if velocity.kind != "none":
+    """Yield all aids of a scenario but that of the section `height`, which is in the filter's
+    states."""
+    gnss, place = world.gnss, np.array([0.0, 0.0, world.route.height])
+    for velocity in world.velocity_aids:
         measured = np.full(3, np.nan)
         measured[list(velocity.axes)] = 0.0
-        reading = VelocityReading(measured, velocity.number("sigma") ** 2 * np.eye(3))
+        reading = VelocityReading(
+            measured,
+            velocity.number("sigma") ** 2 * np.eye(3),
+            prefix=velocity.prefix,
+            medium=velocity.medium,
+        )
         yield _Aid([reading], velocity.interval)
+    for sensor in world.heights or ():
+        above = HeightReading(world.route.height, sensor.sigma**2, sensor.prefix)
+        yield _Aid([above], sensor.interval)
     for aid in world.position_aids:
         fix = position_fix(aid, place, world.height.measured)
         yield _Aid([fix], aid.interval, aid.available)

@@ -60,7 +60,8 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         *gravity_states.states(gravity),
         *imu_states.states(scenario),
         *height_error_states(height),
-        *velocity_error_states(scenario.velocity),
+        *(state for aid in scenario.heights or () for state in height_error_states(aid)),
+        *velocity_error_states(scenario.velocity_aids),
         *(
             state
             for aid in scenario.position_aids

@@ -299,38 +299,3 @@ def chained(
         if begins:
             step[k, 0], joined[k, 0] = 0.0, every[0, :whole, :whole]
     return np.concatenate([before, moved[scans]])[-order:], step, joined
-
-
-def filtered_chain(
-    memory: float, travelled: Array, lengths: Array, begins: bool
-) -> tuple[Array, Array]:
-    """Return `step` and `joined` (L, n, 2, 2) as `chained` does of a map's error after a low-pass
-    filter, f, and as it is, m: f' = (m - f) / memory and m a Gauss-Markov process, both
-    stationary.
-
-    Parameters
-    ----------
-    memory : float
-        Of the filter, m along the track.
-    travelled : (n,) array
-        m from the row before.
-    lengths : (L,) array
-        Correlation lengths of m, m.
-    begins : bool
-        Whether the first row is the first of all.
-    """
-    step, joined = (np.zeros((len(lengths), len(travelled), 2, 2)) for _ in range(2))
-    moved = travelled > LEAST_STEP_M
-    for k, length in enumerate(lengths):
-        s = memory if abs(memory / length - 1.0) > 1e-3 else 1.002 * memory  # else 0 / 0
-        share = length / (length + s)
-        stationary = np.array([[share, share], [share, 1.0]])
-        old, left = decay(travelled, s), decay(travelled, length)
-        step[k, :, 0, 0], step[k, :, 1, 1] = old, left
-        step[k, :, 0, 1] = (left - old) / (1.0 - s / length)
-        joined[k] = stationary - step[k] @ stationary @ step[k].swapaxes(1, 2)
-        joined[k, :, 0, 0] = np.maximum(joined[k, :, 0, 0], NUGGET**2)
-        if begins:
-            moved[0], step[k, 0], joined[k, 0] = True, 0.0, stationary
-        step[k][~moved], joined[k][~moved] = 0.0, 0.0
-    return step, joined

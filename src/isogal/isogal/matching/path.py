@@ -71,12 +71,6 @@ class FilterPath:
     weight: Array
     """(K,), sum 1."""
 
-    @property
-    def memory(self) -> float:
-        """Speed times time constant, m; mean over the rows."""
-        first, second = np.polynomial.laguerre.laggauss(len(self.weight))[0][:2]
-        return float(np.hypot(*(self.away[:, 1] - self.away[:, 0]).T).mean() / (second - first))
-
     def nodes(self, latitude: Array) -> Array:
         """Return (T, Q, 3) what a kernel looks up instead of places at latitudes (T,) (rad):
         latitude and longitude beside them (rad), and weight."""

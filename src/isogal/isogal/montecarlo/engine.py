@@ -21,6 +21,7 @@ from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
 from isogal.fusion.measurements import (
     HeadingReading,
+    HeightReading,
     Measurement,
     VelocityReading,
     position_fix,
@@ -238,13 +239,6 @@ class Simulation:
         they come; those of the height come with the inertial data."""
         found: Arrivals = defaultdict(list)
         time = self.trajectory.time
-        if self._measured.velocity is not None:
-            settings = self.scenario.velocity
-            for k, velocity in enumerate(self._measured.velocity[run], 1):
-                rate = self._imu.angular_rate[run, k - 1]
-                reading = VelocityReading.of(settings, velocity, rate=rate)
-                if reading is not None:
-                    found[k].append((float(time[k]), reading))
         for delay, ends, measured in self._aids(run):
             late = math.ceil(delay / self.trajectory.dt - 1e-9)
             for k, each in zip(ends.tolist(), measured, strict=True):
@@ -258,6 +252,20 @@ class Simulation:
         """Yield what each aid gives in a run: how late it comes (s), the ends of the steps that it
         is of, and the measurements of each."""
         scenario, truth = self.scenario, self.scenario.true
+        read: Iterator[tuple[Measurement | None, ...]]
+        steps, rates = np.arange(1, len(self.trajectory) + 1), self._imu.angular_rate[run]
+        for log, speeds in zip(scenario.velocity_aids, self._measured.velocities, strict=True):
+            known = np.isfinite(speeds[run]).any(axis=-1)
+            pairs = zip(speeds[run][known], rates[known], strict=True)
+            read = ((VelocityReading.of(log, one, rate=rate),) for one, rate in pairs)
+            yield 0.0, steps[known], read
+        for sensor, heights in zip(scenario.heights or (), self._measured.heights, strict=True):
+            known = ~np.isnan(heights[run])
+            read = (
+                (HeightReading(one, sensor.sigma**2, sensor.prefix),)
+                for one in heights[run][known].tolist()
+            )
+            yield 0.0, steps[known], read
         if self._measured.satellites is not None:
             fixes = self._measured.satellites
             yield truth.gnss.delay, fixes.ends, self._of_satellites(fixes, run)

@@ -49,6 +49,27 @@ class Height(Section):
         """Whether a sensor measures it."""
         return self.source != "scenario"
 
+    @property
+    def prefix(self) -> str:
+        """What the names of its states and random streams begin with."""
+        return "height"
+
+
+class HeightAid(Height):
+    """One of the list `heights`: a sensor of the height beside that of the section `height`."""
+
+    name: AidName
+    """what it is called, barometer/NAME/data_raw"""
+    source: Literal["scenario", "barometer", "depth"] = "barometer"
+    """barometer or depth: a pressure sensor in air or in water"""
+    truth: Document = Field(default_factory=dict)
+    """its keys as they really are, where they differ; 3x = three times what is assumed"""
+
+    @property
+    def prefix(self) -> str:
+        """See `Height`."""
+        return f"height_{self.name}"
+
 
 class _Kind(NamedTuple):
     """What a velocity aid of one kind measures, and how well unless the scenario says it."""
@@ -111,6 +132,18 @@ class Velocity(Section):
         """Measured axes of the body: 0 forward, 1 right, 2 down."""
         return () if self.kind == "none" else KINDS[self.kind].axes
 
+    @property
+    def prefix(self) -> str:
+        """What the names of its states and random streams begin with, but for those of what it
+        moves through."""
+        return "velocity"
+
+    @property
+    def medium(self) -> str:
+        """What the names of the states begin with of what it moves through, which is the same for
+        all sensors in one."""
+        return "wind" if self.kind == "airspeed" else "current"
+
     def resolved(self) -> Document:
         """See `Section`."""
         values = self.model_dump()
@@ -122,6 +155,21 @@ class Velocity(Section):
     def number(self, key: str) -> float:
         """Return one of `errors`, that of the kind where it is null."""
         return float(self.resolved()[key] or 0.0)
+
+
+class VelocityAid(Velocity):
+    """One of the list `velocities`: a sensor of the velocity beside that of the section
+    `velocity`."""
+
+    name: AidName
+    """what it is called, velocity/NAME/data_raw"""
+    truth: Document = Field(default_factory=dict)
+    """its keys as they really are, where they differ; 3x = three times what is assumed"""
+
+    @property
+    def prefix(self) -> str:
+        """See `Velocity`."""
+        return f"velocity_{self.name}"
 
 
 class Deception(Section):

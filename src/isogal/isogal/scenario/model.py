@@ -10,7 +10,15 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from isogal import plugins
-from isogal.scenario.aids import Gnss, HeadingAid, Height, PositionAid, Velocity
+from isogal.scenario.aids import (
+    Gnss,
+    HeadingAid,
+    Height,
+    HeightAid,
+    PositionAid,
+    Velocity,
+    VelocityAid,
+)
 from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, scenarios_of
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
@@ -27,6 +35,8 @@ from isogal.scenario.vehicle import InitialError, Route
 
 FASTEST_STEPS = 10.0
 """Hz: up to this rate every IMU sample is a step of the navigator, unless it is told another."""
+AID_LISTS = "heights", "velocities", "positions", "headings"
+"""Keys of lists of aids, each of which has a name and a truth of its own."""
 _OF_GRAVITY = ("gravity", "disturbance", "gradient")
 
 
@@ -48,6 +58,12 @@ class Settings(Section):
     readings: Readings = Readings()
     height: Height = Height()
     velocity: Velocity = Velocity()
+    heights: tuple[HeightAid, ...] | None = None
+    """sensors of the height beside that of height: a list of entries with its keys, name and
+    truth; null = none"""
+    velocities: tuple[VelocityAid, ...] | None = None
+    """sensors of the velocity beside that of velocity: a list of entries with its keys, name and
+    truth; null = none"""
     gnss: Gnss = Gnss()
     positions: tuple[PositionAid, ...] | None = None
     """aids that say where the vehicle is: a list of entries with keys name, available, interval,
@@ -125,11 +141,14 @@ class Settings(Section):
             "gnss": self.gnss.used,
         }
         intervals = {name: getattr(self, name).interval for name in used if used[name]}
-        lists: dict[str, tuple[PositionAid | HeadingAid, ...] | None] = {
-            "positions": self.positions,
-            "headings": self.headings,
-        }
-        for key, entries in lists.items():
+        for n, one in enumerate(self.heights or ()):
+            if not (one.measured and self.height.measured):
+                raise ValueError(f"heights.{n}: it and height must have a sensor as source")
+        for n, aid in enumerate(self.velocities or ()):
+            if aid.kind == "none":
+                raise ValueError(f"velocities.{n}.kind: must be a sensor, not none")
+        for key in AID_LISTS:
+            entries = getattr(self, key)
             names = [one.name for one in entries or ()]
             if len({*names}) < len(names):
                 raise ValueError(f"{key}: of two entries of one name, or without one: {names}")
@@ -142,6 +161,18 @@ class Settings(Section):
                     f" navigator (1/{self.navigation_rate:g} s)"
                 )
         return self
+
+    @property
+    def height_aids(self) -> tuple[Height, ...]:
+        """All sensors of the height."""
+        own = (self.height,) if self.height.measured else ()
+        return (*own, *(self.heights or ()))
+
+    @property
+    def velocity_aids(self) -> tuple[Velocity, ...]:
+        """All sensors of the velocity."""
+        own = (self.velocity,) if self.velocity.kind != "none" else ()
+        return (*own, *(self.velocities or ()))
 
     @property
     def position_aids(self) -> tuple[PositionAid, ...]:
@@ -256,8 +287,8 @@ class Scenario(Assumed):
         real = {"map_error": MapError()} if self.readings.recorded else {}
         return real | {
             key: tuple(true_section(key, one, one.truth) for one in entries)
-            for key, entries in (("positions", self.positions), ("headings", self.headings))
-            if entries
+            for key in AID_LISTS
+            if (entries := getattr(self, key))
         }
 
     @property

@@ -93,18 +93,20 @@ def height_slope(pressure: float, settings: Height) -> float:
     return float(high - low) / (2.0 * step)
 
 
-def simulate_heights(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array:
-    """Return (R, K) the heights (m) that the sensor of each run reads at the end of each IMU
-    interval, NaN where it reads none."""
-    settings = truth.height
+def simulate_heights(
+    truth: Truth, settings: Height, trajectory: Trajectory, runs: Sequence[int]
+) -> Array:
+    """Return (R, K) the heights (m) that a sensor as it really is reads in each run at the end of
+    each IMU interval, NaN where it reads none."""
+    prefix = settings.prefix
     index = aid_index(truth, settings.interval, trajectory)
     time, true = trajectory.time[index], trajectory.height[index]
     keep = np.exp(-np.diff(time) / settings.weather_time)
     result = np.full((len(runs), len(trajectory)), np.nan)
     for row, run in zip(result, runs, strict=True):
-        bias, scale = generator(truth.seed, run, "height_bias").standard_normal(2)
-        white = generator(truth.seed, run, "height_noise").standard_normal(len(index))
-        normal = generator(truth.seed, run, "height_weather").standard_normal(len(index))
+        bias, scale = generator(truth.seed, run, f"{prefix}_bias").standard_normal(2)
+        white = generator(truth.seed, run, f"{prefix}_noise").standard_normal(len(index))
+        normal = generator(truth.seed, run, f"{prefix}_weather").standard_normal(len(index))
         weather = settings.weather_sigma * gauss_markov(keep, normal)
         row[index - 1] = (
             true * (1.0 + settings.scale * scale)

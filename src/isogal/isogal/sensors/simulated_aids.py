@@ -18,8 +18,10 @@ class SimulatedAids(NamedTuple):
 
     height: Array | None
     """(R, K) m, at the end of each step, NaN = nothing."""
-    velocity: Array | None
-    """(R, K, 3) m/s, FRD, likewise."""
+    heights: tuple[Array, ...]
+    """Likewise, of each entry of the scenario's list."""
+    velocities: tuple[Array, ...]
+    """(R, K, 3) m/s, FRD, likewise, of each of `Settings.velocity_aids`."""
     satellites: SatelliteFixes | None
     positions: tuple[Positions, ...]
     """Of each entry of the scenario's list."""
@@ -29,10 +31,12 @@ class SimulatedAids(NamedTuple):
 
 def simulate_aids(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> SimulatedAids:
     """Return what the aids of some runs measure, as they really are."""
+    scene = trajectory, runs
     return SimulatedAids(
-        simulate_heights(truth, trajectory, runs) if truth.height.measured else None,
-        simulate_velocities(truth, trajectory, runs) if truth.velocity.kind != "none" else None,
-        simulate_satellites(truth, trajectory, runs) if truth.gnss.used else None,
-        tuple(simulate_positions(truth, aid, trajectory, runs) for aid in truth.positions or ()),
-        tuple(simulate_headings(truth, aid, trajectory, runs) for aid in truth.headings or ()),
+        simulate_heights(truth, truth.height, *scene) if truth.height.measured else None,
+        tuple(simulate_heights(truth, aid, *scene) for aid in truth.heights or ()),
+        tuple(simulate_velocities(truth, aid, *scene) for aid in truth.velocity_aids),
+        simulate_satellites(truth, *scene) if truth.gnss.used else None,
+        tuple(simulate_positions(truth, aid, *scene) for aid in truth.positions or ()),
+        tuple(simulate_headings(truth, aid, *scene) for aid in truth.headings or ()),
     )

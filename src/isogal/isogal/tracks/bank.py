@@ -3,8 +3,8 @@
 No navigator says how wrong a track is, so that it may be anywhere within a prior of kilometres.
 Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
 impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
-do on a vehicle; half of what they say counts (`models`). How far the fix moves without half of the
-readings widens it (`jackknife`)."""
+do on a vehicle. How far the fix moves without half of the readings widens it (`jackknife`), and
+that a gridded map may be displaced (`displacement`)."""
 
 import math
 from collections.abc import Sequence
@@ -32,9 +32,10 @@ from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.continued_map import continued
+from isogal.tracks.displacement import displacement
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
-from isogal.tracks.models import track_models, worth_of
+from isogal.tracks.models import track_models
 from isogal.tracks.places import Shifts, shifts_of
 from isogal.tracks.track import FEWEST
 
@@ -42,9 +43,8 @@ CONFIDENCE = 0.9
 """Probability that the heaviest of several places needs; what the others have is in the
 covariance."""
 OFF_MAP = -1e5
-OUTLIER_SIGMA, MOST_OUTLIERS, ROUNDS = 6.0, 0.1, 3
-"""Beyond which a reading, predicted from all others, is left out; the share that may be, and how
-often they are looked for."""
+OUTLIER_SIGMA, MOST_OUTLIERS = 6.0, 0.1
+"""Beyond which a reading, predicted from all others, is left out; the share that may be."""
 MAP_REACH, POSSIBLE, SURE = 4.0, 0.05, 0.95
 """Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
 must lie on the map for a reading to be used: of a map that is continued, of one that is not."""
@@ -108,7 +108,6 @@ class TrackMatcher:
         states = States.of(batch, field_map)
         settings = self.settings[one.field]
         models = track_models(settings, batch, field_map, states)
-        worth = worth_of(settings, batch, field_map, models)
         # what earlier batches have used counts as given
         old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
         whole = replace(batch, new=len(batch))
@@ -116,7 +115,7 @@ class TrackMatcher:
         if rows is None or len(rows.level) - old < FEWEST:
             return None
         field_map = field_map if around is None else around.field
-        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old, worth=worth)
+        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
 
 
 def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:
@@ -129,7 +128,7 @@ def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) 
         reason = "the batch tells nothing that the navigator does not know"
         return declined(batch, reason, **numbers)
     place, spread = measurement_only(mean, covariance, prior)
-    more = excess(shifts)
+    more = excess(shifts) + displacement(shifts)
     if more.any():
         information = widened(information, more)
     known = {"diagnostics": numbers, "information": information}
@@ -171,27 +170,21 @@ def on_map(batch: Batch, field_map: RouteMap, least: float) -> Batch:
 def without_outliers(seen: Sequence[Seen], prior: Array) -> tuple[Shifts, list[int]]:
     """Return the posterior without readings that do not fit the others at the likeliest shift, and
     how many of each field these are."""
-    seen, out = list(seen), [np.zeros(len(one.white), bool) for one in seen]
-    for _ in range(ROUNDS):
-        shifts, found = shifts_of(seen, prior), False
-        for k, one in enumerate(seen):
-            bad = outliers(shifts, k) & ~out[k]
-            if bad.any() and (bad | out[k]).sum() <= MOST_OUTLIERS * len(bad):
-                seen[k], out[k], found = one.without(bad), out[k] | bad, True
-        if not found:
-            break
-    else:
-        shifts = shifts_of(seen, prior)
-    return shifts, [int(one.rows.sizes[left].sum()) for one, left in zip(seen, out, strict=True)]
+    shifts = shifts_of(seen, prior)
+    out = [outliers(shifts, field) for field in range(len(seen))]
+    if any(bad.any() for bad in out):
+        shifts = shifts_of([one.without(bad) for one, bad in zip(seen, out, strict=True)], prior)
+    return shifts, [int(one.rows.sizes[bad].sum()) for one, bad in zip(seen, out, strict=True)]
 
 
 def outliers(shifts: Shifts, field: int) -> Booleans:
     """Return (n,) which readings do not fit the others: residuals e of each predicted from the
     others, with e_i = (R⁻¹ r)_i / (R⁻¹)_ii and variance 1 / (R⁻¹)_ii (Rasmussen & Williams 2006,
-    eq. 5.12)."""
+    eq. 5.12); none where these would be too many."""
     residual, R, _ = best(shifts, field)
     precision = np.linalg.inv(R)
-    return np.asarray(np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision)))
+    bad = np.abs(precision @ residual) > OUTLIER_SIGMA * np.sqrt(np.diag(precision))
+    return np.asarray(bad & (bad.sum() <= MOST_OUTLIERS * len(bad)))
 
 
 def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
@@ -199,8 +192,7 @@ def best(shifts: Shifts, field: int) -> tuple[Array, Array, int]:
     is."""
     seen = shifts.seen[field]
     likely = int(shifts.which[field][int(np.argmax(shifts.of_models(field)))])
-    place = shifts.centres[[int(np.argmax(shifts.log_density))]]
-    return seen.residuals(place)[:, 0], seen.covariance(likely, shifts.size), likely
+    return seen.residuals(shifts.likeliest)[:, 0], seen.covariance(likely, shifts.size), likely
 
 
 def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str, float]:
@@ -209,7 +201,6 @@ def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str
     outliers or off the map."""
     seen, which = shifts.seen[field], shifts.which[field]
     models, weight = seen.models, shifts.of_models(field)
-    load = np.array([np.sqrt(np.mean(seen.load(k) ** 2)) for k in range(len(seen.readings.load))])
     residual, R, likely = best(shifts, field)
     widest = 0.0
     if seen.around is not None:  # of several channels there is no constant
@@ -222,7 +213,7 @@ def figures(shifts: Shifts, field: int, batch: Batch, left_out: int) -> dict[str
     new = np.isfinite(batch.reading[-batch.new :]).sum()
     used = len(seen.readings.level) - seen.old
     return {
-        "map_sigma": float(weight @ (models.sigma[which] * load[models.shape[which]])),
+        "map_sigma": float(weight @ seen.map_sigma(which)),
         "map_correlation_length": math.exp(float(weight @ np.log(models.length[which]))),
         "offset": offset,
         "offset_sigma": 1.0 / math.sqrt(known),
@@ -252,8 +243,7 @@ def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
             if not len(them):
                 return rigid(shifts, prior)
         said.append(added(them, prior, total(said)))
-    worth, every = min(seen.worth for seen in shifts.seen), total(said)
-    return informed(prior, Information(worth * every.vector, worth * every.matrix))
+    return informed(prior, total(said))
 
 
 def pairs(shifts: Shifts, field: int) -> tuple[Integers, Array, float]:

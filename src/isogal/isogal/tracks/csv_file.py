@@ -22,20 +22,6 @@ _PROJECTED = {
 }
 
 
-def read_csv_track(path: str | Path, crs: str | None = None) -> Track:
-    """Read a file that holds one track; see `read_csv_tracks`.
-
-    Raises
-    ------
-    InputError
-        As there, and if the file holds several.
-    """
-    tracks = read_csv_tracks(path, crs)
-    if len(tracks) > 1:
-        raise InputError(f"{path}: holds {len(tracks)} lines; only one is wanted here")
-    return tracks[0]
-
-
 def read_csv_tracks(
     path: str | Path, crs: str | None = None, column: str | Sequence[str] = "value"
 ) -> list[Track]:

@@ -66,8 +66,6 @@ class Seen:
     that models have of them at the start."""
     which: Integers
     """(M,) which of these a model has."""
-    worth: float
-    """What of the log evidence counts (`models.WORTH`)."""
 
     @classmethod
     def of(
@@ -78,8 +76,6 @@ class Seen:
         models: Models,
         potential: tuple[str, ...] | None = None,
         old: int = 0,
-        *,
-        worth: float = 1.0,
     ) -> "Seen":
         """Look at readings, the first `old` of which an earlier batch has used; `potential`:
         components of the tensor, where the errors of their maps come from one potential."""
@@ -110,7 +106,7 @@ class Seen:
             np.zeros(2 * [len(rows.first)]),
             rows.covariance(slope) / 6.0,
             np.stack([_of_instrument(readings, rows, one) for one in initial]),
-            which.ravel(), worth,
+            which.ravel(),
         )  # fmt: skip
 
     def without(self, rows: Booleans) -> "Seen":
@@ -128,6 +124,17 @@ class Seen:
         """Return (m,) 1-sigma of the map's error in units of a model's, for one of the models'
         shapes."""
         return self.rows.mean(self.readings.load[shape].sum(axis=1))
+
+    @property
+    def gridded(self) -> bool:
+        """Whether the map says place by place over which lengths its errors hold together, as
+        those of `isogal map grid` do."""
+        return self.around is not None and self.around.field.error_ellipses is not None
+
+    def map_sigma(self, which: Integers) -> Array:
+        """Return (M,) the RMS 1-sigma of the map's error along the rows by some models."""
+        each = [np.sqrt(np.mean(self.load(k) ** 2)) for k in range(len(self.readings.load))]
+        return np.asarray(self.models.sigma[which] * np.array(each)[self.models.shape[which]])
 
     @property
     def old_rows(self) -> int:
@@ -199,17 +206,16 @@ class Seen:
         known = np.isfinite(residual).all(axis=0)
         residual = np.where(known, residual, 0.0)
         old = self.old_rows
-        first = np.unique(np.arange(BLOCKS) * (len(residual) - old) // BLOCKS)
-        parts = np.empty((len(which), len(first), len(centres)))
+        new = len(residual) - old
+        ends = np.unique([*np.arange(BLOCKS) * new // BLOCKS, new])
+        blocks = np.repeat(np.eye(len(ends) - 1), np.diff(ends), axis=1)  # (B, rows): sums
+        parts = np.empty((len(which), len(blocks), len(centres)))
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
             term = (np.linalg.inv(factor) @ residual)[old:]
             term *= -0.5 * term
-            parts[k] = np.logaddexp(
-                np.add.reduceat(term, first, axis=0),
-                np.add.reduceat(with_heavy_tails(term), first, axis=0),
-            )
-            parts[k] -= np.add.reduceat(np.log(np.diag(factor))[old:], first)[:, None]
+            parts[k] = np.logaddexp(blocks @ term, blocks @ with_heavy_tails(term))
+            parts[k] -= (blocks @ np.log(np.diag(factor))[old:])[:, None]
         parts -= math.log(2.0)
         parts[:, :, ~known] = -1e6
         return parts

@@ -13,29 +13,16 @@ from isogal.errors import InputError
 from isogal.inertial.error_state import BATCH_STATES, level
 from isogal.maps.channels import AnyMap, ChannelMap, RouteMap, channels_of
 from isogal.maps.tiled_map import ScalarMap
-from isogal.matching.expansion import Channels, with_allowed_tilt
+from isogal.matching.expansion import Channels
 from isogal.matching.interfaces import Batch, Matcher, SecondaryBatch
 from isogal.matching.pmht.models import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
-from isogal.scenario import Gradiometer
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import SURE, TrackMatcher, on_map
 from isogal.tracks.track import Track
 
 FEWEST_IN_BATCH = 4
 """Scans that the incomplete last batch needs to be matched."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ChannelReadings:
-    """Readings of several numbers each, such as components of the gradient tensor."""
-
-    values: Array
-    """(N, C) unit of the maps; NaN = no reading."""
-    covariance: Array
-    """(C, C) of the sensor's noise."""
-    gradiometer: Gradiometer | None = None
-    """Whose components they are; None = of another instrument."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +34,10 @@ class TrackField:
     """Times and places are the same for all fields."""
     field_map: RouteMap
     settings: MatcherSettings = field(default_factory=MatcherSettings)
-    channels: ChannelReadings | None = None
-    """Instead of the track's values, where the map has several channels."""
+    channels: Channels | None = None
+    """What `values` are of, where the map has several channels."""
+    values: Array | None = None
+    """(N, C) unit of the maps, instead of the track's; NaN = no reading."""
     unit: str = ""
     """In which its figures are shown: `Track.factor` units inside."""
 
@@ -97,13 +86,9 @@ class TrackField:
             backward=backward,
             new=min(new, time.size),
         )
-        if self.channels is None:
+        if self.channels is None or self.values is None:
             return batch
-        assumed = self.channels.gradiometer
-        if assumed is not None:
-            assumed = with_allowed_tilt(assumed, self.settings.name)
-        expansion, offset = Channels(self.channels.covariance, assumed), np.zeros(len(batch))
-        return expansion.expand(batch, self.channels.values[rows, :, None], offset)
+        return self.channels.expand(batch, self.values[rows, :, None], np.zeros(len(batch)))
 
 
 def between_batches(settings: MatcherSettings) -> int:

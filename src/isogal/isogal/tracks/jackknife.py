@@ -40,9 +40,9 @@ def excess(shifts: Shifts) -> Array:
 def _fixes(shifts: Shifts, field: int) -> Array:
     """Return (70, 2) the fixes without halves of a field's readings."""
     own, parts = shifts.by_model(field), shifts.parts[field]
-    others = shifts.log_density - shifts.log_evidence(field, own)
+    others = shifts.log_density - np.logaddexp.reduce(own)
     means = []
     for left_out in combinations(range(BLOCKS), BLOCKS // 2):
         rest = own - parts[:, list(left_out)].sum(axis=1)
-        means.append(softmax(shifts.log_evidence(field, rest) + others) @ shifts.centres)
+        means.append(softmax(np.logaddexp.reduce(rest) + others) @ shifts.centres)
     return np.array(means)

@@ -1,5 +1,6 @@
 """The report of a calibration flight: a page with a figure and tables."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +59,23 @@ def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
     return result
 
 
+def in_words(numbers: Mapping[str, Any], found: Calibration) -> list[str]:
+    """Return what was found in lines, by its numbers."""
+    moved = ", ".join(map(number, numbers["moved_deg"]))
+    lines = [
+        f"{found.used} of {numbers['readings']} readings count; in the band"
+        f" {found.rms_before:.2f} nT before, {found.rms_after:.2f} nT after (RMS), improvement"
+        f" {numbers['improvement']:.0f}",
+        f"the vehicle adds {numbers['own_field_peak_to_peak']:.0f} nT, peak to peak",
+        f"the field's direction moved by {moved}° (RMS on three axes), which tells"
+        f" {found.determined:.1f} of {found.compensation.coefficients.size} combinations of"
+        " coefficients; the others stay near zero",
+    ]
+    if found.compensation.lag:
+        lines.append(f"the vector magnetometer is {found.compensation.lag:.3f} s late")
+    return lines
+
+
 @style.journal
 def calibration_figure(found: Calibration) -> "Figure":
     """Draw the readings in the band before and after."""
@@ -75,17 +93,7 @@ def calibration_figure(found: Calibration) -> "Figure":
 def write_calibration_report(flight: MagneticFlight, found: Calibration, folder: Path) -> Path:
     """Write `report.html` with a PNG figure beside it; return the path of the page."""
     numbers, compensation = summary(flight, found), found.compensation
-    moved = ", ".join(map(number, numbers["moved_deg"]))
-    result = [
-        ("readings, and those that count", f"{numbers['readings']}, {numbers['used']}"),
-        ("RMS in the band before (nT)", number(found.rms_before)),
-        ("RMS in the band after (nT)", number(found.rms_after)),
-        ("improvement", number(numbers["improvement"])),
-        ("the vehicle's field, peak to peak (nT)", number(numbers["own_field_peak_to_peak"])),
-        ("the field's direction moved by, RMS on three axes (deg)", moved),
-        ("lag of the vector magnetometer (s)", number(numbers["lag"])),
-    ]
-    tables = [Table("Result", ("", ""), result)]
+    tables = list[Table]()
     if means := numbers.get("own_field_by_heading"):
         title = f"The vehicle's field by heading, mean in {len(_SECTORS)} sectors (nT)"
         tables.append(Table(title, tuple(means), [[number(one) for one in means.values()]]))
@@ -100,6 +108,6 @@ def write_calibration_report(flight: MagneticFlight, found: Calibration, folder:
     return write_report(
         folder,
         "Magnetometer calibration",
-        [Section("Calibration", [], [picture], tables)],
+        [Section("Calibration", in_words(numbers, found), [picture], tables)],
         subtitle=Path(flight.readings.where).name,
     )

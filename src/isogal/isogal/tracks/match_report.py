@@ -1,22 +1,20 @@
 """The report of `isogal match`: the track on the map, its readings against the map, and a table of
 the fixes."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.tracks.fields import TrackField
 from isogal.tracks.figures import readings_figure, shift_figure, track_map_figure
 from isogal.tracks.matching import Match, Uncertainty
-from isogal.tracks.results import flat, found
+from isogal.tracks.results import HEADER, as_objects, cells, flat, in_words
 
 
 def write_match_report(
-    field: TrackField,
+    fields: Sequence[TrackField],
     uncertainty: Uncertainty,
     matches: Sequence[Match],
     out_dir: str | Path,
@@ -27,8 +25,8 @@ def write_match_report(
 
     Parameters
     ----------
-    field : TrackField
-        The first of those that were matched, of one channel.
+    fields : sequence of TrackField
+        Those that were matched; the figures are of the first, which has one channel.
     uncertainty : Uncertainty
         What was assumed of the track.
     matches : sequence of Match
@@ -36,8 +34,8 @@ def write_match_report(
     chained : bool
         Whether each batch started from what the earlier ones had found.
     """
+    field, length = fields[0], fields[0].settings.batch_length
     track, field_map = field.track, field.scalar_map
-    published = sum(match.fix.published for match in matches)
     start = "what the earlier ones told" if chained else "the same prior"
     figures = [
         Illustration(
@@ -59,14 +57,9 @@ def write_match_report(
             " ellipse is the fix's with the prior, 2-sigma, and + no error at all."
         )
         figures.append(Illustration("shifts", shift_figure(matches), caption))
+    batches = f"Batches are of {length} readings, and each starts from {start}."
     result = Section(
-        "Result",
-        [
-            f"{published} fixes from {len(matches)} batches of {field.settings.batch_length}"
-            f" readings; each batch starts from {start}."
-        ],
-        figures,
-        [_fixes(matches), *_estimates(field, matches)],
+        "Result", [batches, *in_words(matches, fields)], figures, _tables(matches, fields, chained)
     )
     return write_report(
         out_dir,
@@ -76,51 +69,15 @@ def write_match_report(
     )
 
 
-def _fixes(matches: Sequence[Match]) -> Table:
-    rows = []
-    for match in matches:
-        fix = match.fix
-        place, axes = ["–", "–"], ("–", "–")
-        if fix.published:
-            place = [f"{math.degrees(one):.5f}" for one in (fix.latitude, fix.longitude)]
-            axes = _half_axes(fix.covariance)
-        latitude, longitude = np.degrees(match.position)
-        rows.append(
-            {
-                "time (s)": f"{fix.time:.10g}",
-                "latitude (deg)": place[0],
-                "longitude (deg)": place[1],
-                "long half-axis, 1σ (m)": axes[0],
-                "short half-axis, 1σ (m)": axes[1],
-                "with the prior (deg)": f"{latitude:.5f}, {longitude:.5f}",
-                "its half-axes, 1σ (m)": " × ".join(_half_axes(match.covariance[:2, :2])),
-                "no fix because": "" if fix.published else str(fix.reason),
-            }
-        )
-    return _table("Fixes, from the measurements alone, and positions with the prior", rows)
-
-
-def _half_axes(covariance: Array) -> tuple[str, str]:
-    """Return the longer and the shorter one of a covariance (2, 2)."""
-    short, long = np.sqrt(np.linalg.eigvalsh(covariance))
-    return number(long), number(short)
-
-
-def _table(title: str, rows: Sequence[Mapping[str, str]]) -> Table:
-    return Table(title, tuple(rows[0]), [tuple(row.values()) for row in rows])
-
-
-def _estimates(field: TrackField, matches: Sequence[Match]) -> list[Table]:
-    """Return what was estimated of the noise, by its names in files of results; nothing where it
-    was not."""
-    rows = [
-        {"time (s)": f"{match.fix.time:.10g}"}
-        | {key: number(value) for key, value in flat(estimates).items()}
-        for match in matches
-        if (estimates := found(match, [field]))
+def _tables(matches: Sequence[Match], fields: Sequence[TrackField], chained: bool) -> list[Table]:
+    """Return the fixes, and all that files of results say."""
+    entries = [flat(entry) for entry in as_objects(matches, fields, chained=chained)]
+    names = tuple(dict.fromkeys(name for entry in entries for name in entry))
+    rows = [["–" if (x := one.get(n)) is None else str(x) for n in names] for one in entries]
+    return [
+        Table("Fixes, from the measurements alone", HEADER, [cells(one.fix) for one in matches]),
+        Table("As in files of results", names, rows, folded=True),
     ]
-    title = f"Estimated with the fixes (sigma and offset in {field.unit}, length in m)"
-    return [_table(title, rows)] if rows else []
 
 
 def _assumptions(field: TrackField, uncertainty: Uncertainty) -> Table:

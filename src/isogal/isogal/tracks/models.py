@@ -37,12 +37,6 @@ SHARES = (0.002, 1.0, 14)
 SHAPES = 4
 """Of the map's error for each length, so that `Models.shape` counts four times as many: even along
 the track, with its gradient; smoother and even, smoother with its gradient."""
-WORTH = 0.5
-"""Share of the log evidence that counts where errors of a map are only modelled: whatever their
-correlation and tails are taken to be, all of it is twice too sure of lines kept from their maps,
-and further off (docs/evidence/real-data.md). A power of the likelihood is what is left of it where
-readings are as the model has them only nearly (Miller & Dunson 2019, J. Am. Stat. Assoc.
-114(527):1113-1125)."""
 MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
 """Factors on the variance of readings of several channels, in which an alignment or offset that
 is not specified is no constant, and their probability."""
@@ -86,13 +80,6 @@ def track_models(
     by_gradient = assumed.sigma is None or not isinstance(one.sigma, float)
     # a specified length is that of an exponential
     return _of_shapes(models, by_gradient, length is None)
-
-
-def worth_of(settings: MatcherSettings, batch: Batch, field_map: AnyMap, models: Models) -> float:
-    """Return what share of the log evidence counts: all of it where the map has no error, or one
-    that is right to the letter."""
-    exact = assumed_of(settings, batch, field_map).trust == 1.0 or not models.sigma.any()
-    return 1.0 if exact else WORTH
 
 
 def _lengths(length: float | None, trust: float, field_map: AnyMap) -> tuple[Array, Array]:

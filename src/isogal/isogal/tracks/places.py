@@ -56,14 +56,10 @@ class Shifts:
         prior = self.seen[field].models.log_prior[self.which[field]]
         return np.asarray(self.parts[field].sum(axis=1) + prior[:, None])
 
-    def log_evidence(self, field: int, by_model: Array) -> Array:
-        """Return (C,) what readings of a field count, by their log densities (M, C)."""
-        return np.asarray(self.seen[field].worth * np.logaddexp.reduce(by_model))
-
     @property
     def log_density(self) -> Array:
         """(C,) of the shift by all readings, without its constant."""
-        each = [self.log_evidence(f, self.by_model(f)) for f in range(len(self.seen))]
+        each = [np.logaddexp.reduce(self.by_model(f)) for f in range(len(self.seen))]
         return np.asarray(self.log_prior + sum(each))
 
     @property
@@ -72,9 +68,21 @@ class Shifts:
         return softmax(self.log_density)
 
     @property
+    def likeliest(self) -> Array:
+        """(1, 2) the cell of the highest density."""
+        return self.centres[[int(np.argmax(self.log_density))]]
+
+    @property
     def moments(self) -> tuple[Array, Array]:
         """Mean (2,) and covariance (2, 2), m."""
-        weight = self.weight
+        return self._moments(self.weight)
+
+    def covariance_by(self, field: int) -> Array:
+        """Return (2, 2) m², what one field alone leaves of the prior, on these cells."""
+        log = self.log_prior + np.logaddexp.reduce(self.by_model(field))
+        return self._moments(softmax(log))[1]
+
+    def _moments(self, weight: Array) -> tuple[Array, Array]:
         mean = weight @ self.centres
         apart = self.centres - mean
         return mean, (apart * weight[:, None]).T @ apart + np.eye(2) * self.size**2 / 12.0

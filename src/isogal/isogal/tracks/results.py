@@ -1,4 +1,5 @@
-"""Results of matching a track as JSON, CSV and GeoJSON, with one object for each batch."""
+"""Results of matching a track: in words, and as JSON, CSV and GeoJSON with one object for each
+batch."""
 
 import json
 import math
@@ -6,9 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import csv_text, write_atomic
+from isogal.matching.interfaces import Fix
 from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Match
 
@@ -17,6 +21,8 @@ Entry = dict[str, Any]
 FIX, NO_FIX = "fix", "no_fix"
 _LENGTH = "map_correlation_length"
 _ESTIMATES = ("map_sigma", _LENGTH, "offset", "offset_sigma")
+HEADER = ("time (s)", "latitude", "longitude", "1-sigma (m)", "")
+"""Of a table whose rows are `cells`."""
 _NO_COVARIANCE = ((None, None), (None, None))
 _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
@@ -76,6 +82,55 @@ def found(match: Match, fields: Sequence[TrackField]) -> Entry:
         "places": int(numbers["places"]),
         "probability": round(numbers["probability"], 4),
     }
+
+
+def cells(fix: Fix) -> tuple[str, ...]:
+    """Return the row of a fix in a table for people: place in deg, half-axes of its ellipse, or
+    why there is none."""
+    time = f"{fix.time:.10g}"
+    if not fix.published:
+        return time, "-", "-", "-", f"no fix: {fix.reason}"
+    short, long = np.sqrt(np.linalg.eigvalsh(fix.covariance))
+    place = (f"{math.degrees(angle):.5f}" for angle in (fix.latitude, fix.longitude))
+    return time, *place, f"{long:.0f} x {short:.0f}", ""
+
+
+def in_words(matches: Sequence[Match], fields: Sequence[TrackField]) -> list[str]:
+    """Return how many batches gave a fix, and what was learnt of the errors of map and readings:
+    of several batches the median."""
+    fixes = [match.fix for match in matches]
+    published, failed = sum(f.published for f in fixes), sum(f.failed for f in fixes)
+    words = f"; the matcher failed on {failed} of them" if failed else ""
+    batches = _counted(len(fixes), "batch", "batches")
+    lines = [f"{_counted(published, 'fix', 'fixes')} of {batches}{words}"]
+    each = [entry for one in matches if (entry := found(one, fields))]
+    several = " (median of batches)" if len(each) > 1 else ""
+    for field in fields:
+        key = estimated(field, fields)
+        if known := [list(entry[key].values()) for entry in each if key in entry]:
+            sigma, length, offset, doubt = np.median(known, axis=0)
+            of = "" if field is fields[0] else f" of {field.name}"
+            lines.append(
+                f"learnt{of}{several}: map error {sigma:.3g} {field.unit} over {length:.0f} m,"
+                f" constant {offset:.3g} ± {doubt:.2g} {field.unit}"
+            )
+    if each:
+        used, out = (sum(one[key] for one in each) for key in ("readings", "readings_left_out"))
+        misfit = np.median([one["misfit"] for one in each])
+        lines.append(
+            f"{used} readings used, {out} left out; squared residuals {misfit:.2f} of what is"
+            " expected"
+        )
+    if published < len(fixes):
+        lines.append(
+            "no fix: longer batches (--batch-length all), tracks with true positions near by"
+            " (--reference), or --map-sigma auto where another was given may help"
+        )
+    return lines
+
+
+def _counted(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"
 
 
 def _place(latitude: float, longitude: float) -> dict[str, float]:

@@ -4,7 +4,7 @@ import re
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -14,7 +14,9 @@ from isogal.mcap_damage import is_damage, unpacked
 from isogal.scenario import Scenario, validate_scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros.bags.remapping import Remapping, given_drivers
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Entrance
+from isogal_ros.messages.mounting import TF_STATIC, Link, Tree, placed, read_transforms
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord
@@ -77,7 +79,8 @@ class BagReader:
                 self.texts.update(record.metadata)
             if not isinstance(record, Header | Metadata):  # the texts stand ahead of all else
                 break
-        self.entrance = Entrance.of(self.texts.get("entrance", Entrance().text()), self.drivers)
+        said = Entrance.of(self.texts.get("entrance", Entrance().text()), self.drivers)
+        self.entrance = placed(said, lambda _: self._static_transforms())
 
     @classmethod
     def foreign(
@@ -89,6 +92,14 @@ class BagReader:
         return cls(
             path, remapping=Remapping.parse(remap or ()), drivers=given_drivers(drivers or ())
         )
+
+    def _static_transforms(self) -> Tree:
+        found: dict[str, Link] = {}
+        for message in self.messages():
+            if topic_of(message.topic, TF_STATIC):
+                with suppress(BadMessageError):
+                    found |= read_transforms(message.data)
+        return found
 
     def scenario(self) -> Scenario | None:
         """Return the scenario of the recorded run; None where the bag has none. Raises InputError

@@ -10,7 +10,6 @@ from pydantic import JsonValue
 from isogal.errors import InputError
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
-from isogal_ros.messages.drivers import OF_AIDS
 
 _PLAIN = "FROM:=TO, a driver's topic and the graph's, as in /sbg/imu:=imu/data_raw"
 
@@ -40,7 +39,7 @@ class Remapping:
             name = name.lstrip("/")
             if not (sign and recorded.strip("/") and name):
                 raise InputError(f"{option} {rule}: must be {_PLAIN}")
-            if name not in known and not OF_AIDS.fullmatch(name):
+            if name not in known and topics.aid_topic(name) is None:
                 near = get_close_matches(name, known, 1, 0.4)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise InputError(f"{option} {rule}: the graph has no topic {name!r}{hint}")

@@ -4,6 +4,8 @@ domain         in which ROS domain?
 plan           which nodes, with which parameters, and can they be used?
 parameter_files  what do a parameter file and options say to each node?
 running        how does it run, in one process or as one for each node?
+forkserver     how is the process of a node started?
+preloaded      what has it from the start?
 launching      what does the launch file do with its arguments?
 bus            how do nodes of one process hear each other past the middleware?
 recorded       what does a replay need of a bag?

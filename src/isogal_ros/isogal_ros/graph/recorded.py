@@ -21,10 +21,11 @@ from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.aids import AIDS, aids_of, alternatives_of, delays_of
+from isogal_ros.messages.aids import each_aid
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.ins_solution import inertial_topics
+from isogal_ros.messages.mounting import mounted
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.nav_sample import moved, read_nav
 from isogal_ros.topics import Topic
@@ -83,7 +84,11 @@ class Recorded:
     def in_order(self) -> list[tuple[int, Topic, bytes]]:
         """Return when messages come (ns), topics and messages in order of time; of one time in
         that of `sensors`. They come at their stamps, those of aids later by their delay."""
-        late = {topic: from_seconds(one) for topic, one in delays_of(self.scenario).items()}
+        late = {
+            topic: from_seconds(aid.delay)
+            for aid in each_aid(self.scenario)
+            for topic in (aid.topic, *aid.instead)
+        }
         found = [
             (ns + late.get(topic, 0), topic, data)
             for topic, messages in self.sensors.items()
@@ -105,13 +110,14 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
     InputError
         A topic that is needed is missing.
     """
+    scenario = mounted(scenario, reader.entrance.drivers)
     collector = Collector(scenario)
     each = [adapter_of(one) for one in scenario.each_field]
     raw, inertial = tuple(one.raw for one in each), inertial_topics(scenario.ins)
     if topics.MAGNETIC_FIELD in raw:
         raw += (topics.SCALAR_FIELD,)
-    instead = alternatives_of(scenario)
-    aids = tuple(dict.fromkeys((*AIDS, *aids_of(scenario), *instead.values())))
+    either = [(aid.topic, *aid.instead) for aid in each_aid(scenario)]
+    aids = tuple(topic for one in either for topic in one)
     sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*aids, *inertial, *raw)}
     odometry: dict[int, bytes] = {}
     wanted = (*sensors, topics.NAV_ODOM, *collector.topics())
@@ -136,7 +142,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
             del sensors[topic]
         sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
     needed = (*inertial, *(one.raw if reduces else one.reduced for one in each))
-    needed += tuple(one for one in aids_of(scenario) if not sensors.get(instead.get(one, one)))
+    needed += tuple(one[0] for one in either if not any(sensors[topic] for topic in one))
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
     sensed = any(one.raw is topics.GRAVIMETRY for one in each)
     return Recorded(

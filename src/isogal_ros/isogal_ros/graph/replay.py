@@ -20,7 +20,7 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.player import Player
 from isogal_ros.graph.recorded import LATE, Recorded, load
 from isogal_ros.graph.running import Progress, Report, no_report
-from isogal_ros.messages.aids import aids_of, alternatives_of
+from isogal_ros.messages.aids import each_aid
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic
@@ -207,11 +207,11 @@ def _shortcomings(player: Player, answered: int) -> list[str]:
     all_dropped = dropped[inertial.name] >= len(recorded.sensors[inertial])
     if fusion.outputs.reached < 0 or all_dropped:
         found.append(f"{unused(inertial, fusion.health.message)}{_PARAMETERS}")
-    for topic in aids_of(recorded.scenario):
-        instead = alternatives_of(recorded.scenario).get(topic, topic)
-        if not any(fusion.health.figures.get(f"{one.name} used", 0) for one in (topic, instead)):
+    for aid in each_aid(recorded.scenario):
+        either = aid.topic, *aid.instead
+        if not any(fusion.health.figures.get(f"{one.name} used", 0) for one in either):
             no_state = "the filter had no state to which it could apply them"
-            found.append(f"{unused(topic, no_state)}{_PARAMETERS}")
+            found.append(f"{unused(aid.topic, no_state)}{_PARAMETERS}")
     for topic in recorded.readings:
         stamps, name = recorded.sensors[topic], topic.name
         first = min(stamps, default=0)

@@ -4,7 +4,6 @@ started, watched and ended together."""
 import fcntl
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -29,8 +28,9 @@ from isogal_ros.graph.domain import (
     names_of,
     quiet_node,
 )
+from isogal_ros.graph.forkserver import NodeProcess
 from isogal_ros.graph.plan import CLASSES, GraphError, Plan, node_class
-from isogal_ros.nodes.base import PARENT, GraphNode
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.nodes.middleware import SHARED_MEMORY, delete_shared_memory
 from isogal_ros.nodes.signals import Interrupt
@@ -150,7 +150,7 @@ class Processes:
         own = {name: plan.own(name) for name in plan.names}
         text = parameter_file(plan.scenario, own)
         (folder / "params.yaml").write_text(text, encoding="utf-8")
-        self._environment = os.environ | {DOMAIN: str(domain), PARENT: str(os.getpid())}
+        self._environment = os.environ | {DOMAIN: str(domain)}
         self._environment |= defaults(self._environment)
         one_thread(self._environment)
         self._again: dict[str, float] = {}
@@ -159,23 +159,16 @@ class Processes:
         """How often each node was started again."""
         self.running = {name: self._start(name) for name in plan.names}
 
-    def _start(self, name: str) -> "subprocess.Popen[bytes]":
-        command = [sys.executable, "-m", CLASSES[topics.kind_of(name)][0], "--ros-args"]
-        command += ["--remap", f"__node:={name}"]
-        command += ["--params-file", str(self._folder / "params.yaml")]
+    def _start(self, name: str) -> NodeProcess:
+        log = self._log(name)
+        if name not in self.restarts:
+            log.write_bytes(b"")  # in place of an earlier run's
+        arguments = ["--ros-args", "--remap", f"__node:={name}"]
+        arguments += ["--params-file", str(self._folder / "params.yaml")]
         # without log files of its own: what a node logs is in its output
-        command += ["--disable-external-lib-logs"]
-        with self._log(name).open("ab" if name in self.restarts else "wb") as log:
-            # a session of its own: Ctrl-C in the terminal reaches this process only, which ends
-            # the others in order
-            return subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                env=self._environment,
-                start_new_session=True,
-            )
+        arguments += ["--disable-external-lib-logs"]
+        module, _ = CLASSES[topics.kind_of(name)]
+        return NodeProcess(name, module, arguments, self._environment, log)
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"

@@ -9,6 +9,7 @@ position         how is a position with its covariance, also as a pose?
 odometry         how is a navigation state?
 aids             how are height and velocity?
 stamped_numbers  how is the covariance of the navigator's errors?
+mounting         where do static transforms say that sensors are?
 point            how are named numbers with a stamp?
 whole_fix        how is all that a fix says?
 candidates       how are a matcher's candidates?

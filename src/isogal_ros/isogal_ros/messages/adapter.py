@@ -16,7 +16,7 @@ from isogal.arrays import Array
 from isogal.fields.measured import measured_field, of_instrument
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.messages.aids import aids_of, alternatives_of
+from isogal_ros.messages.aids import each_aid
 from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.topics import Message, Topic
 
@@ -73,7 +73,7 @@ def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
     found += [topic for one in adapters_of(scenario) for topic in (one.raw, one.reduced)]
     if topics.MAGNETIC_FIELD in found:
         found.append(topics.SCALAR_FIELD)
-    found += [*aids_of(scenario), *alternatives_of(scenario).values()]
+    found += [topic for aid in each_aid(scenario) for topic in (aid.topic, *aid.instead)]
     if scenario.fusion.lag > 0.0:
         found.append(topics.SMOOTHED)
     if scenario.ins.gives_solution:

@@ -1,7 +1,8 @@
 """Sensors beside the IMU as messages: FluidPressure, NavSatFix and TwistWithCovarianceStamped."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike
 from sensor_msgs.msg import FluidPressure, NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
-from isogal.scenario import Height, PositionAid, Settings
+from isogal.scenario import Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
 from isogal.scenario.aids import VERTICAL
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
 from isogal_ros import topics
@@ -33,39 +34,39 @@ OTHER_DATUMS = (
 """What names of datums begin with that are metres to hundreds of metres off WGS 84, in lower case
 and without signs. ITRF, ETRS89 and GDA are within two metres of it (plate motion): taken as it is.
 """
-AIDS: Mapping[Topic, Callable[[Settings], bool]] = {
-    topics.BAROMETER: lambda scenario: scenario.height.measured,
-    topics.VELOCITY: lambda scenario: scenario.velocity.kind != "none",
-    topics.GNSS_FIX: lambda scenario: scenario.gnss.used,
-    topics.GNSS_VELOCITY: lambda scenario: (
-        scenario.gnss.used and scenario.gnss.velocity_sigma is not None
-    ),
-}
-"""Topics of the sensors beside the IMU that the filter may have, and whether it has them."""
 
 
-def aids_of(scenario: Settings) -> tuple[Topic, ...]:
-    """Return the topics of the sensors beside the IMU that the filter of a scenario takes; of an
-    aid with two of them (`alternatives_of`) the first."""
-    return (
-        *(topic for topic, used in AIDS.items() if used(scenario)),
-        *alternatives_of(scenario),
-        *(topics.heading_topic(aid.name) for aid in scenario.headings or ()),
-    )
+class Aid(NamedTuple):
+    """A sensor beside the IMU that the filter of a scenario takes."""
+
+    topic: Topic
+    settings: Height | Velocity | PositionAid | HeadingAid | Gnss
+    """Its section, or entry of a list; `Gnss` of the velocity of satellites alone."""
+    instead: tuple[Topic, ...] = ()
+    """On which the same aid may publish instead."""
+
+    @property
+    def delay(self) -> float:
+        """By how much its messages come later than their stamps, s."""
+        return float(getattr(self.settings, "delay", 0.0))
 
 
-def alternatives_of(scenario: Settings) -> dict[Topic, Topic]:
-    """Return of topics of `aids_of` that on which the same aid may publish instead."""
-    return dict(topics.position_topics(aid.name) for aid in scenario.positions or ())
-
-
-def delays_of(scenario: Settings) -> dict[Topic, float]:
-    """Return by how much (s) messages come later than their stamps, where they do."""
-    found = dict.fromkeys((topics.GNSS_FIX, topics.GNSS_VELOCITY), scenario.gnss.delay)
-    for aid in scenario.positions or ():
-        found |= dict.fromkeys(topics.position_topics(aid.name), aid.delay)
-    found |= {topics.heading_topic(bow.name): bow.delay for bow in scenario.headings or ()}
-    return found
+def each_aid(scenario: Settings) -> Iterator[Aid]:
+    """Yield the sensors beside the IMU that the filter of a scenario takes."""
+    gnss = scenario.gnss
+    for sensor in scenario.height_aids:
+        yield Aid(topics.height_topic(getattr(sensor, "name", None)), sensor)
+    for log in scenario.velocity_aids:
+        yield Aid(topics.velocity_topic(getattr(log, "name", None)), log)
+    if gnss.used:
+        yield Aid(topics.GNSS_FIX, gnss.positions)
+        if gnss.velocity_sigma is not None:
+            yield Aid(topics.GNSS_VELOCITY, gnss)
+    for place in scenario.positions or ():
+        fix, *poses = topics.position_topics(place.name)
+        yield Aid(fix, place, tuple(poses))
+    for bow in scenario.headings or ():
+        yield Aid(topics.heading_topic(bow.name), bow)
 
 
 def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Height) -> None:

@@ -12,7 +12,6 @@ What cannot be seen in a message (unit, mounting, a frame of another name) is sa
 
 import json
 import math
-import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from difflib import get_close_matches
@@ -46,12 +45,13 @@ from isogal_ros.messages.gravimeter import PLATFORM
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Message, Topic, type_name
 
-OF_AIDS = re.compile(r"position(/\w+)?/(fix|pose)|heading(/\w+)?/data_raw")
-"""Topics of aids that a scenario names."""
 _NONE = 1e-9
 """Share of an axis in another below which they have nothing in common."""
 _NOT_MEASURED = -1.0
 """Variance of what a sensor does not measure."""
+
+
+Triple = tuple[float, float, float]
 
 
 class Driver(BaseModel):
@@ -61,16 +61,22 @@ class Driver(BaseModel):
 
     frame: str | None = None
     """of its messages, in place of the graph's own; empty = any; null = the graph's own"""
-    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: Triple | None = None
     """roll, pitch, yaw of the sensor's axes in those of the graph's frame (REP-103), deg, as in a
-    static transform or a URDF's rpy"""
+    static transform or a URDF's rpy; null = none"""
+    translation: Triple | None = None
+    """where the sensor is in the graph's frame, x, y, z in m, as in a static transform or a URDF's
+    xyz; counts where the scenario has no lever arm (`mounting`)"""
+    from_tf: bool = False
+    """whether the two are those of /tf_static where they are not given"""
     unit: str = ""
     """of its numbers; empty = SI"""
 
     @cached_property
     def turn(self) -> Array:
         """Rotation (3, 3) from the sensor's axes to the frame's."""
-        (sr, sp, sy), (cr, cp, cy) = (f(np.radians(self.rotation)) for f in (np.sin, np.cos))
+        angles = np.radians(self.rotation or (0.0, 0.0, 0.0))
+        (sr, sp, sy), (cr, cp, cy) = (f(angles) for f in (np.sin, np.cos))
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
         about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
         about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
@@ -213,11 +219,14 @@ class Entrance:
     def __post_init__(self) -> None:
         known = {topic.name: topic for topic in topics.ALL if topic.single}
         for name, driver in self.drivers.items():
-            if name not in known and not OF_AIDS.fullmatch(name):
+            topic = known.get(name) or topics.aid_topic(name)
+            if topic is None:
                 near = get_close_matches(name, known, 1, 0.4)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise InputError(f"drivers: the graph has no topic {name!r}{hint}")
-            units = UNITS.get(known[name].type, {}) if name in known else {}
+            if driver.from_tf and not driver.frame:
+                raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
+            units = UNITS.get(topic.type, {})
             if driver.unit and driver.unit not in units:
                 allowed = f"one of {', '.join(units)}" if units else "empty"
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
@@ -291,7 +300,7 @@ def _adjust(message: Message, form: Form, driver: Driver, size: float) -> None:
         if driver.frame not in ("", message.header.frame_id):
             return  # which its reader refuses
         message.header.frame_id = form.frame
-    turned = any(driver.rotation)
+    turned = any(driver.rotation or ())
     if turned or size != 1.0:
         for name, of_covariance in form.vectors:
             _transform(message, name, of_covariance, driver.turn, size)

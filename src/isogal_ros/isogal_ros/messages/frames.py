@@ -38,14 +38,18 @@ class FrameNames:
     prefix: str = ""
     """Before every frame, with a slash between."""
 
-    def outward(self, message: Message) -> None:
-        """Give a message's frames the names outside; one that has them keeps them."""
+    def outside(self, frame: str) -> str:
+        """Return what a frame is called outside; one that has that name keeps it."""
         own = {MAP: self.map, ODOM: self.odom, BASE: self.base}
         start = f"{self.prefix}/" if self.prefix else ""
+        if not frame or (start and frame.startswith(start)):
+            return frame
+        return start + own.get(frame, frame)
+
+    def outward(self, message: Message) -> None:
+        """Give a message's frames the names outside."""
         for item, key in _frames(message):
-            frame = getattr(item, key)
-            if frame and not (start and frame.startswith(start)):
-                setattr(item, key, start + own.get(frame, frame))
+            setattr(item, key, self.outside(getattr(item, key)))
 
     def inward(self, message: Message) -> None:
         """Give a message's frames the graph's own names."""

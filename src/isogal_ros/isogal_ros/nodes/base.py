@@ -8,9 +8,10 @@ configured anew."""
 
 import ctypes
 import math
-import os
 import time
 from collections.abc import Callable, Collection, Mapping
+from functools import partial
+from multiprocessing import parent_process
 from typing import Any, ClassVar, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
@@ -33,11 +34,13 @@ from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
+from isogal_ros.messages.mounting import mounted, placed
 from isogal_ros.messages.prepared import Prepared
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.listening import Listening, Take
 from isogal_ros.nodes.middleware import LEASE
+from isogal_ros.nodes.static_transforms import static_transforms
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import Values, scenario_from, settings_from
@@ -45,8 +48,6 @@ from isogal_ros.topics import LOSSLESS, Topic
 
 KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 """Of a scenario, which a file that all nodes share may say to each."""
-PARENT = "ISOGAL_PARENT_PID"
-"""Environment variable: the process whose end ends a node as well."""
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
@@ -91,8 +92,12 @@ class NodeSettings(BaseModel):
         default_factory=dict,
         description=(
             "how messages of sensors come, by topic, where that is not as the graph has them:"
-            " {TOPIC: {frame: of its messages, rotation: [roll, pitch, yaw] deg, unit: mGal}}"
+            " {TOPIC: {frame: of its messages, rotation: [roll, pitch, yaw] deg, translation:"
+            " [x, y, z] m, from_tf: whether these are those of /tf_static, unit: mGal}}"
         ),
+    )
+    tf_timeout: float = Field(
+        10.0, gt=0.0, description="how long transforms that `drivers` asks for are waited for, s"
     )
     map_frame: str = Field(MAP, min_length=1, description="what the frame map is called outside")
     odom_frame: str = Field(ODOM, min_length=1, description="what the frame odom is called")
@@ -176,7 +181,7 @@ class GraphNode(LifecycleNode):
             specs = self.specs()
             self.settings, self.scenario = self.read(name, declare(self, specs, KEYS))
             self.frame_names = self.settings.frame_names
-            self._entrance = Entrance(self.settings.drivers, self.frame_names)
+            self._mount()
             self._said = self.advertise(topics.DIAGNOSTICS)
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
@@ -188,7 +193,7 @@ class GraphNode(LifecycleNode):
             )
             on_change(self, specs, self._change)
             self._heard = 0
-            self._parent = os.environ.get(PARENT)
+            self._parent = parent_process()  # of `isogal run`
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._freed, self._beaten = time.monotonic(), math.inf
             # made before `setup` makes anything, so that they outlive a cleanup
@@ -199,6 +204,13 @@ class GraphNode(LifecycleNode):
         except BaseException:
             self.destroy_node()
             raise
+
+    def _mount(self) -> None:
+        """Note how messages of sensors come, and where the sensors are."""
+        entrance = Entrance(self.settings.drivers, self.frame_names)
+        look = partial(static_transforms, self.context, self.settings.tf_timeout)
+        self._entrance = placed(entrance, look)
+        self.scenario = mounted(self.scenario, self._entrance.drivers)
 
     @classmethod
     def specs(cls) -> list[ParameterSpec]:
@@ -488,7 +500,7 @@ class GraphNode(LifecycleNode):
         if self.health.publications == self._heard:
             self.health.idle()
         self._heard = self.health.publications
-        if self._parent is not None and os.getppid() != int(self._parent):
+        if self._parent is not None and not self._parent.is_alive():
             self.get_logger().error("the process that started this node is gone")
             self.finished = True
 

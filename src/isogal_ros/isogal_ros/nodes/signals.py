@@ -20,8 +20,13 @@ def end_quietly(program: str, module: str | None = None) -> None:
     and nobody wants to read where it was."""
     words = [Path(sys.argv[0]).name if sys.argv else "", *sys.orig_argv[1:3]]
     if program in words or (module or f"{program}.node") in words:
-        for number in _SIGNALS:
-            signal.signal(number, lambda *_: os._exit(INTERRUPTED))
+        end_at_once()
+
+
+def end_at_once() -> None:
+    """End this process at once when a signal comes."""
+    for number in _SIGNALS:
+        signal.signal(number, lambda *_: os._exit(INTERRUPTED))
 
 
 class Interrupt:

@@ -73,7 +73,8 @@ class FieldChoice:
             A file cannot be read, a track does not belong to the map, or options do not go
             together.
         """
-        each = _gradients(self) if self.track.gradients is not None else _scalars(self)
+        name = _scenario(matching.changes()).matcher.name
+        each = _scalars(self) if self.track.gradients is None else _gradients(self, name)
         return [replace(one, settings=self.settings(matching, one)) for one in each]
 
     def settings(self, matching: MatcherChoice, field: "TrackField") -> "Matcher":
@@ -117,12 +118,13 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
     """Yield the field of each line; learn the map's error from reference tracks."""
     from isogal.maps.corridor import corridor_of, joined
     from isogal.tracks.averaging import averaged
-    from isogal.tracks.csv_file import read_csv_track
+    from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.fields import TrackField
 
     map_, chosen, assumed = choice.map_, choice.track, choice.assumed
     lines = _lines(chosen, map_.crs)
-    references = [read_csv_track(path, map_.crs) for path in assumed.reference or ()]
+    files = (read_csv_tracks(path, map_.crs) for path in assumed.reference or ())
+    references = [one for file in files for one in file]
     map_ = _of_map(map_, [*(one[0] for one in lines), *references])
     corridors = [corridor_of(o.latitude, o.longitude, choice.margin) for o, *_ in lines]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
@@ -147,14 +149,15 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
         yield TrackField(choice.name, _on_map(track, field_map), field_map, unit=unit)
 
 
-def _gradients(choice: FieldChoice) -> "Iterator[TrackField]":
+def _gradients(choice: FieldChoice, matcher: str) -> "Iterator[TrackField]":
     """Yield the field of a gradiometer for each line; compute the maps of its components."""
     import numpy as np
 
     from isogal.maps.corridor import corridor_of
     from isogal.maps.potential import tensor_maps
+    from isogal.matching.expansion import Channels, with_allowed_tilt
     from isogal.tracks.csv_file import read_csv_tracks
-    from isogal.tracks.fields import ChannelReadings, TrackField
+    from isogal.tracks.fields import TrackField
 
     map_, chosen = choice.map_, choice.track
     names = (one.strip().casefold() for one in (chosen.gradients or "").split(","))
@@ -178,10 +181,10 @@ def _gradients(choice: FieldChoice) -> "Iterator[TrackField]":
         values = np.stack([one.value for one in line], axis=1) * factor
         nothing = np.zeros(len(first))
         track = replace(first, sigma=nothing + math.nan, offset=nothing).in_unit(factor, sigma)
-        readings = ChannelReadings(
-            values, sigma**2 * np.eye(len(components)), _instrument(components, chosen)
-        )
-        yield TrackField(choice.name, _on_map(track, scalar), maps, channels=readings, unit=unit)
+        assumed = with_allowed_tilt(_instrument(components, chosen), matcher)
+        channels = Channels(sigma**2 * np.eye(len(components)), assumed)
+        track = _on_map(track, scalar)
+        yield TrackField(choice.name, track, maps, channels=channels, values=values, unit=unit)
 
 
 def _on_map(track: "Track", field_map: "ScalarMap") -> "Track":

@@ -22,6 +22,8 @@ _LATTICE = 90
 """Points along each side of the picture of the map."""
 _AROUND = 600.0
 """s of the tracks before and after the batch end."""
+_TICKS = 5
+"""Of each axis: as many labels of three digits as stand apart below three panels side by side."""
 _FIX = style.Line("black", (0, (3, 1.5)), 1.0)
 
 
@@ -134,8 +136,8 @@ def close_up(panel: "Axes", end: BatchEnd, field_map: "ScalarMap", letter: str) 
         _ellipse(panel, *fix, _FIX, r"fix, $3\sigma$")
         panel.plot(fix[0][1] / 1e3, fix[0][0] / 1e3, "o", **style.FIX_DOT)
     panel.plot(0.0, 0.0, "x", color="black", markersize=5, label="truth (batch end)")
-    panel.set_xlim(-half / 1e3, half / 1e3)
-    panel.set_ylim(-half / 1e3, half / 1e3)
+    ticks = np.linspace(-half / 1e3, half / 1e3, _TICKS)
+    panel.set(xticks=ticks, yticks=ticks, xlim=ticks[[0, -1]], ylim=ticks[[0, -1]])
     panel.set_aspect("equal")
     panel.grid(False)
     status = "" if end.published else ", no fix"

@@ -25,7 +25,6 @@ from isogal.scenario import Height
 
 UNKNOWN_HEIGHT = 1000.0
 """m, 1-sigma of the height at the start where a sensor measures it: the first reading tells it."""
-_BIAS, _SCALE, _WEATHER = "height_bias", "height_scale", "height_weather"
 
 
 def height_error_states(height: Height) -> tuple[AuxiliaryState, ...]:
@@ -33,17 +32,25 @@ def height_error_states(height: Height) -> tuple[AuxiliaryState, ...]:
     that are not zero; none where the scenario gives the height."""
     if not height.measured:
         return ()
+    bias, scale, weather = _names(height.prefix)
     every = (
-        AuxiliaryState(_BIAS, "none", 0, height.bias),
-        AuxiliaryState(_SCALE, "none", 0, height.scale),
-        AuxiliaryState(_WEATHER, "none", 0, height.weather_sigma, time=height.weather_time),
+        AuxiliaryState(bias, "none", 0, height.bias),
+        AuxiliaryState(scale, "none", 0, height.scale),
+        AuxiliaryState(weather, "none", 0, height.weather_sigma, time=height.weather_time),
     )
     return tuple(state for state in every if state.sigma > 0.0)
 
 
-def height_contents(auxiliary: Sequence[AuxiliaryState]) -> tuple[tuple[float, float], ...]:
+def _names(prefix: str) -> tuple[str, str, str]:
+    return f"{prefix}_bias", f"{prefix}_scale", f"{prefix}_weather"
+
+
+def height_contents(
+    auxiliary: Sequence[AuxiliaryState], prefix: str = "height"
+) -> tuple[tuple[float, float], ...]:
     """Return what a reading contains of each auxiliary state (`FilterModel.height_contents`)."""
-    factor = {_BIAS: (1.0, 0.0), _WEATHER: (1.0, 0.0), _SCALE: (0.0, 1.0)}
+    bias, scale, weather = _names(prefix)
+    factor = {bias: (1.0, 0.0), weather: (1.0, 0.0), scale: (0.0, 1.0)}
     return tuple(factor.get(one.name, (0.0, 0.0)) for one in auxiliary)
 
 
@@ -62,13 +69,21 @@ class HeightReading:
     """m."""
     variance: float
     """m², of its white noise."""
+    prefix: str = "height"
+    """Of the names of its states."""
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
+        return update_insistent(state, model, self.rows(state, model), self.prefix)
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
         up = float(state.position[2])
-        contents = by_auxiliary(model, up)
+        if self.prefix == "height":
+            contents = by_auxiliary(model, up)
+        else:
+            contents = np.array(height_contents(model.auxiliary, self.prefix)) @ [1.0, up]
         H = np.zeros((1, model.states))
         H[0, 2], H[0, FILTER_STATES:] = -1.0, contents
         expected = np.array([up + contents @ state.auxiliary])
-        rows = Rows(np.array([self.height]), expected, H, np.array([[self.variance]]))
-        return update_insistent(state, model, rows, "height")
+        return Rows(np.array([self.height]), expected, H, np.array([[self.variance]]))

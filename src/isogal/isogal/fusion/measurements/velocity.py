@@ -6,6 +6,7 @@
 with the velocity v and the current or wind c (NED, m/s), the attitude C (body to NED), mounting
 errors m about the right and the down axis (rad) and a scale factor error s."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,26 +22,36 @@ from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.rotations import cross_matrix, matrix
 from isogal.scenario import Velocity
 
-SCALE = "velocity_scale"
-PITCH, YAW = "velocity_pitch", "velocity_yaw"
-NORTH, EAST = "current_north", "current_east"
+
+def _names(prefix: str, medium: str) -> tuple[str, ...]:
+    """Return what the states of `velocity_error_states` are called."""
+    of_sensor = (f"{prefix}_{one}" for one in ("scale", "pitch", "yaw"))
+    return (*of_sensor, f"{medium}_north", f"{medium}_east")
 
 
-def velocity_error_states(velocity: Velocity) -> tuple[AuxiliaryState, ...]:
-    """Return scale factor error, mounting errors about the right and the down axis, and the
-    current or wind to the north and east, those that are not zero."""
-    if velocity.kind == "none":
-        return ()
+_OWN = _names("velocity", "current")
+
+
+def velocity_error_states(aids: Sequence[Velocity]) -> tuple[AuxiliaryState, ...]:
+    """Return of each aid the scale factor error, mounting errors about the right and the down
+    axis, and the current or wind to the north and east, those that are not zero. What several move
+    through is one, as the first of them has it."""
+    found = {one.name: one for aid in reversed(aids) for one in _error_states(aid)}
+    return tuple(found.values())
+
+
+def _error_states(velocity: Velocity) -> tuple[AuxiliaryState, ...]:
+    names = _names(velocity.prefix, velocity.medium)
     scale, misalignment, current = (
         velocity.number(key) for key in ("scale", "misalignment", "current_sigma")
     )
     time, length = velocity.current_time, velocity.current_length
     every = (
-        AuxiliaryState(SCALE, "none", 0, scale),
-        AuxiliaryState(PITCH, "none", 1, misalignment),
-        AuxiliaryState(YAW, "none", 2, misalignment),
-        AuxiliaryState(NORTH, "none", 0, current, time=time, length=length),
-        AuxiliaryState(EAST, "none", 1, current, time=time, length=length),
+        AuxiliaryState(names[0], "none", 0, scale),
+        AuxiliaryState(names[1], "none", 1, misalignment),
+        AuxiliaryState(names[2], "none", 2, misalignment),
+        AuxiliaryState(names[3], "none", 0, current, time=time, length=length),
+        AuxiliaryState(names[4], "none", 1, current, time=time, length=length),
     )
     return tuple(state for state in every if state.sigma > 0.0)
 
@@ -64,6 +75,9 @@ class VelocityReading:
     """m/s, 1-sigma of a velocity of zero."""
     at_rest: AtRest | None = None
     """What the gyroscopes read, which is used where the vehicle stands still."""
+    prefix: str = "velocity"
+    medium: str = "current"
+    """Of the names of its states."""
 
     @classmethod
     def of(
@@ -95,10 +109,18 @@ class VelocityReading:
         if settings.kind == "wheels" and np.isnan(velocity[1]):
             velocity = np.array([velocity[0], 0.0, velocity[2]])
         R = stated(np.eye(3) * settings.number("sigma") ** 2, covariance)
-        rest = settings.standstill_speed, settings.standstill_sigma
-        if rate is None or settings.standstill_rate is None:
-            return cls(velocity, R, *rest)
-        return cls(velocity, R, *rest, AtRest.of_gyroscopes(rate, settings.standstill_rate))
+        at_rest = None
+        if rate is not None and settings.standstill_rate is not None:
+            at_rest = AtRest.of_gyroscopes(rate, settings.standstill_rate)
+        return cls(
+            velocity,
+            R,
+            settings.standstill_speed,
+            settings.standstill_sigma,
+            at_rest,
+            settings.prefix,
+            settings.medium,
+        )
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
@@ -113,22 +135,27 @@ class VelocityReading:
         rows = self.rows(state, model)
         if state.contradicted:
             return update_once_it_agrees(state, model, rows)
-        return update_insistent(state, model, rows, "velocity")
+        return update_insistent(state, model, rows, self.prefix)
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state, as of a vehicle that moves."""
         axes = np.flatnonzero(np.isfinite(self.velocity))
         names = [one.name for one in model.auxiliary]
         values = dict(zip(names, state.auxiliary.tolist(), strict=True))
+        own = _names(self.prefix, self.medium)
         past = state.velocity.copy()
-        past[:2] -= values.get(NORTH, 0.0), values.get(EAST, 0.0)
-        H, expected = velocity_reading(model, matrix(state.attitude), past, values)
+        past[:2] -= [values.get(name, 0.0) for name in own[3:]]
+        H, expected = velocity_reading(model, matrix(state.attitude), past, values, own)
         R = self.covariance[np.ix_(axes, axes)]
         return Rows(np.asarray(self.velocity, dtype=float)[axes], expected[axes], H[axes], R)
 
 
 def velocity_reading(
-    model: FilterModel, rotation: Array, past: Array, values: dict[str, float]
+    model: FilterModel,
+    rotation: Array,
+    past: Array,
+    values: Mapping[str, float],
+    names: Sequence[str] = _OWN,
 ) -> tuple[Array, Array]:
     """Return d(reading)/d(error state) (3, 15 + M) of a velocity aid, and the reading.
 
@@ -139,23 +166,27 @@ def velocity_reading(
         Body to NED.
     past : (3,) array
         Velocity relative to the ground, or to the water or air, NED, m/s.
-    values : dict
+    values : mapping
         Of the auxiliary states, by name; those that are not there are zero.
+    names : sequence of str, optional
+        Of its scale factor, mounting about right and down, current or wind north and east;
+        default: those of the aid of the section `velocity`.
     """
+    scale, pitch, yaw, north, east = names
     body = rotation.T @ past
-    mounting = np.array([0.0, values.get(PITCH, 0.0), values.get(YAW, 0.0)])
-    factor = 1.0 + values.get(SCALE, 0.0)
+    mounting = np.array([0.0, values.get(pitch, 0.0), values.get(yaw, 0.0)])
+    factor = 1.0 + values.get(scale, 0.0)
     turned = body + np.cross(body, mounting)
     by_body = factor * (np.eye(3) - cross_matrix(mounting))
     by_past = by_body @ rotation.T
     H = np.zeros((3, model.states))
     H[:, 3:6], H[:, 6:9] = by_past, by_past @ cross_matrix(past)
     columns = {
-        SCALE: turned,
-        PITCH: factor * np.cross(body, [0.0, 1.0, 0.0]),
-        YAW: factor * np.cross(body, [0.0, 0.0, 1.0]),
-        NORTH: -by_past[:, 0],
-        EAST: -by_past[:, 1],
+        scale: turned,
+        pitch: factor * np.cross(body, [0.0, 1.0, 0.0]),
+        yaw: factor * np.cross(body, [0.0, 0.0, 1.0]),
+        north: -by_past[:, 0],
+        east: -by_past[:, 1],
     }
     for j, one in enumerate(model.auxiliary):
         if one.name in columns:

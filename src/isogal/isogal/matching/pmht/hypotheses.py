@@ -203,7 +203,8 @@ class Hypotheses:
         linear between the ends of two axes (K, 2, 2), m, about where they were taken: in 1-sigma
         of what is new in them and, where that is more, in units of their change."""
         models, m, axes = self.models, self.which[asked], axes[asked]
-        away = np.concatenate([np.zeros((len(m), 1, 2)), axes, -axes], axis=1)
+        away = np.zeros((len(m), 5, 2))  # in the one layout that it is compiled for
+        away[:, 1:3], away[:, 3:] = axes, -axes
         value = kernels.values_beside(field_map.grid, rows, models, m, self.mean[asked], away)
         joins = np.einsum("ktj,ktjj->kt", rows.load**2, rows.joined)[models.shape[m]]
         sigma = models.sigma[m, None] * self._errors(field_map, rows)[asked]
@@ -441,12 +442,14 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     map errors.
 
     Models that differ by the sigma of the map's error only are neighbours. One that is negligible
-    beside the best of them is left out where no neighbour needs it, and begins with what that
-    knows where one does. A negligible neighbour of a smaller sigma begins anew after each reading:
+    beside the best of them, in a group that is improbable already where it is less probable by
+    `LIGHT`, is left out where no neighbour needs it, and begins with what that knows where one
+    does. A negligible neighbour of a smaller sigma begins anew after each reading:
     it has followed too narrow a place, and were never probable again with that one. One of a
     larger sigma keeps its places, which are wider (docs/mathematics.md, section 6.4)."""
     models, total = bank.models, bank.of_models
-    near = total > largest(total, models.group) - NEGLIGIBLE
+    best = largest(total, models.group)
+    near = total > best - np.where(best < total.max() - LIGHT, LIGHT, NEGLIGIBLE)
     alike, there = models.group[1:] == models.group[:-1], np.isfinite(total)
     larger = np.r_[False, near[:-1] & alike] & ~near
     smaller = np.r_[near[1:] & alike, False] & ~near & ~larger

@@ -65,20 +65,21 @@ def values_beside(
     grid: Grid, rows: Rows, models: Models, which: Integers, mean: Array, away: Array
 ) -> Array:
     """Return (K, P, n) what the map has where rows were taken by hypotheses of models (K,) and
-    means (K, N), and `away` (K, P, 2) m north and east from there."""
+    means (K, N), and `away` (K, P, 2) m north and east from there; where a model's filter has a
+    time constant, at the one point that is older by it."""
     count = away.shape[1]
     values = np.empty((which.shape[0], count, rows.level.shape[0]))
     for k in range(which.shape[0]):
         m = which[k]
         for t in range(rows.level.shape[0]):
-            north = east = 0.0
+            north, east = models.lag[m] * rows.velocity[t]
             for i in range(models.sizes[m]):
                 s = models.used[m, i]
                 north += rows.place[t, 0, s] * mean[k, s]
                 east += rows.place[t, 1, s] * mean[k, s]
             for p in range(count):
                 at = north - away[k, p, 0], east - away[k, p, 1]
-                values[k, p, t] = predicted(grid, rows, t, at[0], at[1], models.lag[m])[0]
+                values[k, p, t] = predicted(grid, rows, t, at[0], at[1], 0.0)[0]
     return values
 
 
@@ -289,8 +290,11 @@ def merged(
                 total = np.logaddexp(log_weight[a], log_weight[b])
                 w = math.exp(log_weight[b] - total)
                 d = mean[b] - mean[a]
-                covariance[a] += w * (covariance[b] - covariance[a] + (1.0 - w) * np.outer(d, d))
-                mean[a] += w * d
+                for i in range(d.shape[0]):
+                    for j in range(d.shape[0]):
+                        apart = covariance[b, i, j] - covariance[a, i, j]
+                        covariance[a, i, j] += w * (apart + (1.0 - w) * (d[i] * d[j]))
+                    mean[a, i] += w * d[i]
                 log_weight[a] = total
             b += 1
     return np.flatnonzero(kept)

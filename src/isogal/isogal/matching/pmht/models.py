@@ -104,12 +104,14 @@ FAULTS = (
     Fault(BIASED, 0.1, bias=1.0, drift=1.0),
     Fault(NOISIER, 0.05, noise=3.0),
     Fault(NOISIER, 0.02, noise=10.0),
-    Fault(NAVIGATOR, RARE, start=WORSE),
+    # a wrong start and late readings are one error on a straight track: where a delay is the more
+    # probable one, starts that are three times worse are taken for delays
+    Fault(NAVIGATOR, 0.05, start=WORSE),
     Fault(NAVIGATOR, RARE, start=WORSE, growth=WORSE),
     Fault(NAVIGATOR, RARE, growth=WORSE),
     Fault(NAVIGATOR, RARE, growth=WORSE**2),
-    Fault(LATE, RARE, delay=LATE_S),
-    *(Fault(FILTERED, 0.005, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
+    Fault(LATE, 0.03, delay=LATE_S),
+    *(Fault(FILTERED, 0.01, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
     # satellites are wrong on a voyage in a thousand, times how likely what they say is then: as

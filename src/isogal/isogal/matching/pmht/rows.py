@@ -22,7 +22,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
-from isogal.maps.error_model import Chain, chained, filtered_chain, independent, shares
+from isogal.maps.error_model import Chain, chained, independent, shares
 from isogal.maps.field_map import FieldMap
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
@@ -185,10 +185,7 @@ def _of_map(
     if batch.beam is not None:
         chain = Chain(states.order, footprints(batch, count), None)
         return chained(chain, moved, before, lengths, begins)
-    travelled = np.hypot(*moved.T)
-    if batch.filter_path is not None and count == 2:
-        return before, *filtered_chain(batch.filter_path.memory, travelled, lengths, begins)
-    return before, *independent(count, travelled, lengths)
+    return before, *independent(count, np.hypot(*moved.T), lengths)
 
 
 def _before(batch: Batch, which: Integers, order: int, last: Epoch | None) -> Epoch:

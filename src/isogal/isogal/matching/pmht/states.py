@@ -37,8 +37,7 @@ class States:
     walk: Array
     """(C,) random walk, unit per root second."""
     channels: int
-    """K times `order`; 2 where the instrument's filter is specified: the map's error after it, and
-    as it is."""
+    """K times `order`."""
     unknown: int
     """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
     slow: int = 0
@@ -66,8 +65,6 @@ class States:
             order = TENSOR_ORDER
         elif batch.beam is not None:
             order = _scans_underneath(batch, channels)
-        elif batch.filter_path is not None and channels == 1:
-            channels = 2
         return cls(
             every.names,
             every.sigma,

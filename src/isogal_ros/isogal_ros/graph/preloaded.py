@@ -1,0 +1,11 @@
+"""What nodes are forked with (`isogal_ros.graph.forkserver`): their modules, and what numba loads
+when the first compiled function is called."""
+
+import importlib
+
+from isogal.compiled import load_compiler
+from isogal_ros.graph.plan import CLASSES
+
+for _module, _ in CLASSES.values():
+    importlib.import_module(_module)
+load_compiler()

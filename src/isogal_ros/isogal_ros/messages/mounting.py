@@ -1,0 +1,178 @@
+"""Where sensors are and how their axes lie, by the static transforms of a vehicle's description.
+
+An entry of `drivers` that asks for it (`from_tf`) has its `rotation` and `translation`, as far as
+it does not say them itself, from /tf_static. They are looked up once, before anything is used, so
+that all of a run has the same; the recorder keeps what was found."""
+
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.errors import InputError
+from isogal.inertial.rotations import matrix, to_angles
+from isogal.scenario import Scenario, validate_scenario
+from isogal_ros import topics
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.drivers import Driver, Entrance
+from isogal_ros.messages.frames import BASE, FRD_FLU
+from isogal_ros.messages.position import FARTHEST
+
+Pose = tuple[Array, Array]
+"""Position (3,) m and rotation (3, 3) of a child frame in its parent."""
+TF_STATIC = "/tf_static"
+HERE: Pose = (np.zeros(3), np.eye(3))
+_INERTIAL = topics.IMU, topics.INS_SOLUTION, topics.INS_SOLUTION_FIX
+"""What the navigator's place is that of."""
+_SECTIONS = {
+    topics.GNSS_FIX.name: "gnss",
+    topics.GNSS_VELOCITY.name: "gnss",
+    topics.VELOCITY.name: "velocity",
+    topics.GRAVIMETRY.name: "gravimeter",
+}
+"""Sections of a scenario with the lever arm of a topic's sensor."""
+_LISTS: Mapping[str, Callable[[str | None], tuple[topics.Topic, ...]]] = {
+    "positions": topics.position_topics,
+    "velocities": lambda name: (topics.velocity_topic(name),),
+}
+"""Lists of aids whose entries have one."""
+_ON_GROUND = ("gnss/", "position/")
+"""Begin the topics whose messages are not in axes of the sensor."""
+
+
+class Link(NamedTuple):
+    """A transform, by the name of its child."""
+
+    parent: str
+    pose: Pose
+
+
+Tree = Mapping[str, Link]
+"""Transforms by child frame."""
+
+
+def compose(first: Pose, second: Pose) -> Pose:
+    """Return a pose given in a frame whose own pose is `first`."""
+    return first[0] + first[1] @ second[0], first[1] @ second[1]
+
+
+def inverse(pose: Pose) -> Pose:
+    """Return the pose of the parent in the child."""
+    return -(pose[1].T @ pose[0]), pose[1].T
+
+
+def read_transforms(data: bytes) -> dict[str, Link]:
+    """Return the transforms of a serialised tf2_msgs/TFMessage, whose class is not among ROS 2's
+    wheels (CDR: OMG DDS-XTypes 1.3, section 7.4); raises BadMessageError where it is none."""
+    order, at, found = "<" if data[1:2] == b"\1" else ">", 4, {}
+
+    def take(form: str, align: int) -> tuple[float, ...]:
+        nonlocal at
+        at = 4 + -(-(at - 4) // align) * align
+        values = struct.unpack_from(order + form, data, at)
+        at += struct.calcsize(order + form)
+        return values
+
+    def text() -> str:
+        nonlocal at
+        (length,) = take("I", 4)
+        start, at = at, at + int(length)
+        return data[start : at - 1].decode()
+
+    try:
+        (count,) = take("I", 4)
+        for _ in range(int(count)):
+            take("iI", 4)
+            parent, child = text(), text()
+            numbers = np.array(take("7d", 8))
+            turn = np.roll(numbers[3:], 1)  # w first
+            if not (np.abs(numbers) < FARTHEST).all() or abs(turn @ turn - 1.0) > 1e-3:
+                raise BadMessageError(f"transform to {child!r}: not finite, or no rotation")
+            found[child] = Link(parent, (numbers[:3], matrix(turn)))
+    except (struct.error, UnicodeDecodeError):
+        raise BadMessageError("no transforms") from None
+    return found
+
+
+def pose_in(tree: Tree, base: str, frame: str) -> Pose | None:
+    """Return the pose of a frame in another; None where they are not connected."""
+    (root, of_base), (other, pose) = _to_root(tree, base), _to_root(tree, frame)
+    return compose(inverse(of_base), pose) if root == other else None
+
+
+def _to_root(tree: Tree, frame: str) -> tuple[str, Pose]:
+    """Return the last of a frame's parents, and the frame's pose in it."""
+    pose = HERE
+    for _ in range(len(tree)):  # which ends where transforms go in a circle
+        if frame not in tree:
+            break
+        frame, pose = tree[frame].parent, compose(tree[frame].pose, pose)
+    return frame, pose
+
+
+def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -> Entrance:
+    """Return an entrance whose entries say what they have from static transforms.
+
+    Parameters
+    ----------
+    entrance : Entrance
+    look : callable
+        Returns the transforms, once what it is called with says that they are enough, or no more
+        are to come; not called where no entry asks.
+
+    Raises
+    ------
+    InputError
+        An entry's frame is not connected with that of the vehicle.
+    """
+    asking = {name: one for name, one in entrance.drivers.items() if one.from_tf}
+    if not asking:
+        return entrance
+    base = entrance.names.outside(BASE)
+
+    def frames(tree: Tree) -> list[Pose | None]:
+        return [pose_in(tree, base, one.frame or "") for one in asking.values()]
+
+    tree = look(lambda seen: None not in frames(seen))
+    found: dict[str, Driver] = {}
+    for (name, one), pose in zip(asking.items(), frames(tree), strict=True):
+        if pose is None:
+            there = ", ".join(sorted(tree)) or "nothing"
+            raise InputError(
+                f"drivers.{name}.from_tf: no transform from {base!r} to {one.frame!r} on"
+                f" {TF_STATIC}, which has {there}"
+            )
+        angles = np.degrees(to_angles(pose[1])).tolist()
+        turn = (0.0, 0.0, 0.0) if name.startswith(_ON_GROUND) else tuple(angles)
+        update = {
+            "from_tf": False,
+            "rotation": one.rotation or turn,
+            "translation": one.translation or tuple(pose[0].tolist()),
+        }
+        found[name] = one.model_copy(update=update)
+    return replace(entrance, drivers={**entrance.drivers, **found})
+
+
+def mounted(scenario: Scenario, drivers: Mapping[str, Driver]) -> Scenario:
+    """Return a scenario with the lever arms that entries of `drivers` say, where it has none of
+    its own: from the inertial sensors, or the INS, so less the translation of these."""
+    of_inertial = (drivers.get(topic.name, Driver()).translation for topic in _INERTIAL)
+    origin = np.array(next(filter(None, of_inertial), (0.0, 0.0, 0.0)))
+    arms = {
+        name: (FRD_FLU * (np.array(one.translation) - origin)).tolist()
+        for name, one in drivers.items()
+        if one.translation is not None
+    }
+    document, changed = scenario.model_dump(mode="json"), False
+    for name, arm in arms.items():
+        section = document.get(_SECTIONS.get(name, ""))
+        for key, topics_of in _LISTS.items():
+            for aid in document[key] or ():
+                if name in (topic.name for topic in topics_of(aid["name"])):
+                    section = aid
+        if section is not None and not any(section["lever_arm"]):
+            section["lever_arm"], changed = arm, True
+    return validate_scenario(document) if changed else scenario

@@ -1,0 +1,147 @@
+"""Arms and mountings of sensors from static transforms."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from helpers.bag_writing import begin
+from helpers.transforms import serialised
+from isogal.errors import InputError
+from isogal.inertial.rotations import from_angles, matrix
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.drivers import Driver, Entrance
+from isogal_ros.messages.frames import FrameNames
+from isogal_ros.messages.mounting import compose, inverse, mounted, placed, read_transforms
+
+VEHICLE = {
+    "imu_link": ("base_link", (0.5, 0.0, 0.2), (180.0, 0.0, 90.0)),
+    "mast": ("base_link", (1.0, 0.0, 3.0), (0.0, 0.0, 90.0)),
+    "gps": ("mast", (2.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
+    "dvl": ("base_link", (-1.0, 0.5, -2.0), (0.0, 10.0, 45.0)),
+}
+"""Parent, place and roll, pitch, yaw (deg) of each frame."""
+
+
+def look(_enough):
+    return read_transforms(serialised(VEHICLE))
+
+
+def entrance(names=FrameNames(), **drivers) -> Entrance:  # noqa: B008
+    entries = {
+        name.replace("__", "/"): Driver(**{"from_tf": True} | one) for name, one in drivers.items()
+    }
+    return placed(Entrance(entries, names), look)
+
+
+def test_transforms_are_read_in_either_byte_order() -> None:
+    one, other = (read_transforms(serialised(VEHICLE, order)) for order in "<>")
+    assert one.keys() == other.keys() == VEHICLE.keys()
+    for child, (parent, place, angles) in VEHICLE.items():
+        assert one[child].parent == other[child].parent == parent
+        np.testing.assert_allclose(one[child].pose[0], place)
+        np.testing.assert_allclose(one[child].pose[1], other[child].pose[1])
+        wanted = matrix(from_angles(*np.radians(angles)))
+        np.testing.assert_allclose(one[child].pose[1], wanted, atol=1e-12)
+
+
+@given(st.data())
+def test_what_is_cut_off_or_damaged_is_no_transform_or_another(data) -> None:
+    whole = bytearray(serialised(VEHICLE))
+    with pytest.raises(BadMessageError):
+        read_transforms(bytes(whole[: data.draw(st.integers(0, len(whole) - 1))]))
+    for at in data.draw(st.lists(st.integers(0, len(whole) - 1), max_size=9)):
+        whole[at] = data.draw(st.integers(0, 255))
+    with suppress(BadMessageError):
+        for link in read_transforms(bytes(whole)).values():
+            assert np.isfinite(link.pose[0]).all() and np.isfinite(link.pose[1]).all()
+
+
+def test_a_pose_and_its_inverse_are_none() -> None:
+    pose = np.array([1.0, 2.0, 3.0]), matrix(from_angles(0.1, 0.2, 0.3))
+    for one in (compose(pose, inverse(pose)), compose(inverse(pose), pose)):
+        np.testing.assert_allclose(one[0], 0.0, atol=1e-12)
+        np.testing.assert_allclose(one[1], np.eye(3), atol=1e-12)
+
+
+def test_an_entry_has_what_the_chain_of_transforms_says() -> None:
+    found = entrance(imu__data_raw={"frame": "imu_link"}, gnss__fix={"frame": "gps"}).drivers
+    np.testing.assert_allclose(found["imu/data_raw"].rotation, (180.0, 0.0, 90.0), atol=1e-9)
+    np.testing.assert_allclose(found["gnss/fix"].translation, (1.0, 2.0, 4.0), atol=1e-12)
+    assert found["gnss/fix"].rotation == (0.0, 0.0, 0.0)  # a position has no axes of a sensor
+
+
+def test_the_parameter_wins() -> None:
+    said = {"frame": "imu_link", "rotation": (0.0, 0.0, 1.0), "translation": (9.0, 9.0, 9.0)}
+    one = entrance(imu__data_raw=said).drivers["imu/data_raw"]
+    assert (one.rotation, one.translation) == ((0.0, 0.0, 1.0), (9.0, 9.0, 9.0))
+
+
+def test_arms_are_from_the_inertial_sensors(scenario) -> None:
+    keys = (
+        "gnss.available=[[0, 60]]",
+        "positions=[{name: usbl, sigma: 5}, {name: radar, sigma: 5}]",
+    )
+    own = scenario(
+        *keys,
+        "velocity.kind=dvl",
+        "velocity.lever_arm=[7, 0, 0]",
+        "velocities=[{name: second, kind: dvl}]",
+    )
+    found = entrance(
+        imu__data_raw={"frame": "imu_link"},
+        gnss__fix={"frame": "gps"},
+        velocity__data_raw={"frame": "dvl"},
+        velocity__second__data_raw={"frame": "dvl"},
+        position__radar__fix={"frame": "mast"},
+    )
+    made = mounted(own, found.drivers)
+    assert made.gnss.lever_arm == pytest.approx((0.5, -2.0, -3.8))
+    assert made.positions[1].lever_arm == pytest.approx((0.5, 0.0, -2.8))
+    assert made.positions[0].lever_arm == (0.0, 0.0, 0.0)
+    assert made.velocities[0].lever_arm == pytest.approx((-1.5, -0.5, 2.2))
+    assert made.velocity.lever_arm == (7.0, 0.0, 0.0)  # its own key wins
+    # what is mounted already is not mounted again
+    assert mounted(made, found.drivers) == made
+    of_ins = {"ins/solution": found.drivers["imu/data_raw"], "gnss/fix": found.drivers["gnss/fix"]}
+    assert mounted(own, of_ins).gnss == made.gnss
+
+
+def test_frames_have_the_names_that_they_have_outside() -> None:
+    names = FrameNames(base="hull")
+    with pytest.raises(InputError, match="no transform from 'hull' to 'gps'"):
+        entrance(names, gnss__fix={"frame": "gps"})
+
+
+def test_a_frame_that_is_not_there_is_named_with_those_that_are() -> None:
+    with pytest.raises(InputError, match="to 'gsp' on /tf_static, which has dvl, gps, i"):
+        entrance(gnss__fix={"frame": "gsp"})
+
+
+def test_without_a_frame_there_is_nothing_to_look_up() -> None:
+    with pytest.raises(InputError, match=r"drivers\.gnss/fix\.from_tf: needs `frame`"):
+        entrance(gnss__fix={})
+
+
+def test_transforms_in_a_circle_end(scenario) -> None:
+    circle = {"a": ("b", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), "b": ("a", (1.0, 0.0, 0.0), (0, 0, 0))}
+    with pytest.raises(InputError, match="no transform"):
+        placed(
+            Entrance({"gnss/fix": Driver(frame="a", from_tf=True)}),
+            lambda _: read_transforms(serialised(circle)),
+        )
+
+
+def test_those_of_a_recording_count_in_its_replay(scenario, tmp_path) -> None:
+    writer = begin(tmp_path / "bag")
+    writer.add_topic("/tf_static", "nav_msgs/msg/Path", [], "")  # for want of its own
+    writer.write("/tf_static", serialised(VEHICLE), 0, 0)
+    writer.close()
+    options = ["gravimeter/data_raw.frame=mast", "gravimeter/data_raw.from_tf=true"]
+    reader = BagReader.foreign(tmp_path / "bag", None, options)
+    assert mounted(scenario(), reader.entrance.drivers).gravimeter.lever_arm == (1.0, 0.0, -3.0)
+    # what a recorder keeps of it has no need to look again
+    assert placed(Entrance.of(reader.entrance.text(), {}), None) == reader.entrance
