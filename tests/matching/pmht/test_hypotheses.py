@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from helpers.bank import HERE, PLANE, models, moments_of, random_bank, states_of
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.information import LARGEST_RATIO
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
@@ -79,6 +80,23 @@ def test_places_are_split_until_the_map_is_nearly_linear():
     same(parts.moments(), (np.zeros(7), prior), 1e-6)
     assert np.median(np.sqrt(parts.covariance[:, 0, 0])) < 250.0
     assert len(bank.split(ROUGH, rows(), curved=0.08)) > len(parts)
+
+
+def test_the_map_error_is_that_of_the_place_of_a_hypothesis():
+    said = models(sigma=1e-5, trust=1.0)
+    north = np.arange(61)[:, None] * np.ones(61)
+    worse = replace(PLANE, sigma=1e-5 * (1.0 + north / 10.0), error_stated=True)
+    off = 6000.0
+    place = np.array([off, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    batch, _ = make_batch(worse, scans=5, seed=None)
+    metres = metres_per_radian(batch.latitude[0])[0]
+    away = replace(batch, latitude=batch.latitude + off / metres)
+    bank = Hypotheses.before(said, np.diag(np.square([10.0, 10.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8])))
+    evidence = []
+    for one, at in ((batch, 0.0 * place), (away, place)):
+        new = rows_of(one, worse, states_of(), said.lengths, None)[0]
+        evidence.append(bank.moved(-at).observed(worse, new).log_evidence)
+    assert evidence[1] == pytest.approx(evidence[0], abs=1e-3)
 
 
 def test_there_are_never_more_than_so_many():
