@@ -132,10 +132,11 @@ class Navigation:
         if self.navigator is None or self._published > self.ns or not self.aligned:
             return None
         try:
-            passage = self.navigator.passage(to_seconds(self._fixed))
-            if passage is not None:
-                return passage
             without = self.navigator.unaided(to_seconds(self._fixed))
+            if without is None or not self.navigator.model.judges_satellites:
+                passage = self.navigator.passage(to_seconds(self._fixed))
+                if passage is not None:
+                    return passage
         except FilterDivergenceError:
             return None
         if without is None:

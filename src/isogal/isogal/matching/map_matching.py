@@ -64,7 +64,7 @@ class MapMatching:
         self.lead = UpdateSchedule.of(scenario.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
-        self._satellites = scenario.gnss.used
+        self._satellites, self._judged = scenario.gnss.used, scenario.gnss.judged
         self._sigmas = [one.gravimeter.sigma for one in scenario.each_field]
 
     @property
@@ -146,7 +146,7 @@ class MapMatching:
             What satellites have told the navigator since the last batch.
         passage : Passage, optional
             What has become of the navigator's error since then, where its heading is not known
-            well.
+            well; says what satellites have told, too.
         """
         collected = None if declined_for is None else self.batches.collected
         batch = self.batches.build(prior, self._near)
@@ -154,8 +154,8 @@ class MapMatching:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
         if passage is not None:
-            batch = replace(batch, passage=passage)
-        elif self._satellites:
+            batch, aided = replace(batch, passage=passage), None
+        if self._satellites and (passage is None or self._judged):
             batch = replace(batch, satellites=True, aided=aided)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)
