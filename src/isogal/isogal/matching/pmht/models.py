@@ -110,7 +110,7 @@ FAULTS = (
     Fault(NAVIGATOR, RARE, start=WORSE, growth=WORSE),
     Fault(NAVIGATOR, RARE, growth=WORSE),
     Fault(NAVIGATOR, RARE, growth=WORSE**2),
-    Fault(LATE, 0.03, delay=LATE_S),
+    Fault(LATE, 0.02, delay=LATE_S),
     *(Fault(FILTERED, 0.01, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
