@@ -18,8 +18,8 @@ from isogal.earth.ellipsoid import curvature
 from isogal.maps.channels import ChannelMap
 from isogal.maps.interpolation import Grid, value_and_gradient
 
-NORTH, EAST = 0, 1
-"""Channels of the map."""
+NORTH, EAST = np.int64(0), np.int64(1)
+"""Channels of the map; as plain numbers the interpolation would be compiled for each of them."""
 
 
 class Compensation(NamedTuple):

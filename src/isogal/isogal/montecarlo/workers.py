@@ -6,17 +6,16 @@ them imports it."""
 
 import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from multiprocessing import resource_tracker
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
+from isogal import forkserver
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.maps.several import RunMap
@@ -96,8 +95,7 @@ def _result(future: Future[Runs | Path], job: Job) -> Runs:
 
 @contextmanager
 def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
-    """Start so many processes of this machine, forked from one new interpreter that has imported
-    all they need (forkserver); at the end they are killed.
+    """Start so many processes of this machine (`isogal.forkserver`); at the end they are killed.
 
     Parameters
     ----------
@@ -106,10 +104,9 @@ def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
     count : int
         Each uses one thread.
     """
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["__main__", __name__])
+    forkserver.preload(__name__)
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(count, context, _take, (maps,))
+    pool = ProcessPoolExecutor(count, forkserver.CONTEXT, _take, (maps,))
     with TemporaryDirectory(prefix="isogal-") as folder:
 
         def submit(job: Job) -> Future[Runs | Path]:
@@ -143,16 +140,13 @@ def _compute(task: Task, folder: Path) -> Path:
 @contextmanager
 def _as_worker() -> Iterator[None]:
     """Let processes started here use one thread each, since workers share the cores and sums
-    within a product of matrices are to keep one order; and block Ctrl-C in them, which a terminal
-    sends to the whole group: the parent alone handles it."""
-    resource_tracker.ensure_running()  # with the first worker this would let Ctrl-C through again
+    within a product of matrices are to keep one order; and block Ctrl-C in them."""
     environment = dict(os.environ)
     os.environ.update(dict.fromkeys(_THREADS, "1"))
-    signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield
+        with forkserver.interrupts_blocked():
+            yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, signals)
         os.environ.clear()
         os.environ.update(environment)
 

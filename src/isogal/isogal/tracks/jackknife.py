@@ -12,7 +12,7 @@ exceeds the posterior's, the excess is added to the covariance. Nothing makes a 
 from itertools import combinations
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import logsumexp, softmax
 
 from isogal.arrays import Array
 from isogal.matching.information import relative
@@ -40,9 +40,9 @@ def excess(shifts: Shifts) -> Array:
 def _fixes(shifts: Shifts, field: int) -> Array:
     """Return (70, 2) the fixes without halves of a field's readings."""
     own, parts = shifts.by_model(field), shifts.parts[field]
-    others = shifts.log_density - np.logaddexp.reduce(own)
+    others = shifts.log_density - logsumexp(own, axis=0)
     means = []
-    for left_out in combinations(range(BLOCKS), BLOCKS // 2):
-        rest = own - parts[:, list(left_out)].sum(axis=1)
-        means.append(softmax(np.logaddexp.reduce(rest) + others) @ shifts.centres)
+    for left_out in combinations(np.eye(parts.shape[1]), BLOCKS // 2):
+        rest = own - sum(left_out) @ parts
+        means.append(softmax(logsumexp(rest, axis=0) + others) @ shifts.centres)
     return np.array(means)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import logsumexp, softmax
 
 from isogal.arrays import Array, Integers
 from isogal.matching.pmht.cells import log_normal, square_of
@@ -59,7 +59,7 @@ class Shifts:
     @property
     def log_density(self) -> Array:
         """(C,) of the shift by all readings, without its constant."""
-        each = [np.logaddexp.reduce(self.by_model(f)) for f in range(len(self.seen))]
+        each = [logsumexp(self.by_model(f), axis=0) for f in range(len(self.seen))]
         return np.asarray(self.log_prior + sum(each))
 
     @property
@@ -79,7 +79,7 @@ class Shifts:
 
     def covariance_by(self, field: int) -> Array:
         """Return (2, 2) m², what one field alone leaves of the prior, on these cells."""
-        log = self.log_prior + np.logaddexp.reduce(self.by_model(field))
+        log = self.log_prior + logsumexp(self.by_model(field), axis=0)
         return self._moments(softmax(log))[1]
 
     def _moments(self, weight: Array) -> tuple[Array, Array]:

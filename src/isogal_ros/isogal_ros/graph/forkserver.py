@@ -1,29 +1,27 @@
-"""Processes of nodes, forked from one interpreter that has imported what they need
-(multiprocessing's forkserver): five that each import it for themselves take three times as long.
+"""Processes of nodes (`isogal.forkserver`): five that each import what they need take twice the
+processor time.
 
 This module imports little, so that a command starts the interpreter before it imports anything
 itself."""
 
 import importlib
-import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from multiprocessing import forkserver, resource_tracker
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from multiprocessing.forkserver import ensure_running
 from pathlib import Path
 
+from isogal.forkserver import CONTEXT, interrupts_blocked, preload
 from isogal_ros.nodes.signals import end_at_once
-
-_CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def start() -> None:
     """Start the interpreter, which imports meanwhile what nodes need."""
-    with _without_interrupts():
-        _CONTEXT.set_forkserver_preload(["__main__", "isogal_ros.graph.preloaded"])
-        forkserver.ensure_running()
+    preload("isogal_ros.graph.preloaded")
+    with interrupts_blocked():
+        ensure_running()
 
 
 class NodeProcess:
@@ -53,8 +51,8 @@ class NodeProcess:
     ) -> None:
         start()
         words = name, module, list(arguments), dict(environment), log
-        self._process = _CONTEXT.Process(target=_be_node, args=words, name=name, daemon=True)
-        with _without_interrupts():
+        self._process = CONTEXT.Process(target=_be_node, args=words, name=name, daemon=True)
+        with interrupts_blocked():
             self._process.start()
 
     @property
@@ -76,18 +74,6 @@ class NodeProcess:
         if self.poll() is None:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, number)
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Block SIGINT in processes that are started here: a terminal sends Ctrl-C to all, and the
-    command alone deals with it."""
-    resource_tracker.ensure_running()  # with the first process this would let it through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _be_node(
