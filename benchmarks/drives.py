@@ -1,14 +1,16 @@
 """Drives of a car with a telephone, through Isogal's navigator (docs/evidence/drives.md).
 
-    .venv/bin/python benchmarks/drives.py FOLDER
+    .venv/bin/python benchmarks/drives.py FOLDER [--simulated SEED ...]
 
 FOLDER holds drive_NAME.nc and dted0_NAME.nc. Five minutes of satellites, then the gyroscope about
-the vertical, the satellites' speed as an odometer, and the barometer's height against the terrain.
+the vertical, the satellites' speed as an odometer, and the barometer's height against the terrain;
+or heights along the drive that are drawn from what the scenario assumes of map and barometer.
 """
 
 import argparse
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +29,8 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario, changed_scenario, load_scenario
-from isogal.sensors.barometer import height_of
+from isogal.seeds import generator
+from isogal.sensors.barometer import height_of, pressure_of
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "phone_drive"
 sys.path.insert(0, str(EXAMPLE))
@@ -89,12 +92,54 @@ def navigate(
     return np.array(rows)
 
 
+def simulated(drive: Drive, scenario: Scenario, terrain: FieldMap, seed: int) -> Drive:
+    """Return a drive whose pressure is that of the terrain, of an error of the map, of a slow one
+    of the barometer and of white noise, as they are assumed."""
+    random, count = generator(seed, 0, "heights along a drive"), len(drive.time)
+    there, every = np.isfinite(drive.latitude), np.arange(count)
+    place = [
+        np.interp(every, every[there], degrees[there])
+        for degrees in (drive.latitude, drive.longitude)
+    ]
+    instrument, length = scenario.gravimeter, scenario.matcher.map_correlation_length
+    elapsed = np.diff(drive.time, prepend=drive.time[0])
+    errors = np.column_stack(
+        [
+            gauss_markov(random, np.exp(-np.nan_to_num(drive.speed) * elapsed / length)),
+            gauss_markov(random, np.exp(-elapsed / instrument.correlation_time)),
+            random.standard_normal(count),
+        ]
+    )
+    sizes = terrain.sigma_at(*place), instrument.correlated_sigma, instrument.sigma
+    height = terrain.value(*place) + sum(one * e for one, e in zip(sizes, errors.T, strict=True))
+    pressure = pressure_of(height, scenario.height)
+    return replace(drive, pressure=np.where(np.isfinite(drive.pressure), pressure, np.nan))
+
+
+def gauss_markov(random: np.random.Generator, keep: np.ndarray) -> np.ndarray:
+    """Return (N,) a process of 1-sigma 1 of which `keep` (N,) is left from sample to sample."""
+    noise = random.standard_normal(len(keep))
+    for k in range(1, len(keep)):
+        noise[k] = keep[k] * noise[k - 1] + math.sqrt(1.0 - keep[k] ** 2) * noise[k]
+    return noise
+
+
+def line(name: str, rows: np.ndarray) -> str:
+    """Return what is printed of a drive."""
+    away, nees = rows[:, 1] / 1e3, rows[:, 2]
+    return (
+        f"{name:34s} median {np.median(away):5.2f} km, 95 % {np.percentile(away, 95):5.2f} km,"
+        f" NEES {nees.mean():5.2f} (median {np.median(nees):.2f})"
+    )
+
+
 def main() -> None:
     """Print a line for each drive, by dead reckoning and with the map."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", default="", help="part of the name of a drive")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--simulated", type=int, nargs="+", default=[], metavar="SEED")
     arguments = parser.parse_args()
     scenario = changed_scenario(load_scenario(EXAMPLE / "car.yaml"), arguments.set, "--set")
     for path in sorted(arguments.folder.glob("drive_*.nc")):
@@ -103,16 +148,15 @@ def main() -> None:
             continue
         drive = read_drive(path, KNOWN)
         terrain = with_sigma(load_map(arguments.folder / f"dted0_{name}.nc", "height"))
-        for matched, what in ((False, "dead reckoning"), (True, "map")):
-            navigator = navigator_of(drive, scenario, terrain)
-            rows = navigate(navigator, drive, scenario, matched)
-            away, nees = rows[:, 1], rows[:, 2]
-            print(
-                f"{name} {what:14s} median {np.median(away) / 1e3:5.2f} km,"
-                f" 95 % {np.percentile(away, 95) / 1e3:5.2f} km, NEES {nees.mean():5.2f}"
-                f" (median {np.median(nees):.2f})",
-                flush=True,
-            )
+        every = [(f"{name} dead reckoning", drive, False), (f"{name} map", drive, True)]
+        if arguments.simulated:
+            every = [
+                (f"{name} simulated {seed}", simulated(drive, scenario, terrain, seed), True)
+                for seed in arguments.simulated
+            ]
+        for what, one, matched in every:
+            navigator = navigator_of(one, scenario, terrain)
+            print(line(what, navigate(navigator, one, scenario, matched)), flush=True)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,8 @@ GRAVITY = 9.80665
 STANDS, HANDLED = 0.5, 3e-3
 """m/s, and rad/s: a car that is slower than that does not turn, and what turns faster is the
 telephone in somebody's hand."""
+LATEST = 0.1
+"""Share of the newest sample in what the gyroscope reads at rest."""
 SAMPLED = 0.6 / math.sqrt(12.0)
 """1-sigma of what a turn between two samples is off by, as a share of the second difference of the
 rate: samples of noise have one of sqrt(12) 1-sigmas of the mean of two, a smooth turn next to
@@ -119,7 +121,7 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
     )
     speed = np.where(columns["speed"] < 0.0, np.nan, columns["speed"])
     level, turn = _levelled(force, rate, up)
-    turn = np.where((speed < STANDS) & (np.abs(turn) > HANDLED), 0.0, turn)
+    turn = _unhandled(turn, speed < STANDS)
     turned = _forward(_means(level), _means(turn), speed, time < known)
     down = _means(-np.einsum("ni,ni->n", force, _unit(up)))
     specific = np.column_stack([turned, down])
@@ -170,6 +172,18 @@ def _levelled(force: Array, rate: Array, up: Array) -> tuple[Array, Array]:
     y = np.cross(-vertical, x)  # x, y, down
     level = np.column_stack([np.einsum("ni,ni->n", force, e) for e in (x, y)])
     return level, -np.einsum("ni,ni->n", rate, vertical)
+
+
+def _unhandled(turn: Array, stands: Array) -> Array:
+    """Return turn rates (N,) in which those of a telephone in somebody's hand, while the car
+    stands, are what the gyroscope has read at rest before: its bias."""
+    found, bias = turn.copy(), 0.0
+    for k in np.flatnonzero(stands):
+        if abs(turn[k]) > HANDLED:
+            found[k] = bias
+        else:
+            bias += LATEST * (turn[k] - bias)
+    return found
 
 
 def _forward(level: Array, turn: Array, speed: Array, known: Array) -> Array:

@@ -202,9 +202,11 @@ class Navigator:
         """Match the batch that the newest readings end; None where they end none."""
         if not self.matching.ready:
             return None
-        aided = self._aided()
+        aided, passage = self._aided(), None
+        if aided is None or not self._scenario.gnss.judged:
+            passage = self.inertial.passage(self._ends[1])
         self._ends = self._ends[1], self.time
-        matched = self.matching.match(self.state.batch_prior, aided=aided)
+        matched = self.matching.match(self.state.batch_prior, aided=aided, passage=passage)
         self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched
 

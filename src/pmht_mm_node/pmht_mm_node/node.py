@@ -13,11 +13,12 @@ from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import each_map
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
+from isogal.passage import Passage
 from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.stamps import to_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import main_of
@@ -135,17 +136,20 @@ class PmhtMmNode(GraphNode):
         return own if own > 0.0 else float(variance)
 
     def _match(self, nav: NavSample) -> None:
-        told = nav.aided
+        # of another fix than the last it does not follow on its batch
+        told = nav.since
         begun = self._matching.memory is not None
-        # what they have told since another fix than the last does not follow on its batch
-        same = told is not None and (told.since == self.scans.ended or not begun)
-        aided = told.told if told is not None and same else None
+        aided = passage = None
+        if isinstance(told, Passage):
+            passage = told if from_seconds(told.begin) == self.scans.ended or not begun else None
+        elif told is not None and (told.since == self.scans.ended or not begun):
+            aided = told.told
         self.scans.ended = nav.ns
         # the next batch is to use the readings of one whose end is not known
         why = "the navigator said nothing of the batch's end" if self.scans.guessed else None
         if not nav.aligned:
             why = "the navigator is not aligned"
-        batch, fix, seconds = self._matching.match(nav.covariance, why, aided)
+        batch, fix, seconds = self._matching.match(nav.covariance, why, aided, passage)
         self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)
 

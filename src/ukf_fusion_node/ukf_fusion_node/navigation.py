@@ -19,6 +19,7 @@ from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.matching.interfaces import Aided
+from isogal.passage import Passage
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamped_numbers import AidedSince
@@ -125,12 +126,17 @@ class Navigation:
         self._fixed = max(ns, self._fixed)
 
     @property
-    def aided(self) -> AidedSince | None:
-        """What satellites have told since the last fix, at the newest stamp published."""
-        if self.navigator is None or self._published > self.ns:
+    def since(self) -> AidedSince | Passage | None:
+        """What has become of the error since the last fix, at the newest stamp published, where
+        the heading is not known well; else what satellites have told."""
+        if self.navigator is None or self._published > self.ns or not self.aligned:
             return None
         try:
             without = self.navigator.unaided(to_seconds(self._fixed))
+            if without is None or not self.navigator.model.judges_satellites:
+                passage = self.navigator.passage(to_seconds(self._fixed))
+                if passage is not None:
+                    return passage
         except FilterDivergenceError:
             return None
         if without is None:

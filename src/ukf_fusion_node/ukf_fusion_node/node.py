@@ -171,7 +171,7 @@ class UkfFusionNode(GraphNode):
     def _publish(self) -> None:
         navigation = self._navigation
         ns, state, rate = navigation.latest()
-        self.outputs.publish(ns, state, rate, navigation.aided, navigation.aligned)
+        self.outputs.publish(ns, state, rate, navigation.since, navigation.aligned)
         if self._solutions is not None:
             self._solutions.publish_error(ns, state)
 

@@ -6,6 +6,7 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
+from isogal.passage import Passage
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, framed, map_frame
 from isogal_ros.messages.odometry import POSE, empty_odometry, fill_odom
@@ -42,12 +43,12 @@ class Outputs:
         ns: int,
         state: FilterState,
         angular_rate: Array,
-        aided: AidedSince | None = None,
+        since: AidedSince | Passage | None = None,
         aligned: bool = True,
     ) -> None:
-        """Publish a state, the angular rate (3,) FRD that the gyroscopes measured, and what
-        satellites have told since the last fix. One that is not aligned promises nothing: it is no
-        fix, and has no protection level, path or transforms."""
+        """Publish a state, the angular rate (3,) FRD that the gyroscopes measured, and what there
+        is to say of the time since the last fix. One that is not aligned promises nothing: it is
+        no fix, and has no protection level, path or transforms."""
         self.reached = ns
         covariance = state.covariance
         latitude, longitude, height = state.position.tolist()
@@ -59,7 +60,7 @@ class Outputs:
             level = protection_level(of_position, promise.risk, promise.correlation_time)
             write(self._m_level, ns, level[None])
             self._level.publish(self._m_level)
-        fill_nav_covariance(self._m_covariance, ns, state.batch_prior, aided)
+        fill_nav_covariance(self._m_covariance, ns, state.batch_prior, since)
         self._covariance.publish(self._m_covariance)
         status = NavSatStatus.STATUS_FIX if aligned else NavSatStatus.STATUS_NO_FIX
         fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3], status)

@@ -13,7 +13,14 @@ from isogal.matching.pmht.states import UNKNOWN
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "mathematics.md"
 INDICES = {name.upper() for name in (*FAMILIES, *UNKNOWN)}
-OTHERS = INDICES | {"BATCH_STATES", "USUAL_STATES", "DIVERGED_LOG_ODDS", "SAYS", "LARGEST_RATIO"}
+OTHERS = INDICES | {
+    "BATCH_STATES",
+    "HEADING",
+    "USUAL_STATES",
+    "DIVERGED_LOG_ODDS",
+    "SAYS",
+    "LARGEST_RATIO",
+}
 """What is no number of its own."""
 
 

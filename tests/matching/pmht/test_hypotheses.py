@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from helpers.bank import HERE, PLANE, models, moments_of, random_bank, states_of
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.matching.information import LARGEST_RATIO
 from isogal.matching.interfaces import Information
 from isogal.matching.pmht import hypotheses as bank_of
@@ -56,7 +57,7 @@ def test_a_split_conserves_weight_mean_and_covariance(seed):
     roots = np.linalg.cholesky(bank.covariance[:, :2, :2])  # to 1-sigma vectors
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     direction = np.einsum("kij,kj->ki", roots, direction)
-    parts = bank._thirds(direction, HERE)
+    parts = bank._thirds(bank._of_places(direction, HERE))
     assert len(parts) == 9
     assert parts.log_evidence == pytest.approx(bank.log_evidence, abs=1e-8)
     for k in range(3):
@@ -71,19 +72,36 @@ def test_a_split_conserves_weight_mean_and_covariance(seed):
 def test_places_are_split_until_the_map_is_nearly_linear():
     prior = np.diag(np.square([400.0, 300.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
     bank = Hypotheses.before(EXACT, prior)
-    on_plane = bank.split(PLANE.grid, rows(PLANE))
+    on_plane = bank.split(PLANE, rows(PLANE))
     assert on_plane is bank
-    parts = bank.split(ROUGH.grid, rows())
+    parts = bank.split(ROUGH, rows())
     assert len(parts) > 9
     assert parts.log_evidence == pytest.approx(0.0, abs=1e-6)
     same(parts.moments(), (np.zeros(7), prior), 1e-6)
     assert np.median(np.sqrt(parts.covariance[:, 0, 0])) < 250.0
-    assert len(bank.split(ROUGH.grid, rows(), curved=0.08)) > len(parts)
+    assert len(bank.split(ROUGH, rows(), curved=0.08)) > len(parts)
+
+
+def test_the_map_error_is_that_of_the_place_of_a_hypothesis():
+    said = models(sigma=1e-5, trust=1.0)
+    north = np.arange(61)[:, None] * np.ones(61)
+    worse = replace(PLANE, sigma=1e-5 * (1.0 + north / 10.0), error_stated=True)
+    off = 6000.0
+    place = np.array([off, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    batch, _ = make_batch(worse, scans=5, seed=None)
+    metres = metres_per_radian(batch.latitude[0])[0]
+    away = replace(batch, latitude=batch.latitude + off / metres)
+    bank = Hypotheses.before(said, np.diag(np.square([10.0, 10.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8])))
+    evidence = []
+    for one, at in ((batch, 0.0 * place), (away, place)):
+        new = rows_of(one, worse, states_of(), said.lengths, None)[0]
+        evidence.append(bank.moved(-at).observed(worse, new).log_evidence)
+    assert evidence[1] == pytest.approx(evidence[0], abs=1e-3)
 
 
 def test_there_are_never_more_than_so_many():
     prior = np.diag(np.square([4000.0, 4000.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
-    parts = Hypotheses.before(models(), prior).split(ROUGH.grid, rows(which=models()))
+    parts = Hypotheses.before(models(), prior).split(ROUGH, rows(which=models()))
     assert 1000 < len(parts) <= MOST
     assert len(parts.reduced(HERE)) <= MOST
 
@@ -225,7 +243,7 @@ def test_places_of_a_late_model_are_split_along_the_way():
     prior = np.diag(np.square([50.0, 50.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
     bank = Hypotheses.before(late, prior)
     new = rows(which=late, scans=30, velocity=(40.0, 50.0))
-    parts = bank.split(ROUGH.grid, new)
+    parts = bank.split(ROUGH, new)
     assert len(parts) > 3
     same(parts.moments(), bank.moments(), 1e-6)
     delay = parts.mean[:, DELAY - len(UNKNOWN)]

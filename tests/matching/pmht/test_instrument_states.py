@@ -54,7 +54,7 @@ def by_bank(batch, field_map, steps=(T,)):
         rows = each * np.arange(first, first + count)[:, None] + np.arange(each)
         part = replace(batch.part(rows.ravel()), new=rows.size)
         new, epoch = rows_of(part, field_map, states, models.lengths, epoch)
-        bank = bank.observed(field_map.grid, new)
+        bank = bank.observed(field_map, new)
     return bank.mean[0, :4], bank.covariance[0, :4, :4], bank.log_evidence
 
 

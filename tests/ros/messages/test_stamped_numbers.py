@@ -9,6 +9,7 @@ from std_msgs.msg import Float64MultiArray
 
 from helpers.navigators import random_covariance
 from isogal.matching.interfaces import Aided
+from isogal.passage import Passage
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamped_numbers import (
     AidedSince,
@@ -51,13 +52,30 @@ def test_nav_covariance_with_what_satellites_have_told() -> None:
     assert peek_numbers_ns(serialize_message(message)) == 12_500_000_000
     found, aided = read_nav_covariance(message)
     np.testing.assert_array_equal(found, cov)
-    assert aided is not None
+    assert isinstance(aided, AidedSince)
     assert aided.since == told.since
     np.testing.assert_array_equal(aided.told.covariance, without)
     np.testing.assert_array_equal(aided.told.jump, told.told.jump)
     message.data[-1] = float("nan")
     with pytest.raises(BadMessageError, match="not finite"):
         read_nav_covariance(message)
+
+
+def test_nav_covariance_with_a_passage() -> None:
+    message = Float64MultiArray()
+    n, random = 9, np.random.default_rng(3)
+    before, smoothed, after = (random_covariance(np.ones(n), seed) for seed in (1, 2, 3))
+    cross, mean, two = random.random((n, n)), random.random(n), random.random(2)
+    told = Passage(7.25, before, mean, smoothed, cross, after, two, random.random((2, n - 7)))
+    fill_nav_covariance(message, 12_500_000_000, after[:7, :7], told)
+    covariance, found = read_nav_covariance(message)
+    np.testing.assert_array_equal(covariance, after[:7, :7])
+    assert isinstance(found, Passage)
+    assert found.begin == told.begin
+    for one, other in zip(found.arrays, told.arrays, strict=True):
+        np.testing.assert_array_equal(one, other)
+    with pytest.raises(BadMessageError, match="no passage"):
+        read_nav_covariance(Float64MultiArray(data=message.data[:-1]))
 
 
 def test_messages_that_cannot_be_used() -> None:

@@ -9,7 +9,6 @@ after: the result is exactly that of a measurement that had come on time."""
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,26 +19,13 @@ from isogal.fusion.measurements.satellites import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
+from isogal.fusion.passage import passage_of
 from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
-from isogal.fusion.segment import AT_ONCE, Segment
-from isogal.fusion.smoothing import smoothed
+from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
+from isogal.fusion.smoothing import Way, smoothed, way_over
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
-
-
-def _joined(segments: Sequence[Segment]) -> Segment:
-    """Return segments of which each goes on from the one before as one, without measurements."""
-    if len(segments) == 1:
-        return segments[0]
-    return replace(
-        segments[0],
-        time=np.concatenate([one.time for one in segments]),
-        force=np.concatenate([one.force for one in segments]),
-        rate=np.concatenate([one.rate for one in segments]),
-        height=np.concatenate([one.height for one in segments]),
-        track=np.concatenate([one.track for one in segments]),
-        measurements=[],
-    )
+from isogal.passage import Passage
 
 
 def track_row(state: FilterState) -> Array:
@@ -82,6 +68,8 @@ class InertialNavigator:
         mixture = state.copy() if isinstance(state, Mixture) else Mixture.of(state.copy())
         state = mixture.merged
         self._unaided: Without | None = None
+        self._passed: tuple[float, float, Way | None] | None = None
+        """See `passage`: since when, up to when, and the way back."""
         self._newest_aid = -math.inf
         """Time of the newest measurement of an aid that says where the vehicle is, s."""
         self.monitors: dict[str, AidMonitor] = {}
@@ -223,6 +211,8 @@ class InertialNavigator:
         oldest = min(time for time, _ in measurements)
         if self._unaided is not None and oldest <= self._unaided.time + AT_ONCE:
             self._unaided = None
+        if self._passed is not None and oldest <= self._passed[1] + AT_ONCE:
+            self._passed = None
         before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
@@ -264,7 +254,7 @@ class InertialNavigator:
     def back(self, samples: int) -> None:
         """Forget the newest samples, which came one by one: they were not true. Up to one at which
         there was a measurement, the last true one stands for them."""
-        self._unaided = None
+        self._unaided = self._passed = None
         first = max(1, len(self._segments) - samples)
         while len(self._segments) > first and not self._segments[-1].measurements:
             self._segments.pop()
@@ -316,6 +306,37 @@ class InertialNavigator:
         """
         return smoothed(self.history(time), self.model, self.motion, time)
 
+    def passage(self, since: float) -> Passage | None:
+        """Return what has become of the error since a time (s) of the history; None where the
+        heading is as good as known, where nothing is kept of then, and while it is open what has
+        happened."""
+        if not self.model.unsure_heading or self._impossible(since) is not None:
+            return None
+        first = self._segment_at(since)
+        *_, before, newest = self._segments
+        if newest is first:
+            return None
+        # measurements of the newest stamp may still come
+        known = self._passed
+        if known is None or known[0] != since or known[1] > before.end + AT_ONCE:
+            known = since, since, way_over(first.after, [], self.model, self.motion)
+        way = self._way(known[2], known[1], before.end)
+        self._passed = since, before.end, way
+        way = self._way(way, before.end, newest.end)
+        if way is None:
+            return None
+        return passage_of(since, first.after.merged, newest.after.merged, way, self.model)
+
+    def _way(self, way: Way | None, begin: float, end: float) -> Way | None:
+        """Return the way back over the history from a time (s) on that `way` leads to, up to
+        another."""
+        if way is None or end <= begin + AT_ONCE:
+            return way
+        first, last = self._index(begin), self._index(end)
+        segments = self._segments[first + 1 : last + 1]
+        more = way_over(self._segments[first].after, segments, self.model, self.motion)
+        return None if more is None else way.then(more)
+
     def samples(self, after: float, until: float) -> tuple[Array, Array]:
         """Return the stamps (K,), s, after a time and up to another, of the samples that the
         history has, and the angular rates (K, 3), rad/s, that the gyroscopes measured."""
@@ -361,26 +382,18 @@ class InertialNavigator:
     def later(self, before: Without, source: str = "") -> Without:
         """Return what is known at the newest sample without an aid, by its name, or without all
         that say where the vehicle is, and without what fixes say."""
-        one, waiting = before.after, list[Segment]()
-        for segment in self._segments[self._index(before.time) + 1 :]:
-            if waiting and not waiting[-1].goes_on(segment):
-                one, _ = self._carried(one, _joined(waiting))
-                waiting = []
-            waiting.append(segment)
-            used = [m for m in segment.measurements if not of_aid(m, source) and by_itself(m)]
-            if used:
-                one, _ = self._carried(one, _joined(waiting))
-                waiting = []
-                for measurement in used:
+        one = before.after
+        for run in runs(self._segments[self._index(before.time) + 1 :]):
+            one, _ = self._carried(one, joined(run))
+            for measurement in run[-1].measurements:
+                if not of_aid(measurement, source) and by_itself(measurement):
                     one.update(measurement, self.model)
-        if waiting:
-            one, _ = self._carried(one, _joined(waiting))
         return Without(before.since, self.time, one)
 
     def forget(self, source: str, without: Without) -> None:
         """Go on from what is known without an aid since a time: measurements of it after that
         never were."""
-        self._unaided = None
+        self._unaided = self._passed = None
         first = self._index(without.since) + 1
         for segment in self._segments[first:]:
             segment.measurements[:] = [m for m in segment.measurements if not of_aid(m, source)]
@@ -392,6 +405,7 @@ class InertialNavigator:
     def go_on_from(self, time: float, known: Mixture) -> None:
         """Go on from what is known at a time (s) of the history, with the samples and measurements
         after it; all before is forgotten."""
+        self._passed = None
         first = self._segment_at(time)
         del self._segments[: self._index(time)]
         first.after = known

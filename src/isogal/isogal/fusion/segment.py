@@ -1,5 +1,6 @@
 """A piece of a navigator's history (`isogal.fusion.inertial_navigator`)."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from isogal.fusion.trace import Trace
 
 AT_ONCE = 1e-6
 """s by which two stamps may differ that are the same time."""
+TOGETHER = 100
+"""Samples in a run: more at once are no faster."""
 
 
 @dataclass(slots=True, eq=False)
@@ -102,3 +105,34 @@ class Segment:
             parts.append(self.part(k + 1, count))
         parts[-1].measurements = self.measurements
         return parts
+
+
+def runs(segments: Sequence[Segment]) -> Iterator[list[Segment]]:
+    """Yield segments that follow one another in runs that go on from each other, with measurements
+    after the last of them only, of not many more samples than `TOGETHER`."""
+    run: list[Segment] = []
+    for segment in segments:
+        if run and not run[-1].goes_on(segment):
+            yield run
+            run = []
+        run.append(segment)
+        if segment.measurements or sum(len(one.time) for one in run) > TOGETHER:
+            yield run
+            run = []
+    if run:
+        yield run
+
+
+def joined(segments: Sequence[Segment]) -> Segment:
+    """Return a run as one segment."""
+    if len(segments) == 1:
+        return segments[0]
+    return replace(
+        segments[0],
+        time=np.concatenate([one.time for one in segments]),
+        force=np.concatenate([one.force for one in segments]),
+        rate=np.concatenate([one.rate for one in segments]),
+        height=np.concatenate([one.height for one in segments]),
+        track=np.concatenate([one.track for one in segments]),
+        measurements=segments[-1].measurements,
+    )

@@ -26,14 +26,16 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.measurements import Measurement, Widening
+from isogal.fusion.measurements.ground_velocity import GroundVelocity
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
 from isogal.fusion.outage import UnknownMotion, grow
 from isogal.fusion.prediction import propagate
-from isogal.fusion.segment import AT_ONCE, Segment
+from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
 from isogal.fusion.state import FilterState
 from isogal.fusion.trace import Trace
+from isogal.inertial.rotations import cross_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +63,7 @@ class Hindsight:
         return found
 
 
-class _Back(NamedTuple):
+class Way(NamedTuple):
     """From hindsight after something to that before it: d = gain d' + shift, D = gain D' gain' +
     change."""
 
@@ -80,12 +82,20 @@ class _Back(NamedTuple):
         change = change + self.change
         return Hindsight(shift + self.shift, 0.5 * (change + change.T), later.log_weight)
 
+    def then(self, later: "Way") -> "Way":
+        """Return the way back over it and over what comes after it."""
+        before = self.of(Hindsight(later.shift, later.change))
+        gain = later.gain if self.gain is None else self.gain
+        if self.gain is not None and later.gain is not None:
+            gain = self.gain @ later.gain
+        return Way(gain, before.shift, before.change)
+
 
 class _Stage(NamedTuple):
     """What happened to the states of a mixture."""
 
     before: tuple[FilterState, ...]
-    each: tuple[tuple[int, _Back], ...]
+    each: tuple[tuple[int, Way], ...]
     """Of each state after it: which one it was before, and the way back."""
     merged: FilterState | None = None
     """One state for all of those before it, which the way back leads to; None = they were not
@@ -203,7 +213,7 @@ def stages(
     return found
 
 
-def _propagated(state: FilterState, model: FilterModel, segment: Segment) -> _Back:
+def _propagated(state: FilterState, model: FilterModel, segment: Segment) -> Way:
     """Carry a state over a segment's samples, in place, and return the way back."""
     trace = Trace.of(len(segment.force), len(state.covariance))
     samples = segment.force, segment.rate, segment.height
@@ -211,7 +221,7 @@ def _propagated(state: FilterState, model: FilterModel, segment: Segment) -> _Ba
     return _way_back([trace])
 
 
-def _way_back(traces: Sequence[Trace]) -> _Back:
+def _way_back(traces: Sequence[Trace]) -> Way:
     """Return the way back over intervals one after the other."""
     size = traces[0].cross.shape[-1]
     gain, shift, change = np.eye(size), np.zeros(size), np.zeros((size, size))
@@ -222,7 +232,7 @@ def _way_back(traces: Sequence[Trace]) -> _Back:
             gain = gain @ one
             shift += gain @ correction
             change += gain @ reduced @ gain.T
-    return _Back(gain, shift, change)
+    return Way(gain, shift, change)
 
 
 def _gains(cross: Array, predicted: Array) -> Array:
@@ -234,10 +244,10 @@ def _gains(cross: Array, predicted: Array) -> Array:
     return np.asarray(np.swapaxes(solved, -1, -2) / scale[..., None, :])
 
 
-def _widened(before: Array, after: Array) -> _Back:
+def _widened(before: Array, after: Array) -> Way:
     """Return the way back over noise that has come in."""
     size = len(before)
-    return _Back(_gains(before, after), np.zeros(size), np.zeros((size, size)))
+    return Way(_gains(before, after), np.zeros(size), np.zeros((size, size)))
 
 
 def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _Stage:
@@ -251,10 +261,37 @@ def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _St
         if isinstance(measurement, Widening):
             way = _widened(was.covariance, state.covariance)
         else:
-            moved = error_between(state.nominal, was.nominal)
-            way = _Back(None, moved, state.covariance - was.covariance)
+            way = _informed(was, state, model, isinstance(measurement, GroundVelocity))
         each.append((index, way))
     return _Stage(before, tuple(each))
+
+
+def _informed(was: FilterState, state: FilterState, model: FilterModel, over_ground: bool) -> Way:
+    """Return the way back over a measurement, which re-expresses errors of the velocity
+    (`isogal.fusion.measurements.model.moved`)."""
+    shift, gain = error_between(state.nominal, was.nominal), None
+    after = state.covariance
+    if model.unsure_heading and not over_ground:
+        gain = np.eye(len(after))
+        gain[3:6, 6:9] = cross_matrix(state.velocity - was.velocity)
+        after = gain @ after @ gain.T
+    return Way(gain, shift, after - was.covariance)
+
+
+def way_over(
+    before: Mixture, segments: Sequence[Segment], model: FilterModel, motion: UnknownMotion
+) -> Way | None:
+    """Return the way back over segments that follow one another on what is known before them;
+    None while it is open what has happened."""
+    size = model.states
+    way = Way(None, np.zeros(size), np.zeros((size, size)))
+    for those in runs(segments):
+        for stage in stages(before, joined(those), model, motion):
+            if len(stage.before) != 1 or len(stage.each) != 1:
+                return None
+            way = way.then(stage.each[0][1])
+        before = those[-1].after
+    return way
 
 
 def _over_gap(

@@ -32,6 +32,8 @@ BATCH = np.array([FILTER_NAMES.index(name) for name in BATCH_NAMES])
 """Their indices among the filter's."""
 HORIZONTAL_STATES = 4
 """The first of them: position and velocity."""
+HEADING = BATCH_NAMES.index("psi_down")
+"""Its index among them."""
 
 
 class Estimate(NamedTuple):

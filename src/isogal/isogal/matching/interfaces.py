@@ -29,6 +29,7 @@ from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 from isogal.matching.transitions import given_position_and_velocity
 from isogal.matrices import symmetric
+from isogal.passage import Passage
 
 __all__ = [
     "LOST_COVARIANCE",
@@ -142,6 +143,9 @@ class Batch:
     """Whether the navigator may have satellites."""
     aided: Aided | None = None
     """What satellites have told the navigator since the last batch; None = nothing."""
+    passage: Passage | None = None
+    """What has become of the navigator's error since the last batch, where its heading is not
+    known well; None = what `backward` says."""
     secondary: "tuple[SecondaryBatch, ...]" = ()
     """What other fields have read up to the same end."""
 

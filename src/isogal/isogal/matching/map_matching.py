@@ -18,6 +18,7 @@ from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
 from isogal.matching.update_schedule import UpdateSchedule
+from isogal.passage import Passage
 from isogal.scenario import Scenario
 
 
@@ -63,7 +64,7 @@ class MapMatching:
         self.lead = UpdateSchedule.of(scenario.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
-        self._satellites = scenario.gnss.used
+        self._satellites, self._judged = scenario.gnss.used, scenario.gnss.judged
         self._sigmas = [one.gravimeter.sigma for one in scenario.each_field]
 
     @property
@@ -127,7 +128,11 @@ class MapMatching:
         self.batches.restore(nothing)
 
     def match(
-        self, prior: Array, declined_for: str | None = None, aided: Aided | None = None
+        self,
+        prior: Array,
+        declined_for: str | None = None,
+        aided: Aided | None = None,
+        passage: Passage | None = None,
     ) -> Matched:
         """Return the batch that the newest readings end, and its fix.
 
@@ -139,13 +144,18 @@ class MapMatching:
             Why there can be no fix; the readings then belong to the next batch, too.
         aided : Aided, optional
             What satellites have told the navigator since the last batch.
+        passage : Passage, optional
+            What has become of the navigator's error since then, where its heading is not known
+            well; says what satellites have told, too.
         """
         collected = None if declined_for is None else self.batches.collected
         batch = self.batches.build(prior, self._near)
         if declined_for is not None and collected is not None:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
-        if self._satellites:
+        if passage is not None:
+            batch, aided = replace(batch, passage=passage), None
+        if self._satellites and (passage is None or self._judged):
             batch = replace(batch, satellites=True, aided=aided)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)

@@ -236,10 +236,10 @@ def posterior(shifts: Shifts, prior: Array) -> tuple[Array, Array]:
     said = list[Information]()
     for field, seen in enumerate(shifts.seen):
         which, centres, cell = pairs(shifts, field)
-        new, grid = some(seen.readings, seen.old, len(seen.readings.level)), seen.field_map.grid
+        new = some(seen.readings, seen.old, len(seen.readings.level))
         them = at_cells(seen.models, centres, which, cell, prior).informed(total(said), prior)
         for part in parts_of(new):
-            them = them.split(grid, part).observed(grid, part)
+            them = them.split(seen.field_map, part).observed(seen.field_map, part)
             if not len(them):
                 return rigid(shifts, prior)
         said.append(added(them, prior, total(said)))

@@ -11,8 +11,10 @@ from std_msgs.msg import Float64MultiArray
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.matching.interfaces import Aided
+from isogal.passage import Passage
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 from isogal_ros.messages.prepared import Prepared, write
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 
 _SECOND = 1_000_000_000
 _HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
@@ -55,21 +57,28 @@ def fill_nav_covariance(
     message: Float64MultiArray | Prepared,
     ns: int,
     covariance: Array,
-    aided: AidedSince | None = None,
+    since: AidedSince | Passage | None = None,
 ) -> None:
-    """Write the covariance (7, 7) of a batch's states at a stamp and, where satellites have told
-    something since the last fix, the stamp of that, the covariance without them (7, 7), and what
-    they have changed the estimate by (7,)."""
-    if aided is None:
+    """Write the covariance (7, 7) of a batch's states at a stamp and, where there is something to
+    say of the time since the last fix, the stamp of that and: what satellites have told, as the
+    covariance without them (7, 7) and what they have changed the estimate by (7,); or a passage,
+    its arrays in their order."""
+    if since is None:
         fill_numbers(message, ns, covariance)
         return
-    since = np.array(divmod(aided.since, _SECOND), dtype=float)
-    fill_numbers(message, ns, covariance, since, aided.told.covariance, aided.told.jump)
+    if isinstance(since, Passage):
+        begin = from_seconds(since.begin)
+        arrays: tuple[Array, ...] = since.arrays
+    else:
+        begin, arrays = since.since, (since.told.covariance, since.told.jump)
+    fill_numbers(message, ns, covariance, np.array(divmod(begin, _SECOND), dtype=float), *arrays)
 
 
-def read_nav_covariance(message: Float64MultiArray) -> tuple[Array, AidedSince | None]:
+def read_nav_covariance(
+    message: Float64MultiArray,
+) -> tuple[Array, AidedSince | Passage | None]:
     """Return the covariance of a batch's states (`isogal.inertial.error_state`): (7, 7), or (4, 4)
-    without the attitude; and what satellites have told, if anything.
+    without the attitude; and what there is to say of the time since the last fix, if anything.
 
     Raises
     ------
@@ -77,14 +86,13 @@ def read_nav_covariance(message: Float64MultiArray) -> tuple[Array, AidedSince |
         The number of numbers is another, or they are not finite, or a variance is negative.
     """
     values = np.array(message.data)
-    aided, n = None, BATCH_STATES
-    if len(values) == 2 + n * n + 2 + n * n + n:
-        values, (seconds, rest), without, jump = np.split(values, np.cumsum([2 + n * n, 2, n * n]))
-        told = Aided(without.reshape(n, n), jump)
-        require_covariance(told.covariance)
-        if not (np.isfinite(jump).all() and abs(seconds) < 1e10 and 0 <= rest < _SECOND):
-            raise BadMessageError("what satellites have told is not finite")
-        aided = AidedSince(int(seconds) * _SECOND + int(rest), told)
+    since, n = None, BATCH_STATES
+    more = values[2 + n * n :]
+    if len(more) > 2:
+        values, (seconds, rest), more = values[: 2 + n * n], more[:2], more[2:]
+        if not (np.isfinite(more).all() and abs(seconds) < 1e10 and 0 <= rest < _SECOND):
+            raise BadMessageError("what has been told since the last fix is not finite")
+        since = _read_since(int(seconds) * _SECOND + int(rest), more)
     size = math.isqrt(max(len(values) - 2, 0))
     if size not in (HORIZONTAL_STATES, BATCH_STATES) or len(values) != size * size + 2:
         raise BadMessageError(
@@ -92,4 +100,20 @@ def read_nav_covariance(message: Float64MultiArray) -> tuple[Array, AidedSince |
         )
     covariance = values[2:].reshape(size, size)
     require_covariance(covariance)
-    return covariance, aided
+    return covariance, since
+
+
+def _read_since(ns: int, values: Array) -> AidedSince | Passage:
+    """Return what numbers say of the time since a stamp (ns)."""
+    n = BATCH_STATES
+    if len(values) == n * n + n:
+        aided = AidedSince(ns, Aided(values[: n * n].reshape(n, n), values[n * n :]))
+        require_covariance(aided.told.covariance)
+        return aided
+    try:
+        passage = Passage.of_numbers(to_seconds(ns), values)
+    except ValueError as error:
+        raise BadMessageError(str(error)) from None
+    for covariance in (passage.before, passage.smoothed, passage.after):
+        require_covariance(covariance)
+    return passage

@@ -243,8 +243,8 @@ class NavQueue(Generic[Item]):
         if stamp.covariance is None:
             return sample
         message = deserialize_message(stamp.covariance, topics.NAV_COVARIANCE.type)
-        covariance, aided = read_nav_covariance(message)
-        return replace(sample, covariance=covariance, aided=aided)
+        covariance, since = read_nav_covariance(message)
+        return replace(sample, covariance=covariance, since=since)
 
 
 def _taken(items: deque[Item], done: Callable[[Item], bool]) -> list[Item]:

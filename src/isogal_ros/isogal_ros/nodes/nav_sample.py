@@ -11,6 +11,7 @@ from isogal.earth.frames import LocalFrame
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
+from isogal.passage import Passage
 from isogal_ros.messages.frames import FRD_FLU
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
@@ -36,8 +37,9 @@ class NavSample:
     not known."""
     height_variance: float
     """m²."""
-    aided: AidedSince | None = None
-    """What satellites have told the navigator since a fix; None = nothing."""
+    since: AidedSince | Passage | None = None
+    """What satellites have told the navigator since a fix, or what has become of its error; None =
+    nothing is said."""
     turn: Array | None = None
     """(3,) angular rate relative to the Earth, FRD, rad/s; None = not known."""
     aligned: bool = True

@@ -12,15 +12,16 @@ from functools import cached_property
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.interpolation import Grid
+from isogal.inertial.error_state import BATCH_STATES, HEADING
+from isogal.maps.channels import AnyMap
 from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels
 from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models, largest
-from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.rows import Rows, errors_beside
 from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.matrices import symmetric
+from isogal.passage import Passage
 
 REACH = 2.0
 """1-sigma at which it is looked at how far the map departs from linear (`CURVED`)."""
@@ -50,6 +51,10 @@ CREDIBLE = 2.0
 """A fault is published where readings have made it so many times as probable as it was: a wide
 model of a few percent would widen what is published for ever."""
 
+
+UNSURE = 0.1
+"""rad, 1-sigma of a heading above which a hypothesis is split: the path it has gone is then longer
+by 0.5 % than the middle one's."""
 
 COLUMNS = ("which", "log_weight", "mean", "covariance")
 """Arrays of `Hypotheses`, one row of each for each of them."""
@@ -98,6 +103,65 @@ class Hypotheses:
         """Return some of them, by indices or a mask."""
         return Hypotheses(self.models, *(getattr(self, name)[which] for name in COLUMNS))
 
+    def correlated(self, moving: Integers, covariance: Array) -> "Hypotheses":
+        """Return them with a covariance (n, n) of the navigator's states, `moving` (n,), before
+        any reading has said anything."""
+        every = self.covariance.copy()
+        every[:, moving[:, None], moving] = self.models.start[self.which, None, None] * covariance
+        return replace(self, covariance=every)
+
+    def passed(self, passage: Passage, moving: Integers) -> "Hypotheses":
+        """Return them at the end of a passage, of the states `moving` (n,).
+
+        Of a hypothesis of another heading the path D that the navigator has gone, about which
+        `Passage` is linear, is turned by as much: its error at the end is E[D - R(-psi) D] more
+        than at the beginning, not psi x D."""
+        them = self.informed(passage.told, passage.before, moving).headed()
+        A, growth = passage.transition
+        n, heading = len(moving), HEADING
+        x = them.mean[:, moving] - passage.mean
+        less = np.exp(-0.5 * them.covariance[:, heading, heading])
+        cos, sin = np.cos(x[:, heading]), np.sin(x[:, heading])
+        turn = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], axis=1)
+        # of a velocity that is wrong as the heading is: e_v = psi x v
+        north, east = passage.velocity
+        whole = A[:2, heading] + A[:2, 2:4] @ [-east, north]
+        path = np.array([whole[1], -whole[0]])
+        forward = np.tile(A, (len(them), 1, 1))
+        rest = np.r_[2:4, BATCH_STATES:n]
+        forward[:, :2, rest] = turn @ A[:2, rest]
+        forward[:, :2, heading] = less[:, None] * (turn @ whole)
+        forward[:, :2, heading] -= forward[:, :2, 2:4] @ [-east, north]
+        mean = np.einsum("kij,kj->ki", forward, x)
+        # what is linear in the heading there is an arc
+        turned = np.einsum("kij,kj->ki", turn, path + x[:, heading, None] * whole)
+        mean[:, :2] += path - less[:, None] * turned
+        every = np.tile(np.eye(self.mean.shape[1]), (len(them), 1, 1))
+        every[:, moving[:, None], moving] = forward
+        covariance = every @ them.covariance @ every.swapaxes(1, 2)
+        grown = np.tile(growth, (len(them), 1, 1))
+        grown[:, :2] = turn @ grown[:, :2]
+        grown[:, :, :2] = grown[:, :, :2] @ turn.swapaxes(1, 2)
+        grown *= self.models.growth[them.which, None, None]
+        covariance[:, moving[:, None], moving] += grown
+        means = them.mean.copy()
+        means[:, moving] = mean
+        return replace(them, mean=means, covariance=symmetric(covariance)).normalised()
+
+    def headed(self) -> "Hypotheses":
+        """Split those whose heading is not known to where sines are linear in it."""
+        whole, done = self, list[Hypotheses]()
+        while True:
+            sigma = np.sqrt(whole.covariance[:, HEADING, HEADING])
+            cut = (sigma > UNSURE) & (whole.log_weight > self._least[whole.which])
+            room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
+            if not cut.any() or cut.sum() > room:
+                break
+            done.append(whole.part(~cut))
+            along = whole.covariance[cut, :, HEADING] / sigma[cut, None]
+            whole = whole.part(cut)._thirds(along)
+        return joined([*done, whole]) if done else whole
+
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
         covariance `growth` (7, 7) has been added."""
@@ -108,7 +172,7 @@ class Hypotheses:
         return replace(self, mean=self.mean @ whole.T, covariance=symmetric(covariance))
 
     def split(
-        self, grid: Grid, rows: Rows, most: int | None = None, curved: float = CURVED
+        self, field_map: AnyMap, rows: Rows, most: int | None = None, curved: float = CURVED
     ) -> "Hypotheses":
         """Split those over which the map is not nearly linear (`CURVED`), along the worst axis,
         into at most so many."""
@@ -118,7 +182,7 @@ class Hypotheses:
             values, vectors = np.linalg.eigh(whole.places(of_place)[1])
             axes = np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(1, 2)
             asked, departure = whole.log_weight > least[whole.which], np.zeros((len(whole), 2))
-            departure[asked] = whole._curvature(grid, rows, asked, REACH * axes)
+            departure[asked] = whole._curvature(field_map, rows, asked, REACH * axes)
             cut = departure.max(axis=1) > curved
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
@@ -130,19 +194,21 @@ class Hypotheses:
                 break
             done.append(whole.part(~cut))
             along = axes[cut, departure[cut].argmax(axis=1)]
-            whole = whole.part(cut)._thirds(along, of_place)
+            whole = whole.part(cut)
+            whole = whole._thirds(whole._of_places(along, of_place))
         return joined([*done, whole]) if done else whole
 
-    def _curvature(self, grid: Grid, rows: Rows, asked: Booleans, axes: Array) -> Array:
+    def _curvature(self, field_map: AnyMap, rows: Rows, asked: Booleans, axes: Array) -> Array:
         """Return (A, 2) of A of them that are asked for, a mask (K,), how far readings depart from
         linear between the ends of two axes (K, 2, 2), m, about where they were taken: in 1-sigma
         of what is new in them and, where that is more, in units of their change."""
         models, m, axes = self.models, self.which[asked], axes[asked]
         away = np.zeros((len(m), 5, 2))  # in the one layout that it is compiled for
         away[:, 1:3], away[:, 3:] = axes, -axes
-        value = kernels.values_beside(grid, rows, models, m, self.mean[asked], away)
+        value = kernels.values_beside(field_map.grid, rows, models, m, self.mean[asked], away)
         joins = np.einsum("ktj,ktjj->kt", rows.load**2, rows.joined)[models.shape[m]]
-        R = rows.noise * models.noise[m, None] + models.sigma[m, None] ** 2 * joins
+        sigma = models.sigma[m, None] * self._errors(field_map, rows)[asked]
+        R = rows.noise * models.noise[m, None] + sigma**2 * joins
         bend = 0.5 * (value[:, 1:3] + value[:, 3:]) - value[:, :1]
         change = 0.5 * (value[:, 1:3] - value[:, 3:])
         departure, change = (np.sqrt((d**2 / R[:, None]).sum(axis=2)) for d in (bend, change))
@@ -154,14 +220,17 @@ class Hypotheses:
         across = self.covariance @ of_place.T
         return self.mean @ of_place.T, of_place @ across
 
-    def _thirds(self, direction: Array, of_place: Array) -> "Hypotheses":
-        """Return three for each, along a 1-sigma vector (K, 2) of the place of a reading
-        (`places`)."""
-        weights, means, sigma = SPLIT
-        # all states move with the place as by regression: u = P A' (A P A')^-1 direction
+    def _of_places(self, direction: Array, of_place: Array) -> Array:
+        """Return (K, N) how all states move with the place of a reading (`places`) that moves by
+        `direction` (K, 2), as by regression."""
+        # u = P A' (A P A')^-1 direction
         across = self.covariance @ of_place.T
         inverse = np.linalg.inv(of_place @ across)
-        u = np.einsum("kia,kab,kb->ki", across, inverse, direction)
+        return np.asarray(np.einsum("kia,kab,kb->ki", across, inverse, direction))
+
+    def _thirds(self, u: Array) -> "Hypotheses":
+        """Return three for each, along a 1-sigma vector (K, N)."""
+        weights, means, sigma = SPLIT
         less = self.covariance - (1.0 - sigma**2) * u[:, :, None] * u[:, None, :]
         return joined(
             [
@@ -175,33 +244,44 @@ class Hypotheses:
             ]
         )
 
-    def observed(self, grid: Grid, rows: Rows) -> "Hypotheses":
+    def observed(self, field_map: AnyMap, rows: Rows) -> "Hypotheses":
         """Take new readings; none that leaves the map is left."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        evidence = np.empty(len(self))
-        kernels.observed(grid, rows, self.models, self.which, mean, covariance, evidence)
+        evidence, errors = np.empty(len(self)), self._errors(field_map, rows)
+        where = field_map.grid, rows, errors
+        kernels.observed(*where, self.models, self.which, mean, covariance, evidence)
         result = replace(
             self, log_weight=self.log_weight + evidence, mean=mean, covariance=covariance
         )
         kept = np.isfinite(result.log_weight) & np.isfinite(mean).all(axis=1)
         return result if kept.all() else result.part(kept)
 
+    def _errors(self, field_map: AnyMap, rows: Rows) -> Array:
+        """Return (K, n) what map errors are larger by than where the navigator believes to be."""
+        errors = errors_beside(field_map, rows, self.mean)
+        return np.where(self.models.rough[self.which, None] > 0.0, 1.0, errors)
+
     @property
     def log_evidence(self) -> float:
         """The log of the sum of their weights: of readings that they have taken since it was 0."""
         return float(np.logaddexp.reduce(self.log_weight)) if len(self) else -math.inf
 
-    def informed(self, information: Information, prior: Array) -> "Hypotheses":
-        """Return them after what others' readings say of the navigator's error.
+    def informed(
+        self, information: Information, prior: Array, states: Integers | None = None
+    ) -> "Hypotheses":
+        """Return them after what others' readings say of the navigator's error, or of some
+        `states` (n,).
 
         Where that is negative they become wider: what others have withdrawn would else be told
         again, as new, by those who still hold it. Of what a Gaussian cannot say of places as far
         away they take a share: no variance becomes more than `LARGEST_RATIO` times as large.
-        `prior` (7, 7): the navigator's covariance, for scale."""
+        `prior` (n, n): the navigator's covariance, for scale."""
         if not information.matrix.any():
             return self
-        n = BATCH_STATES
-        mean, P, across = self.mean[:, :n], self.covariance[:, :n, :n], self.covariance[:, :, :n]
+        which = np.arange(BATCH_STATES) if states is None else states
+        n = len(which)
+        mean, across = self.mean[:, which], self.covariance[:, :, which]
+        P = across[:, which]
         positive = positive_part(information, np.sqrt(np.diag(prior)))
         M, vector = information.matrix - positive.matrix, information.vector - positive.vector
         square = P + mean[:, :, None] * mean[:, None, :]

@@ -85,10 +85,10 @@ def values_beside(
 
 @kernel(error_model="numpy")
 def _linearised(
-    grid: Grid, rows: Rows, models: Models, m: int, at: Array, z: Array, H: Array
+    grid: Grid, rows: Rows, errors: Array, models: Models, m: int, at: Array, z: Array, H: Array
 ) -> bool:
-    """Write z (n,) = H (n, c) x + noise of the rows linearised at a state (c,) of a model; say
-    whether all of them are on the map."""
+    """Write z (n,) = H (n, c) x + noise of the rows, with map errors larger by `errors` (n,),
+    linearised at a state (c,) of a model; say whether all of them are on the map."""
     n, used, lag, load = BATCH_STATES, models.used[m], models.lag[m], rows.load[models.shape[m]]
     for t in range(rows.level.shape[0]):
         north = east = 0.0
@@ -105,7 +105,7 @@ def _linearised(
             slope = by_north * rows.place[t, 0, s] + by_east * rows.place[t, 1, s]
             H[t, i] = rows.reading[t, s] - slope
             if n <= s < n + load.shape[1]:
-                H[t, i] += models.sigma[m] * load[t, s - n]
+                H[t, i] += models.sigma[m] * errors[t] * load[t, s - n]
             z[t] -= slope * at[i]  # z - J x = z - (J - G) x - G x
     return True
 
@@ -202,14 +202,15 @@ def _filtered(
 def observed(
     grid: Grid,
     rows: Rows,
+    errors: Array,
     models: Models,
     which: Integers,
     mean: Array,
     covariance: Array,
     evidence: Array,
 ) -> None:
-    """Update all hypotheses by new readings in place, and write their log evidence (K,); -inf of
-    one that leaves the map.
+    """Update all hypotheses by new readings, with map errors larger by `errors` (K, n), in place,
+    and write their log evidence (K,); -inf of one that leaves the map.
 
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
@@ -230,7 +231,7 @@ def observed(
             if near:
                 at[i] += shift[used[i]]
         for iteration in range(ITERATIONS):
-            if not _linearised(grid, rows, models, m, at, z, H):
+            if not _linearised(grid, rows, errors[k], models, m, at, z, H):
                 evidence[k] = -math.inf
                 break
             for i in range(c):

@@ -87,7 +87,9 @@ class Pmht:
             return declined(batch, reason), memory
         prior = batch.covariance
         if memory is None:
-            memory = Memory({}, Diverged.before(prior, float(batch.time[-1])), prior)
+            slow = None if batch.passage is None else batch.passage.slow[1]
+            diverged = Diverged.before(prior, float(batch.time[-1]))
+            memory = Memory({}, diverged, prior, slow=slow)
         else:
             memory = memory.propagated(batch)
         if reason is not None:  # of the readings: the navigator has gone on
@@ -141,6 +143,8 @@ class Pmht:
                 bank = None
                 if not lost:
                     bank = Hypotheses.before(models, begun).aided(aided, prior)
+                    if one.batch.passage is not None:
+                        bank = bank.correlated(states.moving, one.batch.passage.after)
                 field = FieldMemory(states, models, bank, specified=known.sigma or 0.0)
             lengths, rough = field.models.shapes
             new, epoch = rows_of(
@@ -170,8 +174,8 @@ class Pmht:
             curved = options_of(self.settings[one.field]).curved
             bank, log = field.bank.informed(total(said.values()), prior).normalised(), 0.0
             for part in parts_of(new):
-                whole = bank.split(one.field_map.grid, part, curved=curved)
-                seen = whole.observed(one.field_map.grid, part)
+                whole = bank.split(one.field_map, part, curved=curved)
+                seen = whole.observed(one.field_map, part)
                 if not len(seen):
                     break
                 log += seen.log_evidence

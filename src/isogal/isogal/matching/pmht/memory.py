@@ -8,12 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.inertial.error_state import BATCH_STATES
+from isogal.inertial.error_state import BATCH_STATES, HEADING
 from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import DECEIVED, RARE
 from isogal.matching.pmht.search import Diverged, FieldMemory, Past, ranked, resolved, spread_over
+from isogal.passage import Passage
 
 SAME_ESTIMATE = 0.25
 """Squared distance, in 1-sigmas of the navigator, between the correction that a fix asked for and
@@ -33,6 +34,8 @@ class Memory:
     """(7, 7) what it was before that fix."""
     taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
     """(7,) error that the last fix takes off its estimate."""
+    slow: Array | None = None
+    """Estimates of the slow errors of its sensors before that fix."""
 
     @property
     def covariance(self) -> Array:
@@ -43,14 +46,15 @@ class Memory:
         """Return that of a navigator whose estimate has lost a further error (7,)."""
         last = self.diverged.last
         return replace(
-            self._each(lambda bank: bank.moved(by)),
+            self._each(lambda _, bank: bank.moved(by)),
             diverged=self.diverged.with_last(replace(last, taken=last.taken + by)),
             taken=self.taken + by,
         )
 
     def propagated(self, batch: Batch) -> "Memory":
         """Return it at the end of the next batch, before its readings. What the navigator has
-        learnt from other aids makes every hypothesis as much narrower."""
+        learnt from other aids makes every hypothesis as much narrower, where no passage says what
+        they tell of each."""
         prior, aided, before, memory = batch.covariance, batch.aided, self.covariance, self
         first = max(len(batch) - batch.new - 1, 0)
         back = batch.backward[first].copy()
@@ -69,7 +73,14 @@ class Memory:
         told = prior if aided is None else aided.covariance
         forward, growth, learnt = steps(before, back, told)
 
-        def followed(bank: Hypotheses) -> Hypotheses:
+        passage, slow = batch.passage, self.slow
+        begin = None if passage is None else passage.begin
+        if begin is None or not math.isclose(begin, self.diverged.last.time, abs_tol=1e-6):
+            passage = None
+
+        def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
+            if passage is not None:
+                return _passed(one, bank, passage, batch.correction, slow)
             return bank.carried(learnt @ forward, learnt @ growth @ learnt.T).aided(aided, prior)
 
         # of kilometres, what is not linear in them looks like growth
@@ -80,7 +91,9 @@ class Memory:
         )
         last = replace(memory.diverged.last, left=before)
         diverged = memory.diverged.with_last(last).later(passed)
-        return Memory(memory._each(followed).fields, diverged, prior)
+        fields = memory._each(followed).fields
+        slow_now = slow if passage is None else passage.slow[1]
+        return Memory(fields, diverged, prior, slow=slow_now)
 
     def after(self, taken: Array, covariance: Array) -> "Memory":
         """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
@@ -93,12 +106,30 @@ class Memory:
             diverged = diverged.with_last(replace(last, left=covariance))
         return replace(memory, diverged=diverged)
 
-    def _each(self, change: Callable[[Hypotheses], Hypotheses]) -> "Memory":
+    def _each(self, change: Callable[[FieldMemory, Hypotheses], Hypotheses]) -> "Memory":
         fields = {
-            index: one if one.bank is None else replace(one, bank=change(one.bank))
+            index: one if one.bank is None else replace(one, bank=change(one, one.bank))
             for index, one in self.fields.items()
         }
         return replace(self, fields=fields)
+
+
+def _passed(
+    one: FieldMemory, bank: Hypotheses, passage: Passage, jump: Array | None, slow: Array | None
+) -> Hypotheses:
+    """Return a field's hypotheses at the end of a passage, where the navigator's estimate has
+    jumped by so much (7,) at its beginning, and those of the slow errors were `slow` (n - 7,)
+    before."""
+    moving = one.states.moving
+    mean, whole = bank.mean.copy(), np.eye(bank.mean.shape[1])
+    if slow is not None and one.states.slow:
+        mean[:, moving[BATCH_STATES:]] += passage.slow[0] - slow
+    if jump is not None:
+        # the same heading error is one of another velocity now (docs/mathematics.md, section 3.17)
+        whole[2, HEADING], whole[3, HEADING] = -jump[3], jump[2]
+    covariance = whole @ bank.covariance @ whole.T
+    bank = replace(bank, mean=mean @ whole.T, covariance=covariance)
+    return bank.passed(passage.part(len(moving)), moving)
 
 
 def _same(off: Array, covariance: Array) -> bool:

@@ -215,7 +215,7 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
 
 def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tuple[Array, Array]:
     """Return `Rows.place` and `Rows.reading`."""
-    n, first = len(which), BATCH_STATES + states.channels
+    n, first = len(which), BATCH_STATES + states.channels + states.slow
     place, reading = np.zeros((n, 2, states.count)), np.zeros((n, states.count))
     place[..., :BATCH_STATES] = batch.position_by_error[which]
     reading[:, :BATCH_STATES] = batch.reading_by_error[which]
@@ -266,6 +266,22 @@ def _loads(
     load = np.zeros((len(rough), len(which), errors))
     load[:, np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
     return load
+
+
+def errors_beside(field_map: AnyMap, rows: Rows, mean: Array) -> Array:
+    """Return (K, n) how much larger the map says its error is where hypotheses of means (K, N)
+    have rows taken than where the navigator does (`Rows.load`)."""
+    maps = channels_of(field_map)
+    ratio = np.ones((len(mean), len(rows.level)))
+    if all(np.ndim(one.sigma) == 0 for one in maps):
+        return ratio
+    for t, channel in enumerate(rows.channel.tolist()):
+        moved = np.vstack([np.zeros(2), mean @ rows.place[t].T]) * rows.radian[t]
+        place = rows.latitude[t] - moved[:, 0], rows.longitude[t] - moved[:, 1]
+        sigma = np.asarray(maps[channel].sigma_at(*place))
+        if sigma[0] > 0.0:
+            ratio[:, t] = np.where(np.isfinite(sigma[1:]), sigma[1:] / sigma[0], 1.0)
+    return ratio
 
 
 def stated_sigma(one: FieldMap) -> float:

@@ -15,7 +15,6 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap
-from isogal.maps.interpolation import Grid
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.cells import FEATURE_M, PLACES, Ranked, Seen
 from isogal.matching.pmht.hypotheses import FLOOR, NEGLIGIBLE, Hypotheses, at_same_time
@@ -131,7 +130,7 @@ class Search:
     done: int = 0
     """How many batches that are."""
 
-    def later(self, history: Sequence[Past], grid: Grid) -> "Search | None":
+    def later(self, history: Sequence[Past], field_map: AnyMap) -> "Search | None":
         """Return it after some more batches; None where no hypothesis is left on the map.
 
         Parameters
@@ -148,7 +147,7 @@ class Search:
             them = them.carried(past.forward, past.growth)
             for part in [] if past.rows is None else parts_of(past.rows):
                 work += len(them) * len(part.level) / share
-                them = them.split(grid, part, 2 * most).observed(grid, part)
+                them = them.split(field_map, part, 2 * most).observed(field_map, part)
                 if not len(them):
                     return None
                 them = pruned(them, most, part.place[-1])
@@ -232,7 +231,7 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
-    search = search.later(history, field_map.grid)
+    search = search.later(history, field_map)
     if search is None or lost:
         return replace(diverged, search=search)
     if search.log_odds < DIVERGED_LOG_ODDS - FLOOR:

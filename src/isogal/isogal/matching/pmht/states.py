@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
@@ -40,6 +40,8 @@ class States:
     """K times `order`."""
     unknown: int
     """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
+    slow: int = 0
+    """How many of them, the first, are slow errors of the navigator's sensors (`Passage`)."""
     order: int = 1
     """Scans whose map errors say what the next ones are, where those of one scan depend on each
     other; 1 = the last one."""
@@ -51,7 +53,11 @@ class States:
         walk = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
         none = np.zeros((len(batch), more))
         unknown = Parameters(UNKNOWN[:more], np.zeros(more), none, walk=walk)
-        every = Parameters.together([batch.parameters, unknown])
+        slow = None
+        if batch.passage is not None:
+            sigma = np.sqrt(np.diag(batch.passage.after))[BATCH_STATES:]
+            slow = Parameters(("",) * len(sigma), sigma, np.zeros((len(batch), len(sigma))))
+        every = Parameters.together([slow, batch.parameters, unknown])
         assert every is not None
         channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
         order = 1
@@ -60,8 +66,21 @@ class States:
         elif batch.beam is not None:
             order = _scans_underneath(batch, channels)
         return cls(
-            every.names, every.sigma, every.times, every.walks, channels * order, more, order
+            every.names,
+            every.sigma,
+            every.times,
+            every.walks,
+            channels * order,
+            more,
+            0 if slow is None else len(slow.sigma),
+            order,
         )
+
+    @property
+    def moving(self) -> Integers:
+        """(n,) which states are of the navigator: its error, and slow ones of its sensors."""
+        first = BATCH_STATES + self.channels
+        return np.r_[0:BATCH_STATES, first : first + self.slow]
 
     @property
     def count(self) -> int:

@@ -1,0 +1,50 @@
+"""What has become of a navigator's error between two times, from the way back of the smoother."""
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.model import FilterModel
+from isogal.fusion.smoothing import Way
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import BATCH, BATCH_STATES, FILTER_NAMES
+from isogal.passage import Passage
+
+SLOW = (
+    ("gyroscope_z", "gyroscope_in_run_z"),
+    ("gyroscope_scale_zz",),
+    ("velocity_scale",),
+    ("velocity_yaw",),
+)
+"""Sums of states that turn the heading or stretch the path: the vertical gyroscope's bias (rad/s)
+and scale factor, the velocity aid's scale factor and its yaw (rad)."""
+
+
+def passage_of(
+    since: float, first: FilterState, last: FilterState, way: Way, model: FilterModel
+) -> Passage:
+    """Return what has become of the error since a time (s), from the state there and the newest
+    one, and the way back from one to the other."""
+    taken = _taken(model)
+    slow = taken[BATCH_STATES:, 9:]
+    gain = np.eye(model.states) if way.gain is None else way.gain
+    return Passage(
+        since,
+        taken @ first.covariance @ taken.T,
+        -taken @ way.shift,
+        taken @ (first.covariance + way.change) @ taken.T,
+        taken @ gain @ last.covariance @ taken.T,
+        taken @ last.covariance @ taken.T,
+        first.velocity[:2].copy(),
+        np.array([slow @ np.concatenate(one.nominal[3:]) for one in (first, last)]),
+    )
+
+
+def _taken(model: FilterModel) -> Array:
+    """Return (n, N) the states of a passage per unit of the filter's."""
+    places = {name: k for k, name in enumerate(FILTER_NAMES)} | model.places
+    rows = [np.eye(model.states)[k] for k in BATCH]
+    for names in SLOW:
+        row = np.zeros(model.states)
+        row[[places[name] for name in names if name in places]] = 1.0
+        rows.append(row)
+    return np.array([row for row in rows if row.any()])
