@@ -26,7 +26,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.maps.gridding.survey import Groups, blocks_of
-from isogal.seeds import generator
+from isogal.maps.gridding.validation import folds
 
 _NEIGHBOURS = 16
 _NEAR_BLOCKS = 60
@@ -39,8 +39,6 @@ _COUNTS = (4.0, 8.0, 16.0, 64.0)
 _MOST_BLOCKS = 1500
 _GAIN = 3.0
 """Of the log-likelihood, that smoothing must bring."""
-_FOLDS = 5
-"""Sets of lines (or of blocks) whose factor is learnt from the others."""
 _LEAST_SHARE = 1e-6
 """Of the field's variance, of what is left between readings."""
 _TOGETHER = 6.0
@@ -187,13 +185,6 @@ class Errors:
             low, high = (middle, high) if more else (low, middle)
         return low
 
-    def folds(self) -> list[Booleans]:
-        """Return (M,) for each set of parts which errors are of it."""
-        parts, own = np.unique(self.part, return_inverse=True)
-        order = generator(0, 0, "gridding folds").permutation(parts.size) % _FOLDS
-        folds = [order[own] == k for k in range(min(_FOLDS, parts.size))]
-        return folds if len(folds) > 1 else []
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Amplitude:
@@ -225,7 +216,7 @@ class Amplitude:
         rough, roughness = candidates[int(np.argmin(costs))]
         amplitude = _scaled(rough, roughness, errors)
         apart = amplitude.at(errors.places, errors.share, errors.part)
-        for out in errors.folds():
+        for out in folds(errors.part):
             others, own = _scaled(rough, roughness[~out], errors[~out]), errors[out]
             apart[out] = others.at(own.places, own.share, own.part)
         return amplitude, apart
@@ -250,7 +241,7 @@ def _scaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
     """Return the factor learnt from errors whose roughness (M,) is known, scaled."""
     amplitude = _unscaled(rough, roughness, errors)
     apart = amplitude.at(errors.places, errors.share, errors.part)
-    for out in errors.folds():
+    for out in folds(errors.part):
         others, own = _unscaled(rough, roughness[~out], errors[~out]), errors[out]
         apart[out] = others.at(own.places, own.share, own.part)
     log_factor = amplitude.rough.log_factor + errors.scale(apart)
@@ -268,7 +259,7 @@ def _validated(rough: _Rough, roughness: Array, errors: Errors) -> float:
     """Return minus the mean log-likelihood of errors, each set of parts by what is learnt from
     the others."""
     factor = np.ones(len(roughness))
-    for out in errors.folds():
+    for out in folds(errors.part):
         fitted = _fitted_rough(rough, roughness[~out], errors[~out])
         factor[out] = fitted.of(roughness[out] / fitted.usual, errors.share[out])
     return errors.cost(factor)

@@ -4,7 +4,8 @@ Two kinds, each a sum of two parts, one short and one long:
 
 - `matern`: in the plane, sigma² (1 + a) exp(-a) with a = sqrt(3) d / length (Matérn 3/2,
   Rasmussen & Williams 2006, eq. 4.17). Distances are longer in one direction than across it by a
-  ratio, after the strike of the geology. Heights do not count.
+  ratio, after the strike of the geology, of the whole survey or of each place (`strike`). Heights
+  do not count.
 - `harmonic`: sigma² (2 D)² z / (d² + z²)^(3/2) with z = h + h' + 2 D, h being heights above the
   lowest reading. It is the covariance of a field that satisfies Laplace's equation above
   uncorrelated sources in a layer at depth D (Poisson's kernel; Moritz 1980, Advanced Physical
@@ -15,10 +16,14 @@ To it come the noise of the readings and an offset of each survey line."""
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
+
+if TYPE_CHECKING:
+    from isogal.maps.gridding.strike import LocalStrike
 
 KINDS = ("matern", "harmonic")
 JITTER = 1e-8
@@ -73,6 +78,8 @@ class Covariance:
     """Of lengths along the strike and across it (matern)."""
     strike: float = 0.0
     """rad, from east to north."""
+    local: "LocalStrike | None" = None
+    """Strike of each place, instead of these two."""
 
     @property
     def variance(self) -> float:
@@ -85,18 +92,31 @@ class Covariance:
         from scipy.spatial.distance import cdist
 
         if self.kind == "matern":
-            apart = cdist(self.turned(here), self.turned(there))
+            alike, apart = self._local(here, there) if self.local else (1.0, None)
+            if apart is None:
+                apart = cdist(self.turned(here), self.turned(there))
             total = np.zeros_like(apart)
             for sigma, length in zip(self.sigma, self.length, strict=True):
                 a = (math.sqrt(3.0) / length) * apart
                 total += sigma**2 * (1.0 + a) * np.exp(-a)
-            return total
+            return np.asarray(alike * total)
         square = cdist(here[:, :2], there[:, :2], "sqeuclidean")
         total = np.zeros_like(square)
         for sigma, depth in zip(self.sigma, self.length, strict=True):
             z = here[:, 2:] + there[:, 2] + 2.0 * depth
             total += (sigma * 2.0 * depth) ** 2 * z / (square + z * z) ** 1.5
         return total
+
+    def _local(self, here: Array, there: Array) -> tuple[Array, Array]:
+        """Return (N, M) by how much less alike places are as their strikes differ, and how far
+        apart (Paciorek & Schervish 2006, theorem 1)."""
+        assert self.local is not None
+        one, other = self.local.at(here), self.local.at(there)
+        ee, en, nn = 0.5 * (one[:, :, None] + other[:, None])
+        east, north = (a[:, None] - b for a, b in zip(here[:, :2].T, there[:, :2].T, strict=True))
+        size = ee * nn - en * en
+        square = (nn * east * east - 2.0 * en * east * north + ee * north * north) / size
+        return 1.0 / np.sqrt(size), np.sqrt(np.maximum(square, 0.0))
 
     def variance_at(self, places: Array) -> Array:
         """Return (N,) the variance at places (N, 3)."""

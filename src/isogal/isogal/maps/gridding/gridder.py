@@ -19,12 +19,15 @@ from isogal.maps.gridding.learning import learn
 from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
 from isogal.maps.gridding.reduction import Trend, block_reduced
 from isogal.maps.gridding.spacing import gap_of, spacing_of
+from isogal.maps.gridding.strike import with_local_strike
 from isogal.maps.gridding.survey import Survey
 from isogal.maps.gridding.validation import LeftOut, far_off, leave_out
 from isogal.threads import available_cores
 
 METHODS = {"kriging": "matern", "equivalent-sources": "harmonic"}
 """Ways of gridding, and their covariances."""
+LOCAL = "kriging with local strike"
+"""What is tried as well where kriging is."""
 AUTO = "auto"
 """The method that predicts readings better which were left out."""
 _UNKNOWN = 0.95
@@ -145,10 +148,7 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress | Non
     trend = Trend.fitted(places, survey.value, settings.trend)
     value = survey.value - trend.at(places)
     readings = Readings(places, value, survey.sigma, survey.line)
-    found = {
-        method: _predicted(readings, METHODS[method], by, _named(progress, method))
-        for method in _methods(settings)
-    }
+    found = _candidates(readings, settings, by, gap, progress)
     # of the mean error, not of its RMS, which a few readings decide
     off = {method: float(np.mean(np.abs(out.error))) for method, (_, out) in found.items()}
     method = min(off, key=lambda one: off[one])
@@ -176,20 +176,25 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress | Non
     return Model(survey, trend, kriging, amplitude, gap, report)
 
 
-def _methods(settings: GridSettings) -> tuple[str, ...]:
-    """Return the methods that are tried."""
-    if settings.height is not None:
-        return ("equivalent-sources",)
-    return tuple(METHODS) if settings.method == AUTO else (settings.method,)
-
-
-def _predicted(
-    readings: Readings, kind: str, by: str, progress: Callable[[int, int], None] | None
-) -> tuple[Kriging, LeftOut]:
-    """Return kriging with a covariance of some kind, and the readings predicted that are left
-    out."""
-    kriging = Kriging(readings, learn(readings, kind=kind))
-    return kriging, leave_out(kriging, by, 2.0 * _shortest(kriging.covariance), progress)
+def _candidates(
+    readings: Readings, settings: GridSettings, by: str, gap: float, progress: Progress | None
+) -> dict[str, tuple[Kriging, LeftOut]]:
+    """Return what is tried: kriging by name, and the readings predicted that are left out."""
+    chosen = "equivalent-sources" if settings.height is not None else settings.method
+    found = {}
+    for method, kind in METHODS.items():
+        if chosen not in (AUTO, method):
+            continue
+        covariance = learn(readings, kind=kind)
+        without = partial(with_local_strike, readings, covariance, gap)
+        each = {method: (Kriging(readings, covariance), None)}
+        if kind == "matern":
+            each[LOCAL] = without(), without
+        side = 2.0 * _shortest(covariance)
+        for name, (kriging, relearnt) in each.items():
+            out = leave_out(kriging, by, side, _named(progress, name), relearnt)
+            found[name] = kriging, out
+    return found
 
 
 def _named(progress: Progress | None, name: str) -> Callable[[int, int], None] | None:

@@ -19,7 +19,6 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.maps.gridding.covariance import Covariance, Readings
 
 NEIGHBOURS = 700
-"""Readings that a group of places is kriged from."""
 GROUP = 300
 """Places of a group at most."""
 _DENSITY_SAMPLE = 2000
@@ -32,10 +31,12 @@ class Kriging:
 
     readings: Readings
     covariance: Covariance
+    neighbours: int = NEIGHBOURS
+    """Readings that a group of places is kriged from."""
     tree: Any = field(init=False, repr=False)
     """Of the readings in the plane."""
     extent: float = field(init=False)
-    """m; in a square of this side lie about a quarter of `NEIGHBOURS` readings."""
+    """m; in a square of this side lie about a quarter of `neighbours` readings."""
 
     def __post_init__(self) -> None:
         from scipy.spatial import cKDTree
@@ -43,7 +44,7 @@ class Kriging:
         plane = self.readings.places[:, :2]
         tree = cKDTree(plane)
         some = plane[:: max(len(plane) // _DENSITY_SAMPLE, 1)]
-        quarter = min(NEIGHBOURS // 4, len(plane))
+        quarter = min(self.neighbours // 4, len(plane))
         radius = tree.query(some, [quarter])[0]
         object.__setattr__(self, "tree", tree)
         object.__setattr__(self, "extent", np.sqrt(np.pi) * float(np.median(radius)))
@@ -78,10 +79,10 @@ class Kriging:
 
     def _nearest(self, places: Array, left_out: Booleans | None) -> Integers:
         """Return rows of the readings next to the box round some places."""
-        total = len(self.readings)
+        total, usual = len(self.readings), self.neighbours
         low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
         centre, half = 0.5 * (low + high), 0.5 * (high - low)
-        reach, most = float(np.hypot(*half)), 4 * NEIGHBOURS
+        reach, most = float(np.hypot(*half)), 4 * usual
         while True:
             most = min(most, total)
             radius, rows = self.tree.query(centre, most)
@@ -92,7 +93,7 @@ class Kriging:
             distance = np.hypot(beyond[:, 0], beyond[:, 1])
             # of readings inside the box all count; the others by their distance to it
             inside = int((distance == 0.0).sum())
-            count = max(NEIGHBOURS, min(inside + NEIGHBOURS // 2, 2 * NEIGHBOURS))
+            count = max(usual, min(inside + usual // 2, 2 * usual))
             if count < rows.size:
                 order = np.argpartition(distance, count)
                 if most == total or distance[order[count]] + reach <= radius:

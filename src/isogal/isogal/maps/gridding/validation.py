@@ -22,6 +22,8 @@ _FAR = 6.0
 """1-sigmas: of Gaussian errors one in five hundred million is further off."""
 _NEAR = 8
 """Readings that a block's worst one is looked for among."""
+_FOLDS = 5
+"""Sets of lines (or of blocks) of which something is learnt from the others."""
 _TOGETHER = 120
 """Of a sample, readings that lie together."""
 
@@ -107,11 +109,21 @@ def far_off(survey: Survey, blocks: Survey, out: LeftOut) -> list[dict[str, floa
     return found
 
 
+def folds(part: Integers) -> list[Booleans]:
+    """Return (M,) for each set of parts which readings, each of a part (M,), are of it; none where
+    all are of one."""
+    parts, own = np.unique(part, return_inverse=True)
+    order = generator(0, 0, "gridding folds").permutation(parts.size) % _FOLDS
+    found = [order[own] == k for k in range(min(_FOLDS, parts.size))]
+    return found if len(found) > 1 else []
+
+
 def leave_out(
     kriging: Kriging,
     by: str,
     side: float,
     progress: Callable[[int, int], None] | None = None,
+    without: Callable[[Booleans], Kriging] | None = None,
 ) -> LeftOut:
     """Predict readings from the others.
 
@@ -125,9 +137,17 @@ def leave_out(
         Of a block, m.
     progress : function, optional
         Called with the number of readings that are done, and of all.
+    without : function, optional
+        What gives the kriging that has learnt nothing from some readings (N,); then each fifth of
+        the lines (or sets) is predicted by one that has not seen it.
     """
     readings = kriging.readings
     places, part = readings.places, _parts(readings, by, side)
+    by_fold = [(one, without(one)) for one in folds(part)] if without else []
+
+    def unlearnt(rows: Integers) -> Kriging:
+        return next((found for one, found in by_fold if one[rows[0]]), kriging)
+
     chosen = np.flatnonzero(_sample(readings))
     groups = [
         rows[group]
@@ -137,7 +157,9 @@ def leave_out(
     error, variance = np.full((2, len(part)), np.nan)
     done = 0
     with ThreadPoolExecutor(available_cores()) as pool:  # linear algebra leaves Python's lock
-        predicted = pool.map(lambda rows: kriging.at(places[rows], part == part[rows[0]]), groups)
+        predicted = pool.map(
+            lambda rows: unlearnt(rows).at(places[rows], part == part[rows[0]]), groups
+        )
         for rows, (mean, own) in zip(groups, predicted, strict=True):
             error[rows], variance[rows] = readings.value[rows] - mean, own
             done += rows.size
