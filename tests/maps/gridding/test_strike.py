@@ -57,13 +57,13 @@ def two_strikes():
         along = (places[:, 0] + turn * places[:, 1]) / math.sqrt(2.0)
         across = (places[:, 0] - turn * places[:, 1]) / math.sqrt(2.0)
         stretched = np.stack([along / 5.0, across], axis=1)
-        value += np.sqrt(share) * drawn(stretched, seed, length=1200.0)[1]
+        value += np.sqrt(share) * drawn(stretched, seed, length=2500.0)[1]
     return places, line, value
 
 
 def test_strikes_are_found(two_strikes):
     places, line, value = two_strikes
-    covariance = Covariance("matern", (7e-5, 7e-5), (1200.0, 2500.0), noise=2e-6)
+    covariance = Covariance("matern", (7e-5, 7e-5), (2500.0, 5000.0), noise=2e-6)
     readings = Readings(np.column_stack([places, 0.0 * line]), value, line=line)
     found = with_local_strike(readings, covariance, 2000.0).covariance.local
     for east, strike in ((-9e3, 45.0), (9e3, -45.0)):
@@ -83,7 +83,7 @@ def test_it_is_taken_where_lines_left_out_are_predicted_better(two_strikes):
         survey_at(places, value, line=line), GridSettings("kriging", block=0.0)
     ).report
     off = report["mean_absolute_error"]
-    assert report["method"] == LOCAL and off[LOCAL] < 0.9 * off["kriging"]
+    assert report["method"] == LOCAL and off[LOCAL] < 0.95 * off["kriging"]
     assert 0.7 < report["left_out"]["nis"] < 1.3
     isotropic = drawn(places, 6)[1]
     survey = survey_at(places, isotropic, line=line)
