@@ -128,7 +128,8 @@ def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) 
         reason = "the batch tells nothing that the navigator does not know"
         return declined(batch, reason, **numbers)
     place, spread = measurement_only(mean, covariance, prior)
-    more = excess(shifts) + displacement(shifts)
+    displaced = displacement(shifts)
+    more = displaced + excess(shifts, displaced)
     if more.any():
         information = widened(information, more)
     known = {"diagnostics": numbers, "information": information}
