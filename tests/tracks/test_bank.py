@@ -91,11 +91,32 @@ def _shifts(field_map, count=40, step=(140.0, 170.0)):
     return match_track(track, field_map, settings, Uncertainty(500.0))[0].shifts
 
 
+def _gridded(sigma):
+    """A map that says a 1-sigma, as of gridded readings, over 2 km."""
+    shape = DISTURBANCE.values.shape
+    ellipses = np.broadcast_to([4e6, 0.0, 4e6], (*shape, 3))
+    return replace(
+        DISTURBANCE,
+        sigma=np.full(shape, sigma),
+        correlation_length=2e3,
+        error_ellipses=ellipses,
+    )
+
+
+def test_a_gridded_map_that_knows_nothing_gives_no_fix():
+    """Though its readings fit at one place alone, as is seen where it says a smaller error."""
+    track, _, _ = made_track(DISTURBANCE, 40, (300.0, -200.0), 1e-6, step=(140.0, 170.0))
+    shown = float(np.std(track.value))
+    for share, given in ((0.8, True), (1.3, False)):
+        one = _gridded(share * shown)
+        fix = match_track(track, one, Matcher(batch_length=40), Uncertainty(500.0))[0].fix
+        assert fix.published == given
+        assert given or "its own 1-sigma" in fix.reason
+
+
 def test_a_gridded_map_may_be_displaced():
     """An error of 2 mGal over 2 km, of a field of 10 mGal RMS; each is found within a factor."""
-    ellipses = np.broadcast_to([4e6, 0.0, 4e6], (*DISTURBANCE.values.shape, 3))
-    sigma = np.full(DISTURBANCE.values.shape, 2e-5)
-    gridded = replace(DISTURBANCE, sigma=sigma, correlation_length=2e3, error_ellipses=ellipses)
+    gridded = _gridded(2e-5)
     assert not displacement(_shifts(DISTURBANCE)).any()
     short, long = _shifts(gridded), _shifts(gridded, 120)
     assert short.of_models(0).sum() == pytest.approx(1.0)

@@ -96,6 +96,12 @@ class TrackMatcher:
                 " longer batches or a narrower prior may tell them apart"
             )
             return declined(batch, reason, **numbers), shifts
+        if all(map(shifts.untold, range(len(fields)))):
+            reason = (
+                "the map knows too little here: its error, by its own 1-sigma, is larger than what"
+                " it shows along the track"
+            )
+            return declined(batch, reason, **numbers), shifts
         return _fix(batch, prior, shifts, numbers), shifts
 
     def _seen(self, one: SecondaryBatch) -> Seen | None:

@@ -37,7 +37,6 @@ def _variance(shifts: Shifts, field: int) -> float:
     if not seen.gridded:
         return 0.0
     error, length = seen.map_sigma(which) ** 2, seen.models.length[which]
-    shown = seen.rows.mean(seen.readings.level) - seen.residuals(shifts.likeliest)[:, 0]
     way = along_track(seen.readings.latitude, seen.readings.longitude)[-1]
-    size = (SIZE * length) ** 2 * error / np.maximum(error + shown.var(), 1e-300)
+    size = (SIZE * length) ** 2 * error / np.maximum(error + seen.shown(shifts.likeliest), 1e-300)
     return float(shifts.of_models(field) @ (size / (1.0 + way / (2.0 * LASTING * length))))

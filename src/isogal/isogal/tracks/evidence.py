@@ -136,6 +136,19 @@ class Seen:
         each = [np.sqrt(np.mean(self.load(k) ** 2)) for k in range(len(self.readings.load))]
         return np.asarray(self.models.sigma[which] * np.array(each)[self.models.shape[which]])
 
+    def shown(self, centre: Array) -> float:
+        """Return the variance of what the map shows along the rows at a shift (1, 2)."""
+        return float((self.rows.mean(self.readings.level) - self.residuals(centre)[:, 0]).var())
+
+    @property
+    def own_variance(self) -> float:
+        """Mean variance of the map's error along the rows, where they probably are, as a map says
+        it that has a sigma for each node; else 0."""
+        if self.around is None or not self.around.uneven:
+            return 0.0
+        own = self.around.uneven**2 * np.mean(self.load(0) ** 2)
+        return float(own + np.mean(np.diag(self.known)))
+
     @property
     def old_rows(self) -> int:
         """How many rows are of earlier batches."""

@@ -104,6 +104,13 @@ class Shifts:
         place = label(taken, np.ones((3, 3)))[0][tuple(square.T)]
         return np.asarray(np.sort(np.bincount(place, self.weight[high])[1:])[::-1])
 
+    def untold(self, field: int) -> bool:
+        """Return whether a gridded map of a field says itself that it is wrong by more than it
+        shows along the track: what fits there, then, fits by chance, and its models, which learn
+        the error from readings close together, take it for good."""
+        one = self.seen[field]
+        return one.gridded and one.own_variance > one.shown(self.likeliest)
+
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
         return np.asarray(softmax(self.by_model(field), axis=0) @ self.weight)
