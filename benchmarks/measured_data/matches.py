@@ -107,7 +107,7 @@ def match_line(
     for `chained`. `checked`: whether a jackknife widens the fixes."""
     settings = Matcher(batch_length=batch_length, map_correlation_length=noise.correlation_length)
     track, _ = fit_to_map(line.track(noise.sensor_sigma, shift), field_map)
-    with nullcontext() if checked else patch.object(bank, "excess", lambda _: np.zeros((2, 2))):
+    with nullcontext() if checked else patch.object(bank, "excess", lambda *_: np.zeros((2, 2))):
         return match_track(track, field_map, settings, Uncertainty(position=AWAY), chained=chained)
 
 
