@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.amplitude import Amplitude, Errors
@@ -181,19 +181,23 @@ def _candidates(
 ) -> dict[str, tuple[Kriging, LeftOut]]:
     """Return what is tried: kriging by name, and the readings predicted that are left out."""
     chosen = "equivalent-sources" if settings.height is not None else settings.method
-    found = {}
+    found: dict[str, tuple[Kriging, LeftOut]] = {}
+
+    def tried(
+        name: str, kriging: Kriging, without: Callable[[Booleans], Kriging] | None = None
+    ) -> None:
+        progressed = _named(progress, name)
+        side = 2.0 * _shortest(kriging.covariance)
+        found[name] = kriging, leave_out(kriging, by, side, progressed, without)
+
     for method, kind in METHODS.items():
         if chosen not in (AUTO, method):
             continue
         covariance = learn(readings, kind=kind)
-        without = partial(with_local_strike, readings, covariance, gap)
-        each = {method: (Kriging(readings, covariance), None)}
+        tried(method, Kriging(readings, covariance))
         if kind == "matern":
-            each[LOCAL] = without(), without
-        side = 2.0 * _shortest(covariance)
-        for name, (kriging, relearnt) in each.items():
-            out = leave_out(kriging, by, side, _named(progress, name), relearnt)
-            found[name] = kriging, out
+            local = partial(with_local_strike, readings, covariance, gap)
+            tried(LOCAL, local(), local)
     return found
 
 
