@@ -13,12 +13,12 @@ from isogal.scenario import HeadingAid, Height
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
     fill_ground_velocity,
+    fill_heading,
     fill_position,
     fill_pressure,
     fill_velocity,
 )
 from isogal_ros.messages.frames import ANTENNA, BASE, framed
-from isogal_ros.messages.pose_aids import fill_heading
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message, Topic
@@ -46,10 +46,11 @@ def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
     if found.height is not None:
         yield _of_height(topics.BAROMETER, true.height, steps, found.height[0])
     for sensor, heights in zip(true.heights or (), found.heights, strict=True):
-        yield _of_height(topics.height_topic(sensor.name), sensor, steps, heights[0])
+        (topic,) = topics.aid_topics("barometer", sensor.name)
+        yield _of_height(topic, sensor, steps, heights[0])
     for one, speeds in zip(scenario.velocity_aids, found.velocities, strict=True):
         measures = np.isfinite(speeds[0]).any(axis=-1)
-        topic = topics.velocity_topic(getattr(one, "name", None))
+        (topic,) = topics.aid_topics("velocity", getattr(one, "name", None))
         yield _Aid(topic, BASE, 0.0, steps[measures], speeds[0][measures], fill_velocity)
     if (fixes := found.satellites) is not None:
         gnss, late = scenario.gnss, (true.gnss.delay, fixes.ends)
@@ -60,12 +61,12 @@ def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
             yield _Aid(topics.GNSS_VELOCITY, ANTENNA, *late, fixes.velocity[0], speed)
     of_positions = scenario.positions or (), true.positions or (), found.positions
     for aid, really, places in zip(*of_positions, strict=True):
-        topic, _ = topics.position_topics(aid.name)
+        topic, _ = topics.aid_topics("position", aid.name)
         fill = partial(fill_position, aid=aid)
         yield _Aid(topic, BASE, really.delay, places.ends, places.position[0], fill)
     of_headings = scenario.headings or (), true.headings or (), found.headings
     for bow, really_bow, seen in zip(*of_headings, strict=True):
-        topic, known = topics.heading_topic(bow.name), ~np.isnan(seen.heading[0])
+        (topic,), known = topics.aid_topics("heading", bow.name), ~np.isnan(seen.heading[0])
         turn = partial(_fill_heading, aid=bow)
         yield _Aid(topic, BASE, really_bow.delay, seen.ends[known], seen.heading[0][known], turn)
 

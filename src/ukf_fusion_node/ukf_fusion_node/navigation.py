@@ -28,8 +28,7 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from ukf_fusion_node.start import initial_state, with_given
-from ukf_fusion_node.unresolved_gap import UnresolvedGap
-from ukf_fusion_node.upright import Upright
+from ukf_fusion_node.watch import UnresolvedGap, Upright
 
 REACH = 1.2
 """Lags that the history goes back where states are smoothed, which is done by a tenth of it."""

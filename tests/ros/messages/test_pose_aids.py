@@ -9,10 +9,14 @@ from sensor_msgs.msg import Imu, NavSatFix
 
 from isogal.earth.frames import LocalFrame
 from isogal.scenario.aids import HeadingAid
-from isogal_ros.messages.aids import read_position_fix
+from isogal_ros.messages.aids import (
+    fill_heading,
+    read_heading,
+    read_pose_position,
+    read_position_fix,
+)
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import MAP
-from isogal_ros.messages.pose_aids import fill_heading, read_heading, read_pose_position
 
 FRAME = LocalFrame(math.radians(-38.0), math.radians(179.9), 100.0)
 

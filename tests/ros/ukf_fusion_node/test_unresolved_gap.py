@@ -10,7 +10,7 @@ from helpers.node_bench import feed_of
 from isogal_ros import topics
 from isogal_ros.faults.trials import track_of
 from isogal_ros.nodes.health import OK
-from ukf_fusion_node.unresolved_gap import UnresolvedGap
+from ukf_fusion_node.watch import UnresolvedGap
 
 GAP = 60.0
 """s."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ukf_fusion_node.upright import LASTS, Upright
+from ukf_fusion_node.watch import LASTS, Upright
 
 BANKED = Rotation.from_euler("ZYX", [40.0, 5.0, 60.0], degrees=True)
 """Heading, pitch and roll of a turn with twice the weight on its wings."""

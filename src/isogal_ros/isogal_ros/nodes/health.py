@@ -95,6 +95,10 @@ class Health:
                 self._log(level, text)
                 self.publish()
 
+    def count(self, name: str) -> None:
+        """Count one more of a figure."""
+        self.figures[name] = int(self.figures.get(name) or 0) + 1
+
     def drop(self, topic: str, reason: str) -> None:
         """Count a message that was not used; a new topic or reason is published at once."""
         self.dropped[topic] = self.dropped.get(topic, 0) + 1
