@@ -158,7 +158,7 @@ class LockStep:
             self._node.health.concern("waiting", text)
         self._change()
         self.forgotten += 1
-        self._node.health.figures["steps not waited for"] = self.forgotten
+        self._node.health.count("steps not waited for")
         self._absent = self.absent()
         self.complete = True
         self._go_on()

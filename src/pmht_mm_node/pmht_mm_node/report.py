@@ -23,21 +23,15 @@ class Report:
     def __init__(self, node: GraphNode) -> None:
         self._health, self._logger = node.health, node.get_logger()
         self._verdict = Verdict()
-        self._fixes = self._declined = self._failed = 0
         for text in unlikely_sigmas(node.scenario):
             self._logger.warning(text)
 
     def say(self, ns: int, fix: Fix, seconds: float) -> None:
         """Tell of a batch that ended at a stamp and took some seconds, with the matcher's own
         figures."""
-        self._fixes += fix.published
-        self._declined += not fix.published
-        self._failed += fix.failed
-        self._health.figures |= {
-            "fixes published": self._fixes,
-            "fixes declined": self._declined,
-            "matcher failures": self._failed,
-        }
+        self._health.count("fixes published", fix.published)
+        self._health.count("fixes declined", not fix.published)
+        self._health.count("matcher failures", fix.failed)
         self._verdict.take(fix)
         if self._verdict.found:
             self._logger.warning("the navigator was lost and has been told where it is")

@@ -174,7 +174,7 @@ class GraphNode(LifecycleNode):
         self._listening: dict[str, Listening] = {}
         self._sent: dict[str, int] = {}
         """Stamp of the newest message published on each topic."""
-        self._stood_still, self._told_still = 0, math.inf
+        self._told_still = math.inf
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
@@ -508,8 +508,7 @@ class GraphNode(LifecycleNode):
         """Say that the process stood still so long that others took it for gone."""
         stood, self._beaten = time.monotonic() - self._beaten, time.monotonic()
         if stood > LEASE:
-            self._stood_still += 1
-            self.health.figures["stood still"] = self._stood_still
+            self.health.count("stood still")
             text = (
                 f"stood still for {stood:.0f} s; others took it for gone, what they said is lost"
             )

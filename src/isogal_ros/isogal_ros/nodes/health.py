@@ -95,9 +95,9 @@ class Health:
                 self._log(level, text)
                 self.publish()
 
-    def count(self, name: str) -> None:
-        """Count one more of a figure."""
-        self.figures[name] = int(self.figures.get(name) or 0) + 1
+    def count(self, name: str, more: int = 1) -> None:
+        """Count up a figure."""
+        self.figures[name] = int(self.figures.get(name) or 0) + more
 
     def drop(self, topic: str, reason: str) -> None:
         """Count a message that was not used; a new topic or reason is published at once."""
