@@ -5,8 +5,6 @@ import pytest
 
 from helpers.node_bench import bench
 from isogal.matching.interfaces import Fix
-from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds
@@ -34,12 +32,6 @@ def fly(made, first: int, last: int) -> None:
     """Send samples of these stamps."""
     for k in range(first, last + 1):
         made.imu(k)
-
-
-@pytest.fixture
-def start(scenario):
-    state = draw_initial_state(scenario(), build_trajectory(scenario()), [0])
-    return float(state.position[0, 0]), float(state.position[0, 1])
 
 
 @pytest.mark.parametrize("bare", [True, False], ids=["NavSatFix", "whole fix"])

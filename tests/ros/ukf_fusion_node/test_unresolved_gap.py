@@ -4,12 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message
 
-from helpers.node_bench import feed_of
+from helpers.node_bench import feed_of, played
 from isogal_ros import topics
-from isogal_ros.faults.trials import track_of
-from isogal_ros.nodes.health import OK
 from ukf_fusion_node.watch import UnresolvedGap
 
 GAP = 60.0
@@ -44,27 +41,10 @@ def elbow(degrees: float) -> str:
 def test_a_sharp_turn_in_a_gap_is_never_silent(scenario, degrees) -> None:
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
     turning = scenario(elbow(degrees), "route.turn_rate=0.1", "route.duration=960.0", *own)
-    player, wrong = feed_of(turning).player(), {}
-    player.bus.hear(topics.DIAGNOSTICS, lambda data: take(data, wrong))
+    player = feed_of(turning).player()
     player.bus.change = lambda topic, data: (
         [] if topic == topics.IMU.name and abs(player.bus.now - 600.0) <= GAP / 2.0 else [data]
     )
-    told = {}
-    with player.bus:
-        for ns in sorted(player.recorded.sensors[topics.IMU]):
-            player.play(ns / 1e9)
-            told[ns / 1e9] = any(wrong.values())
-    track = track_of(player.collector)
-    after = track.time > 600.0
-    assert track.error[after].max() > 150.0
-    honest = track.error < 3.0 * track.sigma
-    silent = [
-        t for t, is_honest in zip(track.time, honest, strict=True) if not (is_honest or told[t])
-    ]
+    track, silent = played(player)
+    assert track.error[track.time > 600.0].max() > 150.0
     assert silent == []
-
-
-def take(data: bytes, wrong: dict[str, bool]) -> None:
-    """Note which nodes say that something is wrong."""
-    for item in deserialize_message(data, topics.DIAGNOSTICS.type).status:
-        wrong[item.name] = item.level != OK
