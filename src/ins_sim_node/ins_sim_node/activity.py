@@ -35,20 +35,18 @@ class Activity:
 
     def publishers(self, topic: str) -> frozenset[bytes]:
         """Return what identifies the publishers of a topic whose nodes are active."""
-        space = self._node.get_namespace()
+        space = self._node.get_namespace().rstrip("/")
         inactive = {
-            (name, space) for name, known in self._inactive.items() if known == self._process(name)
+            f"{space}/{name}"
+            for name, known in self._inactive.items()
+            if known == self._process(name)
         }
-        return frozenset(
-            bytes(info.endpoint_gid)
-            for info in self._node.get_publishers_info_by_topic(topic)
-            if not inactive or (info.node_name, info.node_namespace) not in inactive
-        )
+        every = self._node.publishers_of(topic)
+        return frozenset(gid for gid, name in every.items() if name not in inactive)
 
     def _process(self, name: str) -> frozenset[bytes]:
         """Return what identifies the process that has a node's name."""
-        infos = self._node.get_publishers_info_by_topic(self._events[name])
-        return frozenset(bytes(info.endpoint_gid) for info in infos)
+        return frozenset(self._node.publishers_of(self._events[name]))
 
     def _hear(self, name: str, event: TransitionEvent) -> None:
         if event.goal_state.id == State.PRIMARY_STATE_ACTIVE:

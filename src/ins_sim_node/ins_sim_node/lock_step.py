@@ -177,11 +177,7 @@ class LockStep:
     def _publishers(self) -> frozenset[bytes]:
         """Return what identifies the publishers of the answers: of a node that was started again
         they are others."""
-        return frozenset(
-            bytes(info.endpoint_gid)
-            for name in self._topics.values()
-            for info in self._node.get_publishers_info_by_topic(name)
-        )
+        return frozenset().union(*map(self._node.publishers_of, self._topics.values()))
 
     def absent(self) -> set[str]:
         """Return which answers nobody publishes who is active."""

@@ -51,6 +51,8 @@ KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
+_UNKNOWN = "NODE_NAME_UNKNOWN"
+"""In the name of a node of which the middleware knows the publisher first."""
 TOLD = 60.0
 """s of wall time for which the node says that it stood still."""
 FREE_EVERY = 5.0
@@ -336,6 +338,16 @@ class GraphNode(LifecycleNode):
     def watch(self, name: str, look: Callable[[], str | None], level: bytes = WARN) -> None:
         """Look every second for something that no message tells of; None = all is well."""
         self._looks.append(lambda: self.health.concern(name, look(), level))
+
+    def publishers_of(self, topic: str) -> dict[bytes, str]:
+        """Return which nodes publish a topic, by what identifies each publisher: names with their
+        namespaces; empty = the middleware knows the publisher, but not its node yet."""
+        return {
+            bytes(info.endpoint_gid): ""
+            if _UNKNOWN in info.node_name
+            else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            for info in self.get_publishers_info_by_topic(topic)
+        }
 
     def offer_reset(self, forget: Callable[[], str]) -> None:
         """Offer the service ``~/reset``; `forget` returns what the node does next."""
