@@ -419,6 +419,8 @@ class GraphNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deal with messages from now on."""
         self.active = True
+        if "active" in self.health.figures:  # it has been deactivated before
+            self.health.figures["active"] = True
         if self._ready:
             self.health.figures["ready"] = True
         self.health.concern("inactive", None)
@@ -426,7 +428,7 @@ class GraphNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let messages go from now on, and say so."""
-        self.health.figures["ready"] = False
+        self.health.figures |= {"ready": False, "active": False}
         self.health.concern("inactive", "inactive: messages are let go until it is activated")
         self.active = False
         return SUCCESS
