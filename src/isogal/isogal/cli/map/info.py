@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
-import typer
-
 from isogal.cli.checks import not_negative, positive
 from isogal.cli.map.part import PartChoice, Route, RouteChoice
 from isogal.cli.map.results import (
@@ -142,10 +140,10 @@ class Template:
     PANEL: ClassVar[str] = ASSUMED
 
     half_width: Annotated[float, number("Of the window template.", "M", least=1.0)] = 2000.0
-    points: Annotated[int, typer.Option(min=3, help="Along each side of the template, odd.")] = 9
-    samples: Annotated[
-        int, typer.Option(min=1, help="Places that the normalisation looks back over.")
-    ] = 100
+    points: Annotated[int, number("Along each side of the template, odd.", least=3)] = 9
+    samples: Annotated[int, number("Places that the normalisation looks back over.", least=1)] = (
+        100
+    )
 
     def along(self, field_map: "ScalarMap", track: "tuple[Array, Array]") -> _Along:
         """Return the variability along a track (latitude, longitude, rad); raises InputError."""
