@@ -9,7 +9,7 @@ from helpers.route_maps import field
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.maps.channels import ChannelMap
 from isogal.maps.error_model import displacements, tensor_covariance
-from isogal.maps.potential import tensor_maps
+from isogal.maps.potential import derivatives
 from isogal.scenario import Gradiometer, MapError, validate_scenario
 from isogal.sensors.gradiometer_errors import tilt_effect
 from isogal.sensors.trajectory import build_trajectory
@@ -83,7 +83,7 @@ class TestOnePotential:
         }
     )
     TRAJECTORY = build_trajectory(SETTINGS)
-    MAPS = tensor_maps(
+    MAPS = derivatives(
         replace(
             field(lambda n, e: 1e-4 * np.sin(n / 700.0 + np.sin(e / 900.0)), step_deg=0.004),
             quantity="disturbance",

@@ -175,9 +175,9 @@ class BoundModel:
                     after[new, new] += steps.root[own - 1] @ steps.root[own - 1].T
             yield over, half, after
 
-    def smoothed(self) -> Array:
-        """Return (S + 1, 2, 2) the position covariances at the start and after each scan, given
-        all readings, those that come later included.
+    def covariances(self, smoothed: bool) -> tuple[Array, Array | None]:
+        """Return (S + 1, 2, 2) the position covariances at the start and after each scan; and
+        where that is asked for the same given all readings, those that come later included.
 
         Forward covariances P, then backwards the information L of what comes later, of which P - P
         L P is left (modified Bryson-Frazier; Bierman 1973, docs/mathematics.md, section 11.1).
@@ -187,34 +187,27 @@ class BoundModel:
         P, A, B = self.start, np.eye(n), np.zeros((n, n))
         scans = [(P, A, B)]
         for stretch, step in enumerate(self.transitions(), 1):
-            P, A = propagated(P, *step), step[0] @ A
+            P = propagated(P, *step)
+            A = step[0] @ A if smoothed else A
             for sensor in self.measurements:
                 for row, noise in sensor.at(stretch):
-                    variance = noise + float(row @ P @ row)
-                    gain, seen = condition(P, row, noise), row @ A
-                    B += np.outer(seen, seen) / variance
-                    A -= np.outer(gain, seen)
+                    variance = noise + float(row @ P @ row) if smoothed else math.nan
+                    gain = condition(P, row, noise)
+                    if smoothed:
+                        seen = row @ A
+                        B += np.outer(seen, seen) / variance
+                        A -= np.outer(gain, seen)
             if stretch % self.segments.per_scan == 0:
                 scans.append((P, A, B))
-                A, B = np.eye(n), np.zeros((n, n))
+                A, B = (np.eye(n), np.zeros((n, n))) if smoothed else (A, B)
+        known = np.array([P[:2, :2] for P, _, _ in scans])
+        if not smoothed:
+            return known, None
         result, later = [], np.zeros((n, n))
         for P, A, B in reversed(scans):
             result.append(P[:2, :2] - P[:2] @ later @ P[:, :2])
             later = A.T @ later @ A + B
-        return np.array(result[::-1])
-
-    def bound(self) -> Array:
-        """Return (S + 1, 2, 2) the position covariances at the start and after each scan."""
-        P = self.start.copy()
-        result = [P[:2, :2].copy()]
-        for stretch, step in enumerate(self.transitions(), 1):
-            P = propagated(P, *step)
-            for sensor in self.measurements:
-                for row, noise in sensor.at(stretch):
-                    condition(P, row, noise)
-            if stretch % self.segments.per_scan == 0:
-                result.append(P[:2, :2].copy())
-        return np.array(result)
+        return known, np.array(result[::-1])
 
 
 def propagated(P: Array, transition: Array, before: Array, after: Array) -> Array:
@@ -292,8 +285,9 @@ def _result(
     world: Scenario, trajectory: Trajectory, models: Sequence[BoundModel], smoothed: bool = False
 ) -> BoundResult:
     """Return the bound that is the mean over models."""
-    covariance = np.mean([model.bound() for model in models], axis=0)
-    later = np.mean([model.smoothed() for model in models], axis=0) if smoothed else None
+    each = [model.covariances(smoothed) for model in models]
+    covariance = np.mean([known for known, _ in each], axis=0)
+    later = np.mean([whole for _, whole in each], axis=0) if smoothed else None
     time = trajectory.time[np.arange(len(covariance)) * world.steps_per_scan]
     return BoundResult(time, covariance, later)
 
