@@ -5,16 +5,16 @@ import pytest
 
 from helpers.studies import outcomes
 from isogal.errors import InputError
-from isogal.evaluation.records import RunDetail, Runs, SmoothedStates
+from isogal.evaluation.records import RunDetail, Runs
 from isogal.matching.interfaces import Candidates
 
-Record = Runs | RunDetail | SmoothedStates
+Record = Runs | RunDetail
 
 
 def assert_equal(a: Record, b: Record) -> None:
     for item in fields(a):
         x, y = getattr(a, item.name), getattr(b, item.name)
-        if isinstance(x, RunDetail | SmoothedStates):
+        if isinstance(x, RunDetail):
             assert_equal(x, y)
         else:
             np.testing.assert_array_equal(x, y)
@@ -124,7 +124,8 @@ def test_candidates_are_flattened_with_their_batch():
 
 
 def smoothed(runs: Runs) -> Runs:
-    return replace(runs, smoothed=SmoothedStates(0.5 * runs.error, 0.25 * runs.covariance))
+    states = {"smoothed_error": 0.5 * runs.error, "smoothed_covariance": 0.25 * runs.covariance}
+    return replace(runs, **states)
 
 
 def test_smoothed_states_are_saved_and_joined(make_runs, tmp_path):
@@ -133,6 +134,6 @@ def test_smoothed_states_are_saved_and_joined(make_runs, tmp_path):
     assert_equal(Runs.load(tmp_path / "chunk.npz"), whole)
     assert_equal(Runs.concatenate([whole.part(range(2)), whole.part(range(2, 5))]), whole)
     with pytest.raises(ValueError, match="not can"):
-        Runs.concatenate([whole.part([0]), replace(whole.part([1]), smoothed=None)])
+        Runs.concatenate([whole.part([0]), make_runs(runs=1)])
     with pytest.raises(ValueError, match="covariance must have shape"):
-        SmoothedStates(whole.error, whole.covariance[:, :-1])
+        replace(whole, smoothed_covariance=whole.covariance[:, :-1])

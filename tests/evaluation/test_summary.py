@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.studies import outcomes
-from isogal.evaluation.records import Runs, SmoothedStates
+from isogal.evaluation.records import Runs
 from isogal.evaluation.results import canonical_json, write_json
 from isogal.evaluation.summary import diverged, posterior_nees, summarise
 from isogal.scenario import Scenario
@@ -141,7 +141,7 @@ def test_smoothed_states_have_a_section_of_their_own(make_runs):
     runs = make_runs(runs=2, error=np.full((2, states, 2), [60.0, 80.0]))
     error, covariance = np.full((2, states, 2), [6.0, 8.0]), np.zeros((2, states, 2, 2))
     covariance[:] = np.diag([36.0, 32.0])
-    smoothed = replace(runs, smoothed=SmoothedStates(error, covariance))
+    smoothed = replace(runs, smoothed_error=error, smoothed_covariance=covariance)
     bound = np.full(states, 40.0)
     result = summarise(smoothed, Scenario(), bound, smoothed_bound_rms=np.full(states, 8.0))
     assert list(result) == [*CONTRACT, "smoothed"]

@@ -287,7 +287,8 @@ def _result(
     """Return the bound that is the mean over models."""
     each = [model.covariances(smoothed) for model in models]
     covariance = np.mean([known for known, _ in each], axis=0)
-    later = np.mean([whole for _, whole in each], axis=0) if smoothed else None
+    wholes = [whole for _, whole in each if whole is not None]
+    later = np.mean(wholes, axis=0) if smoothed else None
     time = trajectory.time[np.arange(len(covariance)) * world.steps_per_scan]
     return BoundResult(time, covariance, later)
 

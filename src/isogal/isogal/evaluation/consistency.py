@@ -142,8 +142,6 @@ class SpreadTest:
 
     nees: Array
     """(K,) mean over runs of e' P^-1 e / axes."""
-    interval: tuple[float, float]
-    """Chi-square interval of each of them alone."""
     family_interval: tuple[float, float]
     """The interval that all K together stay in with at least the confidence asked for
     (Bonferroni)."""
@@ -178,6 +176,5 @@ def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.9
     values = nees_per_axis(error, covariance)
     return SpreadTest(
         nees=cast(Array, values.mean(axis=0)),
-        interval=chi_square_interval(runs, axes, confidence),
         family_interval=chi_square_interval(runs, axes, 1.0 - (1.0 - confidence) / instants),
     )

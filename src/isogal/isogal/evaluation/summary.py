@@ -10,7 +10,7 @@ from isogal.arrays import Array, Booleans
 from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, all_scans_nees, judge
-from isogal.evaluation.records import Runs, SmoothedStates
+from isogal.evaluation.records import Runs
 from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite, finite_list
 from isogal.fix import Status
 from isogal.scenario import Scenario
@@ -86,7 +86,7 @@ def summarise(
     return summary
 
 
-def _smoothed(runs: Runs, states: SmoothedStates, known: Array | None) -> SmoothedSummary:
+def _smoothed(runs: Runs, states: Runs, known: Array | None) -> SmoothedSummary:
     """Return the section of smoothed states, with the RMS bound (K,), m, if it is known."""
     bound_rms = np.full(runs.time.shape, np.nan) if known is None else known
     error, entries = states.horizontal_error, _entries(runs)
