@@ -167,12 +167,11 @@ class BoundModel:
             over, after = transition, half
             for first, every, steps in self.jumps:
                 own, rest = divmod(stretch, every)
-                if rest == 0 and own <= len(steps.gain):
-                    jump, (count, size) = np.eye(len(half)), steps.gain.shape[1:]
-                    new, here = slice(first, first + count), slice(first, first + size)
-                    jump[here, here] = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
+                if rest == 0 and own <= len(steps.step) and steps.joined[own - 1].any():
+                    jump, here = np.eye(len(half)), slice(first, first + len(steps.by))
+                    jump[here, here] = steps.step[own - 1]
                     over, after = jump @ over, jump @ after @ jump.T
-                    after[new, new] += steps.root[own - 1] @ steps.root[own - 1].T
+                    after[here, here] += steps.joined[own - 1]
             yield over, half, after
 
     def covariances(self, smoothed: bool) -> tuple[Array, Array | None]:
