@@ -135,13 +135,6 @@ def test_equal_runs_give_equal_reports_whenever_they_started(report_of_a_run, ma
         assert file.read_bytes() == (report_of_a_run / file.name).read_bytes(), file.name
 
 
-def test_two_figures_of_one_name_are_refused(make_runs, tmp_path):
-    picture = Illustration("same", error_figure(make_runs(runs=1)), "")
-    with pytest.raises(ValueError, match="same name"):
-        write_report(tmp_path, "t", [Section("a", illustrations=[picture, picture])])
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_report_of_a_run(make_runs, report_of_a_run):
     runs = make_runs(runs=1, detail=True)
     page = Page((report_of_a_run / "report.html").read_text(encoding="utf-8"))

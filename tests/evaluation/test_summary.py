@@ -111,13 +111,6 @@ def test_figures_that_do_not_exist_are_null(make_runs):
     assert "NaN" not in canonical_json(result)
 
 
-def test_a_bound_of_another_shape_and_no_runs_are_refused(make_runs):
-    with pytest.raises(ValueError, match="bound_rms"):
-        summarise(make_runs(), Scenario(), np.ones(3))
-    with pytest.raises(ValueError, match="no runs"):
-        summarise(make_runs(runs=0), Scenario(), np.ones(121))
-
-
 def test_json_is_canonical(tmp_path):
     value = {
         "b": [1, 2.5, math.inf],

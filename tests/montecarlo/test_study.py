@@ -191,5 +191,3 @@ def test_unaided_runs_take_no_fix(tmp_path: Path, field_map: FieldMap, watcher: 
 def test_backend_is_one_or_the_other() -> None:
     with pytest.raises(InputError, match="give one of them"):
         Backend(workers=2, scheduler="tcp://host:1")
-    with pytest.raises(InputError, match="at least 1"):
-        Backend(workers=0)

@@ -229,7 +229,6 @@ def posterior_cramer_rao(
     trajectory: Trajectory,
     field_map: RunMap,
     *,
-    map_share: Array | None = None,
     smoothed: bool = False,
 ) -> BoundResult:
     """Return the bound of a navigator that uses every reading at once, with the noise and map
@@ -249,9 +248,6 @@ def posterior_cramer_rao(
     field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
         The map; its gradient is taken at the true positions. Of several fields the bound is the
         joint one.
-    map_share : (S,) array, optional
-        1-sigma of the map's error at each scan in units of `map_error.sigma`, where there is one
-        field; default: 1.
     smoothed : bool
         Return besides that of one that knows all readings of the voyage.
     """
@@ -260,7 +256,7 @@ def posterior_cramer_rao(
     if chance:
         whole = settings.model_copy(update={"missing_fraction": 0.0})
         scenario = world.model_copy(update={"gravimeter": whole})
-    model = bound_model(scenario, trajectory, field_map, map_share)
+    model = bound_model(scenario, trajectory, field_map)
     if not chance:
         return _result(world, trajectory, [model], smoothed)
     scans = scan_index(world, trajectory)
@@ -292,33 +288,25 @@ def _result(
     return BoundResult(time, covariance, later)
 
 
-def bound_model(
-    scenario: Scenario,
-    trajectory: Trajectory,
-    field_map: RunMap,
-    map_share: Array | None = None,
-) -> BoundModel:
+def bound_model(scenario: Scenario, trajectory: Trajectory, field_map: RunMap) -> BoundModel:
     """Return the linear model whose recursion `posterior_cramer_rao` is, whose parameters these
     are. Measurements of aids come first, then those of each field."""
     worlds = [one.informed for one in scenario.each_field]
     fields = [
-        _FieldReadings.of(
-            *_with_own_error(one, trajectory, its_map, map_share if len(worlds) == 1 else None)
-        )
+        _FieldReadings.of(*_with_own_error(one, trajectory, its_map))
         for one, its_map in zip(worlds, each_map(field_map), strict=True)
     ]
     return linear_model(scenario, trajectory, fields)
 
 
 def _with_own_error(
-    world: Scenario, trajectory: Trajectory, field_map: RouteMap, map_share: Array | None
-) -> tuple[Scenario, Trajectory, RouteMap, Array | None]:
+    world: Scenario, trajectory: Trajectory, field_map: RouteMap
+) -> tuple[Scenario, Trajectory, RouteMap, Array]:
     """Return the arguments of `_FieldReadings.of`; where readings are recorded, with the error
     that the map says of itself, if it does, instead of a simulated one."""
-    maps = channels_of(field_map)
+    maps, scans = channels_of(field_map), scan_index(world, trajectory)
     if not (world.readings.recorded and maps[0].states_error):
-        return world, trajectory, field_map, map_share
-    scans = scan_index(world, trajectory)
+        return world, trajectory, field_map, np.ones(len(scans))
     sigma = maps[0].sigma_at(trajectory.latitude[scans], trajectory.longitude[scans])
     usual = float(np.sqrt(np.nanmean(sigma**2)))
     error = MapError(
@@ -357,12 +345,12 @@ class _FieldReadings:
         scenario: Scenario,
         trajectory: Trajectory,
         field_map: RouteMap,
-        map_share: Array | None,
+        share: Array,
     ) -> "_FieldReadings":
-        """Return those of a scenario of one field as it really is."""
+        """Return those of a scenario of one field as it really is, given the 1-sigma of the map's
+        error at each scan (S,) in units of `map_error.sigma`."""
         scans, settings = scan_index(scenario, trajectory), scenario.gravimeter
         field, maps = measured_field(scenario), channels_of(field_map)
-        share = np.full(len(scans), 1.0 if map_share is None else map_share)
         of_map = common = np.ones(len(maps))
         if field.name == "terrain" and scenario.altimeter.sounds:
             sensitivity, of_map, common = beam_channels(scenario, trajectory, maps[0], scans)

@@ -75,10 +75,6 @@ def chi_square_interval(
     from scipy.special import gammaincinv  # scipy.stats would take seconds to import
 
     count = samples if independent is None else independent
-    if not count > 0 or axes < 1 or not 0 < confidence < 1:
-        raise ValueError(
-            f"needs samples > 0, axes >= 1, 0 < confidence < 1, not {count}, {axes}, {confidence}"
-        )
     freedom = count * axes
     tail = (1.0 - confidence) / 2.0
     # chi-square is a gamma distribution of shape freedom / 2 and scale 2

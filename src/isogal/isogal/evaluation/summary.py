@@ -46,16 +46,7 @@ def summarise(
         The same of one that knows all readings (`BoundResult.smoothed_rms_at`).
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
-
-    Raises
-    ------
-    ValueError
-        Without runs, or where `bound_rms` has another shape than `runs.time`.
     """
-    if len(runs) == 0:
-        raise ValueError("no runs to summarise")
-    if bound_rms.shape != runs.time.shape:
-        raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     judgement = judge(runs, astray)
