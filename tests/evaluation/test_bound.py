@@ -1,8 +1,6 @@
 """The bound against independent computations: conditioning of one large Gaussian vector, and an
 exhaustive point-mass filter."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -19,25 +17,22 @@ from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.maps.field_map import FieldMap
-from isogal.scenario import Gravimeter, Scenario, validate_scenario
+from isogal.scenario import Gravimeter, validate_scenario
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.gravimeter_errors import missing
 from isogal.sensors.noise import RunScans
-from isogal.sensors.trajectory import Trajectory, build_trajectory
+from isogal.sensors.trajectory import build_trajectory
 
 WAVES = field(waves)
 HALF_AN_HOUR = {"route": {"duration": 1800.0}}
 
 
-def scenario(**sections: Any) -> Scenario:
+def scenario(**sections):
     """A scenario of half an hour if nothing else is said."""
     return validate_scenario(HALF_AN_HOUR | sections)
 
 
-def bound(
-    field_map: FieldMap | None = WAVES, how: dict[str, Any] | None = None, **sections: Any
-) -> BoundResult:
+def bound(field_map=WAVES, how=None, **sections):
     """Bound of a scenario; of the unaided navigator where there is no map."""
     settings = scenario(**sections)
     trajectory = build_trajectory(settings)
@@ -46,18 +41,12 @@ def bound(
     return posterior_cramer_rao(settings, trajectory, field_map, **(how or {}))
 
 
-def rms(field_map: FieldMap | None = WAVES, **sections: Any) -> float:
+def rms(field_map=WAVES, **sections):
     """RMS error at the end."""
     return float(bound(field_map, **sections).rms[-1])
 
 
-def _dense(
-    settings: Scenario,
-    trajectory: Trajectory,
-    gradient: tuple[float, float],
-    quantisation: float,
-    scan: int = -1,
-) -> np.ndarray:
+def _dense(settings, trajectory, gradient, quantisation, scan=-1):
     """Covariance of the position error at a scan, counted from 0, given all readings, by
     conditioning one big Gaussian vector.
 
@@ -208,7 +197,7 @@ def test_the_rate_of_the_imu_hardly_matters():
         np.testing.assert_allclose(other.rms, results[0].rms, rtol=1e-3)
 
 
-def on_the_map_of_australia(shared_data, variable: str, **gravimeter: Any) -> BoundResult:
+def on_the_map_of_australia(shared_data, variable, **gravimeter):
     source = str(shared_data / "se_australia_gravity.nc")
     settings = validate_scenario(
         {"map": {"source": source, "variable": variable}, "gravimeter": gravimeter}
@@ -261,7 +250,7 @@ def test_it_is_of_the_true_world(field_map):
 
 
 def test_an_instrument_as_built_gives_larger_bounds():
-    def end(sigma: float = 1e-5, **gravimeter: Any) -> float:
+    def end(sigma=1e-05, **gravimeter):
         return rms(gravimeter={"sigma": sigma, **gravimeter})
 
     good = end()
@@ -319,7 +308,7 @@ def test_in_turns_cross_coupling_counts():
     assert coupled < 1.001 * blind
 
 
-def test_what_comes_later_informs_the_past_and_costs_nothing() -> None:
+def test_what_comes_later_informs_the_past_and_costs_nothing():
     both = bound(how={"smoothed": True})
     assert both.smoothed is not None and bound().smoothed is None
     np.testing.assert_array_equal(both.covariance, bound().covariance)

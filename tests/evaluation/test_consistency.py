@@ -17,7 +17,7 @@ from isogal.evaluation.consistency import (
 COVARIANCE = np.array([[400.0, 150.0], [150.0, 900.0]])
 
 
-def draw(random: np.random.Generator, *shape: int) -> np.ndarray:
+def draw(random, *shape):
     return random.standard_normal((*shape, 2)) @ np.linalg.cholesky(COVARIANCE).T
 
 
@@ -68,7 +68,7 @@ def test_independent_values_count_in_full_and_correlated_ones_by_their_autocorre
     assert effective_samples(np.repeat(white[:, :1], 40, axis=1)) == pytest.approx(200)
 
 
-def within(error: np.ndarray, covariance: np.ndarray) -> bool:
+def within(error, covariance):
     """Whether the mean NEES lies in its interval."""
     result = mean_nees(nees_per_axis(error, covariance))
     return result.interval[0] <= result.mean <= result.interval[1]

@@ -70,7 +70,7 @@ def test_verdicts(events, verdict):
     assert Rate(events, 100.0).per_hour == events / 100.0
 
 
-def claimed(make_runs, factor: float = 1.0, **changes):
+def claimed(make_runs, factor=1.0, **changes):
     """Runs of 6 h whose error is `factor` times as large as the level at 0.1 per hour for half an
     hour in the middle of the second run, and nil elsewhere."""
     runs = make_runs(states=361, **changes)

@@ -11,7 +11,7 @@ from isogal.matching.interfaces import Candidates
 Record = Runs | RunDetail
 
 
-def assert_equal(a: Record, b: Record) -> None:
+def assert_equal(a, b):
     for item in fields(a):
         x, y = getattr(a, item.name), getattr(b, item.name)
         if isinstance(x, RunDetail):
@@ -20,7 +20,7 @@ def assert_equal(a: Record, b: Record) -> None:
             np.testing.assert_array_equal(x, y)
 
 
-def declining(runs: Runs) -> Runs:
+def declining(runs):
     reasons, error = runs.fix_reason.astype("U40"), runs.fix_error.copy()
     reasons[0, 1], reasons[-1, -1] = "the map is flat here: γ below 0.1", "no reading"
     error[0, 1] = error[-1, -1] = np.nan
@@ -123,7 +123,7 @@ def test_candidates_are_flattened_with_their_batch():
     assert all(values.size == 0 for values in RunDetail.flatten([None, None]).values())
 
 
-def smoothed(runs: Runs) -> Runs:
+def smoothed(runs):
     states = {"smoothed_error": 0.5 * runs.error, "smoothed_covariance": 0.25 * runs.covariance}
     return replace(runs, **states)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from helpers.studies import outcomes
-from isogal.evaluation.records import Runs
 from isogal.evaluation.results import canonical_json, write_json
 from isogal.evaluation.summary import diverged, posterior_nees, summarise
 from isogal.scenario import Scenario
@@ -79,7 +78,7 @@ def test_diverged_runs_are_counted_by_their_last_half_hour(make_runs):
     assert summarise(runs, Scenario(), np.ones(121))["diverged"] == 2
 
 
-def with_declined(runs: Runs, batch: int) -> Runs:
+def with_declined(runs, batch):
     reasons = runs.fix_reason.astype("U4")
     reasons[:, batch] = "flat"
     return replace(runs, **outcomes(reasons))

@@ -15,7 +15,6 @@ from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.fields.simulated_vehicle import unaided_track
-from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
@@ -25,7 +24,7 @@ from isogal.sensors.trajectory import build_trajectory
 MAP = field_map_of(wavy)
 
 
-def scenario(duration=600.0, **matcher) -> Scenario:
+def scenario(duration=600.0, **matcher):
     length = matcher.get("batch_length", 15)  # batches do not overlap
     return Scenario(
         route=ROUTE.model_copy(update={"duration": duration}),
@@ -102,7 +101,7 @@ def test_batches_of_one_or_two_new_readings_are_as_good(settings):
 
 
 @cache
-def _late_error(**settings: int) -> float:
+def _late_error(**settings):
     """RMS error of four runs after 5 min, m; of the same runs for all settings."""
     error = simulate(scenario(**settings), range(4), MAP).error[:, 30:]
     return float(np.sqrt((error**2).sum(axis=-1).mean()))
@@ -165,17 +164,17 @@ class Scripted:
     batches: list[Batch] = field(default_factory=list)
     memories: list[Any] = field(default_factory=list)
 
-    def match(self, batch: Batch, field_map: FieldMap, memory: Any) -> tuple[Fix, Any]:
+    def match(self, batch, field_map, memory):
         self.batches.append(batch)
         self.memories.append(memory)
         return self.answer(batch), (memory or 0) + 1
 
 
-def at(batch: Batch, latitude: float, longitude: float, sigma: float, **keys: Any) -> Fix:
+def at(batch, latitude, longitude, sigma, **keys):
     return Fix(float(batch.time[-1]), latitude, longitude, sigma**2 * np.eye(2), **keys)
 
 
-def truth_at(it: Scenario, batch: Batch) -> tuple[float, float]:
+def truth_at(it, batch):
     trajectory = build_trajectory(it)
     k = round(float(batch.time[-1]))
     return float(trajectory.latitude[k]), float(trajectory.longitude[k])
