@@ -120,30 +120,6 @@ def test_the_callers_settings_stay_and_do_not_change_the_figure(make_runs):
     assert plt.get_fignums() == []
 
 
-def test_series_differ_in_dashes_and_colour_and_adjacent_ones_in_grey():
-    def luminance(colour):
-        red, green, blue = mpl.colors.to_rgb(colour)
-        return 0.299 * red + 0.587 * green + 0.114 * blue
-
-    assert len({str(line.dashes) for line in style.SERIES}) == len(style.SERIES)
-    assert len({line.colour for line in style.SERIES}) == len(style.SERIES)
-    assert len({str(line.dashes) for line in (style.AIDED, style.UNAIDED, style.BOUND)}) == 3
-    greys = [luminance(line.colour) for line in (style.AIDED, style.UNAIDED, style.BOUND)]
-    assert min(abs(a - b) for i, a in enumerate(greys) for b in greys[:i]) > 0.05
-
-
-def test_long_labels_fit_into_the_legend():
-    time = np.arange(200.0) * 60.0
-    curves = [
-        Curve(f"a matcher with many settings, sigma = {k}", time, np.full(200, 10.0 + k), line)
-        for k, line in enumerate(style.SERIES)
-    ]
-    picture = np.asarray(
-        Image.open(io.BytesIO(style.png(rms_figure(curves), dpi=100))).convert("L")
-    )
-    assert min(picture[:, 0].min(), picture[:, -1].min()) == 255
-
-
 def test_a_short_record_has_its_time_in_minutes():
     short = rms_figure([Curve("a", np.arange(5.0) * 60, np.ones(5), style.AIDED)])
     assert short.axes[0].get_xlabel().endswith("(min)")
