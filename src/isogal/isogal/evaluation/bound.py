@@ -111,8 +111,7 @@ class BoundResult:
         """Return the same of one that knows all readings; NaN where it was not asked for."""
         if self.smoothed is None:
             return np.full(np.shape(time), np.nan)
-        rms = np.sqrt(np.trace(self.smoothed, axis1=1, axis2=2))
-        return np.interp(time, self.time, rms, left=np.nan, right=np.nan)
+        return BoundResult(self.time, self.smoothed).rms_at(time)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
