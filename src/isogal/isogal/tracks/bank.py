@@ -96,10 +96,10 @@ class TrackMatcher:
                 " longer batches or a narrower prior may tell them apart"
             )
             return declined(batch, reason, **numbers), shifts
-        if all(map(shifts.untold, range(len(fields)))):
+        if not any(shifts.tells_apart(k, prior[:2, :2]) for k in range(len(fields))):
             reason = (
-                "the map knows too little here: its error, by its own 1-sigma, is larger than what"
-                " it shows along the track"
+                "the map knows too little here: by its own 1-sigma, what it shows along the track"
+                " cannot tell places apart"
             )
             return declined(batch, reason, **numbers), shifts
         return _fix(batch, prior, shifts, numbers), shifts

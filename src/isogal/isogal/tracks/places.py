@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from isogal.arrays import Array, Integers
+from isogal.maps.corridor import along_track
 from isogal.matching.pmht.cells import log_normal, square_of
 from isogal.matching.pmht.models import Models
 from isogal.tracks.evidence import Seen
@@ -104,12 +105,21 @@ class Shifts:
         place = label(taken, np.ones((3, 3)))[0][tuple(square.T)]
         return np.asarray(np.sort(np.bincount(place, self.weight[high])[1:])[::-1])
 
-    def untold(self, field: int) -> bool:
-        """Return whether a gridded map of a field says itself that it is wrong by more than it
-        shows along the track: what fits there, then, fits by chance, and its models, which learn
+    def tells_apart(self, field: int, prior: Array) -> bool:
+        """Return whether a gridded map, by its own 1-sigma, tells the places of a prior (2, 2)
+        apart: ln(1 + S² / s²) / 2 nats for each independent piece of the track (two lengths over
+        which its errors hold together; Shannon 1948, theorem 17) against the prior's entropy in
+        places of one length. If not, what fits there fits by chance, and the models, which learn
         the error from readings close together, take it for good."""
         one = self.seen[field]
-        return one.gridded and one.own_variance > one.shown(self.likeliest)
+        if not one.gridded or not one.own_variance:
+            return True
+        length = math.exp(self.of_models(field) @ np.log(one.models.length[self.which[field]]))
+        way = along_track(one.readings.latitude, one.readings.longitude)[-1]
+        shown = one.shown(self.likeliest)
+        told = 0.5 * way / (2.0 * length) * math.log1p(shown / one.own_variance)
+        places = 2.0 * math.pi * math.e * math.sqrt(float(np.linalg.det(prior))) / length**2
+        return told > math.log(places)
 
     def of_models(self, field: int) -> Array:
         """Return (M,) the posterior probability of the models of a field (of `which`)."""
