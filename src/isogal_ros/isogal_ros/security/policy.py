@@ -44,7 +44,7 @@ def endpoints(scenario: Scenario) -> dict[str, tuple[set[str], set[str], set[str
                 node = bus.add(name, plan.values(name))
                 published, heard, answered = found.setdefault(name, (set(), set(), set()))
                 published |= {relative(one.topic_name) for one in node.publishers}
-                heard |= {relative(one.topic_name) for one in node.subscriptions}
+                heard |= {relative(one.topic_name) for one in node.listeners}
                 answered |= bus.services(node).keys() - {*PARAMETERS, *LIFECYCLE}
                 published -= {relative(one) for one in COMMON_PUBLISHED}
                 node.close()
