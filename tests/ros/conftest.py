@@ -14,7 +14,7 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.made_once import made_once
-from helpers.node_bench import run_by_middleware
+from helpers.node_bench import run_here
 from isogal.fields.derived_maps import shared_maps
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
@@ -156,4 +156,4 @@ def recorded(
 
 
 def _run_to(scenario: Scenario, folder: Path) -> None:
-    run_by_middleware(scenario, folder / "bag")
+    run_here(scenario, folder / "bag")

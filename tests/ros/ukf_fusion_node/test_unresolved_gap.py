@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 
-from helpers.node_bench import feed_of
 from isogal_ros import topics
-from isogal_ros.faults.trials import track_of
+from isogal_ros.faults.trials import Feed, track_of
 from isogal_ros.nodes.health import OK
 from ukf_fusion_node.unresolved_gap import UnresolvedGap
 
@@ -44,7 +43,7 @@ def elbow(degrees: float) -> str:
 def test_a_sharp_turn_in_a_gap_is_never_silent(scenario, degrees) -> None:
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
     turning = scenario(elbow(degrees), "route.turn_rate=0.1", "route.duration=960.0", *own)
-    player, wrong = feed_of(turning).player(), {}
+    player, wrong = Feed(turning, 0).player(), {}
     player.bus.hear(topics.DIAGNOSTICS, lambda data: take(data, wrong))
     player.bus.change = lambda topic, data: (
         [] if topic == topics.IMU.name and abs(player.bus.now - 600.0) <= GAP / 2.0 else [data]
