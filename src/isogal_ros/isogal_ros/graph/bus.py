@@ -108,11 +108,11 @@ class Bus(Context):
             node.destroy_node()
 
     def finish(self, node: GraphNode) -> None:
-        """Let a node say its last words, and take it off."""
-        node.close()
-        self.run()
+        """Take a node off, and let the others have its last words."""
         self.nodes.remove(node)
         self.listeners.clear()
+        node.close()
+        self.run()
 
     def open(self) -> None:
         """Let nodes hear others where no node on the bus publishes."""
