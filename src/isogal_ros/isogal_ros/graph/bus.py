@@ -279,11 +279,7 @@ class _OnBus:
     ) -> Publisher:
         made = super().create_publisher(kind, name, qos, **options)  # type: ignore[misc]
         bus, on_bus, publish = self.context, made.topic_name.lstrip("/"), made.publish
-        latched = (
-            qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            if hasattr(qos, "durability")
-            else False
-        )
+        latched = getattr(qos, "durability", None) == DurabilityPolicy.TRANSIENT_LOCAL
 
         def send(message: Message) -> None:
             bus.send(on_bus, message)
@@ -304,15 +300,8 @@ class _OnBus:
         raw: bool = False,
         **options: Any,
     ) -> Listener:
-        make = partial(
-            super().create_subscription,
-            kind,
-            name,
-            callback,
-            qos,
-            raw=raw,
-            **options,  # type: ignore[misc]
-        )
+        subscribe = super().create_subscription  # type: ignore[misc]
+        make = partial(subscribe, kind, name, callback, qos, raw=raw, **options)
         resolved = self.resolve_topic_name(name)  # type: ignore[attr-defined]
         made = Listener(self, resolved, kind, callback, raw, make)
         self.listeners.append(made)

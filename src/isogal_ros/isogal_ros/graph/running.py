@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import Executor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -97,28 +98,39 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report)
                 nodes[name] = bus.add(name, plan.values(name))
                 executor.add_node(nodes[name])
             bus.open()
-            simulator, begun = nodes[topics.INS_SIM], time.monotonic()
-            looked = begun
-            while not (interrupt or simulator.finished):
-                # what comes by the middleware, and timers, between messages of the graph
-                executor.spin_once(timeout_sec=0.0 if bus.run(AT_ONCE) else 0.2)
-                if (now := time.monotonic()) < looked + LOOK_EVERY:
-                    continue
-                looked = now
-                bus.look()
-                _require_well(nodes)
-                if (progress := progress_of(simulator.health.figures)) is not None:
-                    report(progress)
-            wall = time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
-            simulator.finished = True  # no further step while the rest is delivered
-            bus.run()
-            _require_well(nodes)
+            wall = _spin(bus, executor, nodes, interrupt, report)
         finally:
+            if topics.INS_SIM in nodes:
+                nodes[topics.INS_SIM].finished = True  # no further step while all end
+            bus.run()
             executor.shutdown()  # or it would keep the nodes' publishers
             for name in reversed(nodes):  # the recorder hears all to the end
                 bus.finish(nodes[name])
         _require_well(nodes)  # the recorder finishes its bag last
         return wall
+
+
+def _spin(
+    bus: Bus,
+    executor: Executor,
+    nodes: Mapping[str, GraphNode],
+    interrupt: Interrupt,
+    report: Report,
+) -> float:
+    """Run nodes until the simulator has ended; return the wall time from its first step on."""
+    simulator, begun = nodes[topics.INS_SIM], time.monotonic()
+    looked = begun
+    while not (interrupt or simulator.finished):
+        # what comes by the middleware, and timers, between messages of the graph
+        executor.spin_once(timeout_sec=0.0 if bus.run(AT_ONCE) else 0.2)
+        if (now := time.monotonic()) < looked + LOOK_EVERY:
+            continue
+        looked = now
+        bus.look()
+        _require_well(nodes)
+        if (progress := progress_of(simulator.health.figures)) is not None:
+            report(progress)
+    return time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
 
 
 def _require_well(nodes: Mapping[str, GraphNode]) -> None:
