@@ -166,9 +166,8 @@ class GraphNode(LifecycleNode):
             else [Parameter(key, value=value) for key, value in values.items()],
             automatically_declare_parameters_from_overrides=True,
         )
-        clock: Callable[[], float] | None = getattr(context, "monotonic", None)
-        self.monotonic = clock or time.monotonic
-        """Returns the wall time, s; nodes that are alone on a bus (`graph.bus`) have its own."""
+        clock = getattr(context, "monotonic", None)  # of nodes that are alone on a bus
+        self.monotonic: Callable[[], float] = clock or time.monotonic
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
