@@ -74,7 +74,8 @@ def navigate(
     rows, scans = [], ground_pressure(drive) if matched else {}
     for k in range(1, len(drive.time)):
         t = drive.time[k]
-        navigator.imu(t, drive.force[k], drive.rate[k])
+        missing = max(0.0, t - drive.time[k - 1] - 1.0 / scenario.imu.rate)
+        navigator.imu(t, drive.force[k], drive.rate[k], missing=missing)
         for one in aids_at(drive, k, scenario, known):
             navigator.measure(t, one)
         if k in scans:
