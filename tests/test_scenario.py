@@ -200,7 +200,7 @@ def test_several_mistakes_are_all_named():
     ("route: [1, 2\n", r"s\.yaml: not valid YAML \(line \d\): "),
     ("- 1\n- 2\n", r"s\.yaml: must be a mapping of keys, is a list"),
     ("just words\n", r"s\.yaml: must be a mapping of keys, is a str"),
-    ("seed: {\xff}\n".encode("latin-1"), r"s\.yaml: cannot be read: "),
+    ("seed: {\xff}\n".encode("latin-1"), r"s\.yaml: is not a text file"),
     ("sead: 1\n", r"s\.yaml: unknown key 'sead', did you mean 'seed'\?"),
     ("route:\n", r"s\.yaml: route: "),
 ])  # fmt: skip

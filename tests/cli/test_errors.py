@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import IO
 
 import pytest
 
@@ -13,29 +12,29 @@ from isogal.cli.errors import clean_errors
 ISOGAL = Path(sys.executable).with_name("isogal")
 
 
-def version_into(stream: IO[bytes]) -> tuple[int, str]:
+def version_into(stream):
     done = subprocess.run(
         [ISOGAL, "--version"], stdout=stream, stderr=subprocess.PIPE, timeout=60, check=False
     )
     return done.returncode, done.stderr.decode()
 
 
-def test_a_closed_pipe_is_not_reported() -> None:
+def test_a_closed_pipe_is_not_reported():
     read_end, write_end = os.pipe()
     os.close(read_end)
     with os.fdopen(write_end, "wb") as closed_pipe:
         assert version_into(closed_pipe) == (141, "")
 
 
-def test_a_full_disk_is_one_line() -> None:
+def test_a_full_disk_is_one_line():
     line = "isogal: the output cannot be written: No space left on device\n"
     with Path("/dev/full").open("wb") as full:
         assert version_into(full) == (2, line)
 
 
-def test_the_extra_is_named(capsys) -> None:
+def test_the_extra_is_named(capsys):
     @clean_errors
-    def needs() -> None:
+    def needs():
         raise ModuleNotFoundError("No module named 'rasterio.crs'", name="rasterio.crs")
 
     with pytest.raises(SystemExit) as ended:
@@ -44,9 +43,9 @@ def test_the_extra_is_named(capsys) -> None:
     assert "pip install 'isogal[maps]'" in capsys.readouterr().err
 
 
-def test_a_module_of_our_own_that_is_missing_is_a_defect() -> None:
+def test_a_module_of_our_own_that_is_missing_is_a_defect():
     @clean_errors
-    def broken() -> None:
+    def broken():
         raise ModuleNotFoundError("No module named 'isogal.nothing'", name="isogal.nothing")
 
     with pytest.raises(ModuleNotFoundError):

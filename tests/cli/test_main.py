@@ -16,14 +16,14 @@ ISOGAL = Path(sys.executable).with_name("isogal")
 HEAVY = ("numpy", "numba", "scipy", "xarray", "pandas", "matplotlib", "rclpy", "dask")
 
 
-def isogal_command(*arguments: str) -> subprocess.CompletedProcess[str]:
+def isogal_command(*arguments):
     return subprocess.run(
         [ISOGAL, *arguments], capture_output=True, text=True, timeout=60, check=False
     )
 
 
 @pytest.fixture
-def sample(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def sample(monkeypatch, tmp_path):
     """Add commands that only fail, each in its own way, as if their modules lay in isogal.cli."""
     (tmp_path / "sample_commands.py").write_text(
         """
@@ -83,7 +83,7 @@ def second() -> None:
         ["montecarlo", "--runs", "none"],
     ],
 )
-def test_version_help_and_refusals_start_without_the_numerical_packages(words: list[str]) -> None:
+def test_version_help_and_refusals_start_without_the_numerical_packages(words):
     code = f"""
 import sys
 from isogal.cli.main import app
@@ -100,30 +100,30 @@ finally:
     assert "AssertionError" not in done.stderr
 
 
-def test_version() -> None:
+def test_version():
     done = isogal_command("--version")
     assert (done.returncode, done.stdout, done.stderr) == (0, f"isogal {__version__}\n", "")
 
 
-def test_help_lists_all_commands() -> None:
+def test_help_lists_all_commands():
     listed = " ".join(answer("--help").split())
     for name, command in main.COMMANDS.items():
         assert f"{name} {command.help.split()[0]}" in listed
 
 
 @pytest.mark.parametrize("name", main.COMMANDS)
-def test_every_command_has_help(name: str) -> None:
+def test_every_command_has_help(name):
     assert f"Usage: isogal {name}" in " ".join(answer(name, "--help").split())
 
 
-def test_the_help_fills_the_line(sample: None) -> None:
+def test_the_help_fills_the_line(sample):
     result = CliRunner().invoke(main.app, ["plain", "--help"], env={"COLUMNS": "100"})
     assert any(
         "A sentence that the source breaks goes on." in line for line in result.output.splitlines()
     )
 
 
-def test_a_function_and_a_group_become_commands(sample: None) -> None:
+def test_a_function_and_a_group_become_commands(sample):
     result = CliRunner().invoke(main.app, ["plain", "--runs", "2", "--out", "here"])
     assert (result.exit_code, result.stdout) == (0, "2 runs into here\n")
     result = CliRunner().invoke(main.app, ["group", "first"])
@@ -159,12 +159,12 @@ def test_failures_end_in_one_line(
     assert result.stdout == ""
 
 
-def test_a_defect_keeps_its_traceback(sample: None) -> None:
+def test_a_defect_keeps_its_traceback(sample):
     result = CliRunner().invoke(main.app, ["defect"])
     assert isinstance(result.exception, ZeroDivisionError)
 
 
-def test_no_command_shows_the_help() -> None:
+def test_no_command_shows_the_help():
     done = isogal_command()
     assert done.returncode == 2
     assert "Usage: isogal" in done.stdout + done.stderr

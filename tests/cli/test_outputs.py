@@ -58,8 +58,8 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "words", "why"), CASES, ids=[name for name, *_ in CASES])
 def test_an_output_that_cannot_be_written_is_refused_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: tuple[str, ...], why: str
-) -> None:
+    tmp_path, monkeypatch, name, words, why
+):
     monkeypatch.chdir(tmp_path)
     taken = next(word for word in words if word.partition(".")[0] == "x")
     Path(taken).mkdir() if "file is needed" in why else Path(taken).write_text("kept")

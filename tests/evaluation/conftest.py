@@ -1,6 +1,5 @@
 """Made-up but realistic records for the tests of evaluation."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,16 +9,7 @@ from helpers.studies import outcomes
 from isogal.evaluation.records import RunDetail, Runs
 
 
-def _make(
-    runs: int = 3,
-    states: int = 121,
-    step: float = 60.0,
-    batches: int = 24,
-    scale: float = 50.0,
-    seed: int = 1,
-    detail: bool = False,
-    **changes: Any,
-) -> Runs:
+def _make(runs=3, states=121, step=60.0, batches=24, scale=50.0, seed=1, detail=False, **changes):
     """Errors of a navigator that knows its own covariance (scale² on either axis), and an unaided
     one that drifts."""
     random = np.random.default_rng(seed)
@@ -65,6 +55,6 @@ def _make(
 
 
 @pytest.fixture(scope="session")
-def make_runs() -> Callable[..., Runs]:
+def make_runs():
     """The factory of made-up records."""
     return _make

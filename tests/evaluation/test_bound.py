@@ -1,8 +1,6 @@
 """The bound against independent computations: conditioning of one large Gaussian vector, and an
 exhaustive point-mass filter."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -19,25 +17,22 @@ from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.inertial.error_model import STATES, fill_dynamics
-from isogal.maps.field_map import FieldMap
-from isogal.scenario import Gravimeter, Scenario, validate_scenario
+from isogal.scenario import Gravimeter, validate_scenario
 from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.gravimeter_errors import missing
 from isogal.sensors.noise import RunScans
-from isogal.sensors.trajectory import Trajectory, build_trajectory
+from isogal.sensors.trajectory import build_trajectory
 
 WAVES = field(waves)
 HALF_AN_HOUR = {"route": {"duration": 1800.0}}
 
 
-def scenario(**sections: Any) -> Scenario:
+def scenario(**sections):
     """A scenario of half an hour if nothing else is said."""
     return validate_scenario(HALF_AN_HOUR | sections)
 
 
-def bound(
-    field_map: FieldMap | None = WAVES, how: dict[str, Any] | None = None, **sections: Any
-) -> BoundResult:
+def bound(field_map=WAVES, how=None, **sections):
     """Bound of a scenario; of the unaided navigator where there is no map."""
     settings = scenario(**sections)
     trajectory = build_trajectory(settings)
@@ -46,18 +41,12 @@ def bound(
     return posterior_cramer_rao(settings, trajectory, field_map, **(how or {}))
 
 
-def rms(field_map: FieldMap | None = WAVES, **sections: Any) -> float:
+def rms(field_map=WAVES, **sections):
     """RMS error at the end."""
     return float(bound(field_map, **sections).rms[-1])
 
 
-def _dense(
-    settings: Scenario,
-    trajectory: Trajectory,
-    gradient: tuple[float, float],
-    quantisation: float,
-    scan: int = -1,
-) -> np.ndarray:
+def _dense(settings, trajectory, gradient, quantisation, scan=-1):
     """Covariance of the position error at a scan, counted from 0, given all readings, by
     conditioning one big Gaussian vector.
 
@@ -201,27 +190,6 @@ def test_readings_without_gradient_or_off_the_map_tell_nothing():
     np.testing.assert_array_equal(bound(elsewhere, **settings).covariance, unaided)
 
 
-def test_worse_sensors_and_maps_give_larger_bounds():
-    good, unaided = rms(), rms(None)
-    assert good < rms(gravimeter={"sigma": 1e-4})
-    assert good < rms(gravimeter={"outlier_fraction": 0.05})
-    assert good < rms(map_error={"sigma": 3e-5}) < rms(map_error={"sigma": 8e-5})
-    assert good < rms(initial_error={"position": 500.0})
-    clock, late = (rms(gravimeter={"delay_sigma": sigma}) for sigma in (2.0, 20.0))
-    assert 1.02 * good < clock < late < unaided
-
-
-def test_a_map_that_is_more_wrong_in_some_places():
-    def end(sigma, share):
-        how = {} if share is None else {"map_share": np.broadcast_to(share, 180)}
-        error = {"sigma": sigma}
-        return bound(how=how, gravity={"field": "normal"}, map_error=error).rms[-1]
-
-    assert end(1e-5, 3.0) == pytest.approx(end(3e-5, None))
-    good_at_the_end = np.where(np.arange(180) < 90, 3.0, 1.0)
-    assert end(1e-5, None) < end(1e-5, good_at_the_end) < end(3e-5, None)
-
-
 def test_the_rate_of_the_imu_hardly_matters():
     results = [bound(route={"duration": 900.0}, imu={"rate": rate}) for rate in (1.0, 5.0, 10.0)]
     for other in results[1:]:
@@ -229,24 +197,13 @@ def test_the_rate_of_the_imu_hardly_matters():
         np.testing.assert_allclose(other.rms, results[0].rms, rtol=1e-3)
 
 
-def on_the_map_of_australia(shared_data, variable: str, **gravimeter: Any) -> BoundResult:
+def on_the_map_of_australia(shared_data, variable, **gravimeter):
     source = str(shared_data / "se_australia_gravity.nc")
     settings = validate_scenario(
         {"map": {"source": source, "variable": variable}, "gravimeter": gravimeter}
     )
     trajectory = build_trajectory(settings)
     return posterior_cramer_rao(settings, trajectory, map_for_scenario(settings, trajectory))
-
-
-def test_covariances_stay_symmetric_and_positive_over_the_whole_route(shared_data):
-    bound, again = (
-        on_the_map_of_australia(shared_data, "dg", quantity="disturbance", sigma=1e-6)
-        for _ in range(2)
-    )
-    assert bound.time[0] == 0.0 and bound.time[-1] == 12960.0 and len(bound.time) == 1297
-    np.testing.assert_allclose(bound.covariance, np.swapaxes(bound.covariance, 1, 2), rtol=1e-9)
-    assert (np.linalg.eigvalsh(bound.covariance)[:, 0] > 0.0).all()
-    np.testing.assert_array_equal(again.covariance, bound.covariance)
 
 
 PUBLISHED = [  # map variable, quantity, sigma; RMS bound by an independent implementation (11.1)
@@ -293,7 +250,7 @@ def test_it_is_of_the_true_world(field_map):
 
 
 def test_an_instrument_as_built_gives_larger_bounds():
-    def end(sigma: float = 1e-5, **gravimeter: Any) -> float:
+    def end(sigma=1e-05, **gravimeter):
         return rms(gravimeter={"sigma": sigma, **gravimeter})
 
     good = end()
@@ -351,7 +308,7 @@ def test_in_turns_cross_coupling_counts():
     assert coupled < 1.001 * blind
 
 
-def test_what_comes_later_informs_the_past_and_costs_nothing() -> None:
+def test_what_comes_later_informs_the_past_and_costs_nothing():
     both = bound(how={"smoothed": True})
     assert both.smoothed is not None and bound().smoothed is None
     np.testing.assert_array_equal(both.covariance, bound().covariance)

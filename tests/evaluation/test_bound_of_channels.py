@@ -1,7 +1,6 @@
 """The bound with readings of several channels."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from helpers.route_maps import field
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.maps.channels import ChannelMap
 from isogal.maps.error_model import displacements, tensor_covariance
-from isogal.maps.potential import tensor_maps
+from isogal.maps.potential import derivatives
 from isogal.scenario import Gradiometer, MapError, validate_scenario
 from isogal.sensors.gradiometer_errors import tilt_effect
 from isogal.sensors.trajectory import build_trajectory
@@ -20,9 +19,7 @@ class TestChannels:
 
     FIELD = field(lambda n, e: 1e-8 * np.sin(n / 3e3 + e / 5e3))
 
-    def bound(
-        self, covariance: list[list[float]], map_sigma: float = 0.0, **keys: Any
-    ) -> np.ndarray:
+    def bound(self, covariance, map_sigma=0.0, **keys):
         names = ("nn", "ne", "nd")[: len(covariance)]
         settings = validate_scenario(
             {
@@ -48,12 +45,12 @@ class TestChannels:
         weighted = 1.0 / np.linalg.inv(three).sum()
         np.testing.assert_allclose(self.bound(three), self.bound([[weighted]]), rtol=1e-9)
 
-    def test_map_errors_of_two_channels_are_independent(self) -> None:
+    def test_map_errors_of_two_channels_are_independent(self):
         two = self.bound([[8.0, 0.0], [0.0, 8.0]], 3e-9)
         np.testing.assert_allclose(two, self.bound([[4.0]], 3e-9 / np.sqrt(2.0)), rtol=1e-9)
         assert (two[-1] > self.bound([[8.0, 0.0], [0.0, 8.0]])[-1]).any()
 
-    def test_outliers(self) -> None:
+    def test_outliers(self):
         keys = {"gravimeter": {"outlier_fraction": 0.2, "outlier_sigma": 30.0}}
         np.testing.assert_allclose(
             self.bound([[8.0, 0.0], [0.0, 8.0]], **keys), self.bound([[4.0]], **keys), rtol=1e-9
@@ -83,7 +80,7 @@ class TestOnePotential:
         }
     )
     TRAJECTORY = build_trajectory(SETTINGS)
-    MAPS = tensor_maps(
+    MAPS = derivatives(
         replace(
             field(lambda n, e: 1e-4 * np.sin(n / 700.0 + np.sin(e / 900.0)), step_deg=0.004),
             quantity="disturbance",
@@ -92,7 +89,7 @@ class TestOnePotential:
         edge=10e3,
     )
 
-    def test_it_is_near_the_dense_one(self) -> None:
+    def test_it_is_near_the_dense_one(self):
         settings, trajectory = self.SETTINGS, self.TRAJECTORY
         scans, slope = self._slopes()
         rows, channel = np.repeat(scans, 5), np.tile(np.arange(5), len(scans))
@@ -114,7 +111,7 @@ class TestOnePotential:
         other = posterior_cramer_rao(alone, trajectory, self.MAPS).covariance[-1]
         assert abs(np.sqrt(np.trace(other)) / found - 1.0) > 0.1
 
-    def test_tilt_and_walking_offsets(self) -> None:
+    def test_tilt_and_walking_offsets(self):
         told = {
             "covariance_eotvos": self.NOISE.tolist(), "bias_eotvos": 4.0,
             "bias_walk_eotvos": 0.5, "platform_tilt": 2e-3, "platform_time": 250.0,
@@ -145,7 +142,7 @@ class TestOnePotential:
             other = posterior_cramer_rao(less, trajectory, self.MAPS).covariance[-1]
             assert np.sqrt(np.trace(other)) < 0.995 * found, key
 
-    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+    def _slopes(self):
         """Index of the scans, and the readings' derivatives (5 scans, 2) by the position error."""
         trajectory = self.TRAJECTORY
         scans = np.arange(20, len(trajectory) + 1, 20)

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from helpers.route_maps import field, waves
-from isogal.evaluation.bound import BoundResult, posterior_cramer_rao
-from isogal.maps.field_map import FieldMap
+from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.maps.several import FieldMaps
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
@@ -22,7 +21,7 @@ MAPS = {"gravity": GRAVITY_MAP, "magnetic": MAGNETIC_MAP}
 BASE = {"route": {"duration": 1800.0}, "gravity": {"field": "normal"}}
 
 
-def bound(*fields: dict[str, Any], maps: tuple[FieldMap, ...] = (), **keys: Any) -> BoundResult:
+def bound(*fields, maps=(), **keys):
     scenario = validate_scenario(BASE | {"fields": list(fields)} | keys)
     maps = maps or tuple(MAPS[one["field"]] for one in fields)
     return posterior_cramer_rao(scenario, build_trajectory(scenario), FieldMaps(maps))

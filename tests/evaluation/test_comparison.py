@@ -7,7 +7,7 @@ import pytest
 from helpers.command_line import answer, refusal
 
 
-def write(folder, error: float | None, **scenario) -> None:
+def write(folder, error, **scenario):
     folder.mkdir()
     time = [0.0, 60.0, 120.0]
     document = {
@@ -20,13 +20,13 @@ def write(folder, error: float | None, **scenario) -> None:
 
 
 @pytest.fixture
-def studies(tmp_path) -> list:
+def studies(tmp_path):
     write(tmp_path / "one", 64.75, seed=3)
     write(tmp_path / "two", None, matcher={"name": "tercom"})
     return [tmp_path / "one", tmp_path / "two"]
 
 
-def test_what_differs_and_the_figures_of_merit(studies, tmp_path) -> None:
+def test_what_differs_and_the_figures_of_merit(studies, tmp_path):
     found = json.loads(answer("compare", *studies, "--json"))
     assert found["runs"] == ["one", "two"]
     assert found["settings"] == {"seed": [3, 0], "matcher.name": [None, "tercom"]}
@@ -37,7 +37,7 @@ def test_what_differs_and_the_figures_of_merit(studies, tmp_path) -> None:
     assert "What differs in the scenarios" in (tmp_path / "both" / "report.html").read_text()
 
 
-def test_names_tell_runs_of_the_same_folder_name_apart(tmp_path) -> None:
+def test_names_tell_runs_of_the_same_folder_name_apart(tmp_path):
     for parent in ("a", "b"):
         (tmp_path / parent).mkdir()
         write(tmp_path / parent / "run", 1.0)
@@ -46,7 +46,7 @@ def test_names_tell_runs_of_the_same_folder_name_apart(tmp_path) -> None:
     assert found["settings"] == {}
 
 
-def test_what_cannot_be_compared(studies, tmp_path) -> None:
+def test_what_cannot_be_compared(studies, tmp_path):
     assert "two or more" in refusal("compare", studies[0])
     assert "two or more" in refusal("compare", studies[0], studies[0] / "results.json")
     assert "no results.json" in refusal("compare", studies[0], tmp_path)

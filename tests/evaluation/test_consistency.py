@@ -17,7 +17,7 @@ from isogal.evaluation.consistency import (
 COVARIANCE = np.array([[400.0, 150.0], [150.0, 900.0]])
 
 
-def draw(random: np.random.Generator, *shape: int) -> np.ndarray:
+def draw(random, *shape):
     return random.standard_normal((*shape, 2)) @ np.linalg.cholesky(COVARIANCE).T
 
 
@@ -54,14 +54,6 @@ def test_the_interval_is_the_chi_square_one():
         np.testing.assert_allclose((low, high), expected, rtol=1e-10)
 
 
-@pytest.mark.parametrize(
-    "bad", [{"samples": 0}, {"samples": 5, "axes": 0}, {"samples": 5, "confidence": 1.0}]
-)
-def test_impossible_arguments_of_an_interval_are_refused(bad):
-    with pytest.raises(ValueError, match="samples > 0"):
-        chi_square_interval(**bad)
-
-
 def test_independent_values_count_in_full_and_correlated_ones_by_their_autocorrelation():
     random = np.random.default_rng(4)
     white = random.standard_normal((200, 40))
@@ -76,7 +68,7 @@ def test_independent_values_count_in_full_and_correlated_ones_by_their_autocorre
     assert effective_samples(np.repeat(white[:, :1], 40, axis=1)) == pytest.approx(200)
 
 
-def within(error: np.ndarray, covariance: np.ndarray) -> bool:
+def within(error, covariance):
     """Whether the mean NEES lies in its interval."""
     result = mean_nees(nees_per_axis(error, covariance))
     return result.interval[0] <= result.mean <= result.interval[1]

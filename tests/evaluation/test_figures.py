@@ -3,7 +3,6 @@ settings."""
 
 import io
 from dataclasses import replace
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -19,12 +18,10 @@ from isogal.evaluation.figures.signal import signal_figure, variability_figure
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.integrity import Solution
-from isogal.evaluation.records import Runs
-from isogal.maps.field_map import FieldMap
 from isogal.scenario import Integrity
 
 
-def declining(runs: Runs) -> Runs:
+def declining(runs):
     count = runs.fix_time.size
     reasons = [["flat" if b % 3 == 0 else "" for b in range(count)]] * len(runs)
     error, covariance = runs.fix_error.copy(), runs.fix_covariance.copy()
@@ -32,7 +29,7 @@ def declining(runs: Runs) -> Runs:
     return replace(runs, **outcomes(reasons), fix_error=error, fix_covariance=covariance)
 
 
-def all_figures(runs: Runs, field_map: FieldMap) -> dict[str, Any]:
+def all_figures(runs, field_map):
     figures = {
         "track": track_figure(runs, field_map),
         "errors": error_figure(runs),
@@ -46,7 +43,7 @@ def all_figures(runs: Runs, field_map: FieldMap) -> dict[str, Any]:
     return figures
 
 
-def labels(figure: Any) -> set[str]:
+def labels(figure):
     return {
         label
         for panel in figure.axes
@@ -121,30 +118,6 @@ def test_the_callers_settings_stay_and_do_not_change_the_figure(make_runs):
     import matplotlib.pyplot as plt
 
     assert plt.get_fignums() == []
-
-
-def test_series_differ_in_dashes_and_colour_and_adjacent_ones_in_grey():
-    def luminance(colour: str) -> float:
-        red, green, blue = mpl.colors.to_rgb(colour)
-        return 0.299 * red + 0.587 * green + 0.114 * blue
-
-    assert len({str(line.dashes) for line in style.SERIES}) == len(style.SERIES)
-    assert len({line.colour for line in style.SERIES}) == len(style.SERIES)
-    assert len({str(line.dashes) for line in (style.AIDED, style.UNAIDED, style.BOUND)}) == 3
-    greys = [luminance(line.colour) for line in (style.AIDED, style.UNAIDED, style.BOUND)]
-    assert min(abs(a - b) for i, a in enumerate(greys) for b in greys[:i]) > 0.05
-
-
-def test_long_labels_fit_into_the_legend():
-    time = np.arange(200.0) * 60.0
-    curves = [
-        Curve(f"a matcher with many settings, sigma = {k}", time, np.full(200, 10.0 + k), line)
-        for k, line in enumerate(style.SERIES)
-    ]
-    picture = np.asarray(
-        Image.open(io.BytesIO(style.png(rms_figure(curves), dpi=100))).convert("L")
-    )
-    assert min(picture[:, 0].min(), picture[:, -1].min()) == 255
 
 
 def test_a_short_record_has_its_time_in_minutes():

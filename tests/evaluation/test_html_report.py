@@ -2,8 +2,6 @@ import base64
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.errors import error_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.evaluation.records import Runs
 from isogal.evaluation.run_report import run_report
 from isogal.evaluation.summary import summarise
 from isogal.scenario import Scenario
@@ -26,7 +23,7 @@ VOID = {"meta", "img", "br", "link"}
 class Page(HTMLParser):
     """Checks nesting and collects what is in the page."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
         self.stack: list[str] = []
         self.found: list[tuple[str, dict[str, str | None]]] = []
@@ -35,19 +32,19 @@ class Page(HTMLParser):
         self.close()
         assert self.stack == []
 
-    def handle_starttag(self, tag: str, attrs: Any) -> None:
+    def handle_starttag(self, tag, attrs):
         self.found.append((tag, dict(attrs)))
         if tag not in VOID:
             self.stack.append(tag)
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.stack.pop() == tag
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         if self.stack[-1:] != ["style"]:
             self.text += data
 
-    def all(self, tag: str) -> list[dict[str, str | None]]:
+    def all(self, tag):
         return [attributes for name, attributes in self.found if name == tag]
 
 
@@ -60,18 +57,18 @@ def coarse_pictures():
 
 
 @pytest.fixture(scope="module")
-def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures) -> Path:
+def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures):
     folder = tmp_path_factory.mktemp("run")
     write(make_runs(runs=1, detail=True), folder)
     return folder
 
 
-def write(runs: Runs, folder: Path) -> Path:
+def write(runs, folder):
     summary = summarise(runs, Scenario(), bound().rms_at(runs.time - runs.time[0]))
     return run_report(runs, Scenario(), FIELD, bound(), folder, summary)
 
 
-def bound(states: int = 121) -> BoundResult:
+def bound(states=121):
     return BoundResult(
         np.arange(states) * 60.0, np.broadcast_to(400.0 * np.eye(2), (states, 2, 2))
     )
@@ -133,13 +130,6 @@ def test_equal_runs_give_equal_reports_whenever_they_started(report_of_a_run, ma
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in report_of_a_run.iterdir()}
     for file in tmp_path.iterdir():
         assert file.read_bytes() == (report_of_a_run / file.name).read_bytes(), file.name
-
-
-def test_two_figures_of_one_name_are_refused(make_runs, tmp_path):
-    picture = Illustration("same", error_figure(make_runs(runs=1)), "")
-    with pytest.raises(ValueError, match="same name"):
-        write_report(tmp_path, "t", [Section("a", illustrations=[picture, picture])])
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_report_of_a_run(make_runs, report_of_a_run):

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from isogal.errors import InputError
 from isogal.evaluation.integrity import (
     RISKS,
     Rate,
@@ -21,7 +20,7 @@ from isogal.evaluation.integrity import (
 )
 from isogal.evaluation.run_report import exceedance_table
 from isogal.fusion.protection_level import protection_level
-from isogal.scenario import Integrity, load_scenario
+from isogal.scenario import Integrity
 
 TIME = np.arange(12) * 10.0
 
@@ -52,20 +51,15 @@ def test_runs_are_counted_by_themselves_and_by_time_not_by_state():
     assert excursions(outside, np.array([0.0, 1.0, 2.0, 2.0]), 2.0).tolist() == [1, 0, 1]
 
 
-@given(st.integers(0, 500), st.floats(0.5, 0.999))
-def test_the_ends_leave_out_half_each(count, confidence):
-    low, high = poisson_interval(count, confidence)
-    tail = (1.0 - confidence) / 2.0
+@given(st.integers(0, 500))
+def test_the_ends_leave_out_half_each(count):
+    low, high = poisson_interval(count)
+    tail = (1.0 - 0.95) / 2.0
     assert stats.poisson.cdf(count, high) == pytest.approx(tail, rel=1e-6)
     if count:
         assert stats.poisson.sf(count - 1, low) == pytest.approx(tail, rel=1e-6)
     else:
         assert low == 0.0
-
-
-def test_an_impossible_interval_is_refused():
-    with pytest.raises(ValueError, match="events >= 0"):
-        poisson_interval(-1)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +70,7 @@ def test_verdicts(events, verdict):
     assert Rate(events, 100.0).per_hour == events / 100.0
 
 
-def claimed(make_runs, factor: float = 1.0, **changes):
+def claimed(make_runs, factor=1.0, **changes):
     """Runs of 6 h whose error is `factor` times as large as the level at 0.1 per hour for half an
     hour in the middle of the second run, and nil elsewhere."""
     runs = make_runs(states=361, **changes)
@@ -149,11 +143,3 @@ def test_the_correlation_time_is_measured(make_runs):
     assert math.isnan(correlation_time(replace(solution, error=alternating)))
     short = Solution(time[:3], error[:, :3], covariance[:, :3])
     assert math.isnan(correlation_time(short))
-
-
-@pytest.mark.parametrize(
-    "setting", ["risk=0", "risk=0.2", "risk=1e-10", "correlation_time=5", "alert_limit=0"]
-)
-def test_settings_out_of_range_are_refused(setting):
-    with pytest.raises(InputError, match=setting.partition("=")[0]):
-        load_scenario(None, [f"integrity.{setting}"])

@@ -28,10 +28,6 @@ def flags(runs):
     return {kind: np.flatnonzero(judgement[kind]).tolist() for kind in (*KINDS, "good")}
 
 
-def test_good_runs_are_good(calm):
-    assert flags(calm) == {kind: [] for kind in KINDS} | {"good": [0, 1, 2, 3]}
-
-
 def test_a_run_without_any_fix_is_not_good_and_not_called_worse(calm):
     none = outcomes([["flat" if run == 2 else ""] * 24 for run in range(4)])
     runs = replace(calm, **none, unaided_error=calm.error - 1.0)

@@ -5,22 +5,22 @@ import pytest
 
 from helpers.studies import outcomes
 from isogal.errors import InputError
-from isogal.evaluation.records import RunDetail, Runs, SmoothedStates
+from isogal.evaluation.records import RunDetail, Runs
 from isogal.matching.interfaces import Candidates
 
-Record = Runs | RunDetail | SmoothedStates
+Record = Runs | RunDetail
 
 
-def assert_equal(a: Record, b: Record) -> None:
+def assert_equal(a, b):
     for item in fields(a):
         x, y = getattr(a, item.name), getattr(b, item.name)
-        if isinstance(x, RunDetail | SmoothedStates):
+        if isinstance(x, RunDetail):
             assert_equal(x, y)
         else:
             np.testing.assert_array_equal(x, y)
 
 
-def declining(runs: Runs) -> Runs:
+def declining(runs):
     reasons, error = runs.fix_reason.astype("U40"), runs.fix_error.copy()
     reasons[0, 1], reasons[-1, -1] = "the map is flat here: γ below 0.1", "no reading"
     error[0, 1] = error[-1, -1] = np.nan
@@ -123,8 +123,9 @@ def test_candidates_are_flattened_with_their_batch():
     assert all(values.size == 0 for values in RunDetail.flatten([None, None]).values())
 
 
-def smoothed(runs: Runs) -> Runs:
-    return replace(runs, smoothed=SmoothedStates(0.5 * runs.error, 0.25 * runs.covariance))
+def smoothed(runs):
+    states = {"smoothed_error": 0.5 * runs.error, "smoothed_covariance": 0.25 * runs.covariance}
+    return replace(runs, **states)
 
 
 def test_smoothed_states_are_saved_and_joined(make_runs, tmp_path):
@@ -133,6 +134,6 @@ def test_smoothed_states_are_saved_and_joined(make_runs, tmp_path):
     assert_equal(Runs.load(tmp_path / "chunk.npz"), whole)
     assert_equal(Runs.concatenate([whole.part(range(2)), whole.part(range(2, 5))]), whole)
     with pytest.raises(ValueError, match="not can"):
-        Runs.concatenate([whole.part([0]), replace(whole.part([1]), smoothed=None)])
+        Runs.concatenate([whole.part([0]), make_runs(runs=1)])
     with pytest.raises(ValueError, match="covariance must have shape"):
-        SmoothedStates(whole.error, whole.covariance[:, :-1])
+        replace(whole, smoothed_covariance=whole.covariance[:, :-1])

@@ -12,13 +12,13 @@ from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.cases import Case
 from isogal.montecarlo.engine import simulate
-from isogal.scenario import Scenario, validate_scenario
+from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 RUNS = range(400)
 
 
-def scenario(**keys) -> Scenario:
+def scenario(**keys):
     route = {"start": np.degrees(ORIGIN).tolist(), "end": [-36.4, 147.2], "duration": 600.0}
     return validate_scenario(
         {

@@ -15,7 +15,7 @@ from isogal.maps.corridor import corridor_of
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
-from isogal.maps.potential import tensor_maps
+from isogal.maps.potential import derivatives
 from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -41,7 +41,7 @@ def scenario(path, *more):
 def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance):
     it = scenario(disturbance)
     maps = map_for_scenario(it, margin=5000.0)
-    expected = tensor_maps(load_map(disturbance), ("nd", "ee"), height=100.0)
+    expected = derivatives(load_map(disturbance), ("nd", "ee"), height=100.0)
     route = build_trajectory(it)
     found = maps.value(route.latitude, route.longitude)
     assert found.shape == (len(route) + 1, 2)

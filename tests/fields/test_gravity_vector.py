@@ -35,7 +35,7 @@ def mass_at(north, east):
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory) -> Scenario:
+def world(tmp_path_factory):
     """A route past a point mass, in a map of its disturbance."""
     metres = metres_per_radian(ORIGIN[0])
     axis = np.arange(-150e3, 150.1e3, 1000.0)
@@ -56,7 +56,7 @@ def world(tmp_path_factory) -> Scenario:
     )
 
 
-def changed(scenario: Scenario, **sections) -> Scenario:
+def changed(scenario, **sections):
     return Scenario(**(scenario.model_dump() | sections))
 
 

@@ -12,7 +12,7 @@ from isogal.fields.measured import measured_field
 from isogal.fields.recorded_readings import recorded_scans
 from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.scenario import Readings, Scenario, validate_scenario
+from isogal.scenario import Readings, validate_scenario
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
@@ -98,7 +98,7 @@ def test_readings_of_another_time_are_refused(tmp_path):
 
 
 @pytest.fixture
-def scenario(tmp_path) -> Scenario:
+def scenario(tmp_path):
     map_file = tmp_path / "map.nc"
     write_netcdf(field_map_of(wavy), map_file)
     time = np.arange(0.0, 601.0, 10.0)

@@ -130,14 +130,6 @@ def test_map_error_with_tails_has_students_distribution_and_the_same_sigma():
         )
 
 
-def test_a_run_reads_the_same_alone_and_among_others():
-    keys = {"map_error": MapError(sigma=3e-5), "gravimeter": Gravimeter(outlier_fraction=0.2)}
-    field_map = field_map_of(wavy)
-    together = simulate([4, 1, 9], field_map, **keys)[3].raw
-    assert (simulate([1], field_map, **keys)[3].raw[0] == together[1]).all()
-    assert (together[0] != together[2]).all()
-
-
 @pytest.mark.parametrize(("change", "message"), [
     ({"route": Route(start=(-30.0, 147.0), end=(-30.0, 148.0), duration=100.0)},
      r"does not cover the route at latitude -30.0000, longitude 147\.\d{4} deg "

@@ -13,15 +13,17 @@ import numpy as np
 import pytest
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import MagneticField
 
 from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.faults import trials
-from isogal_ros.faults.trials import Feed
+from isogal_ros.faults.trials import Feed, Track
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import Plan, node_class
+from isogal_ros.graph.player import Player
 from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.adapter import adapter_of, topics_in_use
 from isogal_ros.messages.frames import BASE, MAP, map_frame
@@ -30,8 +32,8 @@ from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamped_numbers import fill_numbers
-from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.nodes.health import figures_of
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
+from isogal_ros.nodes.health import OK, figures_of
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.parameters.values import node_values
 from isogal_ros.topics import Topic
@@ -62,6 +64,39 @@ def vector_reading(scenario: Scenario, seconds: float, values: Sequence[float]) 
     covariance = 1e-18 * np.eye(len(values))
     write = adapter_of(scenario).write_raw
     return write(from_seconds(seconds), np.array(values), covariance, None)
+
+
+def field_of(seconds: float, vector: Sequence[float], variance: float = 0.0) -> MagneticField:
+    """What a magnetometer says, nT."""
+    covariance = 1e-18 * variance * np.eye(3)
+    message = MagneticField(magnetic_field_covariance=covariance.ravel())
+    set_stamp(message.header.stamp, from_seconds(seconds))
+    field = message.magnetic_field
+    field.x, field.y, field.z = (1e-9 * float(part) for part in vector)
+    return message
+
+
+def nav_messages(
+    scenario: Scenario,
+    ns: int,
+    latitude: float,
+    longitude: float,
+    velocity: tuple[float, float] = (10.0, 10.0),
+    variance: float = 900.0,
+) -> list[tuple[Topic, Any]]:
+    """What a navigator says of a stamp: covariance, fix and odometry."""
+    fix, odom, cov = (
+        topics.NAV_FIX.type(),
+        topics.NAV_ODOM.type(child_frame_id=BASE),
+        topics.NAV_COVARIANCE.type(),
+    )
+    fix.header.frame_id, odom.header.frame_id = BASE, MAP
+    matrix = np.diag([variance, variance, 0.01, 0.01, 0.01, 1e-4, 1e-10, 1e-10, 1e-8])
+    state = np.array([latitude, longitude, 100.0, *velocity, 0.0, *from_heading(0.8)])
+    fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
+    fill_odom(odom, ns, map_frame(scenario), state, np.zeros(3), matrix)
+    fill_numbers(cov, ns, matrix[np.ix_(BATCH, BATCH)])
+    return [(topics.NAV_COVARIANCE, cov), (topics.NAV_FIX, fix), (topics.NAV_ODOM, odom)]
 
 
 class Bench:
@@ -152,21 +187,10 @@ class Bench:
         velocity: tuple[float, float] = (10.0, 10.0),
     ) -> None:
         """Publish what a navigator says."""
-        ns = from_seconds(seconds)
-        fix, odom, cov = (
-            topics.NAV_FIX.type(),
-            topics.NAV_ODOM.type(child_frame_id=BASE),
-            topics.NAV_COVARIANCE.type(),
-        )
-        fix.header.frame_id, odom.header.frame_id = BASE, MAP
-        matrix = np.diag([900.0, 900.0, 0.01, 0.01, 0.01, 1e-4, 1e-10, 1e-10, 1e-8])
-        state = np.array([latitude, longitude, 100.0, *velocity, 0.0, *from_heading(0.8)])
-        fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
-        fill_odom(odom, ns, map_frame(self.scenario), state, np.zeros(3), matrix)
-        fill_numbers(cov, ns, matrix[np.ix_(BATCH, BATCH)])
-        self.publish(topics.NAV_COVARIANCE, cov)
-        self.publish(topics.NAV_FIX, fix)
-        self.publish(topics.NAV_ODOM, odom)
+        for topic, message in nav_messages(
+            self.scenario, from_seconds(seconds), latitude, longitude, velocity
+        ):
+            self.publish(topic, message)
 
     def reading(
         self,
@@ -229,6 +253,28 @@ def feed_of(scenario: Scenario) -> Feed:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trials, "run_in_process", run_on_bus)
         return Feed(scenario, 0)
+
+
+def played(player: Player) -> tuple[Track, list[float]]:
+    """Play a feed to its end; return the navigator's track, and its times (s) at which it erred by
+    more than three of its sigma and no node said that anything is wrong."""
+    wrong: dict[str, bool] = {}
+    warned: dict[float, bool] = {}
+
+    def take(data: bytes) -> None:
+        for item in deserialize_message(data, topics.DIAGNOSTICS.type).status:
+            wrong[item.name] = item.level != OK
+
+    player.bus.hear(topics.DIAGNOSTICS, take)
+    with player.bus:
+        for ns in sorted(player.recorded.sensors[topics.IMU]):
+            player.play(ns / 1e9)
+            warned[ns / 1e9] = any(wrong.values())
+    track = trials.track_of(player.collector)
+    honest = track.error < 3.0 * track.sigma
+    return track, [
+        t for t, fine in zip(track.time, honest, strict=True) if not (fine or warned[t])
+    ]
 
 
 def run_by_middleware(scenario: Scenario, bag: Path | None, run: int = 0, **pace: float) -> float:

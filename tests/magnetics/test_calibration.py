@@ -18,7 +18,7 @@ from helpers.magnetics import (
 )
 from isogal.errors import InputError
 from isogal.magnetics.band_pass import Band
-from isogal.magnetics.calibration import Calibration, Settings, calibrate
+from isogal.magnetics.calibration import Settings, calibrate
 from isogal.magnetics.manoeuvres import Flight, calibration_flight, ordinary_flight
 from isogal.magnetics.readings import BaseStation, Readings
 from isogal.tracks.magnetic_report import by_heading
@@ -27,7 +27,7 @@ NO_LAG = Settings(lag=0.0)
 
 
 @lru_cache
-def clean() -> Calibration:
+def clean():
     readings, _ = fly(calibration_flight(), aircraft(), Circumstances(noise=0.02))
     return calibrate(readings, np.full(len(readings), INTENSITY), NO_LAG)
 
@@ -85,12 +85,12 @@ def test_an_offset_is_told_by_a_reference_only():
     assert clean().compensation.offset == 0.0
 
 
-def straight() -> Flight:
+def straight():
     flight = ordinary_flight(5, minutes=5.0)
     return replace(flight, angles=np.zeros_like(flight.angles))
 
 
-def first(count: int) -> Flight:
+def first(count):
     flight = calibration_flight()
     parts = flight.time, flight.angles, flight.north, flight.east
     return Flight(*(part[:count] for part in parts))

@@ -10,7 +10,7 @@ from isogal.magnetics.compensation import Compensation, read_compensation
 from isogal.magnetics.manoeuvres import ordinary_flight
 
 
-def compensation() -> Compensation:
+def compensation():
     coefficients = np.concatenate([aircraft().coefficients(), STROBE])
     return Compensation(coefficients, ("strobe",), 3.5, 0.1, 0.01 * np.abs(coefficients))
 

@@ -10,7 +10,7 @@ from helpers.point_masses import HALF, MGAL, SIDE, STEP, attraction, drawn_error
 from isogal.errors import InputError
 from isogal.maps.continuation.level import to_level
 from isogal.maps.error_spectrum import ErrorSpectrum
-from isogal.maps.potential import gravity_vector, tensor_maps
+from isogal.maps.potential import VECTOR, derivatives
 
 
 @pytest.mark.parametrize("height", [100.0, 1000.0, 4000.0])
@@ -47,8 +47,8 @@ def test_the_rim(rough_map):
 def test_gradients_and_horizontal_components_upwards():
     low = map_of(attraction(0.0))
     for at_ground, above in (
-        (tensor_maps(low), tensor_maps(low, height=800.0)),
-        (gravity_vector(low), gravity_vector(low, height=800.0)),
+        (derivatives(low), derivatives(low, height=800.0)),
+        (derivatives(low, VECTOR), derivatives(low, VECTOR, height=800.0)),
     ):
         for one, right in zip(at_ground.channels, above.channels, strict=True):
             high = to_level(one, 800.0, 0.0)

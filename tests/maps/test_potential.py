@@ -16,15 +16,14 @@ from isogal.maps.potential import (
     COMPONENTS,
     INDEPENDENT,
     VECTOR,
+    derivatives,
     from_deflections,
-    gravity_vector,
-    tensor_maps,
 )
 
 GM = 6.6743e-11 * 3e14
 MGAL = 1e-5
 OF_TRACE = ("nn", "ee", "dd")
-horizontal = partial(gravity_vector, components=VECTOR[1:])
+horizontal = partial(derivatives, components=VECTOR[1:])
 
 
 def point_mass(north, east, depth):
@@ -66,8 +65,8 @@ def test_point_mass(depth, height):
     disturbance = map_of_mass(depth)
     expected = point_mass(*local_metres(disturbance), depth + height)
     for maps, names, unit in (
-        (gravity_vector(disturbance, height=height), VECTOR, "m/s²"),
-        (tensor_maps(disturbance, COMPONENTS, height=height), COMPONENTS, "1/s²"),
+        (derivatives(disturbance, VECTOR, height=height), VECTOR, "m/s²"),
+        (derivatives(disturbance, COMPONENTS, height=height), COMPONENTS, "1/s²"),
     ):
         largest = np.abs(expected[names[0] if unit == "m/s²" else "dd"]).max()
         for name, channel in zip(names, maps.channels, strict=True):
@@ -83,8 +82,8 @@ def test_point_mass(depth, height):
 def test_tensor_and_vector_are_derivatives_of_one_potential():
     """The trace is zero, the field has no curl, and slopes of the vector are the tensor."""
     disturbance = map_of_mass(6000.0, shift=(-3e3, 2e3))
-    tensor = dict(zip(COMPONENTS, tensor_maps(disturbance, COMPONENTS).channels, strict=True))
-    vector = dict(zip(VECTOR, gravity_vector(disturbance, edge=15e3).channels, strict=True))
+    tensor = dict(zip(COMPONENTS, derivatives(disturbance, COMPONENTS).channels, strict=True))
+    vector = dict(zip(VECTOR, derivatives(disturbance, VECTOR, edge=15e3).channels, strict=True))
     scale = np.nanmax(np.abs(tensor["nn"].values))
     trace = sum(tensor[name].values for name in OF_TRACE)
     assert np.nanmax(np.abs(trace)) < 1e-9 * scale
@@ -113,7 +112,7 @@ def test_a_wave_to_the_north_east_at_another_latitude():
 
     field_map = field_map_of(wave, half=60e3, step=250.0)
     maps = dict(
-        zip(COMPONENTS, tensor_maps(field_map, COMPONENTS, height=800.0).channels, strict=True)
+        zip(COMPONENTS, derivatives(field_map, COMPONENTS, height=800.0).channels, strict=True)
     )
     north, east = local_metres(field_map)
     decay = np.exp(-k * 800.0)
@@ -138,7 +137,7 @@ def test_degrees_of_longitude_get_shorter_to_the_south():
     east = (longitude - middle[1])[None, :] * metres_per_radian(latitude)[1][:, None]
     expected = point_mass(north, east, 6000.0)
     small = field_map_of(lambda n, e: n + e, step=2000.0)
-    maps = tensor_maps(
+    maps = derivatives(
         replace(small, latitude=latitude, longitude=longitude, values=expected["disturbance"])
     )
     near = np.hypot(north, east) < 15e3
@@ -151,10 +150,10 @@ def test_a_hole_is_left_out_with_its_surroundings():
     field_map = map_of_mass(5000.0)
     values = field_map.values.copy()
     values[150:154, 150:154] = np.nan
-    channel = tensor_maps(replace(field_map, values=values), ("dd",), edge=5e3).channels[0]
+    channel = derivatives(replace(field_map, values=values), ("dd",), edge=5e3).channels[0]
     assert np.isnan(channel.values[152 - 9 : 152 + 9, 152]).all()
     assert np.isfinite(channel.values[152 - 14, 152])
-    whole = tensor_maps(field_map, ("dd",), edge=5e3).channels[0]
+    whole = derivatives(field_map, ("dd",), edge=5e3).channels[0]
     far = np.isfinite(channel.values)
     assert np.abs(channel.values - whole.values)[far].max() < 0.1 * np.nanmax(whole.values)
 
@@ -163,7 +162,7 @@ SMALL = field_map_of(lambda n, e: 1e-9 * n, step=1000.0)
 HOLED = np.where(np.arange(81)[:, None] < 30, np.nan, SMALL.values)
 
 
-@pytest.mark.parametrize(("make", "what"), [(tensor_maps, "gradients"),
+@pytest.mark.parametrize(("make", "what"), [(derivatives, "gradients"),
                                             (horizontal, "horizontal components")])  # fmt: skip
 @pytest.mark.parametrize(
     ("changes", "keys", "message"),
@@ -187,7 +186,7 @@ def test_maps_without_derivatives_are_refused(make, what, changes, keys, message
 )
 def test_components_that_are_not_known(components, message):
     with pytest.raises(InputError, match="unknown tensor " + message):
-        tensor_maps(SMALL, components)
+        derivatives(SMALL, components)
 
 
 @pytest.mark.parametrize("length", [None, 3000.0])
@@ -198,13 +197,13 @@ def test_errors_of_the_map_go_through_the_transform(length):
     spread = {name: [] for name in COMPONENTS}
     for seed in range(6):
         values = 1e-5 * drawn_errors(seed, length, len(flat.latitude), 600.0)
-        maps = tensor_maps(replace(flat, values=values), COMPONENTS, height=200.0)
+        maps = derivatives(replace(flat, values=values), COMPONENTS, height=200.0)
         for name, channel in zip(COMPONENTS, maps.channels, strict=True):
             spread[name].append(np.nanmean(channel.values**2))
     stated = (
         {"quantisation": 1e-5} if length is None else {"sigma": 1e-5, "correlation_length": length}
     )
-    maps = tensor_maps(replace(flat, **stated), COMPONENTS, height=200.0)
+    maps = derivatives(replace(flat, **stated), COMPONENTS, height=200.0)
     for name, channel in zip(COMPONENTS, maps.channels, strict=True):
         gain = channel.quantisation if length is None else channel.sigma
         drawn = np.sqrt(np.mean(spread[name]))
@@ -216,7 +215,7 @@ def test_errors_of_a_gradient_hold_together_over_the_height_or_a_cell():
     def error_lengths(step, height, length=4000.0):
         flat = field_map_of(lambda n, e: 0.0 * n * e, half=30e3, step=step)
         stated = replace(flat, sigma=1e-5, correlation_length=length)
-        maps = tensor_maps(stated, COMPONENTS, height=height, edge=0.0).channels
+        maps = derivatives(stated, COMPONENTS, height=height, edge=0.0).channels
         return np.array([one.correlation_length for one in maps])
 
     coarse, fine = error_lengths(900.0, 100.0), error_lengths(200.0, 100.0)
@@ -231,16 +230,16 @@ def test_errors_of_the_map_go_into_each_component_of_the_vector():
     """Half of the variance each."""
     flat = field_map_of(lambda n, e: 0.0 * n * e, half=60e3, step=1000.0)
     stated = replace(flat, sigma=2 * MGAL, correlation_length=3000.0, height=100.0)
-    down, north, east = gravity_vector(stated).channels
+    down, north, east = derivatives(stated, VECTOR).channels
     assert down.sigma == pytest.approx(2 * MGAL)
     for one in (north, east):
         np.testing.assert_allclose(one.sigma, np.sqrt(2.0) * MGAL, rtol=1e-3)
         assert one.correlation_length == pytest.approx(down.correlation_length, rel=1e-6)
-    above = gravity_vector(stated, height=900.0).channels[0]
+    above = derivatives(stated, VECTOR, height=900.0).channels[0]
     assert above.height == 1000.0
     assert above.sigma < 1.6 * MGAL
-    assert [one.correlation_length for one in gravity_vector(flat).channels] == [None] * 3
-    assert gravity_vector(replace(flat, quantisation=1e-6)).channels[0].quantisation == 1e-6
+    assert [one.correlation_length for one in derivatives(flat, VECTOR).channels] == [None] * 3
+    assert derivatives(replace(flat, quantisation=1e-6), VECTOR).channels[0].quantisation == 1e-6
 
 
 def test_deflections_become_gravity_and_back():

@@ -9,7 +9,7 @@ from isogal.maps.roughness import roughness, roughness_at
 SIDE = np.radians(np.linspace(-0.3, 0.3, 61))
 
 
-def map_of(values) -> FieldMap:
+def map_of(values):
     return FieldMap(SIDE, SIDE, values, "m/s²", "disturbance")
 
 

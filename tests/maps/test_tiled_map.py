@@ -132,12 +132,6 @@ def test_what_cannot_be_read_is_no_empty_map(tiled):
         TiledMap(damaged, tiled.corridor, start).value(*ORIGIN)
 
 
-def test_parts_read_last_are_kept_up_to_a_limit(tiled, whole, monkeypatch):
-    monkeypatch.setattr(tiled_map, "_KEPT_CELLS", 2000)
-    tiled.value(whole.latitude[:, None], whole.longitude)
-    assert 0 < sum(part.values.size for part in tiled._read.values() if part is not None) <= 2000
-
-
 def test_the_parts_are_the_nodes_of_the_corridor_each_once(whole, tiled):
     found = np.zeros(whole.values.shape, dtype=int)
     for part in tiled.parts():

@@ -10,14 +10,14 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.channels import ChannelMap
-from isogal.maps.potential import tensor_maps
+from isogal.maps.potential import derivatives
 from isogal.matching.expansion import channel_batch, first_channel
 from isogal.matching.pmht.matcher import Pmht
 from isogal.scenario import Matcher
 
 EOTVOS = 1e-9
 DISTURBANCE = field_map_of(wavy, half=50e3)
-TENSOR = tensor_maps(DISTURBANCE, edge=15e3)
+TENSOR = derivatives(DISTURBANCE, edge=15e3)
 C = len(TENSOR)
 COVARIANCE = EOTVOS**2 * (9.0 * np.eye(C) + 4.0 * np.ones((C, C)))
 """3 E on each channel and 2 E that all have together."""

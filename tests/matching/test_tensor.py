@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch, wavy
-from isogal.maps.potential import tensor_maps
+from isogal.maps.potential import derivatives
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.expansion import channel_batch, first_channel
 from isogal.scenario import load_scenario
@@ -14,7 +14,7 @@ from isogal.scenario import load_scenario
 EOTVOS = 1e-9
 COMPONENTS = ("nn", "nd", "ed", "dd")
 DISTURBANCE = field_map_of(wavy, half=40e3)
-MAPS = tensor_maps(DISTURBANCE, COMPONENTS, edge=15e3)
+MAPS = derivatives(DISTURBANCE, COMPONENTS, edge=15e3)
 SCANS, C = 12, len(COMPONENTS)
 
 

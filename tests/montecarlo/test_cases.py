@@ -1,15 +1,13 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from helpers.studies import small_scenario
-from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import cases
 from isogal.montecarlo.cases import Case
 
 
-def test_key_says_what_the_numbers_depend_on(small_case: Case, field_map: FieldMap) -> None:
+def test_key_says_what_the_numbers_depend_on(small_case, field_map):
     same = Case("other name", small_scenario(), 400, field_map)
     assert same.key == small_case.key
     promising = replace(small_case, scenario=small_scenario(integrity={"risk": 1e-3}))
@@ -32,6 +30,6 @@ def test_key_says_what_the_numbers_depend_on(small_case: Case, field_map: FieldM
     assert len(set(keys)) == len(keys)
 
 
-def test_key_depends_on_the_source(small_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_key_depends_on_the_source(small_case, monkeypatch):
     monkeypatch.setattr(cases, "source_digest", lambda: "another")
     assert replace(small_case).key != small_case.key

@@ -21,7 +21,7 @@ KEYS = [key for key in Summary.__annotations__ if key != "smoothed"]
 
 
 @pytest.fixture(scope="module")
-def arguments(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def arguments(tmp_path_factory):
     path = tmp_path_factory.mktemp("map") / "waves.nc"
     write_netcdf(wavy_map(), path)
     settings = [
@@ -39,14 +39,14 @@ def arguments(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     ]
 
 
-def call(*words: str) -> subprocess.CompletedProcess[str]:
+def call(*words):
     return subprocess.run(
         [ISOGAL, *words], capture_output=True, text=True, timeout=280, check=False
     )
 
 
 @pytest.fixture(scope="module")
-def finished(arguments: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(arguments, tmp_path_factory):
     out = tmp_path_factory.mktemp("whole")
     result = call(*arguments, "--runs", "3", "--workers", "1", "--out", str(out))
     assert result.returncode == 0, result.stderr
@@ -54,7 +54,7 @@ def finished(arguments: list[str], tmp_path_factory: pytest.TempPathFactory) -> 
     return out
 
 
-def test_what_it_writes(finished: Path) -> None:
+def test_what_it_writes(finished):
     document = json.loads((finished / "results.json").read_text())
     assert list(document) == KEYS
     assert document["runs"] == 3
@@ -65,7 +65,7 @@ def test_what_it_writes(finished: Path) -> None:
     assert (finished / "position_error.png").stat().st_size > 10_000
 
 
-def test_smoothed_runs(arguments: list[str], tmp_path: Path) -> None:
+def test_smoothed_runs(arguments, tmp_path):
     words = ("--runs", "2", "--workers", "1", "--out", str(tmp_path), "--smooth")
     printed = answer(*arguments, *words)
     assert "Smoothed: RMS error over bound" in printed
@@ -75,9 +75,7 @@ def test_smoothed_runs(arguments: list[str], tmp_path: Path) -> None:
     assert found["smoothed"]["position_error"]["rms"] > 0.0
 
 
-def test_again_with_json_computes_nothing_and_says_the_same(
-    arguments: list[str], finished: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_again_with_json_computes_nothing_and_says_the_same(arguments, finished, monkeypatch):
     monkeypatch.setattr(style, "png", lambda _: b"drawn before")
     before = json.loads((finished / "results.json").read_text())
     files = sorted(path.stat().st_mtime_ns for path in (finished / "runs").rglob("*.npz"))
@@ -88,8 +86,8 @@ def test_again_with_json_computes_nothing_and_says_the_same(
 
 
 def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
-    arguments: list[str], finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    arguments, finished, tmp_path, monkeypatch
+):
     words = [*arguments, "--workers", "1", "--out", str(tmp_path)]
     process = subprocess.Popen(
         [ISOGAL, *words, "--runs", "600"],
@@ -131,8 +129,6 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
         (["--runs", "2", "--set", "gravimeter.sigma=-1"], "gravimeter.sigma"),
     ],
 )
-def test_bad_input_is_one_line(
-    arguments: list[str], tmp_path: Path, words: list[str], message: str
-) -> None:
+def test_bad_input_is_one_line(arguments, tmp_path, words, message):
     assert message in refusal(*arguments, "--out", tmp_path / "out", *words)
     assert not (tmp_path / "out").exists()

@@ -12,7 +12,7 @@ from isogal.scenario import Gravimeter, InitialError, MapError, Matcher, Route, 
 RADIUS = 6.38e6
 
 
-def scenario(**route) -> Scenario:
+def scenario(**route):
     return Scenario(
         gravity={"field": "normal"},
         route=Route(duration=900.0, speed=10.0, **route),
@@ -23,11 +23,11 @@ def scenario(**route) -> Scenario:
     )
 
 
-def map_of(latitude: np.ndarray, longitude: np.ndarray, north, east) -> FieldMap:
+def map_of(latitude, longitude, north, east):
     return FieldMap(latitude, longitude, wavy(north, east), "m/s²", "disturbance")
 
 
-def test_across_the_date_line_as_anywhere_else() -> None:
+def test_across_the_date_line_as_anywhere_else():
     """To the last digits that a longitude of three radians leaves."""
     side = np.arange(-20e3, 20.1e3, 250.0)
     ends = []
@@ -45,7 +45,7 @@ def test_across_the_date_line_as_anywhere_else() -> None:
     np.testing.assert_allclose(across.fix_error, elsewhere.fix_error, rtol=1e-5, atol=1e-3)
 
 
-def test_eleven_kilometres_from_the_pole() -> None:
+def test_eleven_kilometres_from_the_pole():
     """Nine kilometres along the great circle, on which the course turns by half a radian."""
     latitude, longitude = np.radians(np.arange(89.8, 89.96, 0.002)), np.radians(np.arange(-30, 90))
     away = (0.5 * math.pi - latitude[:, None]) * RADIUS

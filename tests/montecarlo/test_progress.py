@@ -5,32 +5,31 @@ import io
 import pytest
 
 from helpers.studies import small_scenario
-from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import progress
 from isogal.montecarlo.cases import Case, Job
 from isogal.montecarlo.progress import LINE_EVERY, LiveProgress
 
 
 class Terminal(io.StringIO):
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
 @pytest.fixture
-def jobs(field_map: FieldMap) -> list[Job]:
+def jobs(field_map):
     """Two runs of ten minutes."""
     case = Case("small", small_scenario(), 2, field_map)
     return [Job(case, 0), Job(case, 1)]
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def clock(monkeypatch):
     now = [1000.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     return now
 
 
-def test_without_a_terminal_a_line_now_and_then(jobs, clock, capsys) -> None:
+def test_without_a_terminal_a_line_now_and_then(jobs, clock, capsys):
     with LiveProgress("study") as shown:
         shown.begin(jobs, 6)
         clock[0] += LINE_EVERY
@@ -44,7 +43,7 @@ def test_without_a_terminal_a_line_now_and_then(jobs, clock, capsys) -> None:
     ]
 
 
-def test_on_a_terminal_a_bar(jobs, monkeypatch) -> None:
+def test_on_a_terminal_a_bar(jobs, monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     with LiveProgress("study") as shown:

@@ -2,7 +2,6 @@
 one, each has its own rate."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +11,11 @@ from helpers.command_line import answer, refusal
 from helpers.navigators import ROUTE
 from helpers.studies import same_runs
 from isogal.errors import InputError
-from isogal.evaluation.records import Runs
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.several import FieldMaps
 from isogal.montecarlo.cases import Case
 from isogal.montecarlo.engine import simulate
-from isogal.scenario import Scenario, validate_scenario
+from isogal.scenario import validate_scenario
 
 GRAVITY_MAP = field_map_of(wavy)
 MAGNETIC_MAP = replace(
@@ -32,7 +30,7 @@ MAGNETIC = {
 MAPS = {"disturbance": GRAVITY_MAP, "magnetic": MAGNETIC_MAP}
 
 
-def scenario(*fields: dict[str, Any], duration: float = 900.0) -> Scenario:
+def scenario(*fields, duration=900.0):
     return validate_scenario(
         {
             "route": ROUTE.model_copy(update={"duration": duration}).model_dump(),
@@ -44,18 +42,18 @@ def scenario(*fields: dict[str, Any], duration: float = 900.0) -> Scenario:
     )
 
 
-def ran(*fields: dict[str, Any], runs: int = 2, **keys: Any) -> Runs:
+def ran(*fields, runs=2, **keys):
     maps = FieldMaps(tuple(MAPS[one["field"]] for one in fields))
     return simulate(scenario(*fields, **keys), range(runs), maps)
 
 
 @pytest.fixture(scope="module")
-def gravity() -> Runs:
+def gravity():
     return ran(GRAVITY)
 
 
 @pytest.fixture(scope="module")
-def two() -> Runs:
+def two():
     return ran(GRAVITY, MAGNETIC)
 
 

@@ -1,13 +1,10 @@
-from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from helpers.studies import same_runs, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
-from isogal.maps.field_map import FieldMap
 from isogal.montecarlo.cases import Case, Job
 from isogal.montecarlo.engine import simulate
 from isogal.montecarlo.store import Store
@@ -16,21 +13,21 @@ CASE_RUNS = 5
 
 
 @pytest.fixture(scope="module")
-def case(field_map: FieldMap) -> Case:
+def case(field_map):
     return Case("stored", small_scenario(route={"duration": 300.0}), CASE_RUNS, field_map)
 
 
 @pytest.fixture(scope="module")
-def whole(case: Case) -> Runs:
+def whole(case):
     return simulate(case.scenario, range(CASE_RUNS), case.field_map)
 
 
-def fill(store: Store, case: Case, runs: Iterable[int]) -> None:
+def fill(store, case, runs):
     for run in runs:
         store.put(Job(case, run), simulate(case.scenario, [run], case.field_map))
 
 
-def test_what_is_kept_is_what_was_computed(tmp_path: Path, case: Case, whole: Runs) -> None:
+def test_what_is_kept_is_what_was_computed(tmp_path, case, whole):
     store = Store(tmp_path)
     assert store.missing(case) == list(range(5))
     fill(store, case, (3, 4, 0, 1, 2))
@@ -38,7 +35,7 @@ def test_what_is_kept_is_what_was_computed(tmp_path: Path, case: Case, whole: Ru
     same_runs(store.load(case), whole)
 
 
-def test_fewer_and_more_runs_use_what_is_there(tmp_path: Path, case: Case, whole: Runs) -> None:
+def test_fewer_and_more_runs_use_what_is_there(tmp_path, case, whole):
     store = Store(tmp_path)
     fill(store, case, range(3))
     same_runs(store.load(replace(case, runs=2)), whole.part(range(2)))
@@ -47,7 +44,7 @@ def test_fewer_and_more_runs_use_what_is_there(tmp_path: Path, case: Case, whole
         store.load(case)
 
 
-def test_damaged_file_is_computed_again(tmp_path: Path, case: Case, whole: Runs) -> None:
+def test_damaged_file_is_computed_again(tmp_path, case, whole):
     store = Store(tmp_path)
     fill(store, case, range(5))
     (path,) = tmp_path.rglob("000002.npz")
@@ -59,7 +56,7 @@ def test_damaged_file_is_computed_again(tmp_path: Path, case: Case, whole: Runs)
     same_runs(store.load(case), whole)
 
 
-def test_details_are_those_of_run_0(tmp_path: Path, case: Case) -> None:
+def test_details_are_those_of_run_0(tmp_path, case):
     store = Store(tmp_path)
     fill(store, case, range(4))
     found = [Runs.load(path).detail for path in sorted(tmp_path.rglob("*.npz"))]

@@ -4,12 +4,9 @@ user interrupts."""
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.context import ForkServerProcess
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,22 +15,20 @@ import pytest
 from helpers.studies import Watcher, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
-from isogal.evaluation.records import Runs
 from isogal.evaluation.results import canonical_json
 from isogal.evaluation.summary import summarise
-from isogal.maps.field_map import FieldMap
 from isogal.montecarlo import workers
 from isogal.montecarlo.cases import Case, Job
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, compute_cases
-from isogal.montecarlo.workers import Submit, WorkerError, check_code
+from isogal.montecarlo.workers import WorkerError, check_code
 from isogal.sensors.trajectory import build_trajectory
 
 if TYPE_CHECKING:
-    from distributed import LocalCluster
+    pass
 
 
-def results_json(case: Case, store: Store) -> str:
+def results_json(case, store):
     """Return results.json without its time part."""
     runs = store.load(case)
     bound = posterior_cramer_rao(case.scenario, build_trajectory(case.scenario), case.field_map)
@@ -43,20 +38,18 @@ def results_json(case: Case, store: Store) -> str:
 
 
 @pytest.fixture(scope="module")
-def one_worker(tmp_path_factory: pytest.TempPathFactory, small_case: Case) -> Store:
+def one_worker(tmp_path_factory, small_case):
     store = Store(tmp_path_factory.mktemp("one"))
     compute_cases([small_case], store, Backend(workers=1), Watcher())
     return store
 
 
-def workers_alive() -> list[ForkServerProcess]:
+def workers_alive():
     alive = multiprocessing.active_children()
     return [child for child in alive if isinstance(child, ForkServerProcess)]
 
 
-def test_two_workers_give_the_same(
-    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
-) -> None:
+def test_two_workers_give_the_same(tmp_path, small_case, one_worker, watcher):
     store = Store(tmp_path)
     compute_cases([small_case], store, Backend(workers=2), watcher)
     assert [job.run for job in watcher.todo] == [0, 1, 2, 3]
@@ -66,7 +59,7 @@ def test_two_workers_give_the_same(
 
 
 @pytest.fixture(scope="module")
-def cluster() -> "Iterator[LocalCluster]":
+def cluster():
     from distributed import LocalCluster
 
     with LocalCluster(
@@ -79,36 +72,26 @@ def cluster() -> "Iterator[LocalCluster]":
         yield running
 
 
-def test_dask_cluster_gives_the_same(
-    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher, cluster: "LocalCluster"
-) -> None:
+def test_dask_cluster_gives_the_same(tmp_path, small_case, one_worker, watcher, cluster):
     store = Store(tmp_path)
     compute_cases([small_case], store, Backend(scheduler=cluster.scheduler_address), watcher)
     assert len(watcher.done) == 4
     assert results_json(small_case, store) == results_json(small_case, one_worker)
 
 
-def test_dask_worker_with_other_source_is_refused(cluster: "LocalCluster") -> None:
+def test_dask_worker_with_other_source_is_refused(cluster):
     with cluster.get_client() as client, pytest.raises(InputError, match="run another Isogal"):
         check_code(client, cluster.scheduler_address, "another")
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "no-port"])
-def test_no_scheduler_there(
-    tmp_path: Path,
-    small_case: Case,
-    watcher: Watcher,
-    monkeypatch: pytest.MonkeyPatch,
-    address: str,
-) -> None:
+def test_no_scheduler_there(tmp_path, small_case, watcher, monkeypatch, address):
     monkeypatch.setattr(workers, "TIMEOUT", 0.5)
     with pytest.raises(InputError, match=f"--scheduler {address}: no Dask scheduler answers"):
         compute_cases([small_case], Store(tmp_path), Backend(scheduler=address), watcher)
 
 
-def test_only_what_is_new_is_computed(
-    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
-) -> None:
+def test_only_what_is_new_is_computed(tmp_path, small_case, one_worker, watcher):
     compute_cases([small_case], one_worker, Backend(workers=1), watcher)
     assert (watcher.todo, watcher.kept) == ([], 4)
     store, first, second = Store(tmp_path), Watcher(), Watcher()
@@ -123,14 +106,14 @@ def test_only_what_is_new_is_computed(
 class Killing:
     """One worker process, which is killed so many times as soon as it has something to do."""
 
-    def __init__(self, times: int) -> None:
+    def __init__(self, times):
         self.times = times
 
     @contextmanager
-    def start(self, jobs: Sequence[Job]) -> Iterator[Submit]:
+    def start(self, jobs):
         with Backend(workers=1).start(jobs) as submit:
 
-            def deadly(job: Job) -> Future[Runs | Path]:
+            def deadly(job):
                 future = submit(job)
                 if self.times > 0:
                     self.times -= 1
@@ -141,18 +124,14 @@ class Killing:
             yield deadly
 
 
-def test_run_of_a_dead_worker_is_done_again(
-    tmp_path: Path, small_case: Case, one_worker: Store, watcher: Watcher
-) -> None:
+def test_run_of_a_dead_worker_is_done_again(tmp_path, small_case, one_worker, watcher):
     backend, store = Killing(times=1), Store(tmp_path)
     compute_cases([small_case], store, backend, watcher)
     assert backend.times == 0
     assert results_json(small_case, store) == results_json(small_case, one_worker)
 
 
-def test_workers_that_keep_dying_end_in_one_line(
-    tmp_path: Path, small_case: Case, watcher: Watcher
-) -> None:
+def test_workers_that_keep_dying_end_in_one_line(tmp_path, small_case, watcher):
     with pytest.raises(
         WorkerError, match="small, run 0 and after it: workers were killed 3 times"
     ):
@@ -160,21 +139,19 @@ def test_workers_that_keep_dying_end_in_one_line(
     assert not workers_alive()
 
 
-def test_scenario_that_cannot_be_used_is_bad_input(
-    tmp_path: Path, small_case: Case, watcher: Watcher
-) -> None:
+def test_scenario_that_cannot_be_used_is_bad_input(tmp_path, small_case, watcher):
     beyond = replace(small_case, scenario=small_scenario(route={"duration": 9000.0}))
     with pytest.raises(InputError, match="does not cover the route"):
         compute_cases([beyond], Store(tmp_path), Backend(workers=1), watcher)
 
 
-def test_what_goes_wrong_in_a_worker_is_one_line_here(small_case: Case) -> None:
+def test_what_goes_wrong_in_a_worker_is_one_line_here(small_case):
     no_such_run = Job(small_case, -1)
     with pytest.raises(WorkerError, match="small, run -1: ValueError: "):
         list(workers.computed([no_such_run], Backend(workers=1).start))
 
 
-def test_unaided_runs_take_no_fix(tmp_path: Path, field_map: FieldMap, watcher: Watcher) -> None:
+def test_unaided_runs_take_no_fix(tmp_path, field_map, watcher):
     case = Case("alone", small_scenario(), 2, field_map, aided=False)
     store = Store(tmp_path)
     compute_cases([case], store, Backend(workers=1), watcher)
@@ -188,8 +165,6 @@ def test_unaided_runs_take_no_fix(tmp_path: Path, field_map: FieldMap, watcher: 
     )
 
 
-def test_backend_is_one_or_the_other() -> None:
+def test_backend_is_one_or_the_other():
     with pytest.raises(InputError, match="give one of them"):
         Backend(workers=2, scheduler="tcp://host:1")
-    with pytest.raises(InputError, match="at least 1"):
-        Backend(workers=0)

@@ -1,7 +1,5 @@
 """A map with gravity and disturbance, and a reproduction of the paper on it in miniature."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from isogal.earth.gravity import normal_gravity
 
 
 @pytest.fixture(scope="session")
-def two_maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def two_maps(tmp_path_factory):
     """A NetCDF file with `ga` and `dg`: waves of 30 mGal and a few kilometres along the first 100
     km of the default route."""
     import xarray

@@ -1,6 +1,5 @@
 """Verdicts follow from the numbers: made-up outcomes, both ways."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -26,9 +25,7 @@ TIME = np.arange(0.0, 12961.0, 60.0)
 RUNS = 100
 
 
-def outcome(
-    setting: Setting, mean: float = 100.0, diverged: int = 0, spread: float = 0.1, seed: int = 0
-) -> Outcome:
+def outcome(setting, mean=100.0, diverged=0, spread=0.1, seed=0):
     """Runs whose errors scatter about a constant, beside a drift of 1 km in 3.6 h."""
     random = np.random.default_rng(seed)
     per_run = mean * (1.0 + spread * random.standard_normal(RUNS))
@@ -44,14 +41,12 @@ def outcome(
     )
 
 
-def all_outcomes(
-    change: Callable[[Setting], dict[str, Any]] = lambda _: {},
-) -> dict[Setting, Outcome]:
+def all_outcomes(change=lambda _: {}):
     settings = [*TABLES, *UNAIDED, RIVAL]
     return {setting: outcome(setting, **change(setting)) for setting in settings}
 
 
-def results(outcomes: dict[Setting, Outcome], **changes: Any) -> Results:
+def results(outcomes, **changes):
     noise = np.random.default_rng(1).standard_normal((1, TIME.size, 2))
     rough, smooth = 20.0 * noise, np.cumsum(noise, axis=1)
     tracks = {
@@ -79,22 +74,22 @@ def results(outcomes: dict[Setting, Outcome], **changes: Any) -> Results:
 class NoMap(Plan):
     """A plan whose maps tell the size of their cells and nothing else."""
 
-    def field_map(self, setting: Setting) -> Any:
+    def field_map(self, setting):
         return type("Map", (), {"cell_size_m": staticmethod(lambda latitude: (222.0, 222.0))})()
 
 
-def replace_plan(measured: Results) -> Results:
+def replace_plan(measured):
     example = type("Example", (), {"ambiguous": 0.5})()
     return replace(measured, plan=NoMap(RUNS, None, 12960.0), profile=example)
 
 
-def verdict(key: str, measured: Results) -> str:
+def verdict(key, measured):
     claim = RULES[key](measured)
     assert claim.measured.endswith(".")
     return claim.verdict
 
 
-def test_what_does_not_hold_is_explained() -> None:
+def test_what_does_not_hold_is_explained():
     judged = judge(replace_plan(results(all_outcomes())))
     assert len(judged) == len(RULES)
     for claim in judged:
@@ -104,7 +99,7 @@ def test_what_does_not_hold_is_explained() -> None:
     assert {"500 m", "benefit", "divergence by noise"} <= explained
 
 
-def test_paired_difference_uses_common_runs() -> None:
+def test_paired_difference_uses_common_runs():
     a, b = outcome(Setting(), 100.0), outcome(Setting(), 101.0)  # the same random numbers
     assert paired(b, a) > 50.0
     assert paired(a, b) == -paired(b, a)
@@ -112,34 +107,34 @@ def test_paired_difference_uses_common_runs() -> None:
     assert paired(a, a) == 0.0
 
 
-def trend(noise: float, short: float) -> dict[Setting, Outcome]:
+def trend(noise, short):
     """Errors that are so many times larger at high noise, and with T = 15."""
 
-    def change(s: Setting) -> dict[str, float]:
+    def change(s):
         factors = noise if s.sigma > 1.5e-5 else 1, short if s.batch_length == 15 else 1
         return {"mean": 100.0 * factors[0] * factors[1]}
 
     return all_outcomes(change)
 
 
-def means(mean: float, matcher: str | None = None) -> dict[Setting, Outcome]:
+def means(mean, matcher=None):
     """Outcomes of a mean error, all or those of a matcher; 100 m else."""
     return all_outcomes(lambda s: {"mean": mean if matcher in (None, s.matcher) else 100.0})
 
 
-def diverging(count: int, at_low_noise: int = 0) -> dict[Setting, Outcome]:
+def diverging(count, at_low_noise=0):
     return all_outcomes(lambda s: {"diverged": count if s.sigma > 1.5e-5 else at_low_noise})
 
 
-def scattered() -> dict[Setting, Outcome]:
+def scattered():
     return all_outcomes(lambda s: {"seed": round(s.sigma * 1e6) + s.batch_length})
 
 
-def twenty_runs() -> dict[Setting, Outcome]:
+def twenty_runs():
     return {setting: replace(one, error=one.error[:20]) for setting, one in all_outcomes().items()}
 
 
-def growing() -> dict[Setting, Outcome]:
+def growing():
     """Aided errors that drift, unaided ones that do not."""
     return {
         setting: replace(one, error=one.unaided, unaided=np.full_like(one.unaided, 100.0))
@@ -174,11 +169,11 @@ VERDICTS = [
     ("expected", "outcomes", "key"),
     [(expected, outcomes, key) for expected, outcomes, keys in VERDICTS for key in keys],
 )
-def test_verdicts(expected: str, outcomes: dict[Setting, Outcome], key: str) -> None:
+def test_verdicts(expected, outcomes, key):
     assert verdict(key, results(outcomes)) == expected
 
 
-def test_benefit_begins_where_the_aided_error_stays_below() -> None:
+def test_benefit_begins_where_the_aided_error_stays_below():
     made = outcome(Setting(), 500.0)
     crossing = TIME[np.flatnonzero(made.rms >= made.unaided_rms)[-1] + 1]
     assert benefit_time(made) == crossing
@@ -186,7 +181,7 @@ def test_benefit_begins_where_the_aided_error_stays_below() -> None:
 
 
 @pytest.mark.parametrize(("factor", "expected"), [(0.94, HOLDS), (0.997, FAILS)])
-def test_quantum_gain(factor: float, expected: str) -> None:
+def test_quantum_gain(factor, expected):
     outcomes = all_outcomes()
     random = np.random.default_rng(5)
     better = Setting(grade="quantum_accelerometer", aided=False)
@@ -199,7 +194,7 @@ def test_quantum_gain(factor: float, expected: str) -> None:
     assert verdict("quantum gain", results(outcomes)) == expected
 
 
-def test_first_hour_needs_its_premise() -> None:
+def test_first_hour_needs_its_premise():
     outcomes = all_outcomes()
     key = Setting("disturbance", 1e-6, 30)
     large_first = np.where(TIME <= 3600.0, 5.0, 1.0) * outcomes[key].error
@@ -209,7 +204,7 @@ def test_first_hour_needs_its_premise() -> None:
     assert verdict("first hour", results(outcomes, signal={"disturbance": flat})) == OPEN
 
 
-def snapshot(movement: float, before: float, after: float) -> Snapshot:
+def snapshot(movement, before, after):
     states = np.zeros((16, 15, 2))
     states[:, :, 0] = after + movement * np.arange(16)[::-1, None]
     states[0, -1, 0] = before
@@ -217,14 +212,14 @@ def snapshot(movement: float, before: float, after: float) -> Snapshot:
 
 
 @pytest.mark.parametrize("key", ["iterations", "drag"])
-def test_iterations(key: str) -> None:
+def test_iterations(key):
     good = tuple(snapshot(0.01, 500.0, 50.0) for _ in range(30))
     bad = tuple(snapshot(50.0, 50.0, 500.0) for _ in range(30))
     assert verdict(key, results(all_outcomes(), snapshots=good)) == HOLDS
     assert verdict(key, results(all_outcomes(), snapshots=bad)) == FAILS
 
 
-def test_roughness() -> None:
+def test_roughness():
     assert roughness(np.array([[[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]]])) == pytest.approx(
         np.sqrt(12.5)
     )

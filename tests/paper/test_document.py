@@ -27,21 +27,21 @@ LABELS = [
 REFERENCES = sorted(set(re.findall(r"`([\w/]+\.py):(\w+)`", TEXT)))
 
 
-def test_every_labelled_equation_has_its_row() -> None:
+def test_every_labelled_equation_has_its_row():
     rows = re.findall(
         r"^\| (\S+) \| .* \| `.*` \| `.*` \|$", TEXT.partition("## Sentences")[0], re.MULTILINE
     )
     assert rows == LABELS
 
 
-def test_there_are_references() -> None:
+def test_there_are_references():
     assert len(REFERENCES) > 60
 
 
 @pytest.mark.parametrize(
     ("path", "name"), REFERENCES, ids=[f"{path}:{name}" for path, name in REFERENCES]
 )
-def test_what_is_named_exists(path: str, name: str) -> None:
+def test_what_is_named_exists(path, name):
     folder = (
         ROOT / "tests"
         if Path(path).name.startswith("test_")

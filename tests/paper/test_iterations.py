@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 
 from isogal.montecarlo.engine import simulate
@@ -8,7 +6,7 @@ from isogal.paper.iterations import BatchRecorder, follow_iterations
 from isogal.paper.published import ITERATIONS
 
 
-def test_last_iteration_is_the_fix(two_maps: Path) -> None:
+def test_last_iteration_is_the_fix(two_maps):
     plan = Plan(1, str(two_maps), 900.0)
     snapshots = follow_iterations(plan)
     assert [snapshot.time for snapshot in snapshots] == [150.0 * k for k in range(1, 7)]
@@ -23,7 +21,7 @@ def test_last_iteration_is_the_fix(two_maps: Path) -> None:
         assert abs(snapshot.weight.sum() - 15.0) < 1e-9
 
 
-def test_recording_batches_changes_no_result(two_maps: Path) -> None:
+def test_recording_batches_changes_no_result(two_maps):
     plan = Plan(1, str(two_maps), 600.0)
     scenario, field_map = plan.scenario(Setting(batch_length=15)), plan.field_map(Setting())
     recorder = BatchRecorder()

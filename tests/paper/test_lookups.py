@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 
 from isogal.earth.ellipsoid import metres_per_radian
@@ -8,11 +6,11 @@ from isogal.paper.lookups import PROFILE_WINDOW, profile_example, window_example
 from isogal.paper.published import FIGURE_54_READING_SIGMA
 
 
-def plan(two_maps: Path) -> Plan:
+def plan(two_maps):
     return Plan(2, str(two_maps), 1200.0)
 
 
-def test_profile_has_its_candidates_where_the_map_has_the_reading(two_maps: Path) -> None:
+def test_profile_has_its_candidates_where_the_map_has_the_reading(two_maps):
     example = profile_example(plan(two_maps))
     assert len(example.candidates) >= 2
     there = np.interp(example.candidates, example.offset, example.profile)
@@ -23,7 +21,7 @@ def test_profile_has_its_candidates_where_the_map_has_the_reading(two_maps: Path
     )  # the waves to the east are 19 km long, the window is 8 km wide
 
 
-def test_window_holds_fifty_candidates(two_maps: Path) -> None:
+def test_window_holds_fifty_candidates(two_maps):
     example = window_example(plan(two_maps))
     assert len(example.candidates) == len(example.weight) == 50
     assert np.abs(example.candidates).max() <= 2500.0
@@ -31,7 +29,7 @@ def test_window_holds_fifty_candidates(two_maps: Path) -> None:
     np.testing.assert_allclose(example.combined, example.weight @ example.candidates)
 
 
-def test_candidates_read_what_was_read(two_maps: Path) -> None:
+def test_candidates_read_what_was_read(two_maps):
     field_map = plan(two_maps).field_map(Setting())
     example = window_example(plan(two_maps))
     north, east = metres_per_radian(example.latitude)

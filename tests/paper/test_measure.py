@@ -1,12 +1,10 @@
-from pathlib import Path
-
 import numpy as np
 
 from isogal.paper.cases import Plan, Setting
 from isogal.paper.measure import drift_by_theory, measure_tracks, roughness
 
 
-def test_retrodiction_revises_the_past_and_standard_aiding_does_not(two_maps: Path) -> None:
+def test_retrodiction_revises_the_past_and_standard_aiding_does_not(two_maps):
     plan = Plan(3, str(two_maps), 1260.0)
     standard = measure_tracks(plan, Setting(batch_length=15))
     late = measure_tracks(plan, Setting(batch_length=15, mode="retrodiction"))
@@ -19,7 +17,7 @@ def test_retrodiction_revises_the_past_and_standard_aiding_does_not(two_maps: Pa
     assert roughness(late.revised) < roughness(late.live)
 
 
-def test_drift_by_theory_ends_with_the_runs(two_maps: Path) -> None:
+def test_drift_by_theory_ends_with_the_runs(two_maps):
     scenario = Plan(1, str(two_maps), 1200.0).scenario(Setting())
     assert np.isnan(drift_by_theory(scenario, 1300.0))
     assert 70.0 < drift_by_theory(scenario, 1200.0) < 400.0

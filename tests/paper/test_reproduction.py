@@ -20,13 +20,13 @@ EXTRA = ["retrodiction"]
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
-def words(out: Path, map_: Path, *more: object) -> list[object]:
+def words(out, map_, *more):
     given = ["--out", out, "--map", map_, "--runs", 2, "--duration", 1200]
     return ["paper", *given, *more]
 
 
 @pytest.fixture(scope="module")
-def page(two_maps: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(two_maps, tmp_path_factory):
     out = tmp_path_factory.mktemp("paper")
     command = [str(ISOGAL), *map(str, words(out, two_maps))]
     result = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
@@ -35,7 +35,7 @@ def page(two_maps: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_every_figure_is_there_alone_and_in_the_page(page: Path) -> None:
+def test_every_figure_is_there_alone_and_in_the_page(page):
     names = [*(f"fig-{name}" for name in FIGURES), *EXTRA]
     for name in names:
         assert (page / f"{name}.png").stat().st_size > 15_000, name
@@ -46,7 +46,7 @@ def test_every_figure_is_there_alone_and_in_the_page(page: Path) -> None:
     assert not re.search(r'src="(?!data:)', html)
 
 
-def test_every_row_and_claim_is_there(page: Path) -> None:
+def test_every_row_and_claim_is_there(page):
     document = json.loads((page / "results.json").read_text())
     rows = [row for table in ("4", "6") for row in document["tables"][table]]
     assert [(r["batch_length"], r["sigma"]) for r in rows] == [
@@ -70,9 +70,7 @@ def test_every_row_and_claim_is_there(page: Path) -> None:
     assert "nan" not in json.dumps(document["claims"]).lower()
 
 
-def test_once_more_from_disk_with_other_workers_gives_the_same(
-    page: Path, two_maps: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_once_more_from_disk_with_other_workers_gives_the_same(page, two_maps, monkeypatch):
     monkeypatch.setattr(style, "png", lambda _: b"drawn before")
     before = json.loads((page / "results.json").read_text())
     files = sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
@@ -81,7 +79,7 @@ def test_once_more_from_disk_with_other_workers_gives_the_same(
     assert files == sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
 
 
-def test_map_that_does_not_cover_the_route_is_one_line(two_maps: Path, tmp_path: Path) -> None:
+def test_map_that_does_not_cover_the_route_is_one_line(two_maps, tmp_path):
     line = refusal(*words(tmp_path / "out", two_maps, "--duration", 9000))
     assert re.fullmatch(r"isogal: --map: .*does not cover the route.*\n", line)
     assert not (tmp_path / "out").exists()

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,10 +15,12 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.made_once import made_once
-from helpers.node_bench import run_by_middleware
+from helpers.node_bench import Bench, run_by_middleware
 from isogal.fields.derived_maps import shared_maps
+from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import Scenario, load_scenario
+from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.graph.domain import DOMAIN, participants
 
 PATIENCE = 10.0
@@ -102,6 +105,30 @@ def settings(map_file: Path) -> Callable[..., list[str]]:
 def scenario(settings: Callable[..., list[str]]) -> Callable[..., Scenario]:
     """The scenario itself."""
     return lambda *more: load_scenario(None, settings(*more))
+
+
+@pytest.fixture(scope="session")
+def flight(scenario: Callable[..., Scenario]) -> Callable[..., None]:
+    """Tells a node on a bench what navigator and gravimeter say at a scan of the scenario."""
+    trajectory, field_map = build_trajectory(scenario()), map_for_scenario(scenario())
+
+    def say(
+        made: Bench,
+        scan: int,
+        value: float | None = None,
+        navigator: bool = True,
+        north: float = 0.0,
+        noise: float = 0.0,
+        **keys: Any,
+    ) -> None:
+        k = scan * 10
+        place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
+        if navigator:
+            made.nav(k, place[0] + north, place[1], tuple(trajectory.velocity[k, :2]))
+        found = float(field_map.value(*place)) + noise if value is None else value
+        made.reading(k, found, **keys)
+
+    return say
 
 
 @pytest.fixture(scope="session")

@@ -3,13 +3,13 @@
 import pytest
 
 from isogal.errors import InputError
-from isogal.scenario import Scenario, load_scenario, validate_scenario
+from isogal.scenario import load_scenario, validate_scenario
 
 GRAVITY = {"field": "gravity", "sigma": 2e-5, "map_error": {"sigma": 1e-5}}
 MAGNETIC = {"field": "magnetic", "sigma": 2.0, "interval": 4.0, "matcher": {"map_sigma": 5.0}}
 
 
-def of(*entries, **more) -> Scenario:
+def of(*entries, **more):
     return validate_scenario({"fields": list(entries), **more})
 
 

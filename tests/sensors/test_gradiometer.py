@@ -15,7 +15,7 @@ from isogal.fields.gradient import GRADIENT
 from isogal.fields.map_error import TrueMapError
 from isogal.fields.measured import measured_field, reading_sigma
 from isogal.fields.simulator import ReadingSimulator
-from isogal.maps.potential import tensor_maps
+from isogal.maps.potential import derivatives
 from isogal.scenario import TENSOR_COMPONENTS, Gravimeter, MapError, Route, Scenario, load_scenario
 from isogal.sensors.gradiometer import GradientReduction
 from isogal.sensors.gradiometer_errors import EOTVOS, noise_covariance, noise_of
@@ -23,7 +23,7 @@ from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
 
 COVARIANCE = ((4.0, 1.0), (1.0, 9.0))
-TENSOR = tensor_maps(field_map_of(wavy, half=50e3, step=500.0), ("nd", "ee"), height=100.0)
+TENSOR = derivatives(field_map_of(wavy, half=50e3, step=500.0), ("nd", "ee"), height=100.0)
 
 
 def scenario(*more):

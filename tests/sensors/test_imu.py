@@ -180,9 +180,3 @@ def test_a_further_error_leaves_the_others_as_they_were():
     _, after = simulate([3], 50.0, gyroscope={"bias_instability": "0.1deg/h"})
     assert (before[..., :3] == after[..., :3]).all()
     assert 0.1 < np.abs((after - before)[..., 3:]).mean() / (0.1 * DEG_PER_HOUR) < 3.0
-
-
-def test_a_run_draws_the_same_alone_and_among_others():
-    _, together = simulate([0, 7, 3], 50.0, grade="tactical")
-    _, alone = simulate([7], 50.0, grade="tactical")
-    assert (together[1] == alone[0]).all()

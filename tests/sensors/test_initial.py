@@ -46,10 +46,3 @@ def test_without_errors_it_is_the_truth():
         ).all()
         assert (nav.velocity[run] == trajectory.velocity[0]).all()
         np.testing.assert_allclose(nav.attitude[run], trajectory.attitude[0], atol=1e-16)
-
-
-def test_a_run_draws_the_same_alone_and_among_others():
-    together, _ = draw([0, 5, 2])
-    alone, _ = draw([5])
-    for name in ("position", "velocity", "attitude"):
-        assert (getattr(alone, name)[0] == getattr(together, name)[1]).all()

@@ -22,7 +22,7 @@ def scene(*more):
     return it, build_trajectory(it)
 
 
-def test_a_position_is_that_of_its_arm_with_errors_as_large_as_told() -> None:
+def test_a_position_is_that_of_its_arm_with_errors_as_large_as_told():
     """400 runs, sizes within 5 %: more than four standard deviations of such an estimate."""
     it, trajectory = scene("positions=[{sigma: 8, correlated_sigma: 6, lever_arm: [3, -1, 40]}]")
     fixes = simulate_positions(it.true, it.true.positions[0], trajectory, range(400))
@@ -37,7 +37,7 @@ def test_a_position_is_that_of_its_arm_with_errors_as_large_as_told() -> None:
 
 
 @pytest.mark.parametrize("kind", ["antennas", "compass", "course"])
-def test_a_heading_is_that_of_the_bow(kind) -> None:
+def test_a_heading_is_that_of_the_bow(kind):
     exact = "sigma: 1e-9, bias: 0, correlated_sigma: 0"
     it, trajectory = scene(f"headings=[{{kind: {kind}, {exact}}}]")
     seen = simulate_headings(it.true, it.true.headings[0], trajectory, [0])
@@ -48,7 +48,7 @@ def test_a_heading_is_that_of_the_bow(kind) -> None:
     np.testing.assert_allclose(off, 0.0, atol=5e-3 if east else 1e-6)
 
 
-def test_declination_between_points_of_the_grid() -> None:
+def test_declination_between_points_of_the_grid():
     """Within a milliradian of the field at the place itself, at mid latitudes."""
     for latitude, longitude in ((-37.8, 144.7), (51.3, -0.2), (33.33, 179.9), (10.1, -179.8)):
         north, east, _ = field_vector([latitude], [longitude], 0.0, 2025.0)[0]
@@ -56,7 +56,7 @@ def test_declination_between_points_of_the_grid() -> None:
         assert there == pytest.approx(math.atan2(east, north), abs=1e-3)
 
 
-def test_the_truth_of_an_entry_is_its_own() -> None:
+def test_the_truth_of_an_entry_is_its_own():
     it, _ = scene("positions=[{sigma: 8, truth: {sigma: 3x}}, {name: usbl}]")
     assert [one.sigma for one in it.true.positions] == [24.0, 10.0]
     assert [one.sigma for one in it.positions] == [8.0, 10.0]
@@ -75,7 +75,7 @@ def test_the_truth_of_an_entry_is_its_own() -> None:
         ("headings=[{kind: sextant}]", "kind"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(bad, says) -> None:
+def test_what_cannot_be_is_refused_in_one_line(bad, says):
     with pytest.raises(InputError, match=says) as caught:
         load_scenario(None, [bad])
     assert "\n" not in str(caught.value)

@@ -31,7 +31,7 @@ def apart(fixes, trajectory):
     return out
 
 
-def test_a_perfect_one_gives_place_and_velocity_of_its_antenna() -> None:
+def test_a_perfect_one_gives_place_and_velocity_of_its_antenna():
     arm = np.array([3.0, -1.0, -2.0])
     fixes, trajectory = simulated(1, *CLEAN, "gnss.lever_arm=[3, -1, -2]")
     to_ned = matrix(trajectory.attitude[fixes.ends])
@@ -48,7 +48,7 @@ def test_a_perfect_one_gives_place_and_velocity_of_its_antenna() -> None:
     np.testing.assert_allclose(speed[steady], moving[steady], atol=0.05)
 
 
-def test_errors_are_as_large_as_told() -> None:
+def test_errors_are_as_large_as_told():
     """400 runs: sizes within 15 %, four times the standard deviation of such an estimate."""
     fixes, trajectory = simulated(400, "gnss.interval=30")
     error = apart(fixes, trajectory)
@@ -61,7 +61,7 @@ def test_errors_are_as_large_as_told() -> None:
     assert noise == pytest.approx([0.03, 0.03, 0.045], rel=0.05)
 
 
-def test_without_satellites_there_is_nothing() -> None:
+def test_without_satellites_there_is_nothing():
     fixes, trajectory = simulated(1, "gnss.available=[[0, 100], [300, 400.5]]")
     time = trajectory.time[fixes.ends]
     seen = np.isfinite(fixes.position[0]).all(axis=1)
@@ -76,7 +76,7 @@ def test_without_satellites_there_is_nothing() -> None:
         (("kind=walk", "rate=0.5"), lambda t: 0.5 * t, 0.5),
     ],
 )
-def test_a_deceived_one_is_where_it_was_told(deception, away, speed) -> None:
+def test_a_deceived_one_is_where_it_was_told(deception, away, speed):
     keys = [f"gnss.deception.{one}" for one in (*deception, "start=200", "end=500")]
     fixes, trajectory = simulated(2, *CLEAN, *keys)
     since = trajectory.time[fixes.ends] - 200.0
@@ -89,7 +89,7 @@ def test_a_deceived_one_is_where_it_was_told(deception, away, speed) -> None:
     np.testing.assert_allclose(size[:, during], speed, atol=1e-6)
 
 
-def test_a_delayed_one_is_where_the_vehicle_was() -> None:
+def test_a_delayed_one_is_where_the_vehicle_was():
     keys = "gnss.deception.kind=delay", "gnss.deception.size=4", "gnss.deception.start=100"
     fixes, trajectory = simulated(1, *CLEAN, *keys)
     late = trajectory.time[fixes.ends] >= 100.0

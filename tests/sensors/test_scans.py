@@ -10,7 +10,7 @@ from isogal.sensors.scans import MOST_MISSING, Thinning, missing_scans
 INTERVAL = 10_000
 
 
-def scans(stamps) -> np.ndarray:
+def scans(stamps):
     thinning = Thinning(INTERVAL)
     return np.array([ns for ns in stamps if thinning.takes(int(ns))])
 

@@ -66,8 +66,6 @@ class GravimeterNode(GraphNode):
 
     def setup(self) -> None:
         """Draw the readings and make publishers and subscriptions."""
-        self._reduced = self._out_of_range = self._left_out = 0
-        """Readings so far."""
         matched = measured_field(self.scenario)
         covariance = matched.covariance(self.scenario)
         self._variance: Reading = (
@@ -128,8 +126,7 @@ class GravimeterNode(GraphNode):
         if self._thinning.takes(ns):
             self._use(ns, sensed, self._variance if variance is None else variance)
         else:
-            self._left_out += 1
-            self.health.figures["readings between scans"] = self._left_out
+            self.health.count("readings between scans")
 
     def _use(self, ns: int, sensed: Reading, variance: Reading) -> None:
         take = self._enqueue if self._vehicle is None else self._vehicle.put
@@ -137,8 +134,7 @@ class GravimeterNode(GraphNode):
 
     def _enqueue(self, ns: int, sensed: Reading, variance: Reading) -> None:
         if np.isnan(sensed).all():
-            self._out_of_range += 1
-            self.health.figures["readings out of range"] = self._out_of_range
+            self.health.count("readings out of range")
         self._queue.put(ns, (sensed, variance))
 
     def _reduce(self, ns: int, reading: tuple[Reading, Reading], nav: NavSample | None) -> None:
@@ -158,8 +154,8 @@ class GravimeterNode(GraphNode):
                 )
                 total = variance + float(by_navigator)
             publisher.publish(adapter.write_reduced(ns, value, total, place))
-        self._reduced += 1
-        self.health.figures |= {"readings": self._reduced, "last reading": to_seconds(ns)}
+        self.health.count("readings")
+        self.health.figures["last reading"] = to_seconds(ns)
         if nav is None or np.linalg.norm(nav.velocity) > MOVES:
             self._judge(sensed)
         self.health.state(OK, "reducing")

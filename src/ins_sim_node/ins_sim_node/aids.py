@@ -1,91 +1,70 @@
 """Sensors beside the IMU, whose messages may come late, each with its own stamp."""
 
 import math
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.fields.simulated_vehicle import SimulatedVehicle
-from isogal.scenario import HeadingAid, Height
+from isogal.scenario import Gnss, HeadingAid, Height, PositionAid
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
+    Aid,
+    each_aid,
     fill_ground_velocity,
+    fill_heading,
     fill_position,
     fill_pressure,
     fill_velocity,
 )
 from isogal_ros.messages.frames import ANTENNA, BASE, framed
-from isogal_ros.messages.pose_aids import fill_heading
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.topics import Message, Topic
+from isogal_ros.topics import Message
 
 
-class _Aid(NamedTuple):
-    """What is published of one aid."""
-
-    topic: Topic
-    frame: str
-    delay: float
-    """s by which it comes late, at least."""
-    ends: Integers
-    """(K,) steps at whose ends it measures."""
-    values: Array
-    """(K, ...) what it measures."""
-    fill: Callable[[Message, int, Array], None]
-    """Writes a value of a stamp (ns) into a message."""
-
-
-def _aids(node: GraphNode, vehicle: SimulatedVehicle) -> Iterator[_Aid]:
-    """Yield the aids of a vehicle, with the delays that they really have."""
-    scenario, true, found = node.scenario, node.scenario.true, vehicle.aids
-    steps = np.arange(1, len(vehicle) + 1)
-    if found.height is not None:
-        yield _of_height(topics.BAROMETER, true.height, steps, found.height[0])
-    for sensor, heights in zip(true.heights or (), found.heights, strict=True):
-        yield _of_height(topics.height_topic(sensor.name), sensor, steps, heights[0])
-    for one, speeds in zip(scenario.velocity_aids, found.velocities, strict=True):
-        measures = np.isfinite(speeds[0]).any(axis=-1)
-        topic = topics.velocity_topic(getattr(one, "name", None))
-        yield _Aid(topic, BASE, 0.0, steps[measures], speeds[0][measures], fill_velocity)
+def _measured(vehicle: SimulatedVehicle) -> Iterator[tuple[Integers, Array]]:
+    """Yield, in the order of `each_aid`, the steps (K,) at whose ends an aid measures, and what
+    (K, ...)."""
+    found, steps = vehicle.aids, np.arange(1, len(vehicle) + 1)
+    heights = [one for one in (found.height, *found.heights) if one is not None]
+    for each in (*heights, *found.velocities):
+        yield _known(steps, each[0])
     if (fixes := found.satellites) is not None:
-        gnss, late = scenario.gnss, (true.gnss.delay, fixes.ends)
-        fill = partial(fill_position, aid=gnss.positions)
-        yield _Aid(topics.GNSS_FIX, ANTENNA, *late, fixes.position[0], fill)
-        if gnss.velocity_sigma is not None:
-            speed = partial(fill_ground_velocity, sigma=gnss.velocity_sigma)
-            yield _Aid(topics.GNSS_VELOCITY, ANTENNA, *late, fixes.velocity[0], speed)
-    of_positions = scenario.positions or (), true.positions or (), found.positions
-    for aid, really, places in zip(*of_positions, strict=True):
-        topic, _ = topics.position_topics(aid.name)
-        fill = partial(fill_position, aid=aid)
-        yield _Aid(topic, BASE, really.delay, places.ends, places.position[0], fill)
-    of_headings = scenario.headings or (), true.headings or (), found.headings
-    for bow, really_bow, seen in zip(*of_headings, strict=True):
-        topic, known = topics.heading_topic(bow.name), ~np.isnan(seen.heading[0])
-        turn = partial(_fill_heading, aid=bow)
-        yield _Aid(topic, BASE, really_bow.delay, seen.ends[known], seen.heading[0][known], turn)
+        yield fixes.ends, fixes.position[0]
+        if fixes.velocity is not None:
+            yield fixes.ends, fixes.velocity[0]
+    for place in found.positions:
+        yield place.ends, place.position[0]
+    for bow in found.headings:
+        yield _known(bow.ends, bow.heading[0])
 
 
-def _of_height(topic: Topic, settings: Height, steps: Integers, heights: Array) -> _Aid:
-    """Return a sensor that reads heights (K,), m, NaN = none, at the ends of steps (K,)."""
-    known, fill = ~np.isnan(heights), partial(_fill_height, settings=settings)
-    return _Aid(topic, BASE, 0.0, steps[known], heights[known], fill)
+def _known(steps: Integers, values: Array) -> tuple[Integers, Array]:
+    """Leave out the steps (K,) of which there is no number (K, ...)."""
+    known = np.isfinite(values.reshape(len(values), -1)).any(axis=-1)
+    return steps[known], values[known]
 
 
-def _fill_height(message: Message, ns: int, height: Array, settings: Height) -> None:
-    fill_pressure(message, ns, float(height), settings)
-
-
-def _fill_heading(message: Message, ns: int, heading: Array, aid: HeadingAid) -> None:
-    fill_heading(message, ns, float(heading), aid)
+def _fill(message: Message, ns: int, value: Array, aid: Aid, really: Aid) -> None:
+    """Write what an aid measures at a stamp (ns) into its message: what it believes of its errors,
+    and a pressure as it really is."""
+    match aid.settings, really.settings:
+        case Height(), Height() as sensor:
+            fill_pressure(message, ns, float(value), sensor)
+        case Gnss() as gnss, _:
+            fill_ground_velocity(message, ns, value, float(gnss.velocity_sigma or 0.0))
+        case PositionAid() as place, _:
+            fill_position(message, ns, value, place)
+        case HeadingAid() as bow, _:
+            fill_heading(message, ns, float(value), bow)
+        case _:
+            fill_velocity(message, ns, value)
 
 
 class Aids:
-    """Publishes what the vehicle's sensors beside the IMU give.
+    """Publishes what the vehicle's sensors beside the IMU give, as late as it really comes.
 
     Parameters
     ----------
@@ -96,16 +75,18 @@ class Aids:
 
     def __init__(self, node: GraphNode, vehicle: SimulatedVehicle) -> None:
         self._aids = []
-        for aid in _aids(node, vehicle):
-            late = math.ceil(aid.delay / vehicle.trajectory.dt - 1e-9)
-            rows = {k: row for row, k in enumerate(aid.ends.tolist())}
-            sent = node.advertise(aid.topic), framed(aid.topic, aid.frame)
-            self._aids.append((aid, late, rows, *sent))
+        each = each_aid(node.scenario), each_aid(node.scenario.true), _measured(vehicle)
+        for aid, really, (ends, values) in zip(*each, strict=True):
+            late = math.ceil(really.delay / vehicle.trajectory.dt - 1e-9)
+            rows = dict(zip(ends.tolist(), values, strict=True))
+            of_satellites = aid.topic in (topics.GNSS_FIX, topics.GNSS_VELOCITY)
+            message = framed(aid.topic, ANTENNA if of_satellites else BASE)
+            self._aids.append((aid, really, late, rows, node.advertise(aid.topic), message))
         self._step_ns = from_seconds(vehicle.trajectory.dt)
 
     def publish(self, k: int, ns: int) -> None:
         """Publish what comes at the end of step k, which has a stamp (ns)."""
-        for aid, late, rows, publisher, message in self._aids:
-            if (row := rows.get(k - late)) is not None:
-                aid.fill(message, ns - late * self._step_ns, aid.values[row])
+        for aid, really, late, rows, publisher, message in self._aids:
+            if (value := rows.get(k - late)) is not None:
+                _fill(message, ns - late * self._step_ns, value, aid, really)
                 publisher.publish(message)

@@ -4,13 +4,15 @@ where one cannot come any more."""
 from collections.abc import Callable
 from functools import partial
 
-from ins_sim_node.activity import Activity
+from rclpy.serialization import deserialize_message
+
 from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import figures_of
 
 STALL = 2.0
 """s of wall time without an answer after which it is asked whether those who answer have
@@ -77,12 +79,32 @@ class LockStep:
         for field, one in enumerate(each):
             take = partial(self._take_reading, field)
             self._topics[_reading_of(field)] = self._hear(adapter_of(one).reduced, take)
-        self._activity = Activity(node, self._note)
+        self.not_ready = {name for name in node.settings.peers if name != node.get_name()}
+        """Nodes that have not said yet that all their listeners are there."""
+        self._peers, self._inactive = frozenset(self.not_ready), set[str]()
+        self._space = node.get_namespace().strip("/")
+        self._hear(topics.DIAGNOSTICS, self._hear_peers)
 
     def _hear(self, topic: topics.Topic, take: Callable[[bytes], None]) -> str:
         """Listen to a topic; return its resolved name."""
         guarded = partial(self._node.guard, topic, take)
         return self._node.hear(topic, guarded, raw=True).topic_name
+
+    def _hear_peers(self, data: bytes) -> None:
+        """Note which nodes of the same namespace are ready, and which are not active."""
+        if not (self.not_ready or b"active" in data):  # as nearly all are
+            return
+        for item in deserialize_message(data, topics.DIAGNOSTICS.type).status:
+            space, _, name = item.name.rpartition("/")
+            if space != self._space or name not in self._peers:
+                continue
+            figures = figures_of(item)
+            if figures.get("ready") == "True":
+                self.not_ready.discard(name)
+            is_active = figures.get("active") != "False"
+            if is_active == (name in self._inactive):
+                (self._inactive.discard if is_active else self._inactive.add)(name)
+                self._note(name, is_active)
 
     def start(self) -> None:
         """Take those who answer now as those who will answer."""
@@ -158,7 +180,7 @@ class LockStep:
             self._node.health.concern("waiting", text)
         self._change()
         self.forgotten += 1
-        self._node.health.figures["steps not waited for"] = self.forgotten
+        self._node.health.count("steps not waited for")
         self._absent = self.absent()
         self.complete = True
         self._go_on()
@@ -177,15 +199,16 @@ class LockStep:
     def _publishers(self) -> frozenset[bytes]:
         """Return what identifies the publishers of the answers: of a node that was started again
         they are others."""
-        return frozenset(
-            bytes(info.endpoint_gid)
-            for name in self._topics.values()
-            for info in self._node.get_publishers_info_by_topic(name)
-        )
+        return frozenset().union(*map(self._node.publishers_of, self._topics.values()))
 
     def absent(self) -> set[str]:
         """Return which answers nobody publishes who is active."""
-        return {what for what, name in self._topics.items() if not self._activity.publishers(name)}
+        inactive = {f"{self._node.get_namespace().rstrip('/')}/{name}" for name in self._inactive}
+        return {
+            what
+            for what, topic in self._topics.items()
+            if inactive.issuperset(self._node.publishers_of(topic).values())
+        }
 
     def _note(self, name: str, active: bool) -> None:
         """Take a node that answers as gone, or as back."""

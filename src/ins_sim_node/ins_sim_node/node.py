@@ -5,7 +5,6 @@ import time
 from collections.abc import Sequence
 from typing import ClassVar
 
-from diagnostic_msgs.msg import DiagnosticArray
 from pydantic import Field
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -18,7 +17,7 @@ from isogal_ros import topics
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode, NodeSettings
 from isogal_ros.nodes.checkpoint import Checkpoint
-from isogal_ros.nodes.health import OK, figures_of
+from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.parameters.values import Values
 
@@ -77,11 +76,8 @@ class InsSimNode(GraphNode):
         self.begun = self._moved = time.monotonic()
         """When the first step was published; when the last one was."""
         self._outputs = Outputs(self, self.vehicle)
-        self._not_ready = {name for name in self.settings.peers if name != self.get_name()}
-        """Nodes that have not reported that all their listeners are there."""
         self.lock_step: LockStep | None = None
         if self.settings.lock_step:
-            self._diagnostics = self.listen(topics.DIAGNOSTICS, self._hear_peers)
             self.lock_step = LockStep(self, self._outputs.compare, self._go_on)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer: Timer | None = None
@@ -107,14 +103,6 @@ class InsSimNode(GraphNode):
         if self.step >= len(self.vehicle):
             self._checkpoint.forget()
 
-    def _hear_peers(self, array: DiagnosticArray) -> None:
-        """Note which nodes of the same namespace are ready, by their diagnostics."""
-        own_space = self.get_namespace().strip("/")
-        for item in array.status:
-            space, _, name = item.name.rpartition("/")
-            if space == own_space and figures_of(item).get("ready") == "True":
-                self._not_ready.discard(name)
-
     def _watch(self) -> None:
         """Begin when all is ready; fail where the graph does not come up or has stopped
         answering."""
@@ -125,14 +113,15 @@ class InsSimNode(GraphNode):
             if self.lock_step is not None and not self.finished:
                 self.lock_step.watch(waited)
             return
+        not_ready = self.lock_step.not_ready if self.lock_step is not None else ()
         if self.settings.lock_step:
-            ready = self.ready and not self._not_ready
+            ready = self.ready and not not_ready
         else:
             ready = self.ready or waited > UNLOCKED_START
         if ready:
             self._begin()
         elif waited > self.settings.start_timeout:
-            reasons = [f"{name} is not ready" for name in sorted(self._not_ready)]
+            reasons = [f"{name} is not ready" for name in sorted(not_ready)]
             reasons += [f"listeners of {text}" for text in self.missing_listeners()]
             timeout = self.settings.start_timeout
             self.fail(f"cannot begin after {timeout:g} s: {'; '.join(reasons)}")
@@ -141,7 +130,6 @@ class InsSimNode(GraphNode):
         self.begun = self._moved = time.monotonic()
         self.get_logger().info(f"begun: {self.vehicle.trajectory.time[-1]:.0f} s to go")
         if self.lock_step is not None:
-            self._diagnostics.end()
             self.lock_step.start()
         self.running = True
         self.advance()

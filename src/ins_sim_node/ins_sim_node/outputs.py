@@ -22,20 +22,6 @@ COMPARE_EVERY = 0.5
 """s of wall time between comparisons of navigator and truth."""
 
 
-class Solution:
-    """What an INS publishes of itself in place of samples."""
-
-    def __init__(self, node: GraphNode, solution: Array) -> None:
-        self._rows, self._messages = solution, SolutionMessages(node.scenario)
-        self._publishers = [node.advertise(topic) for topic in self._messages.topics]
-
-    def publish(self, k: int, ns: int, turn_rate: Array) -> None:
-        """Publish the solution at the end of step k."""
-        messages = self._messages.of(ns, self._rows[k], turn_rate)
-        for publisher, message in zip(self._publishers, messages, strict=True):
-            publisher.publish(message)
-
-
 class Outputs:
     """Publishers and messages; the messages are made once and overwritten."""
 
@@ -47,11 +33,8 @@ class Outputs:
         self._step_ns = from_seconds(vehicle.trajectory.dt)
         self._frame = map_frame(node.scenario)
         self._clock = node.advertise(topics.CLOCK)
-        self._solution: Solution | None = None
-        if vehicle.solution is not None:
-            self._solution = Solution(node, vehicle.solution)
-        else:
-            self._imu = node.advertise(topics.IMU)
+        self._solution = SolutionMessages(node.scenario)
+        self._inertial = [node.advertise(topic) for topic in self._solution.topics]
         self._aids = Aids(node, vehicle)
         self._truth_fix = node.advertise(topics.TRUTH_FIX)
         self._truth_odom = node.advertise(topics.TRUTH_ODOM)
@@ -74,10 +57,12 @@ class Outputs:
         self._clock.publish(self._m_clock)
         if k > 0:
             self._aids.publish(k, ns)
-            if self._solution is None:
-                self._publish_samples(run.samples[k - 1], ns)
-        if self._solution is not None:
-            self._solution.publish(k, ns, run.turn_rate[k])
+        if run.solution is not None:
+            messages = self._solution.of(ns, run.solution[k], run.turn_rate[k])
+            for publisher, message in zip(self._inertial, messages, strict=True):
+                publisher.publish(message)
+        elif k > 0:
+            self._publish_samples(run.samples[k - 1], ns)
         latitude, longitude, height = run.states[k, :3].tolist()
         fill_fix(self._m_truth, ns, latitude, longitude, height)
         fill_fix(self._m_ins, ns, run.unaided[k, 0], run.unaided[k, 1], height)
@@ -92,7 +77,7 @@ class Outputs:
         for j, sample in enumerate(samples):
             stamp = ns - round((len(samples) - 1 - j) * interval)
             fill_imu(self._m_imu, stamp, sample[:3], sample[3:])
-            self._imu.publish(self._m_imu)
+            self._inertial[0].publish(self._m_imu)
 
     def compare(self, odometry: bytes) -> None:
         """Measure the distance of a serialised nav/odom from the truth last

@@ -17,6 +17,7 @@ content:
   (`isogal_ros.messages.stamped_numbers`): the weaker choice, for a topic of every step."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,7 +46,7 @@ try:
 except ImportError:  # not among ROS 2's wheels: without it there are no transforms
     TFMessage = None
 
-_OF_AID = re.compile(r"[a-z]+(?:/(\w+))?/\w+")
+_OF_AID = re.compile(r"([a-z]+)(?:/(\w+))?/\w+")
 Message = Any
 """A message of any class, or what it is serialised to: rclpy's classes have no common base."""
 INS_SIM = "ins_sim_node"
@@ -115,45 +116,28 @@ GNSS_VELOCITY = Topic("gnss/velocity", TwistWithCovarianceStamped, (UKF_FUSION,)
 """Of the antenna over ground: east, north, up."""
 
 
-def position_topics(name: str | None) -> tuple[Topic, Topic]:
-    """Return the topics of an aid that says where the vehicle is, of the list `positions`: as a
-    position on the Earth, or in the frame ``map``; it publishes either."""
-    space = "position" if name is None else f"position/{name}"
-    return (
-        Topic(f"{space}/fix", NavSatFix, (UKF_FUSION,)),
-        Topic(f"{space}/pose", PoseWithCovarianceStamped, (UKF_FUSION,)),
-    )
+_AIDS: Mapping[str, Mapping[str, type[Message]]] = {
+    "position": {"fix": NavSatFix, "pose": PoseWithCovarianceStamped},
+    "barometer": {"data_raw": FluidPressure},
+    "velocity": {"data_raw": TwistWithCovarianceStamped},
+    "heading": {"data_raw": Imu},
+}
+"""What sensors beside the IMU publish, by what they measure: one that says where the vehicle is,
+either a position on the Earth or one in the frame ``map``; of a heading's orientation only the yaw
+is used."""
 
 
-def height_topic(name: str | None) -> Topic:
-    """Return the topic of a sensor of the height, of the list `heights`; None = of `height`."""
-    if name is None:
-        return BAROMETER
-    return Topic(f"barometer/{name}/data_raw", FluidPressure, (UKF_FUSION,))
-
-
-def velocity_topic(name: str | None) -> Topic:
-    """Return the topic of a sensor of the velocity, of the list `velocities`; None = of
-    `velocity`."""
-    if name is None:
-        return VELOCITY
-    return Topic(f"velocity/{name}/data_raw", TwistWithCovarianceStamped, (UKF_FUSION,))
-
-
-def heading_topic(name: str | None) -> Topic:
-    """Return the topic of an aid that says where the bow points, of the list `headings`: of its
-    orientation the yaw alone is used."""
-    space = "heading" if name is None else f"heading/{name}"
-    return Topic(f"{space}/data_raw", Imu, (UKF_FUSION,))
+def aid_topics(kind: str, name: str | None = None) -> tuple[Topic, ...]:
+    """Return the topics of a sensor of a kind (of `_AIDS`), of which it publishes one, by its name
+    in the scenario's list; None = it has none."""
+    space = kind if name is None else f"{kind}/{name}"
+    return tuple(Topic(f"{space}/{end}", of, (UKF_FUSION,)) for end, of in _AIDS[kind].items())
 
 
 def aid_topic(name: str) -> Topic | None:
     """Return the topic of an aid that a scenario names; None = it is of none."""
     found = _OF_AID.fullmatch(name)
-    if found is None:
-        return None
-    own = found[1]
-    every = *position_topics(own), height_topic(own), velocity_topic(own), heading_topic(own)
+    every = aid_topics(found[1], found[2]) if found and found[1] in _AIDS else ()
     return next((topic for topic in every if topic.name == name), None)
 
 

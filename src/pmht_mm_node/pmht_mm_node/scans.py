@@ -73,7 +73,6 @@ class Scans:
         self._fields = [_Field(from_seconds(one.gravimeter.interval)) for one in each]
         self._names, self._lead = scenario.field_names, UpdateSchedule.of(each).lead
         self._begun = False
-        self._missing = 0
         self.ended = -1
         """Stamp of the last batch end, ns; readings up to it are too late."""
         self.guessed = False
@@ -187,8 +186,7 @@ class Scans:
         name = "gap" if k == self._lead else f"gap of {self._names[k]}"
         self._health.concern(name, text if len(stamps) >= SILENT else None)
         for stamp in stamps:
-            self._missing += 1
-            self._health.figures["scans missing"] = self._missing
+            self._health.count("scans missing")
             try:
                 nav = self._queue.at(stamp)
             except BadMessageError:

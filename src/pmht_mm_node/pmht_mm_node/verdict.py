@@ -1,16 +1,21 @@
-"""What a matcher's batches, one after the other, say of the navigator and the map."""
+"""What a matcher's batches, one after the other, say of the navigator and the map, and where the
+node tells it: log, diagnostics, figures."""
 
 import math
 
 import numpy as np
 
+from isogal.fields.measured import unlikely_sigmas
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import SATELLITES, Fix
 from isogal_ros.messages.stamps import to_seconds
-from isogal_ros.nodes.health import ERROR, OK, WARN
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import ERROR, OK, WARN, Figure, status
 
 FEW, MANY = 3, 10
 """Batches in a row without a fix after which that is a warning, and an error."""
+LOG_EVERY = 5.0
+"""s of wall time between lines about fixes."""
 AGREED = 10
 """Fixes in a row after which a place that was found is believed: a map that is not what it is
 taken for has places, too, that fit some batches."""
@@ -90,6 +95,43 @@ def _doubt(fix: Fix) -> str | None:
         if fix.diagnostics.get(name, 0.0) > CERTAIN:
             return f"what was told does not foretell the readings: {words}"
     return None
+
+
+class Report:
+    """Counts fixes and tells what became of each batch.
+
+    Parameters
+    ----------
+    node : GraphNode
+        Whose health and log.
+    """
+
+    def __init__(self, node: GraphNode) -> None:
+        self._health, self._logger = node.health, node.get_logger()
+        self._verdict = Verdict()
+        for text in unlikely_sigmas(node.scenario):
+            self._logger.warning(text)
+
+    def say(self, ns: int, fix: Fix, seconds: float) -> None:
+        """Tell of a batch that ended at a stamp and took some seconds, with the matcher's own
+        figures."""
+        self._health.count("fixes published", fix.published)
+        self._health.count("fixes declined", not fix.published)
+        self._health.count("matcher failures", fix.failed)
+        self._verdict.take(fix)
+        if self._verdict.found:
+            self._logger.warning("the navigator was lost and has been told where it is")
+        self._health.state(self._verdict.level, self._verdict.text)
+        self._logger.info(line(ns, fix), throttle_duration_sec=LOG_EVERY)
+        figures: dict[str, Figure] = {
+            "stamp": f"{to_seconds(ns):.9f}",
+            "published": fix.published,
+            "status": fix.status.value,
+            "seconds": seconds,
+            **fix.diagnostics,
+        }
+        name, words = f"{self._health.name}: batch", fix.reason or "fix published"
+        self._health.publish(status(name, self._verdict.level, words, figures))
 
 
 def line(ns: int, fix: Fix) -> str:

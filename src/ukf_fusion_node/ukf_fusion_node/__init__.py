@@ -1,16 +1,17 @@
 """Unscented Kalman filter that fuses inertial data with map matching fixes.
 
-node            subscriptions: IMU samples, fixes and the information that belongs to them
-settings        the node's own parameters
-start           the filter's first state
-navigation      the filter from its start on: gaps, and what survives a restart
-unresolved_gap  what is not known after a long gap
-watch           what is wrong with IMU samples that could each be right
-pose            a pose that a user gives
-fixes           fixes applied to the filter, each once
-measuring       what became of measurements, counted by topic
-outputs         messages on nav/*
-track           the way so far on nav/path
+node        subscriptions: IMU samples, fixes and the information that belongs to them
+settings    the node's own parameters
+start       the filter's first state, or one that a user gives
+navigation  the filter from its start on: gaps, and what survives a restart
+watch       what is wrong with IMU samples that could each be right
+solution    an INS in place of the samples
+aids        sensors beside the IMU
+fixes       fixes applied to the filter, each once
+measuring   what became of measurements, counted by topic
+outputs     messages on nav/*
+track       the way so far on nav/path
+transforms  frames of the vehicle
 """
 
 from isogal.threads import one_thread

@@ -87,7 +87,6 @@ class Corrections:
         self._health, self._log, self._unfit = health, log, unfit
         self._measured = Measured(FIX.name, health)
         self._odd = 0
-        self._accepted = self._refused = 0
 
     def apply(self, navigator: InertialNavigator | None, whole: WholeFix) -> None:
         """Correct the filter (None = it has not started).
@@ -109,11 +108,9 @@ class Corrections:
         result = navigator.measure_all(parts)[-1]
         if not fix.published:
             return
-        self._accepted += result.used
-        self._refused += not result.used
+        for name, more in (("fixes accepted", result.used), ("fixes refused", not result.used)):
+            self._health.count(name, more)
         self._health.figures |= {
-            "fixes accepted": self._accepted,
-            "fixes refused": self._refused,
             "innovation north": float(result.innovation[0]),
             "innovation east": float(result.innovation[1]),
             "normalised innovation squared": float(result.nis),

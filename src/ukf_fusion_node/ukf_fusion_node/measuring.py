@@ -1,12 +1,19 @@
-"""What became of measurements, counted by the topic that they come from."""
+"""What became of measurements, counted by the topic that they come from, and said on nav/aids."""
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Outcome
-from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.health import ERROR, Health
+from isogal.fusion.state import FilterState
+from isogal_ros import topics
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import ERROR, OK, WARN, Health, status
 
 SEVERAL = 3
 """So many beyond the gate in a row are no outliers: what measures is wrong, or the navigator."""
@@ -18,6 +25,7 @@ honest ones are outside once in 2,000 below and never above; slow errors that ar
 covariances that are rounded up, are what is found."""
 LOST_AFTER = 3.0
 """Intervals without a measurement that is used, after which an aid is not in use."""
+SIGMA = "horizontal 1-sigma"
 
 
 class Measured:
@@ -39,7 +47,7 @@ class Measured:
         """Stamp of the last measurement that was used; -1 = there was none."""
         self.why = "nothing has come yet"
         """Why the last was not used."""
-        self._rejected = self._in_a_row = 0
+        self._in_a_row = 0
         self._seen: deque[tuple[float, int]] = deque(maxlen=JUDGED)
         """Normalised innovation squared and dimensions of the newest measurements that were
         used."""
@@ -49,8 +57,7 @@ class Measured:
         rejected = result.outcome is Outcome.REJECTED
         self._in_a_row = self._in_a_row + 1 if rejected else 0
         if rejected:
-            self._rejected += 1
-            self._health.figures[f"{self._topic} rejected"] = self._rejected
+            self._health.count(f"{self._topic} rejected")
         row = f"{self._in_a_row} in a row on {self._topic} rejected"
         text = f"{row}: measurement or navigator wrong" if self._in_a_row >= SEVERAL else None
         self._health.concern(f"rejecting {self._topic}", text, ERROR)
@@ -92,3 +99,65 @@ class Measured:
             return None
         times = f"{math.sqrt(self.nis):.2g} times"
         return f"{self._topic}: innovations are {times} as large as its covariance says"
+
+    def status(self, name: str, used: bool) -> DiagnosticStatus:
+        """Return what there is to say of the aid, under a name."""
+        newest = to_seconds(self.newest) if self.newest >= 0 else None
+        since = "never" if newest is None else f"not since {newest:.0f} s"
+        figures = {
+            "used": self.used,
+            "not used": self.not_used,
+            "last used": newest,
+            "normalised innovation squared": self.nis,
+        }
+        text = "used" if used else f"{since}: {self.why}"
+        return status(name, OK if used else WARN, text, figures)
+
+
+class AidReport:
+    """Publishes the state of each aid on nav/aids, once a period and when one is lost or comes
+    back.
+
+    Parameters
+    ----------
+    node : GraphNode
+    aids : mapping
+        By topic.
+    """
+
+    def __init__(self, node: GraphNode, aids: Mapping[str, Measured]) -> None:
+        self._aids, self._publisher = aids, node.advertise(topics.NAV_AIDS)
+        self._message = topics.NAV_AIDS.type()
+        self._period = from_seconds(node.settings.diagnostics_period)
+        self._space = f"{node.get_namespace().strip('/')}/".lstrip("/")
+        self._said: tuple[str, ...] = ()
+        self._last = -1
+
+    def tick(self, ns: int, navigator: InertialNavigator) -> None:
+        """Publish at a stamp (ns) of the navigator, if it is time or something has changed."""
+        if not self._aids:
+            return
+        in_use = tuple(name for name, aid in self._aids.items() if aid.in_use(ns))
+        if in_use == self._said and 0 <= ns - self._last < self._period:
+            return
+        self._said, self._last = in_use, ns
+        set_stamp(self._message.header.stamp, ns)
+        self._message.status = [
+            aid.status(self._space + name, name in in_use) for name, aid in self._aids.items()
+        ]
+        self._message.status.append(self._navigator(navigator))
+        self._publisher.publish(self._message)
+
+    def _navigator(self, navigator: InertialNavigator) -> DiagnosticStatus:
+        """Return how well the position is known, and how well it would be without satellites."""
+        text, figures = "no satellites are used", {SIGMA: _sigma(navigator.state)}
+        if (without := navigator.without_satellites) is not None:
+            sigma = _sigma(without.after.merged)
+            text = f"without satellites since {without.since:.0f} s it would be {sigma:.0f} m"
+            figures |= {f"{SIGMA} without satellites": sigma, "without since": without.since}
+        return status(self._space + topics.NAVIGATOR, OK, text, figures)
+
+
+def _sigma(state: FilterState) -> float:
+    """Return the 1-sigma of the position along the worst horizontal direction, m."""
+    return float(np.sqrt(np.linalg.eigvalsh(state.covariance[:2, :2])[-1]))

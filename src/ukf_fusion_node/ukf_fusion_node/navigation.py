@@ -28,8 +28,7 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from ukf_fusion_node.start import initial_state, with_given
-from ukf_fusion_node.unresolved_gap import UnresolvedGap
-from ukf_fusion_node.upright import Upright
+from ukf_fusion_node.watch import UnresolvedGap, Upright
 
 REACH = 1.2
 """Lags that the history goes back where states are smoothed, which is done by a tenth of it."""
@@ -70,7 +69,6 @@ class Navigation:
         self._checkpoint = Checkpoint(node)
         self._from_start, self._why_not = True, ""
         self._placed: FilterState | None = None
-        self._gaps = 0
         matcher = node.scenario.matcher
         batch = matcher.batch_length * node.scenario.gravimeter.interval
         self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
@@ -394,8 +392,7 @@ class Navigation:
         if samples < 1:
             self._health.state(OK, "navigating")
             return 0.0
-        self._gaps += samples
-        self._health.figures["IMU samples missing"] = self._gaps
+        self._health.count("IMU samples missing", samples)
         end = to_seconds(self.ns) + interval
         level = ERROR if interval > self._settings.max_gap else WARN
         self._health.state(level, f"{samples} IMU samples missing before {end:.3f} s, bridged")

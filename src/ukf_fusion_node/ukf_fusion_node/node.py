@@ -18,12 +18,11 @@ from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
-from ukf_fusion_node.outputs import Outputs
-from ukf_fusion_node.pose import placed
-from ukf_fusion_node.sample_checks import SampleChecks
+from ukf_fusion_node.outputs import Outputs, Smoothed
 from ukf_fusion_node.settings import UkfFusionSettings
-from ukf_fusion_node.smoothed import Smoothed
 from ukf_fusion_node.solution import Solution, Solutions
+from ukf_fusion_node.start import placed
+from ukf_fusion_node.watch import SampleChecks
 
 
 class UkfFusionNode(GraphNode):

@@ -1,9 +1,11 @@
-"""Messages of the filter: nav/fix, nav/odom, nav/protection_level, nav/covariance, nav/path."""
+"""Messages of the filter on nav/*."""
 
 import numpy as np
 from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
+from isogal.earth.frames import LocalFrame
+from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
 from isogal.passage import Passage
@@ -13,9 +15,14 @@ from isogal_ros.messages.odometry import POSE, empty_odometry, fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamped_numbers import AidedSince, fill_nav_covariance
+from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.track import Track
 from ukf_fusion_node.transforms import Transforms
+
+SHARE = 0.1
+"""Of the lag, from one pass back over it to the next: each step of the navigator then costs as
+much as the filter of eleven."""
 
 
 class Outputs:
@@ -78,6 +85,45 @@ class Outputs:
 
     def _publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
         self.newest = ns
-        nav, turn_rate = np.concatenate(state.estimate), state.turn_rate(angular_rate)
-        fill_odom(self._m_odom, ns, self._frame, nav, turn_rate, state.covariance)
+        _fill(self._m_odom, ns, self._frame, state, angular_rate)
         self._odom.publish(self._m_odom)
+
+
+class Smoothed:
+    """Publishes the states of the past on nav/smoothed, as all data up to `fusion.lag` later have
+    them: each once, between one and 1 + `SHARE` lags after its stamp."""
+
+    def __init__(self, node: GraphNode) -> None:
+        self.lag = node.scenario.fusion.lag
+        """s; 0 = nothing is published."""
+        self._frame, self._reached = map_frame(node.scenario), -np.inf
+        self._message = empty_odometry(topics.SMOOTHED)
+        self._publisher = node.advertise(topics.SMOOTHED) if self.lag > 0.0 else None
+
+    def publish(self, navigator: InertialNavigator | None) -> None:
+        """Publish the states that are a lag old, if it is time to look back."""
+        if self._publisher is None or navigator is None:
+            return
+        until = navigator.time - self.lag
+        if until < self._reached + SHARE * self.lag:
+            return
+        stamps, rates = navigator.samples(self._reached, until)
+        self._reached = until
+        if not len(stamps):
+            return
+        states = navigator.smoothed(stamps)
+        for stamp, rate, state in zip(stamps.tolist(), rates, states, strict=True):
+            _fill(self._message, from_seconds(stamp), self._frame, state, rate)
+            self._publisher.publish(self._message)
+
+    def begin_anew(self) -> None:
+        """Publish what comes after a reset, whatever its stamps are."""
+        self._reached = -np.inf
+
+
+def _fill(
+    message: Prepared, ns: int, frame: LocalFrame, state: FilterState, angular_rate: Array
+) -> None:
+    """Write a state and the angular rate (3,) FRD of the gyroscopes into an Odometry."""
+    nav, turn_rate = np.concatenate(state.estimate), state.turn_rate(angular_rate)
+    fill_odom(message, ns, frame, nav, turn_rate, state.covariance)

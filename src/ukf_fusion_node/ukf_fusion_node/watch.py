@@ -1,13 +1,23 @@
-"""What is wrong with IMU samples that could each be right."""
+"""What is wrong with IMU samples that could each be right, and what is not known after some were
+missing."""
 
 import math
 import time
 from collections import deque
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from isogal.arrays import Array, Booleans
+from isogal.inertial.rotations import rotate
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.resting import Resting
+from isogal_ros.topics import Topic
+
+if TYPE_CHECKING:
+    from isogal_ros.nodes.base import GraphNode
+    from ukf_fusion_node.navigation import Navigation
 
 AXES = (
     "accelerometer x", "accelerometer y", "accelerometer z",
@@ -35,6 +45,19 @@ BACK = 0.25
 LEAST_DISTANCE = 1e-2, 1e-3
 """m/s², rad/s: less, for one sample, does no harm."""
 SENSORS = ("specific force", "angular rate")
+LASTS = 60.0
+"""s over which the specific force is averaged."""
+MOST = 3.0
+"""m/s² by which the mean may differ from gravity: a vehicle that does so truly changes its
+vertical speed by 180 m/s within a minute. Banked or not does not matter."""
+UNLIKE = (
+    "axes (x forward, y left, z up) or units (m/s², rad/s) of imu/data_raw are wrong, or the"
+    " attitude is lost"
+)
+"""What is wrong where it differs."""
+UNRESOLVED = (
+    "samples were missing for long: whether there was a sharp manoeuvre is for fixes to say"
+)
 
 
 class StuckError(BadMessageError):
@@ -198,3 +221,111 @@ class LoneSamples:
 def _distance(one: _Sample, other: _Sample) -> _Pair:
     """Return how far apart two samples are, m/s² and rad/s."""
     return math.dist(one[0], other[0]), math.dist(one[1], other[1])
+
+
+class Upright:
+    """Averages the upward specific force, minute by minute: wrong axes or units of an IMU, or a
+    lost attitude, show there even where nothing else measures the height."""
+
+    def __init__(self) -> None:
+        self._sum, self._count, self._since = 0.0, 0, float("nan")
+        self._text: str | None = None
+
+    def take(self, time: float, force: Array, attitude: Array) -> str | None:
+        """Take a sample and return what was wrong over the last whole minute; None = nothing.
+
+        Parameters
+        ----------
+        time : float
+            s, increasing.
+        force : (3,) array
+            Specific force FRD, m/s².
+        attitude : (4,) array
+            Quaternion w, x, y, z that turns FRD to north, east, down.
+        """
+        if not self._count:
+            self._since = time
+        self._sum -= rotate(*attitude, *force)[2]
+        self._count += 1
+        if time - self._since >= LASTS:
+            mean, self._sum, self._count = self._sum / self._count, 0.0, 0
+            found = f"specific force over a minute is {mean:.3g} m/s² upwards, not {GRAVITY:.3g}"
+            self._text = f"{found}: {UNLIKE}" if abs(mean - GRAVITY) > MOST else None
+        return self._text
+
+
+class UnresolvedGap:
+    """What is not known after a long gap in the samples, until fixes have agreed with the
+    navigator for a time.
+
+    The filter goes on as if the vehicle had made no manoeuvre in it, or one of the size that it
+    was set to expect (`isogal.fusion.outage`). A sharper turn is neither, and one heading error
+    suits a few fixes as well as another: the first that contradict it may come after minutes.
+
+    Parameters
+    ----------
+    settles : int
+        How long, ns.
+    """
+
+    def __init__(self, settles: int) -> None:
+        self._settles = settles
+        self._since: int | None = None
+
+    def begin(self, ns: int) -> None:
+        """Note a gap that ended at a stamp."""
+        self._since = ns
+
+    def renew(self, ns: int) -> None:
+        """Note that a fix did not agree; without a gap that is no matter of this."""
+        if self._since is not None:
+            self._since = ns
+
+    def text(self, ns: int, undecided: bool) -> str | None:
+        """Say it, at a stamp; None = there is nothing unresolved any more.
+
+        Parameters
+        ----------
+        undecided : bool
+            Whether the filter itself leaves it open.
+        """
+        if self._since is not None and ns - self._since > self._settles and not undecided:
+            self._since = None
+        return None if self._since is None else UNRESOLVED
+
+
+class SampleChecks:
+    """What is asked of an inertial sample before the filter takes it; takes back those that were
+    not true.
+
+    Parameters
+    ----------
+    node : GraphNode
+        Its settings say what the vehicle can do; its health is told.
+    navigation : Navigation
+    topic : Topic
+        Of the samples.
+    """
+
+    def __init__(self, node: "GraphNode", navigation: "Navigation", topic: Topic) -> None:
+        self.leaps = Leaps(from_seconds(node.settings.max_gap))
+        limits = node.settings.max_acceleration, node.settings.max_turn_rate
+        self._watch = Watch(*limits, node.monotonic, navigation.noisy)
+        self._lone = LoneSamples()
+        self._health, self._navigation, self._topic = node.health, navigation, topic
+        node.watch("silent", lambda: self._watch.silent, ERROR)
+
+    def take(self, ns: int, force: Array, rate: Array, stepped: bool) -> None:
+        """Check a sample of a stamp (ns); `stepped`: its interval is known otherwise. Raises
+        BadMessageError where it cannot be true."""
+        try:
+            self._watch.take(force, rate)
+        except StuckError as error:
+            self._navigation.back(error.samples)
+            raise
+        self._health.concern("stuck", self._watch.stuck)
+        untrue = self._lone.take(force, rate)
+        if untrue and self._navigation.back(1):
+            self._health.drop(self._topic.name, untrue)
+        if self._navigation.navigator is not None and not stepped:
+            self.leaps.check(ns, self._navigation.ns)

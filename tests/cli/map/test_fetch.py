@@ -1,41 +1,21 @@
 """`isogal map fetch` from a server on this machine."""
 
 import json
-import threading
-from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
 from helpers.command_line import answer
+from helpers.mirror import serving
 
 ROUTE = ("--route", "-38,144 -38,146")
 
 
-class Mirror(BaseHTTPRequestHandler):
-    """Holds the tiles of one place: 4 bytes a cell of gravity, 2 of its disturbance."""
-
-    def do_GET(self):
-        there = "S40E145" in self.path
-        self.send_response(200 if there else 404)
-        size = 40_000 if self.path.endswith(".ga") else 20_000
-        self.send_header("Content-Length", str(size) if there else "0")
-        self.end_headers()
-        if there:
-            self.wfile.write(bytes(size))
-
-    def log_message(self, *_):
-        """Print nothing."""
-
-
 @pytest.fixture
 def mirror(monkeypatch):
+    """Holds the tiles of one place: 4 bytes a cell of gravity, 2 of its disturbance."""
     monkeypatch.setattr("isogal.maps.ggmplus.fetch.CELLS", 100)
-    with HTTPServer(("127.0.0.1", 0), Mirror) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-        server.shutdown()
-        thread.join()
+    with serving({"S40E145.ga": bytes(40_000), "S40E145.dg": bytes(20_000)}) as server:
+        yield server.url
 
 
 def test_tiles_are_fetched_once(mirror, tmp_path):

@@ -10,7 +10,7 @@ from helpers.command_line import answer, refusal
 from helpers.tracks import field_of, made_track, squared_distance
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.maps.potential import tensor_maps
+from isogal.maps.potential import derivatives
 
 LIMIT = 13.8
 """99.9 % of chi-square with 2 degrees of freedom."""
@@ -33,7 +33,7 @@ def survey(tmp_path_factory):
     write_netcdf(anomaly, folder / "magnetic.nc")
     track, latitude, longitude = made_track(gravity, COUNT, error=ERROR)
     random = np.random.default_rng(4)
-    tensor = tensor_maps(gravity, COMPONENTS, height=500.0).value(latitude, longitude)
+    tensor = derivatives(gravity, COMPONENTS, height=500.0).value(latitude, longitude)
     columns = {
         "time": track.time,
         "latitude": np.degrees(track.latitude),

@@ -167,5 +167,3 @@ def test_what_does_not_fit_is_refused():
         Area(validate_scenario({"field": "terrain", "gravimeter": {"sigma": 5.0}}), ROUGH)
     with pytest.raises(InputError, match="several channels"):
         Area(validate_scenario({"field": "gradient"}), ROUGH)
-    with pytest.raises(InputError, match="at least 1"):
-        navigability(scenario(), ROUGH, 0)

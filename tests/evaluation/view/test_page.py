@@ -3,14 +3,13 @@
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
 
-from helpers.browser import CHROMIUM, Browser, chromium
+from helpers.browser import CHROMIUM, chromium
 from helpers.studies import outcomes, small_scenario, wavy_map
 from isogal.evaluation.records import RunDetail
 from isogal.evaluation.view.page import Frame, write_view
@@ -21,7 +20,7 @@ needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Deb
 
 
 @pytest.fixture(scope="module")
-def viewed(make_runs) -> ViewedRun:
+def viewed(make_runs):
     runs = make_runs(
         runs=1,
         detail=True,
@@ -38,18 +37,18 @@ def viewed(make_runs) -> ViewedRun:
 
 
 @pytest.fixture(scope="module")
-def page(viewed, tmp_path_factory) -> Path:
+def page(viewed, tmp_path_factory):
     return write_view(tmp_path_factory.mktemp("view") / "made" / "view.html", viewed, wavy_map())
 
 
-def numbers(page: Path) -> dict:
+def numbers(page):
     text = page.read_text(encoding="utf-8")
     found = re.search(r'<script id="data" type="application/json">(.*?)</script>', text, re.DOTALL)
     assert found is not None
     return json.loads(found[1])
 
 
-def test_the_page_is_one_file_that_asks_nobody(page) -> None:
+def test_the_page_is_one_file_that_asks_nobody(page):
     text = page.read_text(encoding="utf-8")
     assert page.stat().st_size < 4e6
     frame = re.sub(r"(<script[^>]*>).*?</script>", r"\1", text, flags=re.DOTALL)
@@ -57,7 +56,7 @@ def test_the_page_is_one_file_that_asks_nobody(page) -> None:
     assert "<h1>A run &lt;b&gt;</h1>" in text
 
 
-def test_the_numbers_are_those_of_the_run(page, viewed) -> None:
+def test_the_numbers_are_those_of_the_run(page, viewed):
     data, runs = numbers(page), viewed.runs
     states, batches = data["states"], data["batches"]
     np.testing.assert_allclose(states["error"], runs.horizontal_error[0], rtol=1e-4)
@@ -72,7 +71,7 @@ def test_the_numbers_are_those_of_the_run(page, viewed) -> None:
     assert data["events"]["text"] == ["</script> late", "stopped"]
 
 
-def test_what_is_not_recorded_is_said(viewed, make_runs) -> None:
+def test_what_is_not_recorded_is_said(viewed, make_runs):
     assert [text.split(" ")[0] for text in viewed.missing] == ["The"]
     study = ViewedRun(make_runs(runs=3, detail=True).part([2]), small_scenario(), "")
     assert study.runs.detail is None
@@ -92,7 +91,7 @@ def test_what_is_not_recorded_is_said(viewed, make_runs) -> None:
     assert "pmht-paper published none" in silent.missing[0]
 
 
-def test_a_live_page_is_complete_without_numbers(viewed) -> None:
+def test_a_live_page_is_complete_without_numbers(viewed):
     runs = viewed.runs
     frame = Frame.of("Live", "", 2.0, (runs.latitude, runs.longitude), wavy_map(), live=True)
     text = frame.page(None)
@@ -100,7 +99,7 @@ def test_a_live_page_is_complete_without_numbers(viewed) -> None:
     assert 'data-live="true"' in text
 
 
-def test_places_on_the_map_are_where_the_metres_say() -> None:
+def test_places_on_the_map_are_where_the_metres_say():
     project = Projection.of(np.radians([-38.0, -37.0]), np.radians([179.5, 180.5]))
     x, y = project(np.radians(-38.0), np.radians(-179.5))
     east, north = project.stretch(np.radians(-37.5))
@@ -108,7 +107,7 @@ def test_places_on_the_map_are_where_the_metres_say() -> None:
     assert (east, north) == (pytest.approx(1e-3), pytest.approx(1e-3))
 
 
-def place(browser: Browser, figure: str) -> dict[str, float]:
+def place(browser, figure):
     browser.value(f"document.querySelector('#figure_{figure}').scrollIntoView({{block:'center'}})")
     return browser.value(
         f"(() => {{ const r = document.querySelector('#figure_{figure} .bk-Figure')"
@@ -120,7 +119,7 @@ INDEX, MODEL = "isogalView.index", "Bokeh.documents[0].get_model_by_name"
 
 
 @needs_browser
-def test_the_page_in_a_browser(page, tmp_path) -> None:
+def test_the_page_in_a_browser(page, tmp_path):
     with chromium(tmp_path / "profile") as browser:
         browser.open(page.as_uri())
         assert browser.value(INDEX) == 0
@@ -135,7 +134,7 @@ def test_the_page_in_a_browser(page, tmp_path) -> None:
 
 
 @needs_browser
-def test_without_the_truth_no_error_is_shown(viewed, tmp_path) -> None:
+def test_without_the_truth_no_error_is_shown(viewed, tmp_path):
     page = write_view(tmp_path / "view.html", replace(viewed, is_true=False), wavy_map())
     with chromium(tmp_path / "profile") as browser:
         browser.open(page.as_uri())
@@ -156,7 +155,7 @@ def test_without_the_truth_no_error_is_shown(viewed, tmp_path) -> None:
         assert browser.told == []
 
 
-def keyboard(browser: Browser) -> None:
+def keyboard(browser):
     """A state on, the next fix, the end; the cursor and the map go along."""
     browser.press("ArrowRight")
     assert browser.value(INDEX) == 1
@@ -172,7 +171,7 @@ def keyboard(browser: Browser) -> None:
     )
 
 
-def slider(browser: Browser) -> None:
+def slider(browser):
     """The slider by itself, and playing."""
     browser.value("(s => {s.value = 40; s.dispatchEvent(new Event('input'))})(time)")
     assert browser.value(INDEX) == 40
@@ -182,7 +181,7 @@ def slider(browser: Browser) -> None:
     assert browser.value("play.textContent") == "Play"
 
 
-def pointer(browser: Browser) -> None:
+def pointer(browser):
     """A click in a panel moves to its time, dragging zooms in time in all panels; they share the
     line under the pointer. An entry of a key hides its line."""
     stopped, at = browser.value(INDEX), place(browser, "errors")
@@ -207,7 +206,7 @@ def pointer(browser: Browser) -> None:
     assert browser.value(f"{MODEL}('errors.unaided').visible") is False
 
 
-def narrow(browser: Browser) -> None:
+def narrow(browser):
     """In a narrow window nothing is wider than it."""
     browser.resize(360, 700)
     browser.until("document.querySelector('#figure_errors .bk-Figure').offsetWidth <= 360")

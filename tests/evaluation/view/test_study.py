@@ -27,7 +27,7 @@ def study(tmp_path_factory, make_runs):
     return folder / "out"
 
 
-def test_a_run_of_a_study(study, tmp_path, make_runs) -> None:
+def test_a_run_of_a_study(study, tmp_path, make_runs):
     page = tmp_path / "view.html"
     assert str(page) in answer("view", study, "--run", 2, "--out", page)
     text = page.read_text(encoding="utf-8")
@@ -38,7 +38,7 @@ def test_a_run_of_a_study(study, tmp_path, make_runs) -> None:
     assert f"{error:.5g}" in text
 
 
-def test_what_cannot_be_shown(study, tmp_path) -> None:
+def test_what_cannot_be_shown(study, tmp_path):
     assert "runs 0 to 2" in refusal("view", study, "--run", 3)
     assert "no such recording" in refusal("view", tmp_path / "missing")
     assert "neither a recording" in refusal("view", tmp_path)

@@ -13,7 +13,7 @@ MATERN = Covariance("matern", (2.0, 3.0), (900.0, 4000.0), 0.3, 0.4, 1.7, 0.6)
 HARMONIC = Covariance("harmonic", (2.0, 3.0), (900.0, 4000.0), 0.3)
 
 
-def readings(line: bool) -> Readings:
+def readings(line):
     random = np.random.default_rng(3)
     places = np.column_stack([random.uniform(0.0, 5e3, (40, 2)), random.uniform(0.0, 300.0, 40)])
     sigma = random.uniform(0.1, 0.2, 40)
@@ -21,7 +21,7 @@ def readings(line: bool) -> Readings:
     return Readings(places, random.normal(0.0, 3.0, 40), sigma, number)
 
 
-def changed(covariance: Covariance, which: int, step: float) -> Covariance:
+def changed(covariance, which, step):
     """A covariance with one of its parameters, in the order of the derivatives, changed."""
     up = np.exp(step)
     (s1, s2), (l1, l2) = covariance.sigma, covariance.length

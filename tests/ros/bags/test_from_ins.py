@@ -36,7 +36,7 @@ ANGLES = ["roll", "pitch", "heading"]
 def voyage():
     """A run whose INS is off by half a kilometre at the end, and readings (mGal) that an
     instrument on board has reduced with what it says."""
-    keys = "ins.source=solution", "route.duration=1800", "initial_error.velocity=0.5"
+    keys = "ins.source=solution", "route.duration=900", "initial_error.velocity=1"
     scenario = load_scenario(None, [*KEYS, *keys])
     vehicle = simulate_vehicle(scenario, 0)
     value = maps_for_scenario(scenario).value(*vehicle.states[:, :2].T)
@@ -58,9 +58,9 @@ def test_a_table_is_replayed(voyage, tmp_path, attitude) -> None:
             writer.writerow([k, *(f"{x:.8f}" for x in numbers), reading])
     sets = [word for key in KEYS for word in ("--set", key)]
     bag = tmp_path / "bag"
-    more = "--unit", "mGal", *sets, "--set", "initial_error.velocity=0.5"
-    more += "--set", "route.duration=1800"  # the route that the synthetic map is made for
-    count = 1801 * (1 if attitude else 2) + 180
+    more = "--unit", "mGal", *sets, "--set", "initial_error.velocity=1"
+    more += "--set", "route.duration=900"  # the route that the synthetic map is made for
+    count = 901 * (1 if attitude else 2) + 90
     assert f"{count} messages" in answer("bag", tmp_path / "ins.csv", "--out", bag, *more)
     scenario = BagReader(bag).scenario()
     assert scenario.ins.gives_solution
@@ -69,7 +69,7 @@ def test_a_table_is_replayed(voyage, tmp_path, attitude) -> None:
     assert result.notes == []
     assert result.failures == []
     last = result.outputs.last_nav
-    assert len(last) == 1801
+    assert len(last) == 901
     truth = vehicle.states[-1, :2]
     end = deserialize_message(last[max(last)], NavSatFix)
     off = horizontal_difference(*np.radians([end.latitude, end.longitude]), *truth)

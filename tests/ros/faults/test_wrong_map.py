@@ -3,15 +3,12 @@
 from copy import copy
 
 import pytest
-from rclpy.serialization import deserialize_message
 
 from helpers.batches import field_map_of, wavy
-from helpers.node_bench import feed_of
+from helpers.node_bench import feed_of, played
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal_ros import topics
 from isogal_ros.faults.campaign import two_batches
-from isogal_ros.faults.trials import Feed, track_of
-from isogal_ros.nodes.health import OK
+from isogal_ros.faults.trials import Feed
 
 WRONG = {
     "other sign": lambda north, east: -wavy(north, east),
@@ -40,24 +37,8 @@ def test_a_wrong_map_is_reported_and_does_no_harm(feed, tmp_path, what) -> None:
     assumed = copy(feed)
     assumed.scenario = taken
     player = assumed.player()
-    levels, warned = {}, {}
-    player.bus.hear(topics.DIAGNOSTICS, lambda data: take_levels(data, levels))
-    with player.bus:
-        for ns in sorted(player.recorded.sensors[topics.IMU]):
-            player.play(ns / 1e9)
-            warned[ns / 1e9] = any(levels.values())
-    track = track_of(player.collector)
+    _, silent = played(player)
     reports = [now for now, text in player.reports if "agree" in text or "lost" in text]
     assert bool(reports) == (what in WRONG)
     assert all(now <= two_batches(taken) for now in reports[:1])
-    right = track.error < 3.0 * track.sigma
-    silent = [
-        t for t, is_right in zip(track.time, right, strict=True) if not (is_right or warned[t])
-    ]
     assert silent == []
-
-
-def take_levels(data: bytes, wrong: dict[str, bool]) -> None:
-    """Note which nodes say that something is wrong."""
-    for item in deserialize_message(data, topics.DIAGNOSTICS.type).status:
-        wrong[item.name] = item.level != OK

@@ -22,14 +22,6 @@ def test_a_gravimeters_sigma_is_refused_for_another_field(magnetic) -> None:
         run_by_middleware(magnetic.model_copy(update={"gravimeter": default}), None)
 
 
-def test_a_node_that_cannot_start(scenario, tmp_path) -> None:
-    with pytest.raises(InputError, match="does not cover the route"):
-        run_by_middleware(
-            scenario("route.end=[-35.0, 150.0]", "route.duration=10000.0", "route.speed=30.0"),
-            tmp_path / "bag",
-        )
-
-
 def test_a_recorder_that_fails_fails_the_run(scenario, tmp_path, monkeypatch) -> None:
     write = BagWriter.write
 

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import MagneticField
 
 from helpers.magnetics import aircraft
-from helpers.node_bench import bench, stamps
+from helpers.node_bench import bench, field_of, stamps
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.magnetics.compensation import Compensation
@@ -15,20 +14,10 @@ from isogal.scenario import changed_scenario
 from isogal.sensors.magnetometer import field_vector, intensity
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.messages.stamps import from_seconds, set_stamp
 from isogal_ros.nodes.health import WARN
 
 PLACE = np.radians([55.9, -3.9])
 CRAFT = aircraft()
-
-
-def field_of(seconds, vector):
-    message = MagneticField(magnetic_field_covariance=np.zeros(9))
-    set_stamp(message.header.stamp, from_seconds(seconds))
-    message.magnetic_field.x, message.magnetic_field.y, message.magnetic_field.z = (
-        1e-9 * float(part) for part in vector
-    )
-    return message
 
 
 def felt(heading):

@@ -16,13 +16,12 @@ from isogal.errors import InputError
 from isogal.inertial.rotations import from_heading
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter
-from isogal_ros.messages.aids import read_pressure, read_velocity
+from isogal_ros.messages.aids import read_heading, read_pressure, read_velocity
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Driver, Entrance, takes_others, type_taken
 from isogal_ros.messages.frames import BASE, FrameNames
 from isogal_ros.messages.gravimeter import gravity
 from isogal_ros.messages.imu import fill_imu, read_imu
-from isogal_ros.messages.pose_aids import read_heading
 from isogal_ros.messages.stamps import to_ns
 from isogal_ros.topics import type_name
 
@@ -107,7 +106,7 @@ def test_velocities_of_other_types_and_units() -> None:
     twist, odometry = TwistStamped(), Odometry(child_frame_id=BASE)
     twist.header.frame_id = BASE
     twist.twist.linear.x = odometry.twist.twist.linear.x = 10.0
-    found, _ = read_velocity(taken(topics.velocity_topic("log"), twist, unit="kn"))
+    found, _ = read_velocity(taken(*topics.aid_topics("velocity", "log"), twist, unit="kn"))
     assert found[0] == pytest.approx(5.14444, rel=1e-5)
     assert read_velocity(taken(topics.VELOCITY, odometry))[0][0] == 10.0
 
@@ -116,7 +115,7 @@ def test_pressure_and_heading_as_numbers(scenario) -> None:
     height = scenario("height.source=barometer").height
     found = taken(topics.BAROMETER, Float64(data=1013.25), unit="hPa")
     assert read_pressure(found, height)[0] == pytest.approx(101325.0)
-    bow = topics.heading_topic(None)
+    (bow,) = topics.aid_topics("heading")
     assert read_heading(taken(bow, Float64(data=100.0)))[0] == pytest.approx(math.radians(100.0))
 
 
@@ -125,12 +124,12 @@ def test_the_orientation_of_a_turned_heading_sensor() -> None:
     q = from_heading(-math.radians(30.0))  # about up: the yaw, ENU
     message.orientation.w, message.orientation.z = float(q[0]), -float(q[3])
     plain = read_heading(message)[0]
-    turned = taken(topics.heading_topic(None), message, rotation=(0.0, 0.0, 90.0))
+    turned = taken(*topics.aid_topics("heading"), message, rotation=(0.0, 0.0, 90.0))
     assert math.remainder(read_heading(turned)[0] - plain, math.tau) == pytest.approx(math.pi / 2)
 
 
 def test_types_taken() -> None:
-    fix, pose = topics.position_topics("radar")
+    fix, pose = topics.aid_topics("position", "radar")
     assert type_taken(pose, [type_name(PoseStamped)]) is PoseStamped
     assert type_taken(topics.GRAVIMETRY, ["std_msgs/msg/String"]) is None
     both = [type_name(Float64), type_name(topics.GRAVIMETRY.type)]

@@ -29,7 +29,7 @@ def test_stamp(ns) -> None:
 
 def test_numbers_without_a_stamp_are_refused() -> None:
     for data in ([], [1.0], [float("nan"), 0.0, 1.0], [1.0, -5.0, 0.0], [1e300, 0.0]):
-        with pytest.raises(ValueError, match=r"numbers|stamp"):
+        with pytest.raises(BadMessageError, match=r"numbers|stamp"):
             peek_numbers_ns(serialize_message(Float64MultiArray(data=data)))
 
 

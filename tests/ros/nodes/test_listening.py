@@ -89,10 +89,10 @@ class Graph:
         self.executor.shutdown()
 
 
-@pytest.fixture(params=[make_executor, lambda context: SingleThreadedExecutor(context=context)])
+@pytest.fixture
 def graph(domain, request):
     with local_context(domain) as context:
-        made = Graph(context, request.param(context))
+        made = Graph(context, getattr(request, "param", make_executor)(context))
         yield made
         made.close()
 
@@ -164,6 +164,11 @@ def test_a_best_effort_publisher_does_not_disturb_the_one_that_is_used(graph) ->
     assert list(hearer.subscriptions) == before
 
 
+EXECUTORS = make_executor, lambda context: SingleThreadedExecutor(context=context)
+EITHER = pytest.mark.parametrize("graph", EXECUTORS, indirect=True, ids=["events", "plain"])
+
+
+@EITHER
 def test_publishers_are_kept_apart(graph) -> None:
     """Samples of two drivers were once used by turns; the second one's numbers are all later."""
     hearer = graph.hearer
@@ -206,6 +211,7 @@ def test_the_first_is_used_whoever_comes_later_and_however_much_is_sent(graph) -
     assert "another /driver: /driver is used" in hearer.health.why[hearer.t_imu.name]
 
 
+@EITHER
 def test_a_successor_of_the_same_name_takes_over_at_once(graph) -> None:
     """Of a process that was killed the middleware notices only after 20 s that it is gone."""
     hearer, first = graph.hearer, graph.publisher("driver")

@@ -11,8 +11,6 @@ from isogal_ros.nodes import base, spin
 from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.middleware import LEASE, OWN_FILES, PROFILES
 
-EITHER = pytest.mark.parametrize("name", OWN_FILES)
-
 
 class ReachedError(Exception):
     """rclpy.init was called."""
@@ -44,14 +42,6 @@ def test_a_node_that_is_run_by_itself_sets_the_profiles(environment_at_init) -> 
     seen = environment_at_init()
     assert {name: seen[name] for name in PROFILES} == PROFILES
     assert "udpv4" in Path(seen[OWN_FILES[0]]).read_text()
-
-
-@EITHER
-def test_a_users_own_profiles_stay(environment_at_init, monkeypatch, name) -> None:
-    monkeypatch.setenv(name, "/my/profiles.xml")
-    seen = environment_at_init()
-    assert seen[name] == "/my/profiles.xml"
-    assert "RMW_FASTRTPS_USE_QOS_FROM_XML" not in seen
 
 
 def test_a_process_that_stood_still_says_so_for_a_minute(scenario, monkeypatch) -> None:

@@ -2,46 +2,20 @@
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import NavSatFix
-from std_msgs.msg import Float64MultiArray
 
-from isogal.inertial.rotations import from_heading
+from helpers.node_bench import nav_messages
 from isogal.scenario import load_scenario
-from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.frames import map_frame
-from isogal_ros.messages.odometry import fill_odom
-from isogal_ros.messages.position import fill_fix
-from isogal_ros.messages.stamped_numbers import fill_numbers
 from isogal_ros.nodes import nav_queue
 from isogal_ros.nodes.nav_queue import NavQueue
 
 S = 10**9
 SCENARIO = load_scenario()
-
-
-def nav_messages(
-    ns: int,
-    latitude: float,
-    longitude: float,
-    north: float = 10.0,
-    east: float = 0.0,
-    variance: float = 4.0,
-):
-    frame = map_frame(SCENARIO)
-    fix, odom, cov = NavSatFix(), Odometry(child_frame_id="base_link"), Float64MultiArray()
-    fix.header.frame_id, odom.header.frame_id = "base_link", "map"
-    matrix = np.diag([variance, variance, 0.01, 0.1, 0.1, 0.1, 1e-8, 1e-8, 1e-6])
-    state = np.array([latitude, longitude, 100.0, north, east, 0.0, *from_heading(0.3)])
-    fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
-    fill_odom(odom, ns, frame, state, np.zeros(3), matrix)
-    fill_numbers(cov, ns, np.arange(49.0).reshape(7, 7) + np.eye(7))
-    return serialize_message(fix), serialize_message(odom), serialize_message(cov)
 
 
 class Buffer:
@@ -63,12 +37,9 @@ class Buffer:
     def arrived(self) -> None:
         self.arrivals += 1
 
-    def feed(self, ns: int, *place: float, covariance: bool = True, **more: float) -> None:
-        fix, odom, cov = nav_messages(ns, *place, **more)
-        if covariance:
-            self.handlers[topics.NAV_COVARIANCE.name](cov)
-        self.handlers[topics.NAV_FIX.name](fix)
-        self.handlers[topics.NAV_ODOM.name](odom)
+    def feed(self, ns: int, *place: float, covariance: bool = True, **more: Any) -> None:
+        for topic, message in nav_messages(SCENARIO, ns, *place, **more)[not covariance :]:
+            self.handlers[topic.name](serialize_message(message))
 
 
 PLACE = (math.radians(-37.9), math.radians(144.6))
@@ -81,7 +52,7 @@ def test_it_waits_for_the_covariance_where_it_is_published() -> None:
         sample = buffer.buffer.at(5 * S)
         assert (sample is None) == (publishers == 1)
         if sample is not None:
-            assert np.diag(sample.covariance) == pytest.approx([4.0, 4.0, 0.1, 0.1])
+            assert np.diag(sample.covariance) == pytest.approx([900.0, 900.0, 0.01, 0.01])
 
 
 def test_it_does_not_wait_where_a_later_covariance_has_come() -> None:
@@ -95,8 +66,8 @@ def test_it_does_not_wait_where_a_later_covariance_has_come() -> None:
 def test_a_second_message_of_a_stamp_is_a_jump() -> None:
     buffer = Buffer()
     buffer.feed(5 * S, *PLACE)
-    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1], north=10.5)
-    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1] - 1e-5, north=10.5, east=-1.0)
+    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1], velocity=(10.5, 10.0))
+    buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1] - 1e-5, velocity=(10.5, 9.0))
     buffer.feed(6 * S, *PLACE)
     first, second = buffer.buffer.take_jumps(6 * S)
     assert first.ns == second.ns == 5 * S
@@ -146,8 +117,8 @@ def test_odometry_within_steps_does_not_crowd_out_the_steps() -> None:
     for k in range(60):
         buffer.feed(k * S, *PLACE)
         for j in range(1, 50):
-            _, odom, _ = nav_messages(k * S + j * S // 50, *PLACE)
-            buffer.handlers[topics.NAV_ODOM.name](odom)
+            _, (topic, odom) = nav_messages(SCENARIO, k * S + j * S // 50, *PLACE)[1:]
+            buffer.handlers[topic.name](serialize_message(odom))
     assert buffer.buffer.at(2 * S).ns == 2 * S
     assert not buffer.buffer.jumps
     assert not buffer.buffer.take_gaps(60 * S)

@@ -9,8 +9,6 @@ from std_msgs.msg import String
 
 from helpers.domains import claim_domain
 from helpers.node_bench import bench
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER, RecorderNode
@@ -26,25 +24,11 @@ from ukf_fusion_node import fixes
 from ukf_fusion_node.fixes import FixQueue
 
 
-@pytest.fixture(scope="module")
-def flight(scenario):
-    trajectory, field_map = build_trajectory(scenario()), map_for_scenario(scenario())
-
-    def go(made, scans, navigator: bool = True) -> None:
-        for scan in scans:
-            k = scan * 10
-            place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
-            if navigator:
-                made.nav(k, *place, tuple(trajectory.velocity[k, :2]))
-            made.reading(k, float(field_map.value(*place)))
-
-    return go
-
-
 def test_readings_that_wait_for_a_silent_navigator(scenario, flight, monkeypatch) -> None:
     monkeypatch.setattr(nav_queue, "LONGEST", 8)
     with bench(topics.PMHT_MM, scenario()) as made:
-        flight(made, range(1, 37), navigator=False)
+        for scan in range(1, 37):
+            flight(made, scan, navigator=False)
         assert made.node.scans.waiting == 8
         assert made.node.health.dropped == {"nav/odom": 28}
         said = "more than 8 readings wait for the navigator"

@@ -35,16 +35,19 @@ def test_an_early_interrupt_says_nothing(tmp_path, name) -> None:
 def test_a_listener_that_died_without_goodbye_holds_nobody_up(tmp_path) -> None:
     """It once took 5 s, which is when launch sends SIGTERM: exit code -15."""
     before = shared_memory()
-    logs = {name: tmp_path / f"{name}.log" for name in ("ins_sim_node", "ukf_fusion_node")}
+    logs = {name: tmp_path / f"{name}.log" for name in ("ins_sim_node", "isogal_recorder")}
     simulator = start_node(
         "ins_sim_node",
         "lock_step:=false",
         "rate:=20.0",
         "gravity.field:=normal",
-        "peers:=[ins_sim_node, ukf_fusion_node]",
+        "peers:=[ins_sim_node]",
+        "recorders:=1",
         log=logs["ins_sim_node"],
     )
-    listener = start_node("ukf_fusion_node", log=logs["ukf_fusion_node"])
+    listener = start_node(
+        "isogal_recorder", f"bag:={tmp_path / 'bag'}", log=logs["isogal_recorder"]
+    )
     both = simulator, listener
     try:
         until(lambda: "begun" in logs["ins_sim_node"].read_text(), "the first step", *both)

@@ -1,6 +1,7 @@
 """The matcher's node: fixes of batches, and that no message ends it."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,7 +9,6 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import NavSatStatus, PointCloud2
 
 from helpers.node_bench import bench, vector_reading
-from isogal.fields.scenario_map import map_for_scenario
 from isogal.matching.interfaces import declined
 from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
@@ -25,35 +25,18 @@ def matcher_bench(scenario):
 
 
 @pytest.fixture
-def drive(scenario, matcher_bench):
-    trajectory = build_trajectory(scenario())
-    field_map = map_for_scenario(scenario())
-
-    def go(scan: int, value: float | None = None, nav: bool = True, **keys) -> None:
-        k = scan * 10
-        place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
-        if nav:
-            matcher_bench.nav(k, *place, tuple(trajectory.velocity[k, :2]))
-        if value is None:
-            value = float(field_map.value(*place))
-        matcher_bench.reading(k, value, **keys)
-
-    return go
+def drive(flight, matcher_bench):
+    return partial(flight, matcher_bench)
 
 
 def test_readings_may_come_before_the_navigators_state(matcher_bench, drive, scenario) -> None:
     trajectory = build_trajectory(scenario())
     for scan in range(1, 7):
-        drive(scan, nav=False)
+        drive(scan, navigator=False)
     assert matcher_bench.node.scans.waiting == 6
-    for scan in range(1, 7):
-        k = scan * 10
-        matcher_bench.nav(
-            k,
-            trajectory.latitude[k],
-            trajectory.longitude[k],
-            tuple(trajectory.velocity[k, :2]),
-        )
+    for k in range(10, 70, 10):
+        place = trajectory.latitude[k], trajectory.longitude[k]
+        matcher_bench.nav(k, *place, tuple(trajectory.velocity[k, :2]))
     assert matcher_bench.node.scans.waiting == 0
 
 

@@ -5,27 +5,19 @@ import pytest
 from std_srvs.srv import Trigger
 
 from helpers.node_bench import Bench, bench, stamps
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.nodes.health import OK
 
 
 @pytest.fixture(scope="module")
-def drive(scenario):
-    trajectory = build_trajectory(scenario())
-    field_map = map_for_scenario(scenario())
+def drive(flight):
     noise = np.random.default_rng(3).normal(0.0, 1e-5, 100)
 
     def go(made: Bench, first: int, last: int) -> None:
         """Scans of a navigator that is 30 m off."""
-        for scan in range(first, last + 1):
-            k = scan * 10
-            place = float(trajectory.latitude[k]), float(trajectory.longitude[k])
-            made.nav(k, place[0] + 5e-6, place[1], tuple(trajectory.velocity[k, :2]))
-            made.reading(k, float(field_map.value(*place)) + noise[scan])
+        for taken, scan in enumerate(range(first, last + 1), 1):
+            flight(made, scan, north=5e-6, noise=noise[scan])
             # states 10 s apart: with the next one a covariance that is still to come is given up
-            taken = scan - first + 1
             made.wait(lambda n=taken: made.node.taken >= n and not made.node.scans.waiting)
 
     return go

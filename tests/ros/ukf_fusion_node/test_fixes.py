@@ -1,26 +1,24 @@
-"""Which fixes are used: each stamp once, whole if it comes whole, in any order of arrival."""
+"""Which fixes are used: each stamp once, whole if it comes whole, in any order of arrival; a false
+one moves nothing, and the node says so."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from sensor_msgs.msg import PointCloud2
 
-from helpers.navigators import ROUTE, error_between, fly
+from helpers.navigators import fly
 from helpers.node_bench import bench
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import Estimate
-from isogal.matching.interfaces import Fix, Information
+from isogal.matching.interfaces import Fix
+from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix, read_whole_fix
-from isogal_ros.nodes.health import Health
+from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
+from isogal_ros.nodes.health import ERROR, WARN, Health
 from isogal_ros.topics import INFORMATION, UKF_FUSION
 from ukf_fusion_node.fixes import Corrections, FixQueue
 
@@ -56,12 +54,19 @@ def test_a_fix_waits_for_the_navigator_but_not_long() -> None:
     assert queue.due(150) == [(150, WHOLE)]
 
 
-# --- the same fixes, delayed, in another order, twice
-
-
-FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 150.0}))
-STAMPS = (20, 50, 51, 90, 120)
-HORIZON = 100.0
+@given(st.permutations([30, 10, 20] * 2), st.integers(0, 40))
+def test_in_any_order_each_stamp_is_used_once(arrivals, now) -> None:
+    queue, used, repeated = FixQueue(100), [], 0
+    for stamp in arrivals:
+        try:
+            queue.add(stamp, WHOLE)
+        except BadMessageError:
+            repeated += 1
+        used += queue.due(now)
+    used += queue.due(40)
+    assert not queue
+    assert sorted(ns for ns, _ in used) == [10, 20, 30]
+    assert repeated == 3
 
 
 class Silent:
@@ -71,84 +76,80 @@ class Silent:
         """Take it."""
 
 
-def filter_of() -> InertialNavigator:
-    return InertialNavigator(FLIGHT.model, FLIGHT.start, horizon=HORIZON)
-
-
-def advance(it: InertialNavigator) -> int:
-    k = round(it.time)
-    it.imu(k + 1.0, *FLIGHT.samples(k, k + 1))
-    return k + 1
-
-
-def fix_at(it: InertialNavigator, stamp: int) -> WholeFix:
-    """What a matcher says of a stamp: information, or with an even stamp also a position only."""
-    estimate = Estimate(*(part.copy() for part in it.state.estimate))
-    truth = FLIGHT.fix(stamp, 20.0, -30.0)
-    covariance = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
-    if stamp == 50:
-        return WholeFix(Fix(float(stamp), *truth, covariance))
-    error = np.zeros(4)
-    metres = metres_per_radian(estimate.position[0], estimate.position[2])
-    error[:2] = (estimate.position[:2] - truth) * metres
-    matrix = np.zeros((4, 4))
-    matrix[:2, :2], matrix[2:, 2:] = np.linalg.inv(covariance), np.eye(2) / 0.1**2
-    fix = Fix(float(stamp), *truth, covariance, information=Information(matrix @ error, matrix))
-    return WholeFix(fix, estimate)
-
-
-@cache
-def undisturbed() -> tuple[FilterState, dict[int, PointCloud2]]:
-    """The state at the end, and the message of each fix."""
-    it, messages, corrections = filter_of(), {}, Corrections(Health("x", Silent(), 10**9))
-    for _ in range(150):
-        stamp = advance(it)
-        if stamp in STAMPS:
-            messages[stamp] = INFORMATION.type()
-            fill_whole_fix(messages[stamp], from_seconds(stamp), fix_at(it, stamp))
-            corrections.apply(it, read_whole_fix(messages[stamp]))
-    return it.state, messages
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.data())
-def test_delays_orders_and_repetitions_change_nothing(data) -> None:
-    """Each message comes when it likes within the horizon, some of them twice."""
-    end, sent = undisturbed()
-    arrivals: dict[int, list[PointCloud2]] = {}
-    for stamp, message in sent.items():
-        latest = min(150, stamp + round(HORIZON) - 2)
-        for _ in range(data.draw(st.integers(1, 2))):
-            arrivals.setdefault(data.draw(st.integers(stamp, latest)), []).append(message)
-    it, queue, repeated = filter_of(), FixQueue(), 0
-    corrections = Corrections(Health("x", Silent(), 10**9))
-    for _ in range(150):
-        now = advance(it)
-        for message in data.draw(st.permutations(arrivals.get(now, []))):
-            try:
-                queue.add(to_ns(message.header.stamp), read_whole_fix(message))
-            except BadMessageError:
-                repeated += 1
-            for _, whole in queue.due(from_seconds(now)):
-                corrections.apply(it, whole)
-    assert not queue
-    assert np.abs(error_between(it.state, end)).max() < 1e-6  # m, m/s, rad
-    assert repeated == sum(map(len, arrivals.values())) - len(STAMPS)
-    scale = np.sqrt(np.diag(end.covariance))
-    unlike = (it.state.covariance - end.covariance) / scale / scale[:, None]
-    assert np.abs(unlike).max() < 1e-6
-
-
 def test_the_map_error_of_a_batch_without_a_fix_counts_and_waits_for_no_navigator() -> None:
     health = Health("x", Silent(), 10**9)
-    corrections, it = Corrections(health), filter_of()
-    known = KnownGravity(residual=Residual(0.0, 1.0))
-    it.model = replace(it.model, gravity=known)
-    for _ in range(20):
-        advance(it)
+    flight, corrections = fly(), Corrections(health)
+    it = InertialNavigator(flight.model, flight.start)
+    it.model = replace(it.model, gravity=KnownGravity(residual=Residual(0.0, 1.0)))
+    for k in range(20):
+        it.imu(k + 1.0, *flight.samples(k, k + 1))
     none = Fix(15.0, 0.0, 0.0, np.full((2, 2), np.nan), "nothing new", map_error=(8e-5, 3e3))
     corrections.apply(None, WholeFix(none))
     corrections.apply(it, WholeFix(none))
     sigma, length = it.state.residual_gravity
     assert (sigma, length) == pytest.approx((np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 3e3))
     assert "fixes accepted" not in health.figures
+
+
+FAR, NEAR = 78e3 / 6.36e6, 100.0 / 6.36e6
+"""rad."""
+
+
+def send(made, seconds: float, place, bare: bool = False, **keys) -> None:
+    """Send a fix of 1 m² (bare: a NavSatFix that is all there is), and wait for the answer."""
+    before = made.node.answered
+    if bare:
+        made.fix(seconds, *place, variance=1.0)
+    else:
+        message = topics.INFORMATION.type()
+        fix = Fix(seconds, *place, np.eye(2), **keys)
+        fill_whole_fix(message, from_seconds(seconds), WholeFix(fix))
+        made.publish(topics.INFORMATION, message)
+    assert made.node.answered == before + 1
+
+
+def advance(made, first: int, last: int) -> None:
+    """Send samples of these stamps."""
+    for k in range(first, last + 1):
+        made.imu(k)
+
+
+@pytest.mark.parametrize("bare", [True, False], ids=["NavSatFix", "whole fix"])
+def test_one_false_fix_is_rejected_counted_and_said(scenario, start, bare) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        advance(made, 1, 3)
+        before = made.heard["nav/fix"][-1]
+        send(made, 3, (start[0] + FAR, start[1]), bare)
+        after, (level, words, figures) = made.heard["nav/fix"][-1], made.says()[-1]
+    assert read_position(after) == read_position(before)
+    np.testing.assert_array_equal(read_covariance(after), read_covariance(before))
+    assert level == WARN
+    assert "pmht_mm/fix: 77.9 km from the estimate: normalised innovation squared" in words
+    assert "allowed 41.4" in words
+    assert figures["pmht_mm/fix rejected"] == figures["dropped pmht_mm/fix"] == "1"
+    assert "in a row" not in words
+
+
+def test_several_in_a_row_are_an_error_until_one_is_taken(scenario, start) -> None:
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        advance(made, 1, 6)
+        for k in range(1, 4):
+            send(made, k, (start[0] + FAR, start[1]))
+        level, words, figures = made.says()[-1]
+        assert level == ERROR
+        assert "3 in a row on pmht_mm/fix rejected: measurement or navigator wrong" in words
+        assert figures["pmht_mm/fix rejected"] == "3"
+        send(made, 5, (start[0] + FAR, start[1]), reset=True)
+        end, (_, words, figures) = made.heard["nav/fix"][-1], made.says()[-1]
+    assert read_position(end)[0] == pytest.approx(start[0] + FAR, abs=NEAR)
+    assert "in a row on" not in words
+    assert figures["pmht_mm/fix rejected"] == "3"
+
+
+def test_a_user_may_have_no_gate(scenario, start) -> None:
+    with bench(topics.UKF_FUSION, scenario("fusion.false_rejection=0")) as made:
+        advance(made, 1, 3)
+        send(made, 3, (start[0] + FAR, start[1]))
+        assert read_position(made.heard["nav/fix"][-1])[0] == pytest.approx(
+            start[0] + FAR, abs=NEAR
+        )

@@ -9,8 +9,6 @@ from helpers.node_bench import bench, stamps
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion.protection_level import protection_level
 from isogal.matching.interfaces import Fix
-from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds
@@ -22,12 +20,6 @@ from isogal_ros.nodes.health import ERROR, OK, WARN
 def filter_bench(scenario):
     with bench(topics.UKF_FUSION, scenario()) as made:
         yield made
-
-
-@pytest.fixture
-def start(scenario):
-    state = draw_initial_state(scenario(), build_trajectory(scenario()), [0])
-    return float(state.position[0, 0]), float(state.position[0, 1])
 
 
 def test_the_path_stays_short_and_whole_and_ends_with_the_newest(scenario, monkeypatch) -> None:

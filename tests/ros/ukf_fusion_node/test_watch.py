@@ -1,13 +1,28 @@
-"""IMU samples that could each be right, and are not."""
+"""IMU samples that could each be right, and are not; what is not known where some were missing."""
+
+import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from helpers.node_bench import bench, stamps
+from helpers.node_bench import bench, feed_of, played, stamps
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.nodes.health import OK, WARN
-from ukf_fusion_node.watch import LEARNT, LEAST, SILENT, STUCK, StuckError, Watch
+from ukf_fusion_node.watch import (
+    LASTS,
+    LEARNT,
+    LEAST,
+    REMEMBERED,
+    SILENT,
+    STUCK,
+    LoneSamples,
+    StuckError,
+    UnresolvedGap,
+    Upright,
+    Watch,
+)
 
 LEVEL = np.array([0.0, 0.0, -9.8])
 NOISE = np.random.default_rng(1).normal(0.0, 1e-5, (500, 6))
@@ -109,3 +124,137 @@ def test_a_stuck_axis_is_an_outage(scenario) -> None:
         assert made.told("gyroscope z stuck")
         assert made.told("whether there was a sharp manoeuvre")
         assert made.says()[-1][0] == WARN
+
+
+LATER = REMEMBERED + 10
+
+
+def found(*changes: tuple[int, int, float]) -> list[int]:
+    """Indices of samples at which the one before was out of line; changes are (index, axis,
+    value)."""
+    samples = NOISE.copy()
+    for index, axis, value in changes:
+        samples[index, axis] += value
+    lone = LoneSamples()
+    return [k for k, each in enumerate(samples) if lone.take(LEVEL + each[:3], each[3:])]
+
+
+def test_noise_is_in_line() -> None:
+    assert found() == []
+
+
+@pytest.mark.parametrize(("axis", "size"), [(0, 0.2), (2, -5.0), (5, 0.05)])
+def test_one_sample_is_out_of_line(axis: int, size: float) -> None:
+    assert found((LATER, axis, size)) == [LATER + 1]
+    assert found((LATER, axis, size), (LATER + 7, axis, size)) == [LATER + 1, LATER + 8]
+
+
+def test_a_manoeuvre_is_believed() -> None:
+    step = [(k, 0, 0.2) for k in range(LATER, LATER + 30)]
+    assert found(*step) == []
+    assert found((LATER, 1, 0.2), (LATER, 5, 0.05)) == []  # a turn of one sample
+    assert found((LATER, 1, 0.02), (LATER, 5, 9e-4)) == []  # a slight one
+    assert found((LATER, 0, 0.2), (LATER + 1, 0, -0.2)) == []  # there and back
+    assert found((5, 0, 0.2)) == []  # it is not yet known how the vehicle moves
+
+
+def test_a_sea_way_is_not_out_of_line() -> None:
+    waves = [(k, 0, 0.5 * np.sin(1.3 * k)) for k in range(500)]
+    assert found(*waves, (LATER, 0, 1.5)) == []
+
+
+def test_the_filter_goes_on_as_if_it_had_not_been(scenario) -> None:
+    """0.2 m/s² for a second would leave 0.2 m/s; the next sample stands for two seconds, which
+    leaves less than 1e-3 m/s."""
+    speeds = []
+    for size in (0.0, 0.2):
+        with bench(topics.UKF_FUSION, scenario()) as made:
+            for k in range(1, LATER + 5):
+                made.imu(k, LEVEL + NOISE[k, :3] + [size * (k == LATER), 0.0, 0.0], NOISE[k, 3:])
+            made.wait(lambda: LATER + 4 in stamps(made, topics.NAV_FIX))
+            linear = made.heard["nav/odom"][-1].twist.twist.linear
+            speeds.append((linear.x, linear.y))
+            told = any("0.2 m/s² out of line" in text for _, text, _ in made.says())
+            assert told == (size > 0.0)
+            assert made.node.health.dropped == ({"imu/data_raw": 1} if size else {})
+    assert speeds[1] == pytest.approx(speeds[0], abs=1e-3)
+
+
+BANKED = Rotation.from_euler("ZYX", [40.0, 5.0, 60.0], degrees=True)
+"""Heading, pitch and roll of a turn with twice the weight on its wings."""
+NO_TURN = Rotation.identity()
+
+
+def told(force: np.ndarray, turn: Rotation = NO_TURN, minutes: float = 1.0) -> str:
+    """Return what is said of a minute or more of the same sample."""
+    upright, said = Upright(), None
+    attitude = turn.as_quat()[[3, 0, 1, 2]]
+    for time in np.arange(0.0, minutes * LASTS + 0.1):
+        said = upright.take(time, force, attitude)
+    return said or ""
+
+
+def test_a_level_and_a_banked_vehicle_are_upright() -> None:
+    assert told(LEVEL) == ""
+    turning = BANKED.inv().apply([12.0, -12.0, -9.8])
+    assert told(turning, BANKED) == ""
+    assert np.linalg.norm(turning) > 18.0
+
+
+@pytest.mark.parametrize(
+    ("force", "turn"),
+    [(-LEVEL, NO_TURN), (LEVEL / 9.8, NO_TURN), (LEVEL, BANKED)],
+    ids=["z down", "in g", "attitude lost"],
+)
+def test_what_is_not_gravity_is_said_after_a_minute(force, turn) -> None:
+    assert told(force, turn, 0.9) == ""
+    assert "upwards, not 9.81: axes" in told(force, turn)
+
+
+def test_a_wave_is_not_a_fault() -> None:
+    """Half a minute of each: what counts is the mean."""
+    upright, wave = Upright(), np.array([0.0, 0.0, 5.0])
+    for time in np.arange(0.0, 300.0):
+        force = LEVEL + wave * np.sin(2.0 * np.pi * time / 10.0)
+        assert upright.take(time, force, np.array([1.0, 0.0, 0.0, 0.0])) is None
+
+
+GAP = 60.0
+"""s."""
+
+
+def test_it_lasts_until_fixes_have_agreed_for_a_time() -> None:
+    unresolved = UnresolvedGap(100)
+    unresolved.renew(5)
+    assert unresolved.text(6, False) is None  # there was no gap
+    unresolved.begin(10)
+    assert unresolved.text(110, False)
+    unresolved.renew(60)
+    assert unresolved.text(160, False)
+    assert unresolved.text(161, True)  # the filter is not sure itself
+    assert unresolved.text(161, False) is None
+    assert unresolved.text(50, False) is None
+
+
+def elbow(degrees: float) -> str:
+    """Waypoints of ten minutes north-east, and six at an angle to that."""
+    place, heading, rows = np.array([-36.6, 146.9]), math.radians(45.0), []
+    for seconds, turn in ((0.0, 0.0), (600.0, 0.0), (400.0, math.radians(degrees))):
+        heading += turn
+        along = np.array([math.cos(heading), math.sin(heading) / math.cos(math.radians(-36.6))])
+        place = place + np.degrees(22.0 * seconds / 6.371e6) * along
+        rows.append([*place.tolist(), 22.0])
+    return f"route.waypoints={rows}"
+
+
+@pytest.mark.parametrize("degrees", [30.0, 90.0])
+def test_a_sharp_turn_in_a_gap_is_never_silent(scenario, degrees) -> None:
+    own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
+    turning = scenario(elbow(degrees), "route.turn_rate=0.1", "route.duration=960.0", *own)
+    player = feed_of(turning).player()
+    player.bus.change = lambda topic, data: (
+        [] if topic == topics.IMU.name and abs(player.bus.now - 600.0) <= GAP / 2.0 else [data]
+    )
+    track, silent = played(player)
+    assert track.error[track.time > 600.0].max() > 150.0
+    assert silent == []

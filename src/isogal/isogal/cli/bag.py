@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import ScenarioChoice, written_folder
+from isogal.cli.options import ScenarioChoice, flag, text, written_folder
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,11 +32,10 @@ def bag(
     out: Annotated[Path, written_folder("The recording.")],
     chosen: ScenarioChoice,
     unit: Annotated[
-        str | None,
-        typer.Option(metavar="UNIT", help="Of value and sigma, such as mGal; default: SI, nT."),
+        str | None, text("UNIT", "Of value and sigma, such as mGal; default: SI, nT.")
     ] = None,
     replace: Annotated[
-        bool, typer.Option("--replace", help="Delete an earlier recording in the folder.")
+        bool, flag("--replace", "Delete an earlier recording in the folder.")
     ] = False,
 ) -> None:
     """Make a recording (MCAP, as ros2 bag lays it out) of what an INS has said, for `isogal

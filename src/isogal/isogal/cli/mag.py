@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from isogal.cli.checks import finite, not_negative
+from isogal.cli.checks import not_negative
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, written_file, written_folder
+from isogal.cli.options import Json, flag, number, text, written_file, written_folder
 from isogal.cli.tables import print_result
 from isogal.errors import InputError
 
@@ -42,27 +42,18 @@ class FlightChoice:
     ]
     base: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Base station with the columns time and scalar: its daily variation is taken"
-            " off.",
+        text(
+            "FILE",
+            "Base station with the columns time and scalar: its daily variation is taken off.",
         ),
     ] = None
     height: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            callback=finite,
-            help="Above the ellipsoid, where the file has no column height.",
-        ),
+        float | None, number("Above the ellipsoid, where the file has no column height.", "M")
     ] = None
     epoch: Annotated[
         float,
-        typer.Option(
-            metavar="YEAR",
-            min=1900.0,
-            max=2030.0,
-            help="Of the main field, where the times are not UTC.",
+        number(
+            "Of the main field, where the times are not UTC.", "YEAR", least=1900.0, most=2030.0
         ),
     ] = 2025.0
 
@@ -83,35 +74,20 @@ class Fitting:
 
     PANEL: ClassVar = "Calibration"
 
-    band: Annotated[
-        str,
-        typer.Option(
-            metavar="LOW,HIGH",
-            help="Frequencies of the manoeuvres, Hz.",
-        ),
-    ] = "0.1,0.9"
+    band: Annotated[str, text("LOW,HIGH", "Frequencies of the manoeuvres, Hz.")] = "0.1,0.9"
     ridge: Annotated[
         float | None,
-        typer.Option(
-            metavar="NUMBER",
-            callback=not_negative,
-            help="Added to the normal equations; default: by the evidence.",
-        ),
+        number("Added to the normal equations; default: by the evidence.", "NUMBER", not_negative),
     ] = None
     lag: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S",
-            callback=finite,
-            help="By which the vector magnetometer is late; default: found out.",
-        ),
+        float | None, number("By which the vector magnetometer is late; default: found out.", "S")
     ] = None
 
     force: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--force",
-            help="Take a flight whose manoeuvres are too small for what it tells; the rest of the"
+            "Take a flight whose manoeuvres are too small for what it tells; the rest of the"
             " coefficients stays near zero, with a sigma that says how far off they may be.",
         ),
     ] = False
@@ -162,15 +138,12 @@ def calibrate(
 class Coefficients:
     """What is known of the vehicle."""
 
-    coefficients: Annotated[
-        Path | None,
-        typer.Option("--coefficients", metavar="FILE.yaml", help="Of isogal mag calibrate."),
-    ] = None
+    coefficients: Annotated[Path | None, text("FILE.yaml", "Of isogal mag calibrate.")] = None
     online: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--online",
-            help="Learn on the way, from --coefficients or from nothing: each reading is"
+            "Learn on the way, from --coefficients or from nothing: each reading is"
             " compensated by those before it.",
         ),
     ] = False

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
+from isogal.cli.options import text
 from isogal.cli.progress import Bars
 from isogal.errors import InputError
 
@@ -32,8 +33,7 @@ class SourceOptions:
     PANEL: ClassVar[str] = MAP
 
     variable: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Variable, band, column or extension of the values."),
+        str | None, text("NAME", "Variable, band, column or extension of the values.")
     ] = None
     quantity: Annotated[
         str | None, typer.Option(help="What the values are of, where the file does not say.")
@@ -42,10 +42,7 @@ class SourceOptions:
         str | None, typer.Option(help="Of the values, where the file does not say.")
     ] = None
     crs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="EPSG:N", help="System of a GeoTIFF that does not say, or of columns x and y."
-        ),
+        str | None, text("EPSG:N", "System of a GeoTIFF that does not say, or of columns x and y.")
     ] = None
 
 
@@ -58,10 +55,8 @@ class MapChoice(SourceOptions):
     ]
     format_name: Annotated[
         str | None,
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help="Such as netcdf or xyz (a wrong one lists all); default: by name.",
+        text(
+            "NAME", "Such as netcdf or xyz (a wrong one lists all); default: by name.", "--format"
         ),
     ] = None
 
@@ -161,4 +156,4 @@ def make_synthetic_along(quantity: str, corridor: "Corridor") -> "ScalarMap":
 class MapOption(MapChoice):
     """Which map; by its file or folder, which is an option."""
 
-    source: Annotated[str, typer.Option("--map", metavar="FILE", help=SOURCE_HELP)]
+    source: Annotated[str, text("FILE", SOURCE_HELP, "--map")]

@@ -10,7 +10,7 @@ import typer
 
 from isogal.cli.errors import INTERRUPTED, fail, note
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import ScenarioChoice, StudyResults, Workers
+from isogal.cli.options import ScenarioChoice, StudyResults, Workers, flag, number, text
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
@@ -23,20 +23,14 @@ if TYPE_CHECKING:
 @with_groups
 def montecarlo(
     results: StudyResults,
-    runs: Annotated[int, typer.Option("--runs", metavar="N", min=1, help="How many runs.")],
+    runs: Annotated[int, number("How many runs.", "N", least=1)],
     chosen: ScenarioChoice,
     workers: Workers,
     matcher: Annotated[
-        str | None,
-        typer.Option(
-            "--matcher", metavar="NAME", help="Matcher to use instead of the scenario's."
-        ),
+        str | None, text("NAME", "Matcher to use instead of the scenario's.")
     ] = None,
     smooth: Annotated[
-        bool,
-        typer.Option(
-            "--smooth", help="Show besides how well all data of a run know each of its states."
-        ),
+        bool, flag("--smooth", "Show besides how well all data of a run know each of its states.")
     ] = False,
 ) -> None:
     """Run a scenario many times; write results.json, report.html and figures, and print the

@@ -26,8 +26,8 @@ def number(
     help_: str,
     unit: str | None = None,
     check: Callable[..., float | None] = finite,
-    panel: str | None = None,
     least: float | None = None,
+    most: float | None = None,
 ) -> OptionInfo:
     """Return an option that is a number.
 
@@ -39,20 +39,25 @@ def number(
         Shown in place of the number, such as ``KM``.
     check : callable
         One of `isogal.cli.checks`.
-    panel : str, optional
-        Heading, unless it is that of its group.
-    least : float, optional
-        Smallest number that is allowed.
+    least, most : float, optional
+        Smallest and largest number that are allowed.
     """
     option: OptionInfo = typer.Option(
-        metavar=unit, callback=check, help=help_, rich_help_panel=panel, min=least
+        metavar=unit, callback=check, help=help_, min=least, max=most
     )
     return option
 
 
-def text(metavar: str, help_: str) -> OptionInfo:
-    """Return an option that is a word or a file, in place of which `metavar` is shown."""
-    option: OptionInfo = typer.Option(metavar=metavar, help=help_)
+def text(metavar: str, help_: str, *names: str) -> OptionInfo:
+    """Return an option that is a word or a file, in place of which `metavar` is shown; default of
+    its names: the parameter's."""
+    option: OptionInfo = typer.Option(*names, metavar=metavar, help=help_)
+    return option
+
+
+def flag(name: str, help_: str) -> OptionInfo:
+    """Return an option that is there or not."""
+    option: OptionInfo = typer.Option(name, help=help_)
     return option
 
 
@@ -81,18 +86,11 @@ class ScenarioChoice:
     """Which scenario."""
 
     scenario: Annotated[
-        Path | None,
-        typer.Option(
-            "--scenario", metavar="FILE", help="Scenario file (YAML); default: all defaults."
-        ),
+        Path | None, text("FILE", "Scenario file (YAML); default: all defaults.")
     ] = None
     set_: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a key, e.g. gravimeter.sigma=2e-4; repeatable.",
-        ),
+        text("KEY=VALUE", "Change a key, e.g. gravimeter.sigma=2e-4; repeatable.", "--set"),
     ] = None
 
     def load(self, *changes: str) -> "Scenario":
@@ -112,18 +110,10 @@ class Workers:
     """Who computes."""
 
     workers: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            help="Processes on this machine; default: one for each core.",
-        ),
+        int | None, number("Processes on this machine; default: one for each core.", "N", least=1)
     ] = None
     scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler", metavar="ADDRESS", help="Dask scheduler to use, e.g. tcp://host:8786."
-        ),
+        str | None, text("ADDRESS", "Dask scheduler to use, e.g. tcp://host:8786.")
     ] = None
 
     def backend(self) -> "Backend":

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isogal.cli.checks import finite
 from isogal.cli.montecarlo import ending_well
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import StudyResults, Workers
+from isogal.cli.options import StudyResults, Workers, number, text
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
@@ -21,28 +20,17 @@ if TYPE_CHECKING:
 def paper(
     results: StudyResults,
     workers: Workers,
-    runs: Annotated[
-        int,
-        typer.Option("--runs", metavar="N", min=1, help="Runs of each case; the paper has 100."),
-    ] = 100,
+    runs: Annotated[int, number("Runs of each case; the paper has 100.", "N", least=1)] = 100,
     map_: Annotated[
         str | None,
-        typer.Option(
+        text(
+            "FILE",
+            "File or folder with gravity and gravity disturbance; default: the synthetic map.",
             "--map",
-            metavar="FILE",
-            help=(
-                "File or folder with gravity and gravity disturbance; default: the synthetic map."
-            ),
         ),
     ] = None,
     duration: Annotated[
-        float,
-        typer.Option(
-            metavar="SECONDS",
-            min=600.0,
-            callback=finite,
-            help="Simulated time of each run.",
-        ),
+        float, number("Simulated time of each run.", "SECONDS", least=600.0)
     ] = 12960.0,
 ) -> None:
     """Redo section 4 of the paper: Tables 4 and 6, all figures, every claim.

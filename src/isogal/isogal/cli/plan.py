@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-import typer
-
 from isogal.cli.checks import positive
 from isogal.cli.map_choice import MapOption
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json, ScenarioChoice, written_file
+from isogal.cli.options import RESULTS, Json, ScenarioChoice, number, text, written_file
 from isogal.cli.tables import print_result
 from isogal.errors import InputError
 
@@ -29,32 +27,23 @@ class Asked:
 
     start: Annotated[
         str,
-        typer.Option("--from", metavar="'LAT,LON'", help="Start, deg."),
+        text("'LAT,LON'", "Start, deg.", "--from"),
     ]
-    goal: Annotated[str, typer.Option("--to", metavar="'LAT,LON'", help="Goal, deg.")]
+    goal: Annotated[str, text("'LAT,LON'", "Goal, deg.", "--to")]
     detour: Annotated[
-        float,
-        typer.Option(
-            metavar="SHARE",
-            callback=positive,
-            help="How much longer than the straight way, at most.",
-        ),
+        float, number("How much longer than the straight way, at most.", "SHARE", positive)
     ] = 0.15
     ceiling: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            callback=positive,
-            help="Shortest route with an expected error on arrival below this, instead of the"
+        number(
+            "Shortest route with an expected error on arrival below this, instead of the"
             " least error.",
+            "M",
+            positive,
         ),
     ] = None
     no_go: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE.geojson",
-            help="Polygons to keep out of; repeatable.",
-        ),
+        list[Path] | None, text("FILE.geojson", "Polygons to keep out of; repeatable.")
     ] = None
 
     def request(self) -> "RouteRequest":

@@ -9,9 +9,8 @@ from typing import Annotated
 
 import typer
 
-from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, ScenarioChoice, written_folder
+from isogal.cli.options import Json, ScenarioChoice, flag, number, text, written_folder
 from isogal.errors import InputError
 
 Domain = Annotated[
@@ -33,17 +32,17 @@ class TopicChoice:
 
     remap: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="FROM:=TO",
-            help="A recorded topic that stands for one of the graph's, e.g."
+        text(
+            "FROM:=TO",
+            "A recorded topic that stands for one of the graph's, e.g."
             " /sbg/imu:=imu/data_raw; repeatable.",
         ),
     ] = None
     driver: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="TOPIC.KEY=VALUE",
-            help="How messages of a sensor come: frame, rotation or unit, e.g."
+        text(
+            "TOPIC.KEY=VALUE",
+            "How messages of a sensor come: frame, rotation or unit, e.g."
             " gravimeter/data_raw.unit=mGal; repeatable.",
         ),
     ] = None
@@ -55,9 +54,8 @@ class ReplayChoice(ScenarioChoice, TopicChoice):
 
     parameter: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable.",
+        text(
+            "NAME=VALUE", "Own parameter of ukf_fusion_node, e.g. imu_frame=imu_link; repeatable."
         ),
     ] = None
 
@@ -74,10 +72,7 @@ def bag_of(source: Path) -> Path:
 def run(
     chosen: ScenarioChoice,
     in_process: Annotated[
-        bool,
-        typer.Option(
-            "--in-process", help="All nodes in this process instead of one process each."
-        ),
+        bool, flag("--in-process", "All nodes in this process instead of one process each.")
     ] = False,
     bag: Annotated[
         Path | None, written_folder("Folder of the recording; default: bag in --out.")
@@ -86,31 +81,20 @@ def run(
         "out/run"
     ),
     rate: Annotated[
-        float,
-        typer.Option(
-            min=0.0,
-            callback=finite,
-            help="Simulated seconds per second; 0 = as fast as possible.",
-        ),
+        float, number("Simulated seconds per second; 0 = as fast as possible.", least=0.0)
     ] = 0.0,
     respawn: Annotated[
         bool,
-        typer.Option(
-            "--respawn", help="Start a node that was killed again, from its checkpoint in --out."
-        ),
+        flag("--respawn", "Start a node that was killed again, from its checkpoint in --out."),
     ] = False,
     live: Annotated[
-        bool,
-        typer.Option("--live", help="Serve the page of `isogal view` to this machine meanwhile."),
+        bool, flag("--live", "Serve the page of `isogal view` to this machine meanwhile.")
     ] = False,
     port: Annotated[
-        int,
-        typer.Option(
-            "--port", metavar="N", min=0, max=65535, help="Of --live; default: any that is free."
-        ),
+        int, number("Of --live; default: any that is free.", "N", least=0, most=65535)
     ] = 0,
     dashboard: Annotated[
-        bool, typer.Option("--dashboard", help="Show errors, fixes and messages in the terminal.")
+        bool, flag("--dashboard", "Show errors, fixes and messages in the terminal.")
     ] = False,
     domain: Domain = None,
     json: Json = False,
@@ -143,25 +127,22 @@ def _check(unused_port: int, respawn_in_process: bool) -> None:
 def replay(
     chosen: ReplayChoice,
     bag: Annotated[
-        Path,
-        typer.Argument(metavar="BAG", help="Folder of a recording or run, or an MCAP file."),
+        Path, typer.Argument(metavar="BAG", help="Folder of a recording or run, or an MCAP file.")
     ],
     out: Annotated[
         Path | None, written_folder("Folder for summary, report and figures of the replay.")
     ] = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(
-            metavar="M",
-            min=0.0,
-            callback=finite,
-            help="Exit with status 1 where fixes differ by more than this, m; default: 1, or"
+        number(
+            "Exit with status 1 where fixes differ by more than this, m; default: 1, or"
             " anything with --scenario, --set, --parameter, --remap or --driver.",
+            "M",
+            least=0.0,
         ),
     ] = None,
     domain: Annotated[
-        int | None,
-        typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions."),
+        int | None, typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -182,16 +163,12 @@ def replay(
 def faults(
     chosen: ScenarioChoice,
     out: Annotated[
-        Path,
-        written_folder("Folder of outcomes and table; what is there is not run again."),
+        Path, written_folder("Folder of outcomes and table; what is there is not run again.")
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="A few faults over ten minutes instead of all.")
+        bool, flag("--quick", "A few faults over ten minutes instead of all.")
     ] = False,
-    trials: Annotated[
-        int,
-        typer.Option("--trials", metavar="N", min=0, help="Trials of each fault."),
-    ] = 1,
+    trials: Annotated[int, number("Trials of each fault.", "N", least=0)] = 1,
     process_trials: Annotated[
         int | None,
         typer.Option("--process-trials", metavar="N", hidden=True, help="Of earlier versions."),

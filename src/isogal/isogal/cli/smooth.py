@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from isogal.cli.checks import finite
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, written_folder
+from isogal.cli.options import Json, number, written_folder
 from isogal.cli.run import ReplayChoice, bag_of, require_ros
 from isogal.errors import InputError
 
@@ -24,11 +23,10 @@ def smooth(
     ] = Path("out/smooth"),
     interval: Annotated[
         float,
-        typer.Option(
-            metavar="S",
-            min=0.0,
-            callback=finite,
-            help="Seconds between the rows of the files, at least; the bag has every state.",
+        number(
+            "Seconds between the rows of the files, at least; the bag has every state.",
+            "S",
+            least=0.0,
         ),
     ] = 1.0,
     json: Json = False,

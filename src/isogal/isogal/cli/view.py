@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, written_file, written_folder
+from isogal.cli.options import Json, number, text, written_file, written_folder
 from isogal.cli.run import TopicChoice, bag_of, require_ros
 from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
@@ -28,14 +28,12 @@ def view(
     ],
     topics: TopicChoice,
     out: Annotated[Path, written_file("FILE.html", "The page.")] = Path("out/view.html"),
-    run: Annotated[
-        int, typer.Option("--run", metavar="N", min=0, help="Which run of a study.")
-    ] = 0,
+    run: Annotated[int, number("Which run of a study.", "N", least=0)] = 0,
     scenario: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Scenario of a recording that does not hold its own: which map, sensors, route.",
+        text(
+            "FILE",
+            "Scenario of a recording that does not hold its own: which map, sensors, route.",
         ),
     ] = None,
 ) -> None:

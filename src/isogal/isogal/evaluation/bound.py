@@ -111,8 +111,7 @@ class BoundResult:
         """Return the same of one that knows all readings; NaN where it was not asked for."""
         if self.smoothed is None:
             return np.full(np.shape(time), np.nan)
-        rms = np.sqrt(np.trace(self.smoothed, axis1=1, axis2=2))
-        return np.interp(time, self.time, rms, left=np.nan, right=np.nan)
+        return BoundResult(self.time, self.smoothed).rms_at(time)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,17 +166,16 @@ class BoundModel:
             over, after = transition, half
             for first, every, steps in self.jumps:
                 own, rest = divmod(stretch, every)
-                if rest == 0 and own <= len(steps.gain):
-                    jump, (count, size) = np.eye(len(half)), steps.gain.shape[1:]
-                    new, here = slice(first, first + count), slice(first, first + size)
-                    jump[here, here] = np.vstack([steps.gain[own - 1], np.eye(size)[:-count]])
+                if rest == 0 and own <= len(steps.step) and steps.joined[own - 1].any():
+                    jump, here = np.eye(len(half)), slice(first, first + len(steps.by))
+                    jump[here, here] = steps.step[own - 1]
                     over, after = jump @ over, jump @ after @ jump.T
-                    after[new, new] += steps.root[own - 1] @ steps.root[own - 1].T
+                    after[here, here] += steps.joined[own - 1]
             yield over, half, after
 
-    def smoothed(self) -> Array:
-        """Return (S + 1, 2, 2) the position covariances at the start and after each scan, given
-        all readings, those that come later included.
+    def covariances(self, smoothed: bool) -> tuple[Array, Array | None]:
+        """Return (S + 1, 2, 2) the position covariances at the start and after each scan; and
+        where that is asked for the same given all readings, those that come later included.
 
         Forward covariances P, then backwards the information L of what comes later, of which P - P
         L P is left (modified Bryson-Frazier; Bierman 1973, docs/mathematics.md, section 11.1).
@@ -187,34 +185,27 @@ class BoundModel:
         P, A, B = self.start, np.eye(n), np.zeros((n, n))
         scans = [(P, A, B)]
         for stretch, step in enumerate(self.transitions(), 1):
-            P, A = propagated(P, *step), step[0] @ A
+            P = propagated(P, *step)
+            A = step[0] @ A if smoothed else A
             for sensor in self.measurements:
                 for row, noise in sensor.at(stretch):
-                    variance = noise + float(row @ P @ row)
-                    gain, seen = condition(P, row, noise), row @ A
-                    B += np.outer(seen, seen) / variance
-                    A -= np.outer(gain, seen)
+                    variance = noise + float(row @ P @ row) if smoothed else math.nan
+                    gain = condition(P, row, noise)
+                    if smoothed:
+                        seen = row @ A
+                        B += np.outer(seen, seen) / variance
+                        A -= np.outer(gain, seen)
             if stretch % self.segments.per_scan == 0:
                 scans.append((P, A, B))
-                A, B = np.eye(n), np.zeros((n, n))
+                A, B = (np.eye(n), np.zeros((n, n))) if smoothed else (A, B)
+        known = np.array([P[:2, :2] for P, _, _ in scans])
+        if not smoothed:
+            return known, None
         result, later = [], np.zeros((n, n))
         for P, A, B in reversed(scans):
             result.append(P[:2, :2] - P[:2] @ later @ P[:, :2])
             later = A.T @ later @ A + B
-        return np.array(result[::-1])
-
-    def bound(self) -> Array:
-        """Return (S + 1, 2, 2) the position covariances at the start and after each scan."""
-        P = self.start.copy()
-        result = [P[:2, :2].copy()]
-        for stretch, step in enumerate(self.transitions(), 1):
-            P = propagated(P, *step)
-            for sensor in self.measurements:
-                for row, noise in sensor.at(stretch):
-                    condition(P, row, noise)
-            if stretch % self.segments.per_scan == 0:
-                result.append(P[:2, :2].copy())
-        return np.array(result)
+        return known, np.array(result[::-1])
 
 
 def propagated(P: Array, transition: Array, before: Array, after: Array) -> Array:
@@ -237,7 +228,6 @@ def posterior_cramer_rao(
     trajectory: Trajectory,
     field_map: RunMap,
     *,
-    map_share: Array | None = None,
     smoothed: bool = False,
 ) -> BoundResult:
     """Return the bound of a navigator that uses every reading at once, with the noise and map
@@ -257,9 +247,6 @@ def posterior_cramer_rao(
     field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
         The map; its gradient is taken at the true positions. Of several fields the bound is the
         joint one.
-    map_share : (S,) array, optional
-        1-sigma of the map's error at each scan in units of `map_error.sigma`, where there is one
-        field; default: 1.
     smoothed : bool
         Return besides that of one that knows all readings of the voyage.
     """
@@ -268,7 +255,7 @@ def posterior_cramer_rao(
     if chance:
         whole = settings.model_copy(update={"missing_fraction": 0.0})
         scenario = world.model_copy(update={"gravimeter": whole})
-    model = bound_model(scenario, trajectory, field_map, map_share)
+    model = bound_model(scenario, trajectory, field_map)
     if not chance:
         return _result(world, trajectory, [model], smoothed)
     scans = scan_index(world, trajectory)
@@ -292,39 +279,33 @@ def _result(
     world: Scenario, trajectory: Trajectory, models: Sequence[BoundModel], smoothed: bool = False
 ) -> BoundResult:
     """Return the bound that is the mean over models."""
-    covariance = np.mean([model.bound() for model in models], axis=0)
-    later = np.mean([model.smoothed() for model in models], axis=0) if smoothed else None
+    each = [model.covariances(smoothed) for model in models]
+    covariance = np.mean([known for known, _ in each], axis=0)
+    wholes = [whole for _, whole in each if whole is not None]
+    later = np.mean(wholes, axis=0) if smoothed else None
     time = trajectory.time[np.arange(len(covariance)) * world.steps_per_scan]
     return BoundResult(time, covariance, later)
 
 
-def bound_model(
-    scenario: Scenario,
-    trajectory: Trajectory,
-    field_map: RunMap,
-    map_share: Array | None = None,
-) -> BoundModel:
+def bound_model(scenario: Scenario, trajectory: Trajectory, field_map: RunMap) -> BoundModel:
     """Return the linear model whose recursion `posterior_cramer_rao` is, whose parameters these
     are. Measurements of aids come first, then those of each field."""
     worlds = [one.informed for one in scenario.each_field]
     fields = [
-        _FieldReadings.of(
-            *_with_own_error(one, trajectory, its_map, map_share if len(worlds) == 1 else None)
-        )
+        _FieldReadings.of(*_with_own_error(one, trajectory, its_map))
         for one, its_map in zip(worlds, each_map(field_map), strict=True)
     ]
     return linear_model(scenario, trajectory, fields)
 
 
 def _with_own_error(
-    world: Scenario, trajectory: Trajectory, field_map: RouteMap, map_share: Array | None
-) -> tuple[Scenario, Trajectory, RouteMap, Array | None]:
+    world: Scenario, trajectory: Trajectory, field_map: RouteMap
+) -> tuple[Scenario, Trajectory, RouteMap, Array]:
     """Return the arguments of `_FieldReadings.of`; where readings are recorded, with the error
     that the map says of itself, if it does, instead of a simulated one."""
-    maps = channels_of(field_map)
+    maps, scans = channels_of(field_map), scan_index(world, trajectory)
     if not (world.readings.recorded and maps[0].states_error):
-        return world, trajectory, field_map, map_share
-    scans = scan_index(world, trajectory)
+        return world, trajectory, field_map, np.ones(len(scans))
     sigma = maps[0].sigma_at(trajectory.latitude[scans], trajectory.longitude[scans])
     usual = float(np.sqrt(np.nanmean(sigma**2)))
     error = MapError(
@@ -363,12 +344,12 @@ class _FieldReadings:
         scenario: Scenario,
         trajectory: Trajectory,
         field_map: RouteMap,
-        map_share: Array | None,
+        share: Array,
     ) -> "_FieldReadings":
-        """Return those of a scenario of one field as it really is."""
+        """Return those of a scenario of one field as it really is, given the 1-sigma of the map's
+        error at each scan (S,) in units of `map_error.sigma`."""
         scans, settings = scan_index(scenario, trajectory), scenario.gravimeter
         field, maps = measured_field(scenario), channels_of(field_map)
-        share = np.full(len(scans), 1.0 if map_share is None else map_share)
         of_map = common = np.ones(len(maps))
         if field.name == "terrain" and scenario.altimeter.sounds:
             sensitivity, of_map, common = beam_channels(scenario, trajectory, maps[0], scans)

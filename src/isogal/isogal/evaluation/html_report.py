@@ -103,19 +103,12 @@ def write_report(
     -------
     Path
         Of the page.
-
-    Raises
-    ------
-    ValueError
-        Where two figures have the same name.
     """
     from jinja2 import Environment, StrictUndefined
 
     folder = Path(out_dir)
     pictures = [picture for section in sections for picture in section.illustrations]
     names = [picture.name for picture in pictures]
-    if len(set(names)) != len(names):
-        raise ValueError(f"two figures of a report have the same name: {sorted(names)}")
     drawn = {picture.name: style.png(picture.figure) for picture in pictures}
     for name, data in drawn.items():
         write_atomic(folder / f"{name}.png", data)

@@ -159,16 +159,12 @@ def excursions(outside: ArrayLike, time: Array, apart: float) -> Integers:
     return cast(Integers, (outside & (time - last > apart)).sum(axis=1))
 
 
-def poisson_interval(events: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def poisson_interval(events: int) -> tuple[float, float]:
     """Return the interval of a Poisson variable's mean, given one count (Garwood 1936): its ends
     are those means at which a count as high, or as low, has half of the probability left out."""
     from scipy.special import gammaincinv  # scipy.stats would take seconds to import
 
-    if events < 0 or not 0.0 < confidence < 1.0:
-        raise ValueError(
-            f"needs events >= 0 and 0 < confidence < 1, not {events} and {confidence}"
-        )
-    tail = 0.5 * (1.0 - confidence)
+    tail = 0.5 * (1.0 - CONFIDENCE)
     low = float(gammaincinv(events, tail)) if events else 0.0
     return low, float(gammaincinv(events + 1, 1.0 - tail))
 

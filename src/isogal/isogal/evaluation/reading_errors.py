@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.beams import Footprints
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.maps.error_model import decay, displacements, tensor_covariance
+from isogal.maps.error_model import Chain, chained, decay, shares
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Gradiometer, Gravimeter, Scenario
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
@@ -44,13 +45,15 @@ class SlowError(NamedTuple):
 
 
 class MapSteps(NamedTuple):
-    """The map's errors of C channels at S scans by those at the p scans before, the last one first
-    (Vecchia 1988, J. R. Stat. Soc. B 50:297)."""
+    """How U map errors of one potential go on from scan to scan, u -> step u, with `joined` added
+    to their covariance (`isogal.maps.error_model.chained`)."""
 
-    gain: Array
-    """(S, C, p C)."""
-    root: Array
-    """(S, C, C) square root of the covariance of what is new."""
+    step: Array
+    """(S, U, U)."""
+    joined: Array
+    """(S, U, U); 0 of a scan at the place of the one before."""
+    by: Array
+    """(U, C) how much of each is in the channels."""
 
 
 class BeamChannels(NamedTuple):
@@ -182,17 +185,16 @@ def map_errors(
     steps : MapSteps or None
         How the errors go on where they do not do so independently in each channel.
     """
-    error, channels = scenario.map_error, np.eye(len(of_channel))
+    error = scenario.map_error
     if steps is None:
         length = error.correlation_length
         sigmas = error.sigma * np.sqrt(of_channel)
         return [
             SlowError.of("map", sigma, share[:, None] * one, length=length)
-            for sigma, one in zip(sigmas.tolist(), channels, strict=True)
+            for sigma, one in zip(sigmas.tolist(), np.eye(len(of_channel)), strict=True)
         ]
-    # known by nothing before the first scan; those of scans before are in no reading
-    every = np.vstack([channels, np.zeros((steps.gain.shape[2] - len(channels), len(channels)))])
-    return [SlowError.of("map", 0.0, share[:, None] * one) for one in every]
+    # known by nothing before the first scan
+    return [SlowError.of("map", 0.0, share[:, None] * one) for one in steps.by]
 
 
 def map_steps(
@@ -214,24 +216,13 @@ def map_steps(
     sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
     if components is None or sigma == 0.0:
         return None
-    count, most = len(components), min(_BEFORE, len(scans) - 1)
-    channel = np.tile(np.arange(count), most + 1)
-    gain = np.zeros((len(scans), count, most * count))
-    root = np.zeros((len(scans), count, count))
-    whole = np.kron(np.eye(most + 1), turn)
-    for k in range(len(scans)):
-        here = scans[k - min(k, most) : k + 1][::-1]
-        size = len(here) * count
-        rows = np.repeat(here, count)
-        apart = displacements(trajectory.latitude[rows], trajectory.longitude[rows])
-        part = whole[:size, :size]
-        covariance = tensor_covariance(components, channel[:size], apart, length)
-        covariance = sigma**2 * (part.T @ covariance @ part)
-        now, before = covariance[:count, :count], covariance[count:, count:]
-        cross = covariance[:count, count:]
-        jitter = 1e-9 * sigma**2 * np.eye(len(before))
-        gain[k, :, : size - count] = np.linalg.solve(before + jitter, cross.T).T
-        left = now - gain[k, :, : size - count] @ cross.T
-        values, vectors = np.linalg.eigh(0.5 * (left + left.T))
-        root[k] = vectors * np.sqrt(np.maximum(values, 0.0))
-    return MapSteps(gain, root)
+    latitude, longitude = trajectory.latitude[scans], np.unwrap(trajectory.longitude[scans])
+    metres = np.stack(metres_per_radian(0.5 * (latitude[1:] + latitude[:-1])), axis=1)
+    moved = np.stack([np.diff(latitude), np.diff(longitude)], axis=1) * metres
+    first = moved[:1] if len(moved) else np.full((1, 2), length)
+    moved, before = np.concatenate([first, moved]), np.tile(first, (_BEFORE, 1))
+    chain = Chain(_BEFORE, np.zeros((len(components), 2)), components)
+    _, step, joined = chained(chain, moved, before, np.array([length]), True)
+    by = sigma * np.sqrt(shares(components))[:, None] * turn
+    older = np.zeros(((_BEFORE - 1) * len(components), len(components)))  # in no reading
+    return MapSteps(step[0], joined[0], np.concatenate([by, older]))

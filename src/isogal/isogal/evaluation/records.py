@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TypedDict, TypeVar, cast
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
@@ -20,7 +20,6 @@ from isogal.files import atomic_path
 from isogal.fix import Candidates, Status
 
 Texts = NDArray[np.str_]
-Part = TypeVar("Part", "RunDetail", "SmoothedStates")
 
 FORMAT = 2
 """Version of the file layout; a file of another version is refused."""
@@ -92,28 +91,6 @@ class RunDetail:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedStates:
-    """The states of R runs at the K times of their record, as all data of the voyage have them."""
-
-    error: Array = field(metadata=_shape("R", "K", 2))
-    """(R, K, 2) m, estimate minus truth, north and east."""
-    covariance: Array = field(metadata=_shape("R", "K", 2, 2))
-    """(R, K, 2, 2) m²."""
-
-    def __post_init__(self) -> None:
-        _check_shapes(self)
-
-    @property
-    def horizontal_error(self) -> Array:
-        """(R, K) m."""
-        return cast(Array, np.hypot(self.error[..., 0], self.error[..., 1]))
-
-    def part(self, which: Sequence[int]) -> "SmoothedStates":
-        """Return those of some of the runs, by their places."""
-        return SmoothedStates(self.error[list(which)], self.covariance[list(which)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Runs:
     """R runs of one scenario: K navigation states and B batch ends each. Errors are estimate minus
     truth, north and east, m."""
@@ -148,8 +125,10 @@ class Runs:
     """(R, B) s, computing time of each batch."""
     detail: RunDetail | None = None
     """Extras for the figures of run 0."""
-    smoothed: SmoothedStates | None = None
-    """None = the runs were not smoothed."""
+    smoothed_error: Array | None = field(default=None, metadata=_shape("R", "K", 2))
+    """(R, K, 2) m, of the states as all data of the voyage have them; None = not smoothed."""
+    smoothed_covariance: Array | None = field(default=None, metadata=_shape("R", "K", 2, 2))
+    """(R, K, 2, 2) m²."""
 
     def __post_init__(self) -> None:
         _check_shapes(self)
@@ -163,6 +142,14 @@ class Runs:
     def elapsed(self) -> Array:
         """(K,) s since the first state."""
         return self.time - self.time[0]
+
+    @property
+    def smoothed(self) -> "Runs | None":
+        """The runs with smoothed states in place of those of the time."""
+        error, covariance = self.smoothed_error, self.smoothed_covariance
+        if error is None or covariance is None:
+            return None
+        return replace(self, error=error, covariance=covariance)
 
     @property
     def horizontal_error(self) -> Array:
@@ -188,10 +175,9 @@ class Runs:
     def part(self, which: Sequence[int]) -> "Runs":
         """Return some of the runs, by their places in the record; the detail stays only where the
         first of them is the first here."""
-        own = {name: getattr(self, name)[list(which)] for name in _PER_RUN}
-        smoothed = None if self.smoothed is None else self.smoothed.part(which)
+        own = {name: array[list(which)] for name, array in _arrays(self) if name in _PER_RUN}
         detail = self.detail if list(which[:1]) == [0] else None
-        return replace(self, **own, detail=detail, smoothed=smoothed)
+        return replace(self, **own, detail=detail)
 
     @staticmethod
     def concatenate(parts: Sequence["Runs"]) -> "Runs":
@@ -206,26 +192,21 @@ class Runs:
         if not parts:
             raise ValueError("no runs to join")
         first = parts[0]
-        for name in _OF_RUNS.keys() - set(_PER_RUN):
+        for name in _shapes(Runs).keys() - set(_PER_RUN):
             if not all(np.array_equal(getattr(first, name), getattr(p, name)) for p in parts):
                 raise ValueError(f"runs of different scenarios cannot be joined: {name} differs")
-        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in _PER_RUN}
-        found = [part.smoothed for part in parts if part.smoothed is not None]
-        if len(found) not in (0, len(parts)):
+        if len({part.smoothed_error is None for part in parts}) > 1:
             raise ValueError("runs that were smoothed and runs that were not cannot be joined")
-        smoothed = None
-        if found:
-            both = zip(*((one.error, one.covariance) for one in found), strict=True)
-            smoothed = SmoothedStates(*map(np.concatenate, both))
-        return replace(first, **joined, detail=first.detail, smoothed=smoothed)
+        per_run = [name for name, _ in _arrays(first) if name in _PER_RUN]
+        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in per_run}
+        return replace(first, **joined, detail=first.detail)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz. The file appears whole or not at all, even if the writer
         dies."""
-        arrays = {name: getattr(self, name) for name in _OF_RUNS}
-        for prefix, held in (("detail_", self.detail), ("smoothed_", self.smoothed)):
-            if held is not None:
-                arrays |= {prefix + name: getattr(held, name) for name in _shapes(type(held))}
+        arrays = dict(_arrays(self))
+        if self.detail is not None:
+            arrays |= {_OF_DETAIL + name: array for name, array in _arrays(self.detail)}
         with atomic_path(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, format=np.array(FORMAT), **arrays)
 
@@ -242,12 +223,12 @@ class Runs:
             with np.load(path, allow_pickle=False) as stored:
                 if (version := int(stored["format"])) != FORMAT:
                     raise ValueError(f"it has format {version}")
-                own = {name: stored[name] for name in _OF_RUNS}
-                return Runs(
-                    **own,
-                    detail=_part(stored, "detail_", RunDetail),
-                    smoothed=_part(stored, "smoothed_", SmoothedStates),
-                )
+                own = {name: stored[name] for name in _shapes(Runs) if _is_there(name, stored)}
+                names = {name: _OF_DETAIL + name for name in _shapes(RunDetail)}
+                detail = None
+                if all(key in stored for key in names.values()):
+                    detail = RunDetail(**{name: stored[key] for name, key in names.items()})
+                return Runs(**own, detail=detail)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         except (
@@ -261,19 +242,17 @@ class Runs:
             raise InputError(f"{path}: not a record of runs of format {FORMAT}: {error}") from None
 
 
-def _part(stored: NpzFile, prefix: str, kind: type[Part]) -> Part | None:
-    """Return the part of a record that a file has under names with this prefix, if it has one."""
-    names = {name: prefix + name for name in _shapes(kind)}
-    if not all(name in stored for name in names.values()):
-        return None
-    return kind(**{name: stored[key] for name, key in names.items()})
+def _is_there(name: str, stored: NpzFile) -> bool:
+    """Whether a file has an array of a record; one that every record has is asked for anyway."""
+    return name in stored or name not in _OPTIONAL
 
 
-def _check_shapes(record: RunDetail | SmoothedStates | Runs) -> None:
+def _check_shapes(record: RunDetail | Runs) -> None:
     """Raise ValueError unless all arrays have the shapes that their fields say."""
     lengths: dict[int | str, int] = {}
-    for name, shape in _shapes(type(record)).items():
-        found: tuple[int, ...] = getattr(record, name).shape
+    shapes = _shapes(type(record))
+    for name, array in _arrays(record):
+        shape, found = shapes[name], array.shape
         if len(found) == len(shape):
             for letter, length in zip(shape, found, strict=True):
                 lengths.setdefault(letter, length if isinstance(letter, str) else letter)
@@ -282,13 +261,18 @@ def _check_shapes(record: RunDetail | SmoothedStates | Runs) -> None:
             raise ValueError(f"{name} must have shape {expected}, has {found}")
 
 
-def _shapes(
-    record: type[RunDetail] | type[SmoothedStates] | type[Runs],
-) -> dict[str, tuple[int | str, ...]]:
+def _shapes(record: type[RunDetail] | type[Runs]) -> dict[str, tuple[int | str, ...]]:
     """Return names and shapes of the arrays of a record."""
     return {one.name: one.metadata["shape"] for one in fields(record) if one.metadata}
 
 
-_OF_RUNS = _shapes(Runs)
-_PER_RUN = [name for name, (first, *_) in _OF_RUNS.items() if first == "R"]
+def _arrays(record: RunDetail | Runs) -> list[tuple[str, Any]]:
+    """Return the arrays that a record has, by name."""
+    every = ((name, getattr(record, name)) for name in _shapes(type(record)))
+    return [(name, array) for name, array in every if array is not None]
+
+
+_OF_DETAIL = "detail_"
+_OPTIONAL = ("smoothed_error", "smoothed_covariance")
+_PER_RUN = [name for name, (first, *_) in _shapes(Runs).items() if first == "R"]
 """Arrays of a record that every run has one of; others are shared."""

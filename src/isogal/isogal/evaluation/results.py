@@ -11,7 +11,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.files import Json, write_atomic
+from isogal.files import Json, reading, write_atomic
 
 Number = float | None
 
@@ -159,10 +159,10 @@ def _format(value: Json, indent: str) -> str:
 
 def read_json(path: Path) -> Json:
     """Read a JSON file; raises InputError where it is none."""
+    with reading(path):
+        text = path.read_text(encoding="utf-8")
     try:
-        document: Json = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        document: Json = json.loads(text)
     except ValueError as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
     return document

@@ -10,7 +10,7 @@ from isogal.arrays import Array, Booleans
 from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, all_scans_nees, judge
-from isogal.evaluation.records import Runs, SmoothedStates
+from isogal.evaluation.records import Runs
 from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite, finite_list
 from isogal.fix import Status
 from isogal.scenario import Scenario
@@ -46,16 +46,7 @@ def summarise(
         The same of one that knows all readings (`BoundResult.smoothed_rms_at`).
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
-
-    Raises
-    ------
-    ValueError
-        Without runs, or where `bound_rms` has another shape than `runs.time`.
     """
-    if len(runs) == 0:
-        raise ValueError("no runs to summarise")
-    if bound_rms.shape != runs.time.shape:
-        raise ValueError(f"bound_rms must have shape {runs.time.shape}, has {bound_rms.shape}")
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     judgement = judge(runs, astray)
@@ -86,7 +77,7 @@ def summarise(
     return summary
 
 
-def _smoothed(runs: Runs, states: SmoothedStates, known: Array | None) -> SmoothedSummary:
+def _smoothed(runs: Runs, states: Runs, known: Array | None) -> SmoothedSummary:
     """Return the section of smoothed states, with the RMS bound (K,), m, if it is known."""
     bound_rms = np.full(runs.time.shape, np.nan) if known is None else known
     error, entries = states.horizontal_error, _entries(runs)

@@ -15,11 +15,11 @@ _REACH = 20_000.0
 
 
 def _maps(settings: Settings, disturbance: FieldMap) -> ChannelMap:
-    from isogal.maps.potential import tensor_maps  # imports SciPy
+    from isogal.maps.potential import derivatives  # imports SciPy
 
     source = MapSource(settings.map, "disturbance")
     level, height = source.for_gradients(disturbance, settings.route.height)
-    return tensor_maps(level, settings.gradiometer.components, height=height, edge=_REACH)
+    return derivatives(level, settings.gradiometer.components, height=height, edge=_REACH)
 
 
 def _errors(truth: Truth, scans: RunScans, sensed: Array) -> Array:

@@ -57,7 +57,7 @@ class GravityVector:
         except InputError:
             coarse = _coarse(self.disturbance, potential.disturbance_of)
         sideways = potential.VECTOR[1:]
-        return potential.gravity_vector(coarse, sideways, edge=0.0)
+        return potential.derivatives(coarse, sideways, edge=0.0)
 
 
 def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:

@@ -34,15 +34,6 @@ class Errors:
     bias_sigma: float = 0.0
     """1-sigma of an unknown constant offset of the readings."""
 
-    def check(self) -> None:
-        """Raise InputError unless noise and correlation length are positive."""
-        for name, value in (
-            ("sensor sigma", self.sensor_sigma),
-            ("correlation length", self.correlation_length),
-        ):
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} must be > 0, is {value}")
-
     def covariance(self, field_map: ScalarMap, latitude: Array, longitude: Array) -> Array:
         """Return R (K, K) of readings at some places (rad)."""
         map_sigma = (
@@ -110,11 +101,10 @@ def position_information(
     Raises
     ------
     InputError
-        Fewer than two points, or an error that is not positive.
+        Fewer than two points.
     """
     if latitude.size < 2:
         raise InputError(f"position information needs at least two readings, has {latitude.size}")
-    errors.check()
     distance = along_track(latitude, longitude)
     edges = _edges(float(distance[-1]), stretch)
     owner = np.searchsorted(edges, distance, side="right") - 1

@@ -170,6 +170,16 @@ class FieldMap:
         steps = [max(1, count // 200) for count in self.values.shape]
         return float(np.nanstd(self.values[:: steps[0], :: steps[1]]))
 
+    @cached_property
+    def usual_sigma(self) -> float:
+        """Mean of what the map says of its own error; 0 where it says nothing of the whole of
+        it."""
+        if self.error_stated is False:
+            return 0.0
+        sigma = np.asarray(self.sigma, dtype=np.float64)
+        known = sigma[np.isfinite(sigma)]
+        return float(known.mean()) if known.size else 0.0
+
     @property
     def states_error(self) -> bool:
         """Whether the map says how wrong it is."""

@@ -230,28 +230,33 @@ def look_up(grid, lat, lon, channel, row, column, out):  # type: ignore[no-untyp
 
 
 @kernel(error_model="numpy")
-def bilinear_at(grid: Grid, lat: Array, lon: Array) -> Array:
-    """Interpolate linearly between the four nodes around each point; NaN where one is missing or
-    outside.
+def bilinear(grid: Grid, lat: float, lon: float, channel: int = 0) -> float:
+    """Interpolate linearly between the four nodes around a point (rad); NaN where one is missing
+    or outside.
 
     For fields that must not overshoot, such as a 1-sigma.
     """
     values, n, lat0, dlat, lon0, dlon = grid
     m = values.shape[1]
-    count = lat.shape[0]
-    out = np.full(count, math.nan)
-    for k in range(count):
-        y = (lat[k] - lat0) / dlat
-        x = column_position(m, lon0, dlon, lon[k])
-        if not (0.0 <= y <= n - 1.0 and x >= 0.0):
-            continue
-        if not (x <= m - 1.0 or is_periodic(m, dlon)):
-            continue
-        i = min(int(y), n - 2)
-        j = int(x) if is_periodic(m, dlon) else min(int(x), m - 2)
-        t, u, right = y - i, x - j, (j + 1) % m
-        j %= m
-        out[k] = (1.0 - t) * ((1.0 - u) * values[i, j] + u * values[i, right]) + t * (
-            (1.0 - u) * values[i + 1, j] + u * values[i + 1, right]
-        )
+    y, x = (lat - lat0) / dlat, column_position(m, lon0, dlon, lon)
+    periodic = is_periodic(m, dlon)
+    if not (0.0 <= y <= n - 1.0 and x >= 0.0 and (x <= m - 1.0 or periodic)):
+        return math.nan
+    i = min(int(y), n - 2)
+    j = int(x) if periodic else min(int(x), m - 2)
+    t, u, right = y - i, x - j, (j + 1) % m
+    j %= m
+    i += channel * n
+    return (1.0 - t) * ((1.0 - u) * values[i, j] + u * values[i, right]) + t * (
+        (1.0 - u) * values[i + 1, j] + u * values[i + 1, right]
+    )
+
+
+@kernel(error_model="numpy")
+def bilinear_at(grid: Grid, lat: Array, lon: Array) -> Array:
+    """Interpolate a single map linearly at many points: `bilinear` over ``lat`` and ``lon``, both
+    (N,)."""
+    out = np.empty(lat.shape[0])
+    for k in range(lat.shape[0]):
+        out[k] = bilinear(grid, lat[k], lon[k])
     return out

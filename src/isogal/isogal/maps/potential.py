@@ -63,15 +63,15 @@ def disturbance_of(field_map: FieldMap) -> FieldMap:
     return replace(field_map, values=field_map.values - normal, quantity="disturbance")
 
 
-def tensor_maps(
+def derivatives(
     disturbance: FieldMap,
     components: tuple[str, ...] = INDEPENDENT,
     *,
     height: float = 0.0,
     edge: float = EDGE,
 ) -> ChannelMap:
-    """Return maps of components of the gradient tensor, one channel each, in 1/s² (1 E = 1e-9
-    1/s²).
+    """Return maps of components of the gravity vector, in m/s², or of its gradient tensor, in 1/s²
+    (1 E = 1e-9 1/s²), one channel each; NaN at the rim.
 
     What the map says of its errors goes through the same transform: its sigma, as of a field with
     covariance sigma² exp(-d / L), and its step of values, as white noise of the nodes, become
@@ -84,7 +84,7 @@ def tensor_maps(
         Gravity disturbance, m/s², without holes (small ones are filled, and the result is left out
         there).
     components : tuple of str
-        Of `COMPONENTS`.
+        Of `COMPONENTS`, or of `VECTOR`.
     height : float
         m above the map's surface that the field is continued to, >= 0.
     edge : float
@@ -93,46 +93,29 @@ def tensor_maps(
     Raises
     ------
     InputError
-        Not a map of the disturbance, unknown component, negative height, too many holes, too small
-        or too large a map.
+        Not a map of the disturbance, unknown component, negative height or edge, too many holes,
+        too small or too large a map.
     """
-    unknown = [name for name in components if name not in COMPONENTS]
+    of_vector = bool(components) and components[0] in VECTOR
+    known = VECTOR if of_vector else COMPONENTS
+    unknown = [name for name in components if name not in known]
     if unknown or not components:
         raise InputError(
-            f"unknown tensor component {', '.join(unknown) or '(none)'}; known:"
-            f" {', '.join(COMPONENTS)}"
+            f"unknown tensor component {', '.join(unknown) or '(none)'}; known: {', '.join(known)}"
         )
-    return _derived(disturbance, components, height, edge)
-
-
-def gravity_vector(
-    disturbance: FieldMap,
-    components: tuple[str, ...] = VECTOR,
-    *,
-    height: float = 0.0,
-    edge: float = EDGE,
-) -> ChannelMap:
-    """Return maps of the disturbance (down) and of the attraction to the north and to the east,
-    one channel each, m/s².
-
-    Parameters
-    ----------
-    disturbance : FieldMap
-        m/s², without large holes (small ones are filled, and the result is left out there).
-    components : tuple of str
-        Of `VECTOR`.
-    height : float
-        m above the map's surface, >= 0.
-    edge : float
-        m at the rim and round holes that are left out, >= 0.
-
-    Raises
-    ------
-    InputError
-        Not a map of the disturbance, negative height or edge, too many holes, too small or too
-        large a map.
-    """
-    return _derived(disturbance, components, height, edge)
+    what = "horizontal components" if of_vector else "gradients"
+    spectral.check_disturbance(disturbance, what, height=height, edge=edge)
+    values = np.asarray(disturbance.values, dtype=np.float64)
+    missing = ~np.isfinite(values)
+    level = 0.0 if of_vector else float(np.nanmean(values))
+    kept = spectral.inside(disturbance, missing, edge)
+    filled = np.where(missing, 0.0, values - level)
+    operators = [partial(operator, name, height) for name in components]
+    taper = _VECTOR_TAPER if of_vector else _TENSOR_TAPER
+    result = spectral.transformed(disturbance, filled, operators, taper)
+    result[:, ~kept] = np.nan
+    named = zip(components, result, strict=True)
+    return ChannelMap([_channel(disturbance, name, one, height) for name, one in named], result)
 
 
 def from_deflections(xi: FieldMap, eta: FieldMap) -> ChannelMap:
@@ -189,26 +172,6 @@ def operator(component: str, height: float, waves: Waves) -> Spectrum:
         "dd": waves.north**2 + waves.east**2,
     }
     return products[component] / k * decay
-
-
-def _derived(
-    disturbance: FieldMap, components: tuple[str, ...], height: float, edge: float
-) -> ChannelMap:
-    """Return maps of components of the gravity vector or of the tensor, NaN at the rim."""
-    of_vector = components[0] in VECTOR
-    what = "horizontal components" if of_vector else "gradients"
-    spectral.check_disturbance(disturbance, what, height=height, edge=edge)
-    values = np.asarray(disturbance.values, dtype=np.float64)
-    missing = ~np.isfinite(values)
-    level = 0.0 if of_vector else float(np.nanmean(values))
-    kept = spectral.inside(disturbance, missing, edge)
-    filled = np.where(missing, 0.0, values - level)
-    operators = [partial(operator, name, height) for name in components]
-    taper = _VECTOR_TAPER if of_vector else _TENSOR_TAPER
-    result = spectral.transformed(disturbance, filled, operators, taper)
-    result[:, ~kept] = np.nan
-    named = zip(components, result, strict=True)
-    return ChannelMap([_channel(disturbance, name, one, height) for name, one in named], result)
 
 
 def _channel(disturbance: FieldMap, component: str, values: Array, height: float) -> FieldMap:

@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.compiled import kernel
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import column_position
+from isogal.maps.interpolation import Grid, column_position
 
 AROUND = 3
 """Nodes on either side of a place that its roughness is a mean over, with a Gaussian weight of one
@@ -32,23 +33,27 @@ def roughness(field_map: FieldMap) -> float:
 
 def roughness_at(field_map: FieldMap, latitude: Array, longitude: Array) -> Array:
     """Return (T,) that around points (T,) (rad), map's unit; NaN where nothing is known."""
-    grid = field_map.grid
-    rows = (latitude - grid.latitude0) / grid.latitude_step
-    size = grid.values.shape[1]
-    columns = np.array(
-        [column_position(size, grid.longitude0, grid.longitude_step, lon) for lon in longitude]
-    )
-    around = np.arange(-AROUND, AROUND + 1)
-    i = np.rint(rows).astype(int)[:, None, None] + around[:, None]
-    j = np.rint(columns).astype(int)[:, None, None] + around
-    inside = (i > 0) & (i < len(grid.values) - 1) & (j > 0) & (j < size - 1)
-    i, j = np.where(inside, i, 1), np.where(inside, j, 1)
-    here = grid.values
-    along = here[i, j] - 0.5 * (here[i + 1, j] + here[i - 1, j])
-    across = here[i, j] - 0.5 * (here[i, j + 1] + here[i, j - 1])
-    squared = 0.5 * (along * along + across * across)
-    away = (i - rows[:, None, None]) ** 2 + (j - columns[:, None, None]) ** 2
-    weight = np.where(inside & np.isfinite(squared), np.exp(-0.5 * away), 0.0)
-    total = (weight * np.nan_to_num(squared)).sum(axis=(1, 2))
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt(total / weight.sum(axis=(1, 2))))
+    return np.asarray(_around(field_map.grid, latitude, longitude))
+
+
+@kernel(error_model="numpy")
+def _around(grid: Grid, latitude: Array, longitude: Array) -> Array:
+    values, size = grid.values, grid.values.shape[1]
+    out = np.empty(latitude.shape[0])
+    for k in range(out.shape[0]):
+        row = (latitude[k] - grid.latitude0) / grid.latitude_step
+        column = column_position(size, grid.longitude0, grid.longitude_step, longitude[k])
+        total = weights = 0.0
+        for i in range(round(row) - AROUND, round(row) + AROUND + 1):
+            for j in range(round(column) - AROUND, round(column) + AROUND + 1):
+                if not (0 < i < grid.rows - 1 and 0 < j < size - 1):
+                    continue
+                along = values[i, j] - 0.5 * (values[i + 1, j] + values[i - 1, j])
+                across = values[i, j] - 0.5 * (values[i, j + 1] + values[i, j - 1])
+                squared = 0.5 * (along * along + across * across)
+                if math.isfinite(squared):
+                    weight = math.exp(-0.5 * ((i - row) ** 2 + (j - column) ** 2))
+                    total += weight * squared
+                    weights += weight
+        out[k] = math.sqrt(total / weights)
+    return out

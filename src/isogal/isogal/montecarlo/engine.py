@@ -29,7 +29,6 @@ from isogal.fusion.measurements import (
     satellite_velocity,
 )
 from isogal.inertial.error_state import Estimate
-from isogal.inertial.gravity import Compensation
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
@@ -38,8 +37,8 @@ from isogal.matching.registry import build_run_matcher
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
-from isogal.scenario import Scenario, Truth
-from isogal.sensors.imu import ImuData, simulate_imu
+from isogal.scenario import Scenario
+from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import felt, simulate_solution
 from isogal.sensors.satellites import SatelliteFixes
@@ -51,30 +50,6 @@ Revised = Callable[[int, Integers, Array], None]
 changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
 Arrivals = dict[int, list[tuple[float, Measurement]]]
 """Measurements, each with its time (s), by the number of IMU intervals before they come."""
-
-
-def simulate_unaided(
-    truth: Truth,
-    runs: Sequence[int],
-    trajectory: Trajectory,
-    imu: ImuData,
-    compensation: Compensation | None = None,
-) -> Array:
-    """Return (R, K, 2) the unaided INS's north and east error (m) at the start and at every
-    scan.
-
-    Parameters
-    ----------
-    truth : Truth
-    runs : sequence of int
-    trajectory : Trajectory
-    imu : ImuData
-    compensation : Compensation, optional
-        Horizontal gravity that the strapdown takes off.
-    """
-    whole = unaided_track(truth, runs, trajectory, imu, compensation)
-    index = np.arange(0, len(trajectory) + 1, truth.steps_per_scan)
-    return _errors(trajectory, whole[:, index], index)
 
 
 def _errors(trajectory: Trajectory, track: Array, index: Integers) -> Array:
@@ -170,7 +145,8 @@ class Simulation:
             self._start = Estimate(*np.split(solution[:, 0], [3, 6], axis=1))
         else:
             compensation = self._known.compensation
-            self.unaided = simulate_unaided(truth, runs, trajectory, self._imu, compensation)
+            track = unaided_track(truth, runs, trajectory, self._imu, compensation)
+            self.unaided = _errors(trajectory, track[:, self.index], self.index)
             self._start = draw_initial_state(truth, trajectory, runs)
         self._fields, self._maps = scenario.each_field, each_map(field_map)
         self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]

@@ -6,7 +6,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
-from isogal.evaluation.records import RunDetail, Runs, SmoothedStates
+from isogal.evaluation.records import RunDetail, Runs
 from isogal.fix import Candidates, Status
 from isogal.fusion.gate import REJECTED
 from isogal.fusion.measurements import Outcome
@@ -114,7 +114,8 @@ class Recorder:
             posterior_covariance=self._covariance[:, self.ends],
             fix_seconds=self._fix_seconds,
             detail=self._detail(field_map),
-            smoothed=None if self._smoothed is None else SmoothedStates(*self._smoothed),
+            smoothed_error=self._smoothed[0] if self._smoothed else None,
+            smoothed_covariance=self._smoothed[1] if self._smoothed else None,
         )
 
     def _detail(self, field_map: RouteMap) -> RunDetail:

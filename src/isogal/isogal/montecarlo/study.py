@@ -25,8 +25,6 @@ class Backend:
     def __post_init__(self) -> None:
         if self.workers is not None and self.scheduler is not None:
             raise InputError("--workers and --scheduler: give one of them")
-        if self.workers is not None and self.workers < 1:
-            raise InputError(f"--workers: must be at least 1, is {self.workers}")
 
     def start(self, jobs: Sequence[Job]) -> AbstractContextManager[Submit]:
         """Start workers for jobs; see `processes` and `cluster`."""

@@ -30,7 +30,7 @@ def write_page(results: Results, claims: Sequence[Claim], out: str | Path) -> Pa
         Section("Table 4: gravity", tables=[table_4]),
         Section("Table 6: disturbance", tables=[table_6]),
         _limits(results, by_key["quantum gain"]),
-        *_Illustrated(results, by_key).sections(),
+        *_illustrated(results, by_key),
         _aiding(results, by_key["retrodiction"]),
     ]
     subtitle = (
@@ -90,116 +90,93 @@ def _said(claim: Claim, scope: str = "") -> str:
     return f"The paper: {text}. Here this {verdict}{scope}."
 
 
-class _Illustrated:
-    """The paper's figures by subject, each with the verdicts of the claims about it."""
+_RMS = "RMS position error, {} map, T = {}."
+_FIGURES = {
+    "51": ("Gravity map and the vehicle's track.", "resolution"),
+    "57": ("Gravity disturbance map and the vehicle's track.", "resolution"),
+    "54a": (
+        "Map lookup along a line: a reading belongs to all places in the window where the map has"
+        " its value.",
+        "ambiguity",
+    ),
+    "54": (
+        "Search window (dashed) with the {candidates} map points nearest in value to the reading"
+        " (white line: where the map has it). The prior is {prior} m from the truth, the PDA"
+        " solution {error} m: one reading alone says little, and its mean need not lie where the"
+        " map has its value.",
+    ),
+    "52": (
+        "RMS position error of the unaided INS by grade (PCAG and QAPCG coincide), and aided with"
+        " T = 30 at low noise.",
+        *("unbounded", "quantum gain", "bounded", "benefit", "jagged"),
+    ),
+    "56a": (
+        "Gravity readings of one run at each noise level, reduced with the navigator's estimate,"
+        " against the noiseless signal. Below, the differences: noise, and what a wrong velocity"
+        " leaves of the Eötvös term.",
+    ),
+    "56": (_RMS.format("gravity", 30), "sensor", "500 m"),
+    "56b": (_RMS.format("gravity", 15), "T and noise", "no divergence"),
+    "61": (_RMS.format("disturbance", 30), "maps alike", "first hour"),
+    "61a": (_RMS.format("disturbance", 15), "shorter batches"),
+    "60": (
+        "Noiseless gravity disturbance along the track, and the map feature variability (eq. CV)"
+        " as it is and over its mean of the last 100 scans.",
+        "variability",
+    ),
+    "64": (
+        "Left: one batch of T = 15 scans from the navigator's track to the result of the last"
+        " iteration. Right: how far each iteration moves the batches of this run.",
+        *("iterations", "drag"),
+    ),
+}
+"""The paper's figures by label: caption, and keys of the claims about it."""
 
-    def __init__(self, results: Results, claims: dict[str, Claim]) -> None:
-        self.results, self.claims = results, claims
 
-    def picture(self, label: str, drawn: "Figure", what: str, *keys: str) -> Illustration:
-        """Return a figure of the paper by its label, with the claims of these keys."""
-        said = [_said(self.claims[key]) for key in keys]
-        return Illustration(
-            f"fig-{label}", drawn, " ".join([f"Paper fig. {label}. {what}", *said])
-        )
+def _drawn(results: Results) -> dict[str, "Figure"]:
+    """Return the paper's figures by label."""
+    plan, field_map = results.plan, results.plan.field_map(Setting())
+    return {
+        "51": figures.map_figure(plan, "gravity"),
+        "57": figures.map_figure(plan, "disturbance"),
+        "54a": figures.lookup_1d_figure(results.profile, field_map),
+        "54": figures.search_window_figure(results.window, field_map),
+        "52": figures.overview_figure(results),
+        "56a": figures.readings_figure(results),
+        "56": figures.noise_figure(results, "gravity", 30),
+        "56b": figures.noise_figure(results, "gravity", 15),
+        "61": figures.noise_figure(results, "disturbance", 30),
+        "61a": figures.noise_figure(results, "disturbance", 15),
+        "60": figures.variability_figure(results),
+        "64": figures.iterations_figure(results),
+    }
 
-    def errors(self, label: str, quantity: str, length: int, *keys: str) -> Illustration:
-        """Return that of RMS errors by noise level, of a map and a batch length T."""
-        what = f"RMS position error, {quantity} map, T = {length}."
-        drawn = figures.noise_figure(self.results, quantity, length)
-        return self.picture(label, drawn, what, *keys)
 
-    def lookup(self) -> list[Illustration]:
-        """Return those of maps and the map lookup."""
-        plan, window = self.results.plan, self.results.window
-        field_map = plan.field_map(Setting())
-        prior_error = float(np.hypot(*window.truth))
-        error = float(np.hypot(*(window.combined - window.truth)))
-        return [
-            self.picture(
-                "51",
-                figures.map_figure(plan, "gravity"),
-                "Gravity map and the vehicle's track.",
-                "resolution",
-            ),
-            self.picture(
-                "57",
-                figures.map_figure(plan, "disturbance"),
-                "Gravity disturbance map and the vehicle's track.",
-                "resolution",
-            ),
-            self.picture(
-                "54a",
-                figures.lookup_1d_figure(self.results.profile, field_map),
-                "Map lookup along a line: a reading belongs to all places in the window where the"
-                " map has its value.",
-                "ambiguity",
-            ),
-            self.picture(
-                "54",
-                figures.search_window_figure(window, field_map),
-                f"Search window (dashed) with the {len(window.weight)} map points nearest in value"
-                " to the reading (white line: where the map has it). The prior is"
-                f" {number(prior_error)} m from the truth, the PDA solution {number(error)} m: one"
-                " reading alone says little, and its mean need not lie where the map has its"
-                " value.",
-            ),
-        ]
+def _illustrated(results: Results, claims: dict[str, Claim]) -> list[Section]:
+    """Return the figures by subject, each with the verdicts of the claims about it."""
+    drawn, window = _drawn(results), results.window
+    numbers = {
+        "candidates": len(window.weight),
+        "prior": number(float(np.hypot(*window.truth))),
+        "error": number(float(np.hypot(*(window.combined - window.truth)))),
+    }
 
-    def inertial(self) -> list[Illustration]:
-        """Return those of the inertial navigator, aided and unaided."""
-        return [
-            self.picture(
-                "52",
-                figures.overview_figure(self.results),
-                "RMS position error of the unaided INS by grade (PCAG and QAPCG coincide), and"
-                " aided with T = 30 at low noise.",
-                *("unbounded", "quantum gain", "bounded", "benefit", "jagged"),
-            ),
-        ]
+    def pictures(*labels: str) -> list[Illustration]:
+        found = []
+        for label in labels:
+            caption, *keys = _FIGURES[label]
+            said = [caption.format(**numbers), *(_said(claims[key]) for key in keys)]
+            text = " ".join([f"Paper fig. {label}.", *said])
+            found.append(Illustration(f"fig-{label}", drawn[label], text))
+        return found
 
-    def noise(self) -> list[Illustration]:
-        """Return those by noise, batch length and map."""
-        return [
-            self.picture(
-                "56a",
-                figures.readings_figure(self.results),
-                "Gravity readings of one run at each noise level, reduced with the navigator's"
-                " estimate, against the noiseless signal. Below, the differences: noise, and what"
-                " a wrong velocity leaves of the Eötvös term.",
-            ),
-            self.errors("56", "gravity", 30, "sensor", "500 m"),
-            self.errors("56b", "gravity", 15, "T and noise", "no divergence"),
-            self.errors("61", "disturbance", 30, "maps alike", "first hour"),
-            self.errors("61a", "disturbance", 15, "shorter batches"),
-            self.picture(
-                "60",
-                figures.variability_figure(self.results),
-                "Noiseless gravity disturbance along the track, and the map feature variability"
-                " (eq. CV) as it is and over its mean of the last 100 scans.",
-                "variability",
-            ),
-        ]
-
-    def iterations(self) -> Illustration:
-        """Return that of a batch's iterations."""
-        return self.picture(
-            "64",
-            figures.iterations_figure(self.results),
-            "Left: one batch of T = 15 scans from the navigator's track to the result of the last"
-            " iteration. Right: how far each iteration moves the batches of this run.",
-            *("iterations", "drag"),
-        )
-
-    def sections(self) -> list[Section]:
-        """Return all of them."""
-        spread = tables.spread_table(self.results)
-        return [
-            Section("Maps and the map lookup", illustrations=self.lookup()),
-            Section("The inertial navigator, aided and unaided", [], self.inertial(), [spread]),
-            Section("Noise, batch length and map", illustrations=self.noise()),
-            Section("Iterations", illustrations=[self.iterations()]),
-        ]
+    spread, noise = tables.spread_table(results), pictures("56a", "56", "56b", "61", "61a", "60")
+    return [
+        Section("Maps and the map lookup", illustrations=pictures("51", "57", "54a", "54")),
+        Section("The inertial navigator, aided and unaided", [], pictures("52"), [spread]),
+        Section("Noise, batch length and map", illustrations=noise),
+        Section("Iterations", illustrations=pictures("64")),
+    ]
 
 
 def _aiding(results: Results, claim: Claim) -> Section:

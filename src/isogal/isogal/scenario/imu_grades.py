@@ -6,6 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from isogal.errors import InputError
+from isogal.files import reading
 from isogal.scenario.inertial import Grade
 from isogal.scenario.section import validated
 from isogal.yaml_text import parse_yaml
@@ -25,10 +26,8 @@ def grade_of(name: str, path: str | None = None) -> Grade:
     """
     known = dict(built_in())
     if path is not None:
-        try:
+        with reading(f"grades: {path}"):
             known |= _own(path, Path(path).stat().st_mtime_ns)
-        except OSError as error:
-            raise InputError(f"grades: {path}: cannot be read: {error.strerror}") from None
     if name not in known:
         raise InputError(f"grade: '{name}' is not known; allowed: {', '.join(known)}")
     return known[name]
@@ -44,10 +43,7 @@ def built_in() -> dict[str, Grade]:
 @lru_cache(maxsize=8)
 def _own(path: str, changed: int) -> dict[str, Grade]:
     """Return the grades of a file; `changed`, its time stamp, makes it read anew."""
-    try:
-        return parse(Path(path).read_text(encoding="utf-8"), path)
-    except UnicodeDecodeError as error:
-        raise InputError(f"grades: {path}: is not a text in UTF-8 ({error.reason})") from None
+    return parse(Path(path).read_text(encoding="utf-8"), path)
 
 
 def parse(text: str, where: str) -> dict[str, Grade]:

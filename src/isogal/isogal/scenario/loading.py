@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from isogal.errors import InputError
+from isogal.files import reading
 from isogal.scenario.model import Scenario
 from isogal.scenario.section import Document, Value, validated
 from isogal.yaml_text import parse_yaml
@@ -21,12 +22,8 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
     where = "scenario" if path is None else str(path)
     document: Document = {}
     if path is not None:
-        try:
+        with reading(path):
             text = Path(path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(
-                f"{where}: cannot be read: {getattr(error, 'strerror', None) or error}"
-            ) from None
         document = parse_yaml(text, where) or {}
         if not isinstance(document, dict):
             raise InputError(f"{where}: must be a mapping of keys, is a {type(document).__name__}")

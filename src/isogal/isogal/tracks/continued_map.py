@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
-from isogal.matching.pmht.rows import stated_sigma
 from isogal.tracks.map_error import rms_gradient
 
 
@@ -75,5 +74,5 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     slope = math.sqrt(float(np.nanmean(rms_gradient(field_map) ** 2)))
     doubt = np.minimum(slope * distance, float(np.nanstd(values)))
     rough = rms_gradient(field)
-    uneven = 0.0 if isinstance(field_map.sigma, float) else stated_sigma(field_map)
+    uneven = 0.0 if isinstance(field_map.sigma, float) else field_map.usual_sigma
     return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), uneven)

@@ -11,6 +11,7 @@ from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix, to_angles
 from isogal_ros.messages.frames import FRD_FLU, NED_ENU
 from isogal_ros.messages.odometry import read_velocity
+from isogal_ros.messages.position import read_pose
 from isogal_ros.messages.stamps import to_ns
 
 GPS_INPUT, VISION = "GPS_INPUT", "VISION_POSITION_ESTIMATE"
@@ -39,7 +40,8 @@ def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: i
     satellites : int
         As many as the flight controller wants to see.
     """
-    (latitude, longitude, height), of_position = _position(odometry, frame)
+    (latitude, longitude, height), covariance, to_ned = read_pose(odometry, frame)
+    of_position = to_ned @ covariance[:3, :3] @ to_ned.T
     velocity, of_velocity, _ = read_velocity(odometry, frame, latitude, longitude)
     return dialect.MAVLink_gps_input_message(
         to_ns(odometry.header.stamp) // 1000,
@@ -72,7 +74,8 @@ def global_position_sensor(dialect: Any, odometry: Odometry, frame: LocalFrame, 
     field : str
         That is matched, which says the source.
     """
-    (latitude, longitude, height), covariance = _position(odometry, frame)
+    (latitude, longitude, height), of_pose, to_ned = read_pose(odometry, frame)
+    covariance = to_ned @ of_pose[:3, :3] @ to_ned.T
     source = getattr(dialect, f"GLOBAL_POSITION_SRC_{_SOURCES.get(field, 'ESTIMATOR')}")
     return dialect.MAVLink_global_position_sensor_message(
         0,  # target_system
@@ -115,16 +118,6 @@ def vision_position_estimate(dialect: Any, odometry: Odometry, resets: int) -> A
         covariance[_UPPER].tolist(),
         resets % 256,
     )
-
-
-def _position(odometry: Odometry, frame: LocalFrame) -> tuple[tuple[float, ...], np.ndarray]:
-    """Return latitude, longitude (rad), height (m), and their covariance (3, 3) ENU, m²."""
-    point = odometry.pose.pose.position
-    place = frame.to_geodetic(np.array([point.x, point.y, point.z]))
-    latitude, longitude, height = (float(part) for part in place)
-    axes = frame.rotation_from(latitude, longitude)
-    covariance = axes.T @ np.reshape(odometry.pose.covariance, (6, 6))[:3, :3] @ axes
-    return (latitude, longitude, height), covariance
 
 
 def _worst(covariance: np.ndarray) -> float:

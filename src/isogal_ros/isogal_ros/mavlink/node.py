@@ -87,7 +87,6 @@ class MavlinkNode(GraphNode):
         self._silence, self._frame = Silence(), map_frame(self.scenario)
         self._interval = from_seconds(1.0 / self.settings.rate)
         self._last: int | None = None
-        self._count = 0
         self._receiver: Receiver | None = None
         if self.settings.receive:
             at = host_and_port("receive", self.settings.receive)
@@ -130,8 +129,7 @@ class MavlinkNode(GraphNode):
         else:
             made = vision_position_estimate(self._dialect, message, self._silence.resets)
         self._send(made)
-        self._count += 1
-        self.health.figures["sent"] = self._count
+        self.health.count("sent")
         self.health.state(OK, "sending")
 
     def _send(self, message: Any) -> None:

@@ -44,7 +44,7 @@ class Receiver:
         if len(set(publish)) < len(publish):
             raise InputError("sensors: two of them are for one topic; name one")
         self._publishers = {topic: node.advertise(topic) for topic in publish}
-        self._clock, self._count = SenderClock(), 0
+        self._clock = SenderClock()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind(at)
@@ -75,8 +75,7 @@ class Receiver:
         except BadMessageError as error:
             self._node.health.drop(row.topics[0].name, str(error))
             return
-        self._count += 1
-        self._node.health.figures["received"] = self._count
+        self._node.health.count("received")
 
     def close(self) -> None:
         """Close the socket."""

@@ -7,7 +7,7 @@ checks           what makes a message unusable?
 imu              how is an inertial sample written and read?
 position         how is a position with its covariance, also as a pose?
 odometry         how is a navigation state?
-aids             how are height and velocity?
+aids             how are height, velocity, position and heading of sensors beside the IMU?
 stamped_numbers  how is the covariance of the navigator's errors?
 mounting         where do static transforms say that sensors are?
 point            how are named numbers with a stamp?

@@ -1,15 +1,18 @@
-"""Sensors beside the IMU as messages: FluidPressure, NavSatFix and TwistWithCovarianceStamped."""
+"""Sensors beside the IMU as messages: pressures, positions, velocities and headings."""
 
+import math
 import re
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from geometry_msgs.msg import TwistWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TwistWithCovarianceStamped
 from numpy.typing import ArrayLike
-from sensor_msgs.msg import FluidPressure, NavSatFix, NavSatStatus
+from sensor_msgs.msg import FluidPressure, Imu, NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
+from isogal.earth.frames import LocalFrame
+from isogal.inertial.rotations import matrix
 from isogal.scenario import Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
 from isogal.scenario.aids import VERTICAL
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
@@ -19,12 +22,17 @@ from isogal_ros.messages.checks import (
     require_covariance,
     require_frame,
     require_reading,
+    unit_quaternion,
 )
 from isogal_ros.messages.frames import BASE, FRD_FLU, NED_ENU
-from isogal_ros.messages.position import fill_fix, read_covariance, read_position
+from isogal_ros.messages.position import fill_fix, read_covariance, read_pose, read_position
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
+_YAW = 8
+"""Place of the yaw's variance in the covariance of an orientation."""
+_STEEPEST = 0.1
+"""Horizontal part of the bow below which it has no heading."""
 _NOT_MEASURED = -1.0
 """Variance of an axis that a sensor does not measure."""
 OTHER_DATUMS = (
@@ -36,11 +44,14 @@ and without signs. ITRF, ETRS89 and GDA are within two metres of it (plate motio
 """
 
 
+_Section: TypeAlias = Height | Velocity | PositionAid | HeadingAid
+
+
 class Aid(NamedTuple):
     """A sensor beside the IMU that the filter of a scenario takes."""
 
     topic: Topic
-    settings: Height | Velocity | PositionAid | HeadingAid | Gnss
+    settings: _Section | Gnss
     """Its section, or entry of a list; `Gnss` of the velocity of satellites alone."""
     instead: tuple[Topic, ...] = ()
     """On which the same aid may publish instead."""
@@ -54,19 +65,21 @@ class Aid(NamedTuple):
 def each_aid(scenario: Settings) -> Iterator[Aid]:
     """Yield the sensors beside the IMU that the filter of a scenario takes."""
     gnss = scenario.gnss
-    for sensor in scenario.height_aids:
-        yield Aid(topics.height_topic(getattr(sensor, "name", None)), sensor)
-    for log in scenario.velocity_aids:
-        yield Aid(topics.velocity_topic(getattr(log, "name", None)), log)
+    yield from _of_kind("barometer", scenario.height_aids)
+    yield from _of_kind("velocity", scenario.velocity_aids)
     if gnss.used:
         yield Aid(topics.GNSS_FIX, gnss.positions)
         if gnss.velocity_sigma is not None:
             yield Aid(topics.GNSS_VELOCITY, gnss)
-    for place in scenario.positions or ():
-        fix, *poses = topics.position_topics(place.name)
-        yield Aid(fix, place, tuple(poses))
-    for bow in scenario.headings or ():
-        yield Aid(topics.heading_topic(bow.name), bow)
+    yield from _of_kind("position", scenario.positions or ())
+    yield from _of_kind("heading", scenario.headings or ())
+
+
+def _of_kind(kind: str, every: Iterable[_Section]) -> Iterator[Aid]:
+    """Yield the sensors of one kind (`topics.aid_topics`)."""
+    for one in every:
+        topic, *instead = topics.aid_topics(kind, getattr(one, "name", None))
+        yield Aid(topic, one, tuple(instead))
 
 
 def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Height) -> None:
@@ -193,6 +206,18 @@ def read_position_fix(message: NavSatFix) -> tuple[Array, Array | None] | None:
     return place, covariance if covariance.any() else None
 
 
+def read_pose_position(
+    message: PoseWithCovarianceStamped, frame: LocalFrame
+) -> tuple[Array, Array | None]:
+    """Return the same of a pose in the frame ``map`` (a `LocalFrame`), whose orientation is not
+    used; its covariance is not known where it is zero. Raises BadMessageError as `read_pose`, and
+    where the covariance is none."""
+    place, covariance, to_ned = read_pose(message, frame)
+    of_place = covariance[:3, :3]
+    require_covariance(of_place)
+    return place, to_ned @ of_place @ to_ned.T if of_place.any() else None
+
+
 def fill_ground_velocity(
     message: TwistWithCovarianceStamped, ns: int, velocity: Array, sigma: float = 0.0
 ) -> None:
@@ -212,3 +237,36 @@ def read_ground_velocity(message: TwistWithCovarianceStamped) -> tuple[Array, Ar
         Not finite, or of a negative variance.
     """
     return _linear(message, NED_ENU)
+
+
+def fill_heading(message: Imu, ns: int, heading: float, aid: HeadingAid) -> None:
+    """Write a heading (rad) into an Imu message that has an orientation only: level, east-north-up
+    to forward-left-up; the aid's variance, mounting not included."""
+    set_stamp(message.header.stamp, ns)
+    half = 0.5 * (0.5 * math.pi - heading)
+    message.orientation = Quaternion(w=math.cos(half), z=math.sin(half))
+    variance = aid.number("sigma") ** 2 + aid.number("correlated_sigma") ** 2
+    message.orientation_covariance[_YAW] = variance
+    message.angular_velocity_covariance[0] = message.linear_acceleration_covariance[0] = -1.0
+
+
+def read_heading(message: Imu) -> tuple[float, float | None]:
+    """Return the heading (rad from north, east positive) and its variance (rad², None = unknown)
+    of an orientation, of which all else is not used. The frame may have any name.
+
+    Raises
+    ------
+    BadMessageError
+        It is marked as without orientation, no unit quaternion, of a negative variance, or the bow
+        points up or down.
+    """
+    variance = float(message.orientation_covariance[_YAW])
+    if message.orientation_covariance[0] == -1.0:
+        raise BadMessageError("marked as without orientation (covariance -1)")
+    turn = unit_quaternion(message.orientation)
+    if not (math.isfinite(variance) and variance >= 0.0):
+        raise BadMessageError("variance of the yaw is negative or not finite")
+    east, north = matrix(turn)[:2, 0].tolist()
+    if math.hypot(east, north) < _STEEPEST:
+        raise BadMessageError("the bow points up or down: no heading")
+    return math.atan2(east, north), variance or None

@@ -36,7 +36,7 @@ from std_msgs.msg import Float32, Float64
 
 from isogal.arrays import Array
 from isogal.errors import InputError
-from isogal.inertial.rotations import from_matrix, matrix
+from isogal.inertial.rotations import from_angles, from_matrix, matrix
 from isogal.scenario import describe
 from isogal_ros import topics
 from isogal_ros.messages.altimeter import FAN
@@ -75,12 +75,8 @@ class Driver(BaseModel):
     @cached_property
     def turn(self) -> Array:
         """Rotation (3, 3) from the sensor's axes to the frame's."""
-        angles = np.radians(self.rotation or (0.0, 0.0, 0.0))
-        (sr, sp, sy), (cr, cp, cy) = (f(angles) for f in (np.sin, np.cos))
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-        about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-        about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-        return np.asarray(about_z @ about_y @ about_x)
+        # about x, then y, then z, as heading, pitch and roll are in other axes
+        return matrix(from_angles(*np.radians(self.rotation or (0.0, 0.0, 0.0))))
 
 
 @dataclass(frozen=True)

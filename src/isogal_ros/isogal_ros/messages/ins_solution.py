@@ -21,7 +21,7 @@ from isogal.inertial.rotations import (
 )
 from isogal.scenario import Ins, Scenario
 from isogal_ros import topics
-from isogal_ros.messages.aids import fill_ground_velocity
+from isogal_ros.messages.aids import fill_ground_velocity, read_ground_velocity
 from isogal_ros.messages.checks import BadMessageError, require_frame
 from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
 from isogal_ros.messages.odometry import FASTEST, empty_odometry, fill_odom, read_velocity
@@ -100,8 +100,7 @@ def read_position_and_velocity(
     BadMessageError where one is of another frame, not finite, or impossible."""
     place = read_position(fix)
     require_frame(twist, BASE)
-    linear = twist.twist.twist.linear
-    velocity = NED_ENU @ [linear.x, linear.y, linear.z]
+    velocity, _ = read_ground_velocity(twist)
     if not np.isfinite(velocity).all() or np.abs(velocity).max() > FASTEST:
         raise BadMessageError(f"velocity is not finite, or above {FASTEST:g} m/s")
     return np.array(place), velocity

@@ -27,18 +27,6 @@ TF_STATIC = "/tf_static"
 HERE: Pose = (np.zeros(3), np.eye(3))
 _INERTIAL = topics.IMU, topics.INS_SOLUTION, topics.INS_SOLUTION_FIX
 """What the navigator's place is that of."""
-_SECTIONS = {
-    topics.GNSS_FIX.name: "gnss",
-    topics.GNSS_VELOCITY.name: "gnss",
-    topics.VELOCITY.name: "velocity",
-    topics.GRAVIMETRY.name: "gravimeter",
-}
-"""Sections of a scenario with the lever arm of a topic's sensor."""
-_LISTS: Mapping[str, Callable[[str | None], tuple[topics.Topic, ...]]] = {
-    "positions": topics.position_topics,
-    "velocities": lambda name: (topics.velocity_topic(name),),
-}
-"""Lists of aids whose entries have one."""
 _ON_GROUND = ("gnss/", "position/")
 """Begin the topics whose messages are not in axes of the sensor."""
 
@@ -167,12 +155,16 @@ def mounted(scenario: Scenario, drivers: Mapping[str, Driver]) -> Scenario:
         if one.translation is not None
     }
     document, changed = scenario.model_dump(mode="json"), False
-    for name, arm in arms.items():
-        section = document.get(_SECTIONS.get(name, ""))
-        for key, topics_of in _LISTS.items():
-            for aid in document[key] or ():
-                if name in (topic.name for topic in topics_of(aid["name"])):
-                    section = aid
-        if section is not None and not any(section["lever_arm"]):
-            section["lever_arm"], changed = arm, True
+    sections = {
+        topics.GNSS_FIX.name: document["gnss"],
+        topics.GNSS_VELOCITY.name: document["gnss"],
+        topics.VELOCITY.name: document["velocity"],
+        topics.GRAVIMETRY.name: document["gravimeter"],
+    }
+    for entries, kind in (("positions", "position"), ("velocities", "velocity")):
+        for aid in document[entries] or ():
+            sections |= {one.name: aid for one in topics.aid_topics(kind, aid["name"])}
+    for name in arms.keys() & sections.keys():
+        if not any(sections[name]["lever_arm"]):
+            sections[name]["lever_arm"], changed = arms[name], True
     return validate_scenario(document) if changed else scenario

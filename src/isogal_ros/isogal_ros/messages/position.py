@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
-from isogal_ros.messages.frames import BASE, NED_ENU
+from isogal_ros.messages.frames import BASE, MAP, NED_ENU
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import set_stamp
 
@@ -93,6 +94,25 @@ def read_point(point: Point, frame: LocalFrame) -> Array:
     if not (np.isfinite(local).all() and np.abs(local).max() <= FARTHEST):
         raise BadMessageError("position is not finite, or not on the Earth")
     return np.array([float(part) for part in frame.to_geodetic(local)])
+
+
+def read_pose(
+    message: PoseWithCovarianceStamped | Odometry, frame: LocalFrame
+) -> tuple[Array, Array, Array]:
+    """Return what a message says of the pose in the frame ``map``: latitude, longitude (rad) and
+    height (m) as (3,), the covariance (6, 6) of position and orientation in that frame, which is
+    not looked at, and the rotation (3, 3) from its axes to north, east, down at the place.
+
+    Raises
+    ------
+    BadMessageError
+        Of another frame, not finite, or too far away.
+    """
+    require_frame(message, MAP)
+    covariance = np.asarray(message.pose.covariance).reshape(6, 6)
+    place = read_point(message.pose.pose.position, frame)
+    to_ned = (frame.rotation_from(place[0], place[1]) @ NED_ENU).T
+    return place, covariance, to_ned
 
 
 def read_covariance(message: NavSatFix) -> Array:

@@ -42,14 +42,14 @@ def peek_numbers_ns(serialised: bytes) -> int:
 
     Raises
     ------
-    ValueError
+    BadMessageError
         It has a layout, or too few numbers, or its stamp is not finite.
     """
     if len(serialised) < 36:
-        raise ValueError("too few numbers")
+        raise BadMessageError("too few numbers")
     layout, seconds, rest = _HEAD[bool(serialised[1] & 1)].unpack_from(serialised, 4)
     if layout or not (abs(seconds) < 1e10 and 0 <= rest < _SECOND):
-        raise ValueError("begins with a layout, or with no stamp")
+        raise BadMessageError("begins with a layout, or with no stamp")
     return int(seconds) * _SECOND + int(rest)
 
 

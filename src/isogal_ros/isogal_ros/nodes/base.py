@@ -51,6 +51,8 @@ KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
+_UNKNOWN = "NODE_NAME_UNKNOWN"
+"""In the name of a node of which the middleware knows the publisher first."""
 TOLD = 60.0
 """s of wall time for which the node says that it stood still."""
 FREE_EVERY = 5.0
@@ -174,7 +176,7 @@ class GraphNode(LifecycleNode):
         self._listening: dict[str, Listening] = {}
         self._sent: dict[str, int] = {}
         """Stamp of the newest message published on each topic."""
-        self._stood_still, self._told_still = 0, math.inf
+        self._told_still = math.inf
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
@@ -337,6 +339,16 @@ class GraphNode(LifecycleNode):
         """Look every second for something that no message tells of; None = all is well."""
         self._looks.append(lambda: self.health.concern(name, look(), level))
 
+    def publishers_of(self, topic: str) -> dict[bytes, str]:
+        """Return which nodes publish a topic, by what identifies each publisher: names with their
+        namespaces; empty = the middleware knows the publisher, but not its node yet."""
+        return {
+            bytes(info.endpoint_gid): ""
+            if _UNKNOWN in info.node_name
+            else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            for info in self.get_publishers_info_by_topic(topic)
+        }
+
     def offer_reset(self, forget: Callable[[], str]) -> None:
         """Offer the service ``~/reset``; `forget` returns what the node does next."""
 
@@ -407,6 +419,8 @@ class GraphNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deal with messages from now on."""
         self.active = True
+        if "active" in self.health.figures:  # it has been deactivated before
+            self.health.figures["active"] = True
         if self._ready:
             self.health.figures["ready"] = True
         self.health.concern("inactive", None)
@@ -414,7 +428,7 @@ class GraphNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let messages go from now on, and say so."""
-        self.health.figures["ready"] = False
+        self.health.figures |= {"ready": False, "active": False}
         self.health.concern("inactive", "inactive: messages are let go until it is activated")
         self.active = False
         return SUCCESS
@@ -508,8 +522,7 @@ class GraphNode(LifecycleNode):
         """Say that the process stood still so long that others took it for gone."""
         stood, self._beaten = time.monotonic() - self._beaten, time.monotonic()
         if stood > LEASE:
-            self._stood_still += 1
-            self.health.figures["stood still"] = self._stood_still
+            self.health.count("stood still")
             text = (
                 f"stood still for {stood:.0f} s; others took it for gone, what they said is lost"
             )

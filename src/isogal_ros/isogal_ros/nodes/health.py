@@ -95,6 +95,10 @@ class Health:
                 self._log(level, text)
                 self.publish()
 
+    def count(self, name: str, more: int = 1) -> None:
+        """Count up a figure."""
+        self.figures[name] = int(self.figures.get(name) or 0) + more
+
     def drop(self, topic: str, reason: str) -> None:
         """Count a message that was not used; a new topic or reason is published at once."""
         self.dropped[topic] = self.dropped.get(topic, 0) + 1

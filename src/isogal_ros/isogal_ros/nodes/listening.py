@@ -35,8 +35,6 @@ Take = Callable[[topics.Message], None]
 _BEST_EFFORT = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT
 )
-_UNKNOWN = "NODE_NAME_UNKNOWN"
-"""In the name of a node of which the middleware knows the publisher first."""
 _NAMELESS = "a node without a name yet"
 
 
@@ -90,12 +88,8 @@ class Listening:
 
     def _look(self) -> None:
         """See anew who publishes."""
-        self._there = {
-            bytes(info.endpoint_gid): _NAMELESS
-            if _UNKNOWN in info.node_name
-            else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-            for info in self._node.get_publishers_info_by_topic(self.topic_name)
-        }
+        there = self._node.publishers_of(self.topic_name)
+        self._there = {gid: name or _NAMELESS for gid, name in there.items()}
         self._beside &= self._there.keys()
 
     def _sort(self) -> None:

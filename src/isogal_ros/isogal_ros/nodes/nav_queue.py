@@ -216,10 +216,7 @@ class NavQueue(Generic[Item]):
                 del self._stamps[stamp]
 
     def _take_covariance(self, data: bytes) -> None:
-        try:
-            ns = peek_numbers_ns(data)
-        except ValueError as error:
-            raise BadMessageError(str(error)) from None
+        ns = peek_numbers_ns(data)
         stamp = self._stamp(ns)
         if stamp.covariance is None:
             stamp.covariance = data

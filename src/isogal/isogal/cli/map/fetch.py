@@ -8,7 +8,7 @@ import typer
 from isogal.cli.map.part import PartChoice
 from isogal.cli.map_choice import MAP
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, number, written_folder
+from isogal.cli.options import Json, number, text, written_folder
 from isogal.cli.progress import Bars
 from isogal.cli.tables import print_result
 
@@ -17,20 +17,18 @@ from isogal.cli.tables import print_result
 def fetch(
     base_url: Annotated[
         str,
-        typer.Option(
-            metavar="URL",
-            help=(
-                "Folder of a mirror that holds the folders ga, dg, ...:"
-                " https://ddfe.curtin.edu.au/gravitymodels/GGMplus/data"
-                " or https://ddfe.blazejbucha.com/models/GGMplus/data."
-            ),
+        text(
+            "URL",
+            "Folder of a mirror that holds the folders ga, dg, ...:"
+            " https://ddfe.curtin.edu.au/gravitymodels/GGMplus/data"
+            " or https://ddfe.blazejbucha.com/models/GGMplus/data.",
         ),
     ],
     where: PartChoice,
     timeout: Annotated[
         float, number("Seconds without a byte before another try.", "S", least=0.1)
     ] = 30.0,
-    tries: Annotated[int, typer.Option(min=1, help="Tries in a row that bring nothing new.")] = 5,
+    tries: Annotated[int, number("Tries in a row that bring nothing new.", least=1)] = 5,
     out: Annotated[Path, written_folder("Folder of the tiles.")] = Path("ggmplus"),
     variable: Annotated[
         list[str] | None,

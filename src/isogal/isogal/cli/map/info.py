@@ -3,9 +3,7 @@ how much does the map vary around each reading?"""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
-
-import typer
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from isogal.cli.checks import not_negative, positive
 from isogal.cli.map.part import PartChoice, Route, RouteChoice
@@ -121,20 +119,6 @@ def _show(
         along.print(field_map.unit, *files)
 
 
-class _Along(NamedTuple):
-    """Variability along a track; (K,) each."""
-
-    distance: "Array"
-    """m from the first reading."""
-    latitude: "Array"
-    """rad."""
-    longitude: "Array"
-    """rad."""
-    variability: "Array"
-    """C (paper eq. CV), unit of the map squared."""
-    normalised: "Array"
-
-
 @dataclass(frozen=True)
 class Template:
     """The window template round each reading, and how the variability is normalised."""
@@ -142,19 +126,27 @@ class Template:
     PANEL: ClassVar[str] = ASSUMED
 
     half_width: Annotated[float, number("Of the window template.", "M", least=1.0)] = 2000.0
-    points: Annotated[int, typer.Option(min=3, help="Along each side of the template, odd.")] = 9
-    samples: Annotated[
-        int, typer.Option(min=1, help="Places that the normalisation looks back over.")
-    ] = 100
+    points: Annotated[int, number("Along each side of the template, odd.", least=3)] = 9
+    samples: Annotated[int, number("Places that the normalisation looks back over.", least=1)] = (
+        100
+    )
 
-    def along(self, field_map: "ScalarMap", track: "tuple[Array, Array]") -> _Along:
-        """Return the variability along a track (latitude, longitude, rad); raises InputError."""
+    def along(self, field_map: "ScalarMap", track: "tuple[Array, Array]") -> "dict[str, Array]":
+        """Return what is said of each reading along a track (latitude, longitude, rad), by column,
+        (K,) each; raises InputError."""
+        import numpy as np
+
         from isogal.maps.corridor import along_track
         from isogal.maps.variability import feature_variability, normalised_variability
 
         variability = feature_variability(field_map, *track, self.half_width, self.points)
-        normalised = normalised_variability(variability, self.samples)
-        return _Along(along_track(*track), *track, variability, normalised)
+        return {
+            "distance_km": along_track(*track) / 1e3,
+            "latitude": np.degrees(track[0]),
+            "longitude": np.degrees(track[1]),
+            "variability": variability,
+            "normalised": normalised_variability(variability, self.samples),
+        }
 
 
 @with_groups
@@ -168,54 +160,41 @@ def variability(
     """Compute the map feature variability (paper eq. CV) at each reading along a route."""
     route = where.build()
     field_map = map_.load_along(route.around(where.margin), route.measured)
-    found = template.along(field_map, route.readings_on(field_map))
+    track = route.readings_on(field_map)
+    found = template.along(field_map, track)
     if figure is not None:
-        draw(figure, _drawn(field_map, found))
+        draw(figure, _drawn(field_map, track, found))
     if json:
         units = {"quantity": field_map.quantity, "unit": f"({field_map.unit})²"}
-        print_json(units | vars(template) | {"places": _places(found)})
+        print_json(units | vars(template) | {"places": rows_of(found)})
     else:
         _print(field_map, found, figure)
 
 
-def _drawn(field_map: "ScalarMap", found: _Along) -> "Figure":
+def _drawn(
+    field_map: "ScalarMap", track: "tuple[Array, Array]", found: "dict[str, Array]"
+) -> "Figure":
     from isogal.evaluation.figures.signal import variability_along
 
-    value = field_map.value(found.latitude, found.longitude)
-    curves = value, found.variability, found.normalised
-    picture = variability_along(field_map, found.distance / 1e3, *curves)
+    curves = field_map.value(*track), found["variability"], found["normalised"]
+    picture = variability_along(field_map, found["distance_km"], *curves)
     picture.axes[-1].set_xlabel("distance along the track (km)")
     return picture
 
 
-def _places(found: _Along) -> list[dict[str, float | None]]:
-    """Return what is found of each reading, for JSON."""
-    import numpy as np
-
-    columns = {
-        "distance_km": found.distance / 1e3,
-        "latitude": np.degrees(found.latitude),
-        "longitude": np.degrees(found.longitude),
-        "variability": found.variability,
-        "normalised": found.normalised,
-    }
-    return rows_of(columns)
-
-
-def _print(field_map: "ScalarMap", found: _Along, figure: Path | None) -> None:
+def _print(field_map: "ScalarMap", found: "dict[str, Array]", figure: Path | None) -> None:
     """Print a row for each 50 readings."""
     import numpy as np
 
     factor, unit = shown_unit(field_map.unit)
-    rows = []
-    for first in range(0, found.distance.size, 50):
-        part = slice(first, min(first + 50, found.distance.size))
-        kilometres = found.distance[part] / 1e3
+    rows, every = [], [found[name] for name in ("distance_km", "variability", "normalised")]
+    for first in range(0, found["distance_km"].size, 50):
+        kilometres, variability, normalised = (one[first : first + 50] for one in every)
         row = [f"{kilometres[0]:.0f} to {kilometres[-1]:.0f}"]
-        known = np.isfinite(found.variability[part])
+        known = np.isfinite(variability)
         if known.any():
-            root = factor * np.sqrt(np.mean(found.variability[part][known]))
-            row += [f"{root:.3g}", f"{np.mean(found.normalised[part][known]):.3g}"]
+            root = factor * np.sqrt(np.mean(variability[known]))
+            row += [f"{root:.3g}", f"{np.mean(normalised[known]):.3g}"]
         rows.append(row)
     print_table(
         ("km", f"root of C ({unit})", "normalised"),

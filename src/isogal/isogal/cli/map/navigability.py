@@ -5,14 +5,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-import typer
-
 from isogal.cli.checks import NETCDF
 from isogal.cli.map.part import PartChoice
 from isogal.cli.map.results import Picture, draw
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json, written_file
+from isogal.cli.options import RESULTS, Json, number, written_file
 from isogal.cli.tables import print_json, print_table
 
 if TYPE_CHECKING:
@@ -60,7 +58,7 @@ def navigability(
     map_: MapChoice,
     where: PartChoice,
     results: AreaResults,
-    headings: Annotated[int, typer.Option(min=1, max=72, help="How many, evenly spread.")] = 8,
+    headings: Annotated[int, number("How many, evenly spread.", least=1, most=72)] = 8,
 ) -> None:
     """Compute how well one can navigate over the area of a map: the RMS error on arrival at each
     node after a straight leg, on the worst, all and the best headings, the probability of a second

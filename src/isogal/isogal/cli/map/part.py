@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
-import typer
-
-from isogal.cli.options import ScenarioChoice, number
+from isogal.cli.options import ScenarioChoice, number, text
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,21 +64,14 @@ class RouteChoice(ScenarioChoice):
     PANEL: ClassVar[str] = PART
 
     scenario: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Scenario (YAML) whose route and sensor count."),
+        Path | None, text("FILE", "Scenario (YAML) whose route and sensor count.")
     ] = None
     set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change a key of the scenario; repeatable."
-        ),
+        list[str] | None, text("KEY=VALUE", "Change a key of the scenario; repeatable.", "--set")
     ] = None
     route: Annotated[
         str | None,
-        typer.Option(
-            metavar="'LAT,LON LAT,LON ...'",
-            help="Route by its points, deg, instead of the scenario's.",
-        ),
+        text("'LAT,LON LAT,LON ...'", "Route by its points, deg, instead of the scenario's."),
     ] = None
     margin: Annotated[float, number("Map kept around a route.", "KM", least=0.0)] = 25.0
 
@@ -109,7 +100,7 @@ class PartChoice(RouteChoice):
 
     window: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(metavar="SOUTH NORTH WEST EAST", help="Part of the map, deg."),
+        text("SOUTH NORTH WEST EAST", "Part of the map, deg."),
     ] = None
 
     def part(self, route: Route | None) -> "Window | Corridor | None":

@@ -18,7 +18,7 @@ from isogal.cli.map.results import (
 )
 from isogal.cli.map_choice import ARGUMENTS, MAP, MapChoice, SourceOptions, make_synthetic
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import RESULTS, Json, number, written_file
+from isogal.cli.options import RESULTS, Json, flag, number, text, written_file
 from isogal.errors import InputError
 from isogal.files import check_output
 
@@ -55,7 +55,7 @@ class Target:
             rich_help_panel=ARGUMENTS,
         ),
     ]
-    to: Annotated[str, typer.Option(metavar="FORMAT", help="netcdf or ggmplus.")] = "netcdf"
+    to: Annotated[str, text("FORMAT", "netcdf or ggmplus.")] = "netcdf"
     sigma: Annotated[
         float | None, number("1-sigma of the map's error to write into it, SI (nT).", least=0.0)
     ] = None
@@ -142,9 +142,7 @@ class Gridding:
             not_negative,
         ),
     ] = None
-    trend: Annotated[
-        int, typer.Option(min=0, max=3, help="Degree of the polynomial taken off first.")
-    ] = 1
+    trend: Annotated[int, number("Degree of the polynomial taken off first.", least=0, most=3)] = 1
     height: Annotated[
         float | None,
         number(
@@ -152,9 +150,7 @@ class Gridding:
             "M",
         ),
     ] = None
-    level: Annotated[
-        bool, typer.Option("--level", help="Level survey lines where they cross.")
-    ] = False
+    level: Annotated[bool, flag("--level", "Level survey lines where they cross.")] = False
     left_out: Annotated[
         str | None,
         typer.Option(
@@ -235,9 +231,7 @@ class Heights:
     ] = None
     terrain: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Map of the ground's height, for values on the ground (GGMplus)."
-        ),
+        text("FILE", "Map of the ground's height, for values on the ground (GGMplus)."),
     ] = None
     downward_cutoff: Annotated[
         float | None,

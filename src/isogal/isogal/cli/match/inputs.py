@@ -154,7 +154,7 @@ def _gradients(choice: FieldChoice, matcher: str) -> "Iterator[TrackField]":
     import numpy as np
 
     from isogal.maps.corridor import corridor_of
-    from isogal.maps.potential import tensor_maps
+    from isogal.maps.potential import derivatives
     from isogal.matching.expansion import Channels, with_allowed_tilt
     from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.fields import TrackField
@@ -174,7 +174,7 @@ def _gradients(choice: FieldChoice, matcher: str) -> "Iterator[TrackField]":
                 f"--height {chosen.height:g}: is {-rise:g} m below the map's level: a map cannot"
                 " be continued down towards the masses"
             )
-        maps = tensor_maps(disturbance, components, height=rise, edge=_GRADIENT_REACH)
+        maps = derivatives(disturbance, components, height=rise, edge=_GRADIENT_REACH)
         scalar = maps.channels[0]
         unit, factor = _unit_of(chosen.track_unit or "E", scalar)
         sigma = choice.assumed.reading_sigma(scalar, factor) or _DEFAULT_SIGMA[scalar.unit]

@@ -5,10 +5,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-import typer
-
 from isogal.cli.checks import positive
-from isogal.cli.options import RESULTS, Json, number, text, written_file, written_folder
+from isogal.cli.options import RESULTS, Json, flag, number, text, written_file, written_folder
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,21 +46,21 @@ class TrackChoice:
     ] = None
     one_potential: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--one-potential",
-            help="Errors of the components' maps come from one wrong potential: --map-sigma and"
+            "Errors of the components' maps come from one wrong potential: --map-sigma and"
             " --map-correlation-length are those of dd; goes with --gradients. Without it they"
             " count as independent.",
         ),
     ] = False
     tilt_sigma: Annotated[
         float,
-        typer.Option(
-            metavar="RAD",
-            min=0.0,
-            max=0.1,
-            help="1-sigma of the tilt of the gradiometer's platform, which is estimated where"
+        number(
+            "1-sigma of the tilt of the gradiometer's platform, which is estimated where"
             " there are several components; 0 = it is level; goes with --gradients.",
+            "RAD",
+            least=0.0,
+            most=0.1,
         ),
     ] = 5e-3
     offset_sigma: Annotated[
@@ -158,23 +156,18 @@ class MatcherChoice:
     batch_length: Annotated[
         str | None, text("T|all", "Readings matched at once, or all of a track; default: 30.")
     ] = None
-    stride: Annotated[
-        int | None,
-        typer.Option("--stride", help="Readings between fixes; default: the batch length."),
-    ] = None
+    stride: Annotated[int | None, number("Readings between fixes; default: the batch length.")] = (
+        None
+    )
     set_: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Any key matcher.*, e.g. matcher.options.trust=3; repeatable.",
-        ),
+        text("KEY=VALUE", "Any key matcher.*, e.g. matcher.options.trust=3; repeatable.", "--set"),
     ] = None
     chain: Annotated[
         bool,
-        typer.Option(
+        flag(
             "--chain",
-            help="Each batch starts from what the earlier ones say, as an aided navigator would.",
+            "Each batch starts from what the earlier ones say, as an aided navigator would.",
         ),
     ] = False
 

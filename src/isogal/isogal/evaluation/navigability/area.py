@@ -211,10 +211,8 @@ def navigability(
     Raises
     ------
     InputError
-        See `Area`; no heading.
+        See `Area`.
     """
-    if headings < 1:
-        raise InputError(f"headings: must be at least 1, is {headings}")
     area = Area(scenario, field_map)
     rows, columns = (
         np.arange(0, count, -(-count // MOST_NODES), dtype=np.int64) for count in field_map.shape

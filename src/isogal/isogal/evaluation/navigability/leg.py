@@ -115,22 +115,17 @@ def leg_scenario(
     duration = max(count, 1) * scenario.gravimeter.interval
     length = duration * scenario.route.speed
     north, east = metres_per_radian(latitude, scenario.route.height)
-    start = (
-        latitude - length * math.cos(heading) / float(north),
-        longitude - length * math.sin(heading) / float(east),
-    )
+
+    def ahead(metres: float) -> tuple[float, float]:
+        return (
+            math.degrees(latitude + metres * math.cos(heading) / float(north)),
+            math.degrees(longitude + metres * math.sin(heading) / float(east)),
+        )
+
     # the end lies a little beyond the place, so that the vehicle is there at the last reading
-    end = (
-        latitude + 0.05 * length * math.cos(heading) / float(north),
-        longitude + 0.05 * length * math.sin(heading) / float(east),
-    )
+    ends = {"start": ahead(-length), "end": ahead(0.05 * length)}
     route = scenario.route.model_copy(
-        update={
-            "start": (math.degrees(start[0]), math.degrees(start[1])),
-            "end": (math.degrees(end[0]), math.degrees(end[1])),
-            "waypoints": None,
-            "duration": duration,
-        }
+        update={**ends, "waypoints": None, "duration": duration},
     )
     return scenario.model_copy(update={"route": route})
 

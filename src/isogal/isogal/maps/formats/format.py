@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,13 +92,9 @@ class FileGrid:
         )
 
 
-class Reader(Protocol):
-    """How a format is read."""
-
-    def __call__(self, path: Path, asked: Asked, window: Window | None) -> FieldMap:
-        """Read a map, or what it has in a window with the nodes around it that interpolation
-        needs; raises InputError."""
-        ...
+Reader = Callable[[Path, Asked, Window | None], FieldMap]
+"""Reads a map, or what it has in a window with the nodes around it that interpolation needs;
+raises InputError."""
 
 
 @dataclass(frozen=True)

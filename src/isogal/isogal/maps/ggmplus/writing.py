@@ -11,9 +11,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.ggmplus.tiles import CELLS, KINDS, STEP_DEG, tile_name, tiles_of
 
 
-def write_ggmplus(
-    field_map: FieldMap, folder: str | Path, variable: str | None = None
-) -> list[Path]:
+def write_ggmplus(field_map: FieldMap, folder: str | Path) -> list[Path]:
     """Write a map as GGMplus tiles; cells that it has no value at are no-data.
 
     Parameters
@@ -22,8 +20,6 @@ def write_ggmplus(
         The map; it is interpolated to the cells of GGMplus.
     folder : path
         Made if it is not there; tiles in it are replaced.
-    variable : str, optional
-        Extension; None = by the map's quantity.
 
     Returns
     -------
@@ -35,11 +31,7 @@ def write_ggmplus(
     InputError
         GGMplus has no such quantity, a number does not fit, or the folder cannot be written.
     """
-    fitting = [
-        e
-        for e, kind in KINDS.items()
-        if kind.quantity == field_map.quantity and variable in (None, e)
-    ]
+    fitting = [e for e, kind in KINDS.items() if kind.quantity == field_map.quantity]
     if not fitting:
         raise InputError(
             f"{folder}: GGMplus has no {field_map.quantity} files; it has {', '.join(KINDS)}"

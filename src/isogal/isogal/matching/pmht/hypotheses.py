@@ -18,7 +18,7 @@ from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels
 from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models, largest
-from isogal.matching.pmht.rows import Rows, errors_beside
+from isogal.matching.pmht.rows import Rows, sigmas_of
 from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.matrices import symmetric
 from isogal.passage import Passage
@@ -177,13 +177,12 @@ class Hypotheses:
         """Split those over which the map is not nearly linear (`CURVED`), along the worst axis,
         into at most so many."""
         whole, done, most = self, list[Hypotheses](), most or self.most
-        of_place, least = rows.place[-1], self._least
+        where, least = (field_map.grid, sigmas_of(field_map), rows), self._least
         while True:  # `most` ends it on a map as rough as that
-            values, vectors = np.linalg.eigh(whole.places(of_place)[1])
-            axes = np.sqrt(np.maximum(values, 0.0))[..., None] * vectors.swapaxes(1, 2)
-            asked, departure = whole.log_weight > least[whole.which], np.zeros((len(whole), 2))
-            departure[asked] = whole._curvature(field_map, rows, asked, REACH * axes)
-            cut = departure.max(axis=1) > curved
+            asked, along = whole.log_weight > least[whole.which], np.zeros_like(whole.mean)
+            them = whole.models, whole.which, whole.mean, whole.covariance
+            departure = kernels.departures(*where, *them, asked, REACH, along)
+            cut = departure > curved
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
@@ -193,40 +192,8 @@ class Hypotheses:
             if not cut.any():
                 break
             done.append(whole.part(~cut))
-            along = axes[cut, departure[cut].argmax(axis=1)]
-            whole = whole.part(cut)
-            whole = whole._thirds(whole._of_places(along, of_place))
+            whole = whole.part(cut)._thirds(along[cut])
         return joined([*done, whole]) if done else whole
-
-    def _curvature(self, field_map: AnyMap, rows: Rows, asked: Booleans, axes: Array) -> Array:
-        """Return (A, 2) of A of them that are asked for, a mask (K,), how far readings depart from
-        linear between the ends of two axes (K, 2, 2), m, about where they were taken: in 1-sigma
-        of what is new in them and, where that is more, in units of their change."""
-        models, m, axes = self.models, self.which[asked], axes[asked]
-        away = np.zeros((len(m), 5, 2))  # in the one layout that it is compiled for
-        away[:, 1:3], away[:, 3:] = axes, -axes
-        value = kernels.values_beside(field_map.grid, rows, models, m, self.mean[asked], away)
-        joins = np.einsum("ktj,ktjj->kt", rows.load**2, rows.joined)[models.shape[m]]
-        sigma = models.sigma[m, None] * self._errors(field_map, rows)[asked]
-        R = rows.noise * models.noise[m, None] + sigma**2 * joins
-        bend = 0.5 * (value[:, 1:3] + value[:, 3:]) - value[:, :1]
-        change = 0.5 * (value[:, 1:3] - value[:, 3:])
-        departure, change = (np.sqrt((d**2 / R[:, None]).sum(axis=2)) for d in (bend, change))
-        return np.asarray(departure / np.maximum(change, 1.0))
-
-    def places(self, of_place: Array) -> tuple[Array, Array]:
-        """Return (K, 2) and (K, 2, 2) mean and covariance of where a reading was taken (m north
-        and east), (2, N) per unit of the states: what a delay moves it by is part of that."""
-        across = self.covariance @ of_place.T
-        return self.mean @ of_place.T, of_place @ across
-
-    def _of_places(self, direction: Array, of_place: Array) -> Array:
-        """Return (K, N) how all states move with the place of a reading (`places`) that moves by
-        `direction` (K, 2), as by regression."""
-        # u = P A' (A P A')^-1 direction
-        across = self.covariance @ of_place.T
-        inverse = np.linalg.inv(of_place @ across)
-        return np.asarray(np.einsum("kia,kab,kb->ki", across, inverse, direction))
 
     def _thirds(self, u: Array) -> "Hypotheses":
         """Return three for each, along a 1-sigma vector (K, N)."""
@@ -246,20 +213,14 @@ class Hypotheses:
 
     def observed(self, field_map: AnyMap, rows: Rows) -> "Hypotheses":
         """Take new readings; none that leaves the map is left."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        evidence, errors = np.empty(len(self)), self._errors(field_map, rows)
-        where = field_map.grid, rows, errors
+        mean, covariance, evidence = self.mean.copy(), self.covariance.copy(), np.empty(len(self))
+        where = field_map.grid, sigmas_of(field_map), rows
         kernels.observed(*where, self.models, self.which, mean, covariance, evidence)
         result = replace(
             self, log_weight=self.log_weight + evidence, mean=mean, covariance=covariance
         )
         kept = np.isfinite(result.log_weight) & np.isfinite(mean).all(axis=1)
         return result if kept.all() else result.part(kept)
-
-    def _errors(self, field_map: AnyMap, rows: Rows) -> Array:
-        """Return (K, n) what map errors are larger by than where the navigator believes to be."""
-        errors = errors_beside(field_map, rows, self.mean)
-        return np.where(self.models.rough[self.which, None] > 0.0, 1.0, errors)
 
     @property
     def log_evidence(self) -> float:
@@ -323,26 +284,29 @@ class Hypotheses:
         return round(MOST * at_same_time(self.mean.shape[1]))
 
     def reduced(self, of_place: Array) -> "Hypotheses":
-        """Merge places (`places`), drop what is negligible, keep the best of each model."""
+        """Merge places (`merged`), drop what is negligible, keep the best of each model."""
         them = self
         if len(them) > self.most:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
-        them = them.normalised().part(np.lexsort((-them.log_weight, them.which)))
-        first = np.r_[True, them.which[1:] != them.which[:-1]]
-        them = them.part(first | (them.log_weight > them._least[them.which])).merged(of_place)
+        order = np.lexsort((-them.log_weight, them.which))
+        which = them.which[order]
+        kept = them.log_weight[order] > them._least[which]
+        kept[0], kept[1:] = True, kept[1:] | (which[1:] != which[:-1])
+        them = them.merged(order[kept], of_place)
         best = largest(them.of_models, self.models.group)
         lift = np.maximum(best.max() - FLOOR - best, 0.0)
         return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
 
-    def merged(self, of_place: Array) -> "Hypotheses":
-        """Merge places of one model that are within one 1-sigma of each other (`places`); of
-        hypotheses in the order of their models, and within one by falling weight."""
-        if len(np.unique(self.which)) == len(self):
-            return self
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        weight = self.log_weight.copy()
-        stay = kernels.merged(self.which, weight, mean, covariance, *self.places(of_place))
-        return replace(self, log_weight=weight, mean=mean, covariance=covariance).part(stay)
+    def merged(self, which: Integers, of_place: Array) -> "Hypotheses":
+        """Return some of them, by indices, with places of one model merged that are within one
+        1-sigma of each other: means of where a reading was taken, which is (m, north and east)
+        `of_place` (2, N) per unit of the states. What a delay moves it by is part of that.
+
+        The indices put them in the order of their models, and within one of falling weight."""
+        them = self.part(which)
+        columns = them.log_weight, them.mean, them.covariance
+        stay = kernels.merged(them.which, *columns, np.ascontiguousarray(of_place))
+        return them if len(stay) == len(them) else them.part(stay)
 
     @cached_property
     def of_models(self) -> Array:
@@ -453,35 +417,29 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     alike, there = models.group[1:] == models.group[:-1], np.isfinite(total)
     larger = np.r_[False, near[:-1] & alike] & ~near
     smaller = np.r_[near[1:] & alike, False] & ~near & ~larger
-    those = bank.part((near | larger & there)[bank.which])
-    parts = [those]
-    for step, anew in ((1, larger & ~there), (-1, smaller)):
-        from_there = near & np.roll(anew, -step)
-        parts.append(_of_neighbour(those, from_there[those.which], step, errors, there))
-    return joined(parts)
+    kept = bank.part((near | larger & there)[bank.which])
+    above, below = np.roll(larger & ~there, -1)[kept.which], np.roll(smaller, 1)[kept.which]
+    from_there = np.r_[np.flatnonzero(above), np.flatnonzero(below)]
+    step = np.repeat([1, -1], [np.count_nonzero(above), np.count_nonzero(below)])
+    return joined([kept, _of_neighbours(kept.part(from_there), step, errors, there)])
 
 
-def _of_neighbour(
-    bank: Hypotheses, which: Booleans, step: int, count: int, there: Booleans
-) -> Hypotheses:
-    """Return some hypotheses as of the model one further: the same map error is another number of
-    1-sigmas. Where that model is there, it is negligible, and begins as such."""
-    models, those = bank.models, bank.part(which)
-    old, new = those.which, those.which + step
+def _of_neighbours(those: Hypotheses, step: Integers, count: int, there: Booleans) -> Hypotheses:
+    """Return hypotheses as of the models `step` (K,) further: the same map error is another number
+    of 1-sigmas. Where that model is there, it is negligible, and begins as such."""
+    models, old, new = those.models, those.which, those.which + step
     sigma, prior = models.sigma, models.log_prior
-    errors = np.arange(BATCH_STATES, BATCH_STATES + count)
-    unit = np.ones_like(those.mean)
+    errors = slice(BATCH_STATES, BATCH_STATES + count)
     exact = sigma[new] == 0.0
-    unit[:, errors] = np.where(exact, 0.0, sigma[old] / np.where(exact, 1.0, sigma[new]))[:, None]
-    covariance = those.covariance * unit[:, :, None] * unit[:, None, :]
+    ratio = np.where(exact, 0.0, sigma[old] / np.where(exact, 1.0, sigma[new]))[:, None]
+    mean, covariance = those.mean.copy(), those.covariance.copy()
+    mean[:, errors] *= ratio
+    covariance[:, errors] *= ratio[..., None]
+    covariance[:, :, errors] *= ratio[..., None]
     from_exact = np.flatnonzero(sigma[old] == 0.0)
+    diagonal = np.arange(BATCH_STATES, BATCH_STATES + count)
     initial = models.initial[new[from_exact], :count]
-    covariance[from_exact[:, None], errors, errors] = initial**2
+    covariance[from_exact[:, None], diagonal, diagonal] = initial**2
     less = np.where(there[new], NEGLIGIBLE, 0.0)
-    return replace(
-        those,
-        which=new,
-        log_weight=those.log_weight + prior[new] - prior[old] - less,
-        mean=those.mean * unit,
-        covariance=covariance,
-    )
+    log_weight = those.log_weight + prior[new] - prior[old] - less
+    return Hypotheses(models, new, log_weight, mean, covariance)

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.maps.interpolation import Grid, bilinear, value_and_gradient
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
 
@@ -35,7 +35,7 @@ low-pass filter has a mean over: a Gauss-Laguerre rule without the 0.02 % that i
 time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off."""
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline="always")
 def predicted(
     grid: Grid, rows: Rows, t: int, north: float, east: float, lag: float
 ) -> tuple[float, float, float]:
@@ -60,27 +60,116 @@ def predicted(
     return value, by_north * rows.radian[t, 0], by_east * rows.radian[t, 1]
 
 
+@kernel(error_model="numpy", inline="always")
+def _value(grid: Grid, rows: Rows, t: int, north: float, east: float) -> float:
+    """Return the value of `predicted` where a model has no filter of its own."""
+    lat = rows.latitude[t] - north * rows.radian[t, 0]
+    lon = rows.longitude[t] - east * rows.radian[t, 1]
+    value = 0.0
+    for q in range(rows.nodes.shape[1]):
+        to_north, to_east, weight = rows.nodes[t, q]
+        value += (
+            weight * value_and_gradient(grid, lat + to_north, lon + to_east, rows.channel[t])[0]
+        )
+    return value
+
+
+@kernel(error_model="numpy", inline="always")
+def _place(rows: Rows, t: int, used: Integers, x: Array, count: int) -> tuple[float, float]:
+    """Return how far from the truth (m north and east) a navigator has row t, in a state x (c,) of
+    `used` (c,)."""
+    north = east = 0.0
+    for i in range(count):
+        north += rows.place[t, 0, used[i]] * x[i]
+        east += rows.place[t, 1, used[i]] * x[i]
+    return north, east
+
+
+@kernel(error_model="numpy", inline="always")
+def _larger(sigmas: Grid, rows: Rows, t: int, north: float, east: float) -> float:
+    """Return by what factor the map says its error is larger where row t was taken by a navigator
+    that is `north` and `east` (m) of the truth than where that believes to be (`Rows.load`);
+    `sigmas` as `rows.sigmas_of` has it."""
+    if sigmas.values.shape[1] < 2:
+        return 1.0
+    lat, lon, c = rows.latitude[t], rows.longitude[t], rows.channel[t]
+    believed = bilinear(sigmas, lat, lon, c)
+    lat, lon = lat - north * rows.radian[t, 0], lon - east * rows.radian[t, 1]
+    ratio = bilinear(sigmas, lat, lon, c) / believed
+    return ratio if believed > 0.0 and math.isfinite(ratio) else 1.0
+
+
 @kernel(error_model="numpy")
-def values_beside(
-    grid: Grid, rows: Rows, models: Models, which: Integers, mean: Array, away: Array
+def departures(
+    grid: Grid,
+    sigmas: Grid,
+    rows: Rows,
+    models: Models,
+    which: Integers,
+    mean: Array,
+    covariance: Array,
+    asked: Booleans,
+    reach: float,
+    along: Array,
 ) -> Array:
-    """Return (K, P, n) what the map has where rows were taken by hypotheses of models (K,) and
-    means (K, N), and `away` (K, P, 2) m north and east from there; where a model's filter has a
-    time constant, at the one point that is older by it."""
-    count = away.shape[1]
-    values = np.empty((which.shape[0], count, rows.level.shape[0]))
+    """Return (K,) how far readings depart from linear in where they were taken (of the last row),
+    along the worse axis of that, for hypotheses that are asked for, a mask (K,), and write into
+    `along` (K, N) how all states move with that axis, 1-sigma, by regression.
+
+    In 1-sigmas of what is new in the readings and, where that is more, in units of their change,
+    between both ends of the axis, `reach` 1-sigmas away. Where a model's filter has a time
+    constant, of the map at the one point that is older by it."""
+    size, last = mean.shape[1], rows.level.shape[0] - 1
+    worst, x = np.zeros(which.shape[0]), np.empty(size)
+    across, bend, change = np.empty((2, size)), np.empty(2), np.empty(2)
     for k in range(which.shape[0]):
+        if not asked[k]:
+            continue
         m = which[k]
-        for t in range(rows.level.shape[0]):
-            north, east = models.lag[m] * rows.velocity[t]
-            for i in range(models.sizes[m]):
-                s = models.used[m, i]
-                north += rows.place[t, 0, s] * mean[k, s]
-                east += rows.place[t, 1, s] * mean[k, s]
-            for p in range(count):
-                at = north - away[k, p, 0], east - away[k, p, 1]
-                values[k, p, t] = predicted(grid, rows, t, at[0], at[1], 0.0)[0]
-    return values
+        c, used, sigma, shape = models.sizes[m], models.used[m], models.sigma[m], models.shape[m]
+        p = q = r = 0.0
+        for i in range(c):
+            x[i] = mean[k, used[i]]
+            north = east = 0.0
+            for j in range(c):
+                north += covariance[k, used[i], used[j]] * rows.place[last, 0, used[j]]
+                east += covariance[k, used[i], used[j]] * rows.place[last, 1, used[j]]
+            across[0, i], across[1, i] = north, east
+            p += rows.place[last, 0, used[i]] * north
+            q += rows.place[last, 0, used[i]] * east
+            r += rows.place[last, 1, used[i]] * east
+        # both axes of the covariance [[p, q], [q, r]] of the place
+        angle = 0.5 * math.atan2(2.0 * q, p - r)
+        cos, sin = math.cos(angle), math.sin(angle)
+        first = math.sqrt(0.5 * (p + r) + math.hypot(0.5 * (p - r), q))
+        second = math.sqrt(max(p * r - q * q, 0.0)) / first
+        bend[:], change[:] = 0.0, 0.0
+        for t in range(last + 1):
+            north, east = _place(rows, t, used, x, c)
+            R = rows.noise[t] * models.noise[m]
+            if sigma > 0.0:
+                rough = models.rough[m] > 0.0
+                error = sigma * (1.0 if rough else _larger(sigmas, rows, t, north, east))
+                for u in range(rows.load.shape[2]):
+                    load = error * rows.load[shape, t, u]
+                    R += load * load * rows.joined[shape, t, u, u]
+            north += models.lag[m] * rows.velocity[t, 0]
+            east += models.lag[m] * rows.velocity[t, 1]
+            middle = _value(grid, rows, t, north, east)
+            for axis in range(2):
+                n, e = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
+                one = _value(grid, rows, t, north - reach * n, east - reach * e)
+                other = _value(grid, rows, t, north + reach * n, east + reach * e)
+                bend[axis] += (0.5 * (one + other) - middle) ** 2 / R
+                change[axis] += (0.5 * (one - other)) ** 2 / R
+        departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)
+        worse = 1 if departure[1] > departure[0] and second > 0.0 else 0
+        worst[k] = departure[worse]
+        for i in range(c):
+            to_first = cos * across[0, i] + sin * across[1, i]
+            to_second = cos * across[1, i] - sin * across[0, i]
+            along[k, used[i]] = to_first / first if worse == 0 else to_second / second
+    return worst
 
 
 @kernel(error_model="numpy")
@@ -91,11 +180,7 @@ def _linearised(
     linearised at a state (c,) of a model; say whether all of them are on the map."""
     n, used, lag, load = BATCH_STATES, models.used[m], models.lag[m], rows.load[models.shape[m]]
     for t in range(rows.level.shape[0]):
-        north = east = 0.0
-        for i in range(models.sizes[m]):
-            s = used[i]
-            north += rows.place[t, 0, s] * at[i]
-            east += rows.place[t, 1, s] * at[i]
+        north, east = _place(rows, t, used, at, models.sizes[m])
         value, by_north, by_east = predicted(grid, rows, t, north, east, lag)
         if not math.isfinite(value):
             return False
@@ -211,22 +296,22 @@ def _filtered(
 @kernel(error_model="numpy")
 def observed(
     grid: Grid,
+    sigmas: Grid,
     rows: Rows,
-    errors: Array,
     models: Models,
     which: Integers,
     mean: Array,
     covariance: Array,
     evidence: Array,
 ) -> None:
-    """Update all hypotheses by new readings, with map errors larger by `errors` (K, n), in place,
-    and write their log evidence (K,); -inf of one that leaves the map.
+    """Update all hypotheses by new readings, in place, and write their log evidence (K,); -inf of
+    one that leaves the map.
 
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
     n, size = rows.level.shape[0], mean.shape[1]
     z, H, P = np.empty(n), np.empty((n, size)), np.empty((size, size))
-    x, at, PH = np.empty(size), np.empty(size), np.empty(size)
+    x, at, PH, errors = np.empty(size), np.empty(size), np.empty(size), np.ones(n)
     shift, from_north, from_east = np.zeros(size), math.inf, math.inf
     for k in range(which.shape[0]):
         m = which[k]
@@ -238,10 +323,14 @@ def observed(
         from_north, from_east = mean[k, 0], mean[k, 1]
         for i in range(c):
             at[i] = mean[k, used[i]]
-            if near:
-                at[i] += shift[used[i]]
+        for t in range(n):
+            rough = models.rough[m] > 0.0 or not models.sigma[m] > 0.0
+            north, east = _place(rows, t, used, at, c)
+            errors[t] = 1.0 if rough else _larger(sigmas, rows, t, north, east)
+        for i in range(c if near else 0):
+            at[i] += shift[used[i]]
         for iteration in range(ITERATIONS):
-            if not _linearised(grid, rows, errors[k], models, m, at, z, H):
+            if not _linearised(grid, rows, errors, models, m, at, z, H):
                 evidence[k] = -math.inf
                 break
             for i in range(c):
@@ -267,12 +356,7 @@ def observed(
 
 @kernel(error_model="numpy")
 def merged(
-    which: Integers,
-    log_weight: Array,
-    mean: Array,
-    covariance: Array,
-    place: Array,
-    spreads: Array,
+    which: Integers, log_weight: Array, mean: Array, covariance: Array, of_place: Array
 ) -> Integers:
     """Merge hypotheses of one model whose places are within one 1-sigma of each other by their
     moments, in place, and return the indices of those that stay.
@@ -281,27 +365,34 @@ def merged(
     ----------
     which : (K,) array
         Sorted; within a model by falling weight.
-    place, spreads : (K, 2) and (K, 2, 2) arrays
-        See `Hypotheses.places`, m.
+    of_place : (2, N) array
+        See `Hypotheses.merged`.
     """
-    count = mean.shape[0]
-    kept = np.ones(count, np.bool_)
-    for a in range(count):
-        if not kept[a]:
+    count, size = mean.shape
+    kept, last = np.ones(count, np.bool_), count - 1
+    for a in range(last):
+        if not kept[a] or which[a + 1] != which[a]:
             continue
-        p, q, r = spreads[a, 0, 0], spreads[a, 0, 1], spreads[a, 1, 1]
+        p = q = r = 0.0  # the covariance [[p, q], [q, r]] of the place
+        for i in range(size):
+            for j in range(size):
+                p += of_place[0, i] * covariance[a, i, j] * of_place[0, j]
+                q += of_place[0, i] * covariance[a, i, j] * of_place[1, j]
+                r += of_place[1, i] * covariance[a, i, j] * of_place[1, j]
         det = p * r - q * q
-        n0, e0 = place[a, 0], place[a, 1]
         b = a + 1
         while b < count and which[b] == which[a]:
-            n, e = place[b, 0] - n0, place[b, 1] - e0
+            n = e = 0.0
+            for i in range(size):
+                n += of_place[0, i] * (mean[b, i] - mean[a, i])
+                e += of_place[1, i] * (mean[b, i] - mean[a, i])
             if kept[b] and r * n * n - 2.0 * q * n * e + p * e * e < det:
                 kept[b] = False
                 total = np.logaddexp(log_weight[a], log_weight[b])
                 w = math.exp(log_weight[b] - total)
                 d = mean[b] - mean[a]
-                for i in range(d.shape[0]):
-                    for j in range(d.shape[0]):
+                for i in range(size):
+                    for j in range(size):
                         apart = covariance[b, i, j] - covariance[a, i, j]
                         covariance[a, i, j] += w * (apart + (1.0 - w) * (d[i] * d[j]))
                     mean[a, i] += w * d[i]

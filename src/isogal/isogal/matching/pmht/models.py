@@ -20,7 +20,6 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.quantities import GRAVITY
 from isogal.maps.roughness import roughness
 from isogal.matching.interfaces import Batch
-from isogal.matching.pmht.rows import stated_sigma
 from isogal.matching.pmht.states import (
     BIAS,
     COUPLING_FORWARD,
@@ -257,7 +256,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
     raises InputError on a bad option."""
     options, maps = options_of(matcher), channels_of(field_map)
     rounding = float(np.mean([one.quantisation for one in maps])) / math.sqrt(12.0)
-    stated = float(np.mean([stated_sigma(one) for one in maps]))
+    stated = float(np.mean([one.usual_sigma for one in maps]))
     specified = None if matcher.map_sigma == "auto" else float(matcher.map_sigma)
     if stated > 0.0:
         specified = max(specified or 0.0, stated)

@@ -24,6 +24,7 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
 from isogal.maps.error_model import Chain, chained, independent, shares
 from isogal.maps.field_map import FieldMap
+from isogal.maps.interpolation import Grid
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.states import (
@@ -253,7 +254,7 @@ def _loads(
     maps = channels_of(field_map)
     place = batch.latitude[which], batch.longitude[which]
     own = by_channel(field_map, channel, FieldMap.sigma_at, *place)
-    usual = np.array([stated_sigma(one) for one in maps])[channel]
+    usual = np.array([one.usual_sigma for one in maps])[channel]
     ratio = np.where(
         (usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0
     )
@@ -268,27 +269,12 @@ def _loads(
     return load
 
 
-def errors_beside(field_map: AnyMap, rows: Rows, mean: Array) -> Array:
-    """Return (K, n) how much larger the map says its error is where hypotheses of means (K, N)
-    have rows taken than where the navigator does (`Rows.load`)."""
+def sigmas_of(field_map: AnyMap) -> Grid:
+    """Return what maps say of their errors at their nodes; one node that does not count where none
+    says it of each node."""
     maps = channels_of(field_map)
-    ratio = np.ones((len(mean), len(rows.level)))
     if all(np.ndim(one.sigma) == 0 for one in maps):
-        return ratio
-    for t, channel in enumerate(rows.channel.tolist()):
-        moved = np.vstack([np.zeros(2), mean @ rows.place[t].T]) * rows.radian[t]
-        place = rows.latitude[t] - moved[:, 0], rows.longitude[t] - moved[:, 1]
-        sigma = np.asarray(maps[channel].sigma_at(*place))
-        if sigma[0] > 0.0:
-            ratio[:, t] = np.where(np.isfinite(sigma[1:]), sigma[1:] / sigma[0], 1.0)
-    return ratio
-
-
-def stated_sigma(one: FieldMap) -> float:
-    """Return the mean of what a map says of its own error (map's unit); 0 where it says nothing of
-    the whole of it."""
-    if one.error_stated is False:
-        return 0.0
-    sigma = np.asarray(one.sigma, dtype=np.float64)
-    known = sigma[np.isfinite(sigma)]
-    return float(known.mean()) if known.size else 0.0
+        return field_map.grid._replace(values=np.full((1, 1), np.nan))
+    sigmas = [np.broadcast_to(one.sigma, one.values.shape) for one in maps]
+    whole = sigmas[0] if len(maps) == 1 else np.concatenate(sigmas)
+    return field_map.grid._replace(values=np.ascontiguousarray(whole, dtype=np.float64))

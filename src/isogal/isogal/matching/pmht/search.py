@@ -157,11 +157,11 @@ class Search:
 
 
 def pruned(them: Hypotheses, most: int, of_place: Array) -> Hypotheses:
-    """Merge places (`Hypotheses.places`) and drop what is negligible, whatever its model; weights
+    """Merge places (`Hypotheses.merged`) and drop what is negligible, whatever its model; weights
     stay as they are."""
     kept = np.argsort(-them.log_weight)[:most]
     kept = kept[them.log_weight[kept] > them.log_weight[kept[0]] - NEGLIGIBLE]
-    return them.part(kept[np.argsort(them.which[kept], kind="stable")]).merged(of_place)
+    return them.merged(kept[np.argsort(them.which[kept], kind="stable")], of_place)
 
 
 def resolved(them: Hypotheses) -> bool:
