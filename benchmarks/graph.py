@@ -22,25 +22,17 @@ import closed_loop
 import psutil
 import relay
 from clock import Clock
-from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
-from isogal_ros.bags import recorder as recorder_module
+from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.bus import Bus, Listener
 from isogal_ros.graph.domain import graph_domain, names_of
 from isogal_ros.graph.plan import CLASSES, Plan
 from isogal_ros.graph.running import Progress, run_in_process, run_processes
-from isogal_ros.nodes import base as node_module
 from isogal_ros.nodes.signals import interrupts
-from isogal_ros.topics import Topic
-
-Handler = Callable[..., None]
-
 
 Figures = dict[str, float | dict[str, dict[str, float]] | list[dict[str, str | float]]]
 """Times, and figures of processes or parts."""
@@ -73,7 +65,8 @@ class Usage:
                 self.peak[name] = max(self.peak[name], process.memory_info().rss / 1e6)
                 times = process.cpu_times()
                 seconds[name] = times.user + times.system
-            self._seen[1:] = [(steps, seconds)]
+            if not self._seen or seconds.keys() >= self._seen[0][1].keys():  # none has ended
+                self._seen[1:] = [(steps, seconds)]
 
     @property
     def per_step(self) -> dict[str, float]:
@@ -160,36 +153,29 @@ def arithmetic(scenario: Scenario) -> float:
     return 1e3 * (long - short) / (0.8 * whole * scenario.navigation_rate)
 
 
-PUBLISH = "publish: serialise and send"
+PUBLISH = "publish: serialise and hand on"
 
 
 def watch_callbacks(clock: Clock) -> None:
-    """Time every callback of the nodes and the recorder, and publishing: what is published inside
-    a callback counts as publication only."""
-    listen = node_module.GraphNode.listen
-    subscribe = recorder_module.RecorderNode.create_subscription
+    """Time what nodes of one process do with each message, decoding included, and publishing: what
+    is published inside a callback counts as publication only."""
+    take = Listener.take
 
-    def timed_listen(
-        node: node_module.GraphNode, topic: Topic, handler: Handler, raw: bool = False
-    ) -> Subscription:
-        return listen(node, topic, clock.timed(f"{node.get_name()}: {topic.name}", handler), raw)
+    def timed_take(listener: Listener, data: bytes) -> None:
+        name = f"{listener.node.get_name()}: {listener.topic_name.lstrip('/')}"
+        if name.startswith(RECORDER):
+            name = f"{RECORDER}: write"
+        clock.timed(name, take)(listener, data)
 
-    def timed_subscribe(
-        node: Node, kind: type, name: str, callback: Handler, *rest: QoSProfile, **keys: bool
-    ) -> Subscription:
-        timed = clock.timed("isogal_recorder: write", callback)
-        return subscribe(node, kind, name, timed, *rest, **keys)
-
-    node_module.GraphNode.listen = timed_listen
-    recorder_module.RecorderNode.create_subscription = timed_subscribe
-    clock.watch(PUBLISH, Publisher, "publish")
+    Listener.take = timed_take
+    clock.watch(PUBLISH, Bus, "send")
 
 
 def where_time_goes(scenario: Scenario, folder: Path) -> Figures:
     clock = Clock(time.perf_counter)
     watch_callbacks(clock)
     wall = in_one_process(scenario, folder)["wall_s"]
-    rest = "executor: take, decode, dispatch (the rest)"
+    rest = "the rest: dispatch, timers, looks at progress"
     clock.seconds[rest] = wall - sum(clock.seconds.values())
     rows = sorted(clock.seconds.items(), key=lambda item: -item[1])
     return {
@@ -235,7 +221,7 @@ def show(result: dict[str, float | Figures]) -> None:
     print(closed_loop.markdown(("part", "s", "calls"), rows))
 
 
-RELAYS = {"isogal_recorder": relay.RECORDER}
+RELAYS = {RECORDER: relay.RECORDER}
 """Names of processes that are others among the bare nodes."""
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import MagneticField
@@ -19,8 +18,7 @@ from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.faults import trials
-from isogal_ros.faults.trials import Feed, Track
+from isogal_ros.faults.trials import Track, track_of
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import Plan, node_class
 from isogal_ros.graph.player import Player
@@ -230,31 +228,6 @@ def bench(name: str, scenario: Scenario, **own: Any) -> Iterator[Bench]:
         yield made
 
 
-def run_here(scenario: Scenario, bag: Path | None) -> None:
-    """Run the graph to its end in this process without middleware, in half of the time that it
-    takes with it."""
-    run_on_bus(Plan(scenario, bag))
-
-
-def run_on_bus(plan: Plan, _interrupt: Interrupt | None = None) -> None:
-    """Do what `run_in_process` does, without middleware."""
-    with Bus() as bus:
-        nodes = {name: bus.add(name, plan.values(name)) for name in plan.names}
-        while not nodes[topics.INS_SIM].finished:
-            bus.tick()
-        for node in nodes.values():
-            node.close()
-            bus.nodes.remove(node)
-            assert not node.exit_code, node.failure
-
-
-def feed_of(scenario: Scenario) -> Feed:
-    """A run without fault, simulated without middleware."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trials, "run_in_process", run_on_bus)
-        return Feed(scenario, 0)
-
-
 def played(player: Player) -> tuple[Track, list[float]]:
     """Play a feed to its end; return the navigator's track, and its times (s) at which it erred by
     more than three of its sigma and no node said that anything is wrong."""
@@ -270,13 +243,13 @@ def played(player: Player) -> tuple[Track, list[float]]:
         for ns in sorted(player.recorded.sensors[topics.IMU]):
             player.play(ns / 1e9)
             warned[ns / 1e9] = any(wrong.values())
-    track = trials.track_of(player.collector)
+    track = track_of(player.collector)
     honest = track.error < 3.0 * track.sigma
     return track, [
         t for t, fine in zip(track.time, honest, strict=True) if not (fine or warned[t])
     ]
 
 
-def run_by_middleware(scenario: Scenario, bag: Path | None, run: int = 0, **pace: float) -> float:
+def run_here(scenario: Scenario, bag: Path | None, run: int = 0, **pace: float) -> float:
     """Run the graph to its end in this process, and return the wall time that it took, s."""
     return run_in_process(Plan(scenario, bag, run=run, **pace), Interrupt())

@@ -13,7 +13,7 @@ from isogal.inertial.strapdown import propagate
 from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.expansion import Soundings
 from isogal.matching.transitions import carried
-from isogal.scenario import Altimeter, Matcher, Scenario
+from isogal.scenario import Altimeter, Height, Matcher, Scenario, changed_scenario
 from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.gravimeter import (
     DisturbanceReduction,
@@ -311,3 +311,20 @@ def test_readings_before_a_gap_before_the_last_are_given_up():
     again = BatchBuilder(Matcher(batch_length=10, stride=10), GravityReduction())
     again.restore(builder.collected)
     assert again.build(P).cut == 10
+
+
+def test_two_sensors_of_the_height_leave_less_of_their_errors():
+    """Readings are off by what the weighted mean of both heights is off by."""
+    keys = {"source": "barometer", "bias": 3.0, "scale": 0.0, "weather_sigma": 6.0}
+    scenario = Scenario(matcher=Matcher(batch_length=2), height=Height(**keys))
+    second = {"name": "aft", "bias": 4.0, "scale": 0.0, "weather_sigma": 0.0}
+    both = changed_scenario(scenario, [f"heights=[{second}]"], "test")
+    found = []
+    for one in (scenario, both):
+        builder = BatchBuilder.of(one)
+        for t in range(2):
+            builder.add_scan(10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0]), 9.8, 1e-5)
+        states = builder.build(np.eye(7)).parameters
+        found.append(dict(zip(states.names, states.sigma, strict=True)))
+    assert found[0] == {"height_bias": 3.0, "height_weather": 6.0}
+    assert found[1] == {"height_bias": pytest.approx(2.4)}

@@ -15,7 +15,7 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.made_once import made_once
-from helpers.node_bench import Bench, run_by_middleware
+from helpers.node_bench import Bench, run_here
 from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -183,4 +183,4 @@ def recorded(
 
 
 def _run_to(scenario: Scenario, folder: Path) -> None:
-    run_by_middleware(scenario, folder / "bag")
+    run_here(scenario, folder / "bag")

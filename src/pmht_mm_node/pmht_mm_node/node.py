@@ -36,7 +36,8 @@ class PmhtMmNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = (
         "field", "fields", "route", "imu", "gravimeter", "magnetometer", "altimeter",
-        "gradiometer", "readings", "gravity", "height", "gnss", "map", "matcher", "fusion",
+        "gradiometer", "readings", "gravity", "height", "heights", "gnss", "map", "matcher",
+        "fusion",
     )  # fmt: skip
     mutable: ClassVar[Sequence[str]] = (
         "matcher.map_sigma",

@@ -29,8 +29,6 @@ class Outputs:
     """Publishers and messages; the messages are made once and overwritten."""
 
     def __init__(self, node: GraphNode) -> None:
-        self.reached = -1
-        """Stamp of the newest state published, ns; -1 = none."""
         self.newest = -1
         """Stamp of the newest odometry, which may be within a step, ns; -1 = none."""
         self._frame = map_frame(node.scenario)
@@ -56,7 +54,6 @@ class Outputs:
         """Publish a state, the angular rate (3,) FRD that the gyroscopes measured, and what there
         is to say of the time since the last fix. One that is not aligned promises nothing: it is
         no fix, and has no protection level, path or transforms."""
-        self.reached = ns
         covariance = state.covariance
         latitude, longitude, height = state.position.tolist()
         # odometry first: a lock-step simulation goes on with it while the rest is made

@@ -94,6 +94,22 @@ def test_a_fix_taken_twice_is_seen():
     )
 
 
+def test_what_a_navigator_knows_by_a_fix_it_took_otherwise_is_not_counted_twice():
+    """Of its several states the fix has left one, which is narrower and elsewhere: the bank begins
+    anew there, and is not drawn towards it."""
+    ((batch, _, memory, _),) = flight(1, pmht(**LETTER))
+    left = 0.01 * memory.covariance
+    later = replace(
+        batch,
+        time=batch.time + batch.time[-1] - batch.time[0],
+        correction=0.3 * memory.taken - 5.0 * np.sqrt(np.diag(memory.covariance)),
+        covariance=left,
+    )
+    mean, covariance = memory.propagated(later).fields[0].bank.moments()
+    np.testing.assert_allclose(mean[:4], 0.0, atol=1e-9)
+    np.testing.assert_allclose(covariance[:4, :4], left[:4, :4], rtol=1e-6, atol=1e-9)
+
+
 def test_a_fix_that_would_have_widened_and_was_refused_narrows_nothing():
     """The navigator is narrower than after the fix, and has learnt nothing."""
     ((batch, _, memory, _),) = flight(1, pmht(**LETTER))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.node_bench import bench, feed_of, stamps
+from helpers.node_bench import bench, stamps
 from isogal_ros import topics
 from isogal_ros.faults import campaign, trials
 from isogal_ros.faults.campaign import OUTCOMES, PAGE, page_of, run_campaign, table_of, two_batches
@@ -25,7 +25,7 @@ def test_there_are_eighty_faults_with_names_of_their_own() -> None:
 
 @pytest.fixture(scope="module")
 def feed(scenario) -> Feed:
-    return feed_of(scenario("route.duration=400.0", "matcher.name=pmht"))
+    return Feed(scenario("route.duration=400.0", "matcher.name=pmht"), 0)
 
 
 def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeypatch) -> None:

@@ -5,7 +5,7 @@ from copy import copy
 import pytest
 
 from helpers.batches import field_map_of, wavy
-from helpers.node_bench import feed_of, played
+from helpers.node_bench import played
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal_ros.faults.campaign import two_batches
 from isogal_ros.faults.trials import Feed
@@ -22,7 +22,7 @@ WRONG = {
 def feed(scenario) -> Feed:
     """Twelve minutes over the map as it is."""
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
-    return feed_of(scenario("route.duration=720.0", *own))
+    return Feed(scenario("route.duration=720.0", *own), 0)
 
 
 @pytest.mark.parametrize("what", ["as it is", *WRONG])

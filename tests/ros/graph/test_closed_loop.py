@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import NavSatStatus
 
 from helpers.magnetics import aircraft
-from helpers.node_bench import absolute, run_by_middleware, run_here, topics_of
+from helpers.node_bench import absolute, run_here, topics_of
 from helpers.recordings import (
     assert_closed_loop,
     assert_replayed,
@@ -48,7 +48,7 @@ def test_it_is_the_closed_loop_of_the_library(recording, scenario) -> None:
 
 def test_another_run_has_other_numbers(scenario, tmp_path) -> None:
     short = scenario("route.duration=120.0")
-    run_by_middleware(short, tmp_path / "bag", run=5)
+    run_here(short, tmp_path / "bag", run=5)
     assert_closed_loop(tmp_path / "bag", short, 1e-6, run=5)
     assert BagReader(tmp_path / "bag").texts["run"] == "5"
 
@@ -215,14 +215,14 @@ def test_a_magnetic_vehicle_whose_field_the_matcher_estimates_from_a_cold_start(
 
 def test_wall_clock_rate_gives_the_same(scenario, tmp_path) -> None:
     short = scenario("route.duration=65.0")
-    seconds = run_by_middleware(short, tmp_path / "bag", rate=80.0)
+    seconds = run_here(short, tmp_path / "bag", rate=80.0)
     assert seconds > 65.0 / 80.0 * 0.9
     assert_closed_loop(tmp_path / "bag", short, 1e-6)
 
 
 def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
     short = scenario("route.duration=240.0")
-    run_by_middleware(short, tmp_path / "bag", rate=50.0, lock_step=False)
+    run_here(short, tmp_path / "bag", rate=50.0, lock_step=False)
     graph, library = record(tmp_path / "bag", short), simulate(short, [0])
     np.testing.assert_array_equal(graph.fix_time, library.fix_time)
     np.testing.assert_array_equal(graph.published, library.published)

@@ -13,7 +13,7 @@ import rclpy
 from rclpy.node import Node
 
 from helpers.domains import claim_domain
-from helpers.node_bench import run_by_middleware
+from helpers.node_bench import run_here
 from isogal.cli.main import main
 from isogal.errors import InputError
 from isogal.evaluation.figures import style
@@ -147,7 +147,7 @@ def without_garbage_collection() -> Iterator[None]:
 @pytest.mark.usefixtures("without_garbage_collection")
 def test_a_graph_that_has_ended_is_not_there_any_more(other_domain, scenario) -> None:
     """It once was until Python searched for garbage, so that a second one took another domain."""
-    run_by_middleware(scenario("route.duration=60.0"), None)
+    run_here(scenario("route.duration=60.0"), None)
     assert participants(other_domain) == 0
 
 

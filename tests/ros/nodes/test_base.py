@@ -18,7 +18,7 @@ from isogal_ros.nodes.health import WARN
 def test_every_transition(scenario) -> None:
     with bench(topics.UKF_FUSION, scenario(), autostart=False) as made:
         assert not (made.node.configured or made.node.active)
-        assert "imu/data_raw" not in {item.topic_name[1:] for item in made.node.subscriptions}
+        assert "imu/data_raw" not in {item.topic_name[1:] for item in made.node.listeners}
         assert made.node.trigger_configure() == SUCCESS
         made.imu(1)
         assert made.node.samples == 0  # let go

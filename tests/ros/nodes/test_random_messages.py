@@ -45,7 +45,7 @@ def fill(message: Any, rng: np.random.Generator) -> None:
 def fed(node: Any, topic: Topic, rng: np.random.Generator) -> None:
     """Hand messages to a node's callback as the executor does."""
     (subscription,) = (
-        item for item in node.subscriptions if item.topic_name.lstrip("/") == topic.name
+        item for item in node.listeners if item.topic_name.lstrip("/") == topic.name
     )
     for i in range(MESSAGES):
         message = topic.type()

@@ -1,6 +1,7 @@
 """The policy allows what the running graph does, and nothing else."""
 
 import runpy
+import sys
 import xml.etree.ElementTree as ET
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -11,7 +12,7 @@ from helpers.node_graph import names_of
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import Plan
-from isogal_ros.security.policy import policy
+from isogal_ros.security.policy import policy, policy_of
 
 
 def absolute(name: str, node: str) -> str:
@@ -60,7 +61,26 @@ def test_nobody_but_its_node_publishes_a_topic(allowed) -> None:
     assert allowed[RECORDER]["publish"] - several == {f"/{RECORDER}/transition_event"}
 
 
+def test_the_policy_of_a_parameter_file_has_transforms_and_aids(tmp_path) -> None:
+    file = tmp_path / "ship.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    velocity: {kind: dvl}\n"
+        "    route: {duration: 100.0}\n    gravity: {field: normal}\n"
+        "ukf_fusion_node:\n  ros__parameters:\n"
+        "    drivers: {velocity/data_raw: {frame: dvl, from_tf: true}}\n"
+    )
+    heard = {
+        profile.get("node"): {
+            item.text for part in profile if "subscribe" in part.attrib for item in part
+        }
+        for profile in policy_of(str(file)).getroot().iter("profile")
+    }
+    assert {name for name, found in heard.items() if "/tf_static" in found} == {topics.UKF_FUSION}
+    assert topics.VELOCITY.name in heard[topics.UKF_FUSION]
+
+
 @pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
-def test_it_can_be_written(capsys) -> None:
+def test_it_can_be_written(capsys, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["policy"])
     runpy.run_module("isogal_ros.security.policy", run_name="__main__")
     assert ET.fromstring(capsys.readouterr().out).get("version") == "0.2.0"

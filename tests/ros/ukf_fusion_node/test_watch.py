@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from helpers.node_bench import bench, feed_of, played, stamps
+from helpers.node_bench import bench, played, stamps
 from isogal_ros import topics
+from isogal_ros.faults.trials import Feed
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.nodes.health import OK, WARN
 from ukf_fusion_node.watch import (
@@ -251,7 +252,7 @@ def elbow(degrees: float) -> str:
 def test_a_sharp_turn_in_a_gap_is_never_silent(scenario, degrees) -> None:
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
     turning = scenario(elbow(degrees), "route.turn_rate=0.1", "route.duration=960.0", *own)
-    player = feed_of(turning).player()
+    player = Feed(turning, 0).player()
     player.bus.change = lambda topic, data: (
         [] if topic == topics.IMU.name and abs(player.bus.now - 600.0) <= GAP / 2.0 else [data]
     )

@@ -54,7 +54,7 @@ def _opened(
 ) -> "tuple[ViewedRun, RouteMap]":
     """Return what to show, from whatever was given."""
     bag = bag_of(source)
-    if bag.is_file() or any(bag.glob("*.mcap*")):
+    if bag.is_file() or any(bag.glob("*.mcap*")) or any(bag.glob("*.db3*")):
         if run:
             raise InputError(f"--run: {source} is one run, not a study")
         require_ros("view of a recording")

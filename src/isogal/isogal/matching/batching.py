@@ -97,7 +97,7 @@ class BatchBuilder:
             measured_field(scenario).reduction(scenario),
             context,
             scenario.gravimeter,
-            scenario.height,
+            scenario.height.together(scenario.heights or ()),
             expansion_of(scenario),
             marks,
         )

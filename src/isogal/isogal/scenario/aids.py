@@ -1,5 +1,7 @@
 """Sections about height, velocity, position and heading from sensors."""
 
+import math
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
@@ -53,6 +55,20 @@ class Height(Section):
     def prefix(self) -> str:
         """What the names of its states and random streams begin with."""
         return "height"
+
+    def together(self, others: "Sequence[Height]") -> "Height":
+        """Return one sensor in place of this and others: its errors are what weights by inverse
+        variances leave of theirs, which are independent."""
+        least = {
+            name: _together([getattr(one, name) for one in (self, *others)])
+            for name in self.errors
+        }
+        return self.model_copy(update=least)
+
+
+def _together(sigmas: Sequence[float]) -> float:
+    """Return the 1-sigma of the mean of independent errors, weighted by their variances."""
+    return 1.0 / math.sqrt(sum(sigma**-2 for sigma in sigmas)) if all(sigmas) else 0.0
 
 
 class HeightAid(Height):

@@ -205,7 +205,7 @@ def _shortcomings(player: Player, answered: int) -> list[str]:
     fusion = player.nodes[topics.UKF_FUSION]
     inertial = recorded.inertial
     all_dropped = dropped[inertial.name] >= len(recorded.sensors[inertial])
-    if fusion.outputs.reached < 0 or all_dropped:
+    if fusion.outputs.newest < 0 or all_dropped:
         found.append(f"{unused(inertial, fusion.health.message)}{_PARAMETERS}")
     for aid in each_aid(recorded.scenario):
         either = aid.topic, *aid.instead

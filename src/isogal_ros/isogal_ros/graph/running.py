@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import Executor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -20,21 +21,15 @@ from isogal.files import make_folder
 from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.domain import (
-    DOMAIN,
-    defaults,
-    graph_domain,
-    local_context,
-    names_of,
-    quiet_node,
-)
+from isogal_ros.graph.bus import Bus
+from isogal_ros.graph.domain import DOMAIN, defaults, graph_domain, names_of, quiet_node
 from isogal_ros.graph.forkserver import NodeProcess
-from isogal_ros.graph.plan import CLASSES, GraphError, Plan, node_class
+from isogal_ros.graph.plan import CLASSES, GraphError, Plan
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.nodes.middleware import SHARED_MEMORY, delete_shared_memory
 from isogal_ros.nodes.signals import Interrupt
-from isogal_ros.nodes.spin import COMPILING, drain, make_executor
+from isogal_ros.nodes.spin import COMPILING, make_executor
 from isogal_ros.parameters.values import parameter_file
 
 PATIENCE = 15.0
@@ -63,6 +58,8 @@ class Progress:
     """m; NaN = not known."""
 
 
+AT_ONCE = 200
+"""Messages of a graph in one process between looks at what else is to be done."""
 LOOK_EVERY = 0.05
 """s of wall time between looks at the nodes and the progress: a step has some twenty messages."""
 Report = Callable[[Progress], None]
@@ -82,8 +79,8 @@ def progress_of(figures: Mapping[str, object]) -> Progress | None:
 
 
 def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report) -> float:
-    """Run the graph on one executor until the route's end, or until interrupted; return the wall
-    time (s) from the first step to the last.
+    """Run the graph on a bus until the route's end, or until interrupted; return the wall time (s)
+    from the first step to the last.
 
     Raises
     ------
@@ -92,36 +89,48 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report)
     GraphError
         A node failed.
     """
-    names = names_of(plan.scenario)
+    names, nodes = names_of(plan.scenario), dict[str, GraphNode]()
     tell_of_compiling(lambda: print(f"isogal: {COMPILING}", file=sys.stderr, flush=True))
-    with graph_domain(names, plan.domain) as domain, local_context(domain) as context:
-        executor = make_executor(context)
-        nodes: dict[str, GraphNode] = {}
+    with graph_domain(names, plan.domain) as domain, Bus(quiet=False, domain=domain) as bus:
+        executor = make_executor(bus)
         try:
             for name in plan.names:
-                nodes[name] = node_class(name)(name, values=plan.values(name), context=context)
+                nodes[name] = bus.add(name, plan.values(name))
                 executor.add_node(nodes[name])
-            simulator, begun = nodes[topics.INS_SIM], time.monotonic()
-            looked = begun
-            while not (interrupt or simulator.finished):
-                executor.spin_once(timeout_sec=0.2)
-                if (now := time.monotonic()) < looked + LOOK_EVERY:
-                    continue
-                looked = now
-                _require_well(nodes)
-                if (progress := progress_of(simulator.health.figures)) is not None:
-                    report(progress)
-            wall = time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
-            simulator.finished = True  # no further step while the recorder takes what is under way
-            if RECORDER in nodes:
-                drain(nodes[RECORDER], executor)
-            _require_well(nodes)
+            bus.open()
+            wall = _spin(bus, executor, nodes, interrupt, report)
         finally:
+            if topics.INS_SIM in nodes:
+                nodes[topics.INS_SIM].finished = True  # no further step while all end
+            bus.run()
             executor.shutdown()  # or it would keep the nodes' publishers
-            for node in nodes.values():
-                node.close()
+            for name in reversed(nodes):  # the recorder hears all to the end
+                bus.finish(nodes[name])
         _require_well(nodes)  # the recorder finishes its bag last
         return wall
+
+
+def _spin(
+    bus: Bus,
+    executor: Executor,
+    nodes: Mapping[str, GraphNode],
+    interrupt: Interrupt,
+    report: Report,
+) -> float:
+    """Run nodes until the simulator has ended; return the wall time from its first step on."""
+    simulator, begun = nodes[topics.INS_SIM], time.monotonic()
+    looked = begun
+    while not (interrupt or simulator.finished):
+        # what comes by the middleware, and timers, between messages of the graph
+        executor.spin_once(timeout_sec=0.0 if bus.run(AT_ONCE) else 0.2)
+        if (now := time.monotonic()) < looked + LOOK_EVERY:
+            continue
+        looked = now
+        bus.look()
+        _require_well(nodes)
+        if (progress := progress_of(simulator.health.figures)) is not None:
+            report(progress)
+    return time.monotonic() - (simulator.begun if simulator.step >= 0 else begun)
 
 
 def _require_well(nodes: Mapping[str, GraphNode]) -> None:

@@ -164,7 +164,7 @@ def mounted(scenario: Scenario, drivers: Mapping[str, Driver]) -> Scenario:
     for entries, kind in (("positions", "position"), ("velocities", "velocity")):
         for aid in document[entries] or ():
             sections |= {one.name: aid for one in topics.aid_topics(kind, aid["name"])}
-    for name in arms.keys() & sections.keys():
-        if not any(sections[name]["lever_arm"]):
-            sections[name]["lever_arm"], changed = arms[name], True
+    for name, arm in arms.items():
+        if name in sections and not any(sections[name]["lever_arm"]):
+            sections[name]["lever_arm"], changed = arm, True
     return validate_scenario(document) if changed else scenario

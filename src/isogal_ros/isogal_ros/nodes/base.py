@@ -50,7 +50,6 @@ KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 """Of a scenario, which a file that all nodes share may say to each."""
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
-_ENTITIES = ("publishers", "subscriptions", "timers", "services", "clients")
 _UNKNOWN = "NODE_NAME_UNKNOWN"
 """In the name of a node of which the middleware knows the publisher first."""
 TOLD = 60.0
@@ -143,6 +142,10 @@ class GraphNode(LifecycleNode):
     settings: Any
     """Own parameters, a `settings_model`, as each class says."""
     scenario: Scenario
+    entities: ClassVar[tuple[str, ...]] = (
+        "publishers", "subscriptions", "timers", "services", "clients",
+    )  # fmt: skip
+    """What a node is made of, and destroys in the end."""
     process_ends = False
     """Whether nothing comes after the node in its process."""
 
@@ -165,8 +168,8 @@ class GraphNode(LifecycleNode):
             else [Parameter(key, value=value) for key, value in values.items()],
             automatically_declare_parameters_from_overrides=True,
         )
-        self.monotonic: Callable[[], float] = getattr(context, "monotonic", time.monotonic)
-        """Returns the wall time, s; nodes on a bus (`graph.bus`) have its own."""
+        clock = getattr(context, "monotonic", None)  # of nodes that are alone on a bus
+        self.monotonic: Callable[[], float] = clock or time.monotonic
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
@@ -191,7 +194,7 @@ class GraphNode(LifecycleNode):
                 from_seconds(self.settings.diagnostics_period),
                 self.log,
                 # where there is no wall time, that of the data
-                None if hasattr(context, "monotonic") else time.monotonic,
+                None if clock else time.monotonic,
             )
             on_change(self, specs, self._change)
             self._heard = 0
@@ -403,7 +406,7 @@ class GraphNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make what the node has; a failure leaves it unconfigured."""
-        self._before = {kind: set(getattr(self, kind)) for kind in _ENTITIES}
+        self._before = {kind: set(getattr(self, kind)) for kind in self.entities}
         self._failed = None
         try:
             self.setup()
@@ -456,7 +459,7 @@ class GraphNode(LifecycleNode):
         return self.on_cleanup(state)
 
     def _destroy_made(self, but: Mapping[str, set[Entity]]) -> None:
-        for kind in _ENTITIES:
+        for kind in self.entities:
             destroy = getattr(self, f"destroy_{kind[:-1]}")
             for entity in set(getattr(self, kind)) - but.get(kind, set()):
                 destroy(entity)

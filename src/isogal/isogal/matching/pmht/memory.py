@@ -56,7 +56,7 @@ class Memory:
         learnt from other aids makes every hypothesis as much narrower, where no passage says what
         they tell of each."""
         prior, aided, before, memory = batch.covariance, batch.aided, self.covariance, self
-        first = max(len(batch) - batch.new - 1, 0)
+        otherwise, first = False, max(len(batch) - batch.new - 1, 0)
         back = batch.backward[first].copy()
         # the last batch ended before that where all scans are new, or one was not matched
         back[:2] -= (batch.time[first] - self.diverged.last.time) * back[2:4]
@@ -69,9 +69,11 @@ class Memory:
                 refused = _same(batch.correction, self.untaken)
                 more = grown(before, back @ prior @ back.T)[0]
                 before = self.untaken if refused else before + more
+                otherwise = not refused
             memory = self.moved(off)
         told = prior if aided is None else aided.covariance
         forward, growth, learnt = steps(before, back, told)
+        narrower = not np.array_equal(learnt, np.eye(len(told)))
 
         passage, slow = batch.passage, self.slow
         begin = None if passage is None else passage.begin
@@ -81,6 +83,10 @@ class Memory:
         def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
             if passage is not None:
                 return _passed(one, bank, passage, batch.correction, slow)
+            if otherwise and narrower and aided is None:
+                # several states of the navigator have taken the fix, each by itself: what it
+                # knows now, it knows from the same readings
+                return Hypotheses.before(one.models, prior)
             return bank.carried(learnt @ forward, learnt @ growth @ learnt.T).aided(aided, prior)
 
         # of kilometres, what is not linear in them looks like growth
