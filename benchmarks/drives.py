@@ -1,6 +1,6 @@
 """Drives of a car with a telephone, through Isogal's navigator (docs/evidence/drives.md).
 
-    .venv/bin/python benchmarks/drives.py FOLDER [--simulated SEED ...]
+    .venv/bin/python benchmarks/drives.py FOLDER [--satellites S] [--simulated SEED ...]
 
 FOLDER holds drive_NAME.nc and dted0_NAME.nc. Five minutes of satellites, then the gyroscope about
 the vertical, the satellites' speed as an odometer, and the barometer's height against the terrain;
@@ -74,7 +74,8 @@ def navigate(
     rows, scans = [], ground_pressure(drive) if matched else {}
     for k in range(1, len(drive.time)):
         t = drive.time[k]
-        navigator.imu(t, drive.force[k], drive.rate[k])
+        missing = max(0.0, t - drive.time[k - 1] - 1.0 / scenario.imu.rate)
+        navigator.imu(t, drive.force[k], drive.rate[k], missing=missing)
         for one in aids_at(drive, k, scenario, known):
             navigator.measure(t, one)
         if k in scans:
@@ -138,6 +139,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", default="", help="part of the name of a drive")
+    parser.add_argument("--satellites", type=float, default=KNOWN, help="s that there are any")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--simulated", type=int, nargs="+", default=[], metavar="SEED")
     arguments = parser.parse_args()
@@ -146,7 +148,8 @@ def main() -> None:
         name = path.stem.removeprefix("drive_")
         if arguments.only not in name:
             continue
-        drive = read_drive(path, KNOWN)
+        known = arguments.satellites
+        drive = read_drive(path, known)
         terrain = with_sigma(load_map(arguments.folder / f"dted0_{name}.nc", "height"))
         every = [(f"{name} dead reckoning", drive, False), (f"{name} map", drive, True)]
         if arguments.simulated:
@@ -156,7 +159,7 @@ def main() -> None:
             ]
         for what, one, matched in every:
             navigator = navigator_of(one, scenario, terrain)
-            print(line(what, navigate(navigator, one, scenario, matched)), flush=True)
+            print(line(what, navigate(navigator, one, scenario, matched, known)), flush=True)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 
-LEAST, SHARE, MOST = 9.0, 0.6, 20.0
+LEAST, SHARE, MOST = 5.0, 0.6, 12.0
 """m, share of the relief, m: what a road is off a map of 30 arcsec by where it is flat, where it
 is not, and at most."""
 

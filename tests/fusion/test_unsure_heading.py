@@ -12,10 +12,11 @@ from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import AtRest, SampleNoise, VelocityReading
 from isogal.fusion.nominal import move
+from isogal.fusion.outage import UnknownMotion
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import cross_matrix, matrix
-from isogal.scenario import load_scenario
+from isogal.scenario import changed_scenario, load_scenario
 
 CAR = load_scenario(
     None,
@@ -98,3 +99,17 @@ def test_a_sample_of_more_noise_turns_the_covariance_alone():
     assert not error_between(state, before).any()
     with pytest.raises(ValueError, match="not finite"):
         SampleNoise(np.array([0.0, 0.0, math.nan]), 1.0).update(state, FLIGHT.model)
+
+
+def test_a_car_may_have_turned_while_samples_were_missing():
+    wheels = changed_scenario(CAR, ["velocity.kind=wheels"], "test")
+    assert UnknownMotion().of_vehicle(CAR) == UnknownMotion()
+    model = filter_model(wheels)
+    start = Estimate(np.array([0.7, -1.3, 0.0]), np.array([15.0, 0.0, 0.0]), np.eye(4)[0])
+    state = FilterState.start(start, model)
+    state.covariance[8, 8] = 1e-4
+    motion = UnknownMotion().of_vehicle(wheels)
+    navigator = InertialNavigator(model, state, motion=motion)
+    navigator.imu(31.0, np.array([0.0, 0.0, -9.8]), np.zeros(3), 0.0, missing=30.0)
+    assert not navigator.undecided
+    assert math.sqrt(navigator.state.covariance[8, 8]) > 0.4

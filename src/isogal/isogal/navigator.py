@@ -23,7 +23,7 @@ from isogal.fusion.alignment import Alignment
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Measurement, measurements_of
-from isogal.fusion.outage import HELD
+from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import matrix
@@ -77,6 +77,7 @@ class Navigator:
         horizon: float = 1200.0,
     ) -> None:
         model = filter_model(scenario, gravity)
+        motion = UnknownMotion().of_vehicle(scenario)
         self.inertial: InertialNavigator
         if scenario.fusion.start == "align":
             self.inertial = Alignment(
@@ -86,10 +87,11 @@ class Navigator:
                 measured=scenario.gnss.used,
                 aim=scenario.fusion.align_to,
                 horizon=horizon,
+                motion=motion,
             )
         else:
             state = FilterState.start(start, model)
-            self.inertial = InertialNavigator(model, state, time, horizon)
+            self.inertial = InertialNavigator(model, state, time, horizon, motion)
         self.matching = MapMatching(scenario, maps, matcher, gravity)
         each = scenario.each_field
         self._reductions = [measured_field(one).reduction(one) for one in each]

@@ -65,7 +65,7 @@ class Navigation:
             node.settings.outage_acceleration,
             node.settings.outage_turn_rate,
             node.settings.manoeuvre_interval,
-        )
+        ).of_vehicle(node.scenario)
         self._checkpoint = Checkpoint(node)
         self._from_start, self._why_not = True, ""
         self._placed: FilterState | None = None

@@ -1,13 +1,15 @@
 """The bank: what splits, merges and updates keep."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
-from helpers.bank import HERE, PLANE, models, moments_of, random_bank, states_of
+from helpers.bank import HERE, PLANE, SLOPE, models, moments_of, random_bank, states_of
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
@@ -100,6 +102,27 @@ def test_the_map_error_is_that_of_the_place_of_a_hypothesis():
         new = rows_of(one, worse, states_of(), said.lengths, None)[0]
         evidence.append(bank.moved(-at).observed(worse, new).log_evidence)
     assert evidence[1] == pytest.approx(evidence[0], abs=1e-3)
+
+
+@pytest.mark.parametrize("off", [0.0, 1.0, 30.0])
+def test_evidence_of_errors_with_tails_is_students_t(off):
+    said, plain = models(sigma=0.0, trust=1.0, tails=4.0), EXACT
+    prior = np.diag(np.square([10.0, 10.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
+    batch, _ = make_batch(PLANE, scans=1, seed=None)
+    batch = replace(batch, reading=batch.reading + off * 1e-5)
+    new = rows_of(batch, PLANE, states_of(), said.lengths, None)[0]
+    found, gaussian = (
+        Hypotheses.before(which, prior).observed(PLANE, new) for which in (said, plain)
+    )
+    scale = math.sqrt(new.noise[0] + SLOPE @ prior[:2, :2] @ SLOPE)
+    expected = stats.t.logpdf(off * 1e-5, df=4.0, scale=scale)
+    assert found.log_evidence == pytest.approx(expected, abs=1e-4)
+    # what is far off moves it less
+    share = min(1.0, 5.0 / (4.0 + (off * 1e-5 / scale) ** 2))
+    if off < 3.0:
+        np.testing.assert_allclose(found.mean[0, :2], share * gaussian.mean[0, :2], rtol=1e-6)
+    else:
+        assert np.abs(found.mean[0, :2]).max() < 0.01 * off
 
 
 def test_there_are_never_more_than_so_many():

@@ -78,7 +78,7 @@ class _Deferred(TyperCommand):
         info_name: str | None,
         args: list[str],
         parent: "Context | None" = None,
-        **extra: Any,
+        **extra: object,
     ) -> "Context":
         return _load(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
@@ -117,7 +117,7 @@ class _Isogal(TyperGroup):
                 _Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode)
             )
 
-    def main(self, args: Sequence[str] | None = None, *_: Any, **__: Any) -> NoReturn:
+    def main(self, args: Sequence[str] | None = None, *_: object, **__: object) -> NoReturn:
         """Run and exit; replaces the boxes in which typer would frame an error."""
         sys.exit(_call(self, list(sys.argv[1:] if args is None else args)))
 

@@ -133,13 +133,13 @@ def plain(value: Any) -> Json:
     return finite(value) if isinstance(value, float) else value
 
 
-def canonical_json(value: Any) -> str:
+def canonical_json(value: object) -> str:
     """Format a document so that equal content gives equal bytes: order of keys as given, two
     spaces, lists of numbers in a line."""
     return _format(plain(value), "") + "\n"
 
 
-def write_json(path: str | Path, value: Any) -> None:
+def write_json(path: str | Path, value: object) -> None:
     """Write `canonical_json` of the value; the file appears whole or not at all."""
     write_atomic(path, canonical_json(value))
 

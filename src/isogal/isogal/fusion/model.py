@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
 from isogal.fusion.gate import quantile
@@ -62,7 +61,8 @@ class FilterModel:
     def __post_init__(self) -> None:
         scaling = self.alpha, self.beta, self.kappa
         gates = tuple(quantile(self.false_rejection, 1 + k) for k in range(len(BATCH)))
-        offset, share = self.height_errors.T
+        contents = self.height_contents or [(0.0, 0.0)] * len(self.auxiliary)
+        offset, share = np.reshape(contents, (-1, 2)).T
         assumptions = Assumptions(
             self.dt,
             np.array(self.noise),
@@ -82,11 +82,6 @@ class FilterModel:
         )
         object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)
-
-    @property
-    def height_errors(self) -> Array:
-        """(M, 2) what a measured height contains of the auxiliary states."""
-        return np.array(self.height_contents or [(0.0, 0.0)] * len(self.auxiliary)).reshape(-1, 2)
 
     def gate(self, dimensions: int) -> float:
         """Return the largest normalised innovation squared of so many dimensions that is used."""

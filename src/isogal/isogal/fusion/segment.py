@@ -63,6 +63,9 @@ class Segment:
         `traces` receives those of the steps, as of `keep_going`."""
         assert self.change is not None
         motions = motion.possible(self.missing, self.change)
+        if model.unsure_heading:
+            # hypotheses of the matcher go on by `Passage`, which is of one state
+            motions = [(0.0, motions[-1][1])]
         if self.missing <= HELD:
             return before, [motions[0][1]] * len(before.states)
         one = before.merged.copy()

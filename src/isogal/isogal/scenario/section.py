@@ -32,7 +32,7 @@ class Section(BaseModel):
     all at once."""
 
     @classmethod
-    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+    def __pydantic_init_subclass__(cls, **_: object) -> None:
         """Make one line of each key's docstring, which is its description."""
         for field in cls.model_fields.values():
             if field.description is not None:

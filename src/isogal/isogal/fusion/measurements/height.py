@@ -54,10 +54,10 @@ def height_contents(
     return tuple(factor.get(one.name, (0.0, 0.0)) for one in auxiliary)
 
 
-def by_auxiliary(model: FilterModel, height: ArrayLike) -> Array:
+def by_auxiliary(model: FilterModel, height: ArrayLike, prefix: str = "height") -> Array:
     """Return (..., M) by how much a reading at heights (...), m, changes with each auxiliary
     state."""
-    constant, share = model.height_errors.T
+    constant, share = np.reshape(height_contents(model.auxiliary, prefix), (-1, 2)).T
     return np.asarray(constant + share * np.asarray(height)[..., None])
 
 
@@ -79,10 +79,7 @@ class HeightReading:
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state."""
         up = float(state.position[2])
-        if self.prefix == "height":
-            contents = by_auxiliary(model, up)
-        else:
-            contents = np.array(height_contents(model.auxiliary, self.prefix)) @ [1.0, up]
+        contents = by_auxiliary(model, up, self.prefix)
         H = np.zeros((1, model.states))
         H[0, 2], H[0, FILTER_STATES:] = -1.0, contents
         expected = np.array([up + contents @ state.auxiliary])

@@ -232,8 +232,15 @@ def _filtered(
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier, which says nothing and is as likely
-    everywhere; the two posteriors are merged by their moments."""
+    everywhere; the two posteriors are merged by their moments. Where a model's errors have tails,
+    innovations have Student's t density instead, and one beyond a 1-sigma counts as if its
+    variance were so much larger."""
     wrong, width = OUTLIER
+    tails, peak = models.tails[m], 0.0
+    if tails < math.inf:
+        peak = (
+            math.lgamma(0.5 * tails + 0.5) - math.lgamma(0.5 * tails) - 0.5 * math.log(0.5 * tails)
+        )
     square, determinant, evidence = 0.0, 1.0, 0.0
     n, c, used, shape = BATCH_STATES, models.sizes[m], models.used[m], models.shape[m]
     map_errors = c > n and used[n] == n
@@ -259,7 +266,10 @@ def _filtered(
             innovation -= H[t, i] * x[i]
         gain = 1.0 / S
         less, fit = gain, innovation * innovation * gain
-        if fit < SUSPECT:
+        if tails < math.inf:
+            evidence += peak - 0.5 * (math.log(S) + (tails + 1.0) * math.log1p(fit / tails))
+            gain = less = gain * min(1.0, (tails + 1.0) / (tails + fit))
+        elif fit < SUSPECT:
             square += fit
             determinant *= S
             if not 1e-200 < determinant < 1e200:

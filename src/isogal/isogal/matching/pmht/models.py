@@ -139,6 +139,8 @@ class Models(NamedTuple):
     """(M,)."""
     growth: Array
     """(M,)."""
+    tails: Array
+    """(M,) degrees of freedom of the innovations' density; infinite = Gaussian."""
     initial: Array
     """(M, N - 7) 1-sigma of map errors (1 or 0) and instrument states before any reading."""
     used: Integers
@@ -194,6 +196,8 @@ class Assumed:
     """1-sigma, per s."""
     delay: float = 0.0
     """1-sigma of a specified delay, s."""
+    tails: float = math.inf
+    """Degrees of freedom of the density of a reading's error."""
     without: frozenset[int] = frozenset({DECEIVED})
     """Families of faults that there cannot be, or that are specified instead."""
 
@@ -220,6 +224,16 @@ class Options(BaseModel):
             "share of its change by which the map may depart from linear over a hypothesis before"
             " that is split; less where a navigator is far less certain than the map's hills are"
             " wide, at the price of time"
+        ),
+    )
+    tails: float | None = Field(
+        None,
+        gt=2.0,
+        le=100.0,
+        description=(
+            "degrees of freedom of Student's t density, which the difference of a reading and the"
+            " map has: of errors that are now and then many times as large as usual, over several"
+            " readings; null = Gaussian, with a few outliers"
         ),
     )
     bias_drift_sigma: float | None = Field(
@@ -266,6 +280,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
         bias=matcher.bias_sigma,
         drift=matcher.bias_sigma / DRIFT_TIME if drift is None else drift,
         delay=batch.delay_sigma,
+        tails=options.tails or math.inf,
         without=frozenset(family for family, gone in known if gone),
     )
 
@@ -372,6 +387,7 @@ def table_of(
         lag,
         start,
         growth,
+        np.full(count, assumed.tails),
         initial,
         np.argsort(~has, axis=1, kind="stable"),
         has.sum(axis=1),
