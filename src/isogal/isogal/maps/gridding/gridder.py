@@ -151,7 +151,10 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress | Non
     found = _candidates(readings, settings, by, gap, progress)
     # of the mean error, not of its RMS, which a few readings decide
     off = {method: float(np.mean(np.abs(out.error))) for method, (_, out) in found.items()}
-    method = min(off, key=lambda one: off[one])
+    # what has more to learn is taken where it is better by more than chance (the rule of one
+    # standard error; Breiman et al. 1984, section 3.4.3)
+    sure = LOCAL in found and found[LOCAL][1].surely_nearer(found["kriging"][1])
+    method = min((one for one in off if sure or one != LOCAL), key=lambda one: off[one])
     kriging, out = found[method]
     share = (out.variance - out.noise) / kriging.covariance.variance_at(places[out.rows])
     errors = Errors(

@@ -55,21 +55,30 @@ class LeftOut:
         field = (self.variance - self.noise) * factor
         return replace(self, variance=field + self.noise)
 
+    def mean(self, each: Array) -> tuple[float, float]:
+        """Return the mean of numbers (M,), one of each reading, and its 1-sigma: what readings of
+        a line say holds together, and its sum counts as one."""
+        mean = float(each.mean())
+        sums = np.bincount(np.unique(self.part[self.rows], return_inverse=True)[1], each - mean)
+        return mean, float(np.sqrt(np.sum(sums**2)) / each.size)
+
+    def surely_nearer(self, other: "LeftOut") -> bool:
+        """Whether the mean distance from the predictions is smaller than another method's of the
+        same readings by more than its 1-sigma."""
+        change, sigma = self.mean(np.abs(self.error) - np.abs(other.error))
+        return change < -sigma
+
     def figures(self) -> dict[str, object]:
         """Return RMS and NIS with the 1-sigma of the latter, of all and by distance to the next
         reading (quarters)."""
         edges = np.quantile(self.distance, [0.25, 0.5, 0.75])
         quarter = np.searchsorted(edges, self.distance)
-        nis = float(self.ratio.mean())
-        # errors of a line hold together: its sum counts as one
-        sums = np.bincount(
-            np.unique(self.part[self.rows], return_inverse=True)[1], self.ratio - nis
-        )
+        nis, nis_sigma = self.mean(self.ratio)
         return {
             "readings": int(self.error.size),
             "rms": float(np.sqrt(np.mean(self.error**2))),
             "nis": nis,
-            "nis_sigma": float(np.sqrt(np.sum(sums**2)) / self.error.size),
+            "nis_sigma": nis_sigma,
             "by_distance": [
                 {
                     "distance_m": float(np.median(self.distance[quarter == k])),
