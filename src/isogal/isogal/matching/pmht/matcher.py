@@ -35,10 +35,14 @@ from isogal.matching.pmht.memory import Memory, decided, undeceived
 from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
 from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
-from isogal.matching.pmht.search import WIDE_M, Diverged, FieldMemory, pursued
+from isogal.matching.pmht.search import WIDE_M, Diverged, FieldMemory, pursued, resolved
 from isogal.matching.pmht.states import States
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
+
+REFUSED = 3
+"""Fixes in a row that a navigator has not taken, after which it is taken to have been misled by
+earlier ones: the hypotheses know all that it knew at the start."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +116,16 @@ class Pmht:
         if bank is None:
             return declined(batch, "the place is searched for"), memory
         reset, widened = False, None
-        if found and lead.bank is not None:
+        anew = found and lead.bank is not None
+        misled = memory.refused >= REFUSED and resolved(bank)
+        if anew or misled:
             mean, covariance = bank.moments()
             # outside of where it is all but sure to be (chi-square of 2 degrees of freedom)
             away = float(mean[:2] @ np.linalg.solve(prior[:2, :2], mean[:2]))
-            reset = away > -2.0 * math.log(RARE)
+            reset = anew and away > -2.0 * math.log(RARE)
             widened = covariance + np.outer(mean, mean)  # else the fix were beyond its gate
             prior = prior + widened + (LOST_COVARIANCE if reset else 0.0)
-        if found:
+        if found or misled:
             information = added(bank, prior, total(()))
         each_scan = self.settings[self.lead].mode == "retrodiction"
         fix, memory = published(each, memory, prior, information, self.names, each_scan)

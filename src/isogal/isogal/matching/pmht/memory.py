@@ -36,6 +36,8 @@ class Memory:
     """(7,) error that the last fix takes off its estimate."""
     slow: Array | None = None
     """Estimates of the slow errors of its sensors before that fix."""
+    refused: int = 0
+    """How many fixes in a row it has not taken."""
 
     @property
     def covariance(self) -> Array:
@@ -56,7 +58,7 @@ class Memory:
         learnt from other aids makes every hypothesis as much narrower, where no passage says what
         they tell of each."""
         prior, aided, before, memory = batch.covariance, batch.aided, self.covariance, self
-        otherwise, first = False, max(len(batch) - batch.new - 1, 0)
+        refused, otherwise, first = False, False, max(len(batch) - batch.new - 1, 0)
         back = batch.backward[first].copy()
         # the last batch ended before that where all scans are new, or one was not matched
         back[:2] -= (batch.time[first] - self.diverged.last.time) * back[2:4]
@@ -99,7 +101,8 @@ class Memory:
         diverged = memory.diverged.with_last(last).later(passed)
         fields = memory._each(followed).fields
         slow_now = slow if passage is None else passage.slow[1]
-        return Memory(fields, diverged, prior, slow=slow_now)
+        count = self.refused + 1 if refused else 0
+        return Memory(fields, diverged, prior, slow=slow_now, refused=count)
 
     def after(self, taken: Array, covariance: Array) -> "Memory":
         """Return that of a navigator from whose estimate a fix takes an error (7,), and which has
