@@ -13,7 +13,7 @@ from isogal import checkpoints
 from isogal.checkpoints import Saved
 from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht import matcher as matcher_of
-from isogal.matching.pmht.matcher import Pmht
+from isogal.matching.pmht.matcher import REFUSED, Pmht
 from isogal.matching.pmht.search import WIDE_M, unaided
 from isogal.scenario import Matcher
 
@@ -62,7 +62,7 @@ def test_the_memory_stays_small():
 @pytest.mark.parametrize("taken", [True, False])
 def test_a_fix_that_the_navigator_did_not_take_is_known_not_to_be(taken):
     """The memory is about the navigator as it is, and its covariance is that of the navigator."""
-    *_, (batch, fix, memory, error) = flight(4, pmht(**LETTER), taken=taken)
+    *_, (batch, fix, memory, error) = flight(REFUSED, pmht(**LETTER), taken=taken)
     bank = memory.fields[0].bank.moved(-memory.taken)
     mean, covariance = bank.moments()
     off = (error - mean[:4]) / np.sqrt(np.diag(covariance))[:4]
@@ -71,6 +71,19 @@ def test_a_fix_that_the_navigator_did_not_take_is_known_not_to_be(taken):
     np.testing.assert_allclose(
         memory.covariance[:4, :4], posterior_of(fix, batch.prior)[1], rtol=0.02, atol=1e-6
     )
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_navigator_that_takes_no_fix_is_widened(taken):
+    """It has been misled by earlier ones, or its gate is wrong: the bank knows all that it knew."""
+    legs = flight(REFUSED + 2, pmht(**LETTER), taken=taken)
+    widened = [fix.widened is not None for _, fix, *_ in legs]
+    assert widened == [False] * REFUSED + [not taken] * 2
+    assert not any(fix.reset for _, fix, *_ in legs)
+    batch, fix, memory, error = legs[-1]
+    more = 0.0 if taken else fix.widened[:4, :4]
+    mean, covariance = posterior_of(fix, batch.prior + more)
+    assert (np.abs(np.array(error) - mean[:4]) < 4.0 * np.sqrt(np.diag(covariance)[:4])).all()
 
 
 def test_a_fix_taken_twice_is_seen():
