@@ -228,6 +228,7 @@ def posterior_cramer_rao(
     trajectory: Trajectory,
     field_map: RunMap,
     *,
+    map_share: Array | None = None,
     smoothed: bool = False,
 ) -> BoundResult:
     """Return the bound of a navigator that uses every reading at once, with the noise and map
@@ -247,6 +248,9 @@ def posterior_cramer_rao(
     field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
         The map; its gradient is taken at the true positions. Of several fields the bound is the
         joint one.
+    map_share : (S,) array, optional
+        1-sigma of the map's error at each scan in units of `map_error.sigma`, where there is one
+        field; default: 1.
     smoothed : bool
         Return besides that of one that knows all readings of the voyage.
     """
@@ -255,7 +259,7 @@ def posterior_cramer_rao(
     if chance:
         whole = settings.model_copy(update={"missing_fraction": 0.0})
         scenario = world.model_copy(update={"gravimeter": whole})
-    model = bound_model(scenario, trajectory, field_map)
+    model = bound_model(scenario, trajectory, field_map, map_share)
     if not chance:
         return _result(world, trajectory, [model], smoothed)
     scans = scan_index(world, trajectory)
@@ -287,25 +291,30 @@ def _result(
     return BoundResult(time, covariance, later)
 
 
-def bound_model(scenario: Scenario, trajectory: Trajectory, field_map: RunMap) -> BoundModel:
+def bound_model(
+    scenario: Scenario,
+    trajectory: Trajectory,
+    field_map: RunMap,
+    map_share: Array | None = None,
+) -> BoundModel:
     """Return the linear model whose recursion `posterior_cramer_rao` is, whose parameters these
     are. Measurements of aids come first, then those of each field."""
     worlds = [one.informed for one in scenario.each_field]
     fields = [
-        _FieldReadings.of(*_with_own_error(one, trajectory, its_map))
+        _FieldReadings.of(*_with_own_error(one, trajectory, its_map, map_share))
         for one, its_map in zip(worlds, each_map(field_map), strict=True)
     ]
     return linear_model(scenario, trajectory, fields)
 
 
 def _with_own_error(
-    world: Scenario, trajectory: Trajectory, field_map: RouteMap
+    world: Scenario, trajectory: Trajectory, field_map: RouteMap, share: Array | None
 ) -> tuple[Scenario, Trajectory, RouteMap, Array]:
     """Return the arguments of `_FieldReadings.of`; where readings are recorded, with the error
     that the map says of itself, if it does, instead of a simulated one."""
     maps, scans = channels_of(field_map), scan_index(world, trajectory)
     if not (world.readings.recorded and maps[0].states_error):
-        return world, trajectory, field_map, np.ones(len(scans))
+        return world, trajectory, field_map, np.ones(len(scans)) if share is None else share
     sigma = maps[0].sigma_at(trajectory.latitude[scans], trajectory.longitude[scans])
     usual = float(np.sqrt(np.nanmean(sigma**2)))
     error = MapError(
