@@ -190,6 +190,27 @@ def test_readings_without_gradient_or_off_the_map_tell_nothing():
     np.testing.assert_array_equal(bound(elsewhere, **settings).covariance, unaided)
 
 
+def test_worse_sensors_and_maps_give_larger_bounds():
+    good, unaided = rms(), rms(None)
+    assert good < rms(gravimeter={"sigma": 1e-4})
+    assert good < rms(gravimeter={"outlier_fraction": 0.05})
+    assert good < rms(map_error={"sigma": 3e-5}) < rms(map_error={"sigma": 8e-5})
+    assert good < rms(initial_error={"position": 500.0})
+    clock, late = (rms(gravimeter={"delay_sigma": sigma}) for sigma in (2.0, 20.0))
+    assert 1.02 * good < clock < late < unaided
+
+
+def test_a_map_that_is_more_wrong_in_some_places():
+    def end(sigma, share):
+        how = {} if share is None else {"map_share": np.broadcast_to(share, 180)}
+        error = {"sigma": sigma}
+        return bound(how=how, gravity={"field": "normal"}, map_error=error).rms[-1]
+
+    assert end(1e-5, 3.0) == pytest.approx(end(3e-5, None))
+    good_at_the_end = np.where(np.arange(180) < 90, 3.0, 1.0)
+    assert end(1e-5, None) < end(1e-5, good_at_the_end) < end(3e-5, None)
+
+
 def test_the_rate_of_the_imu_hardly_matters():
     results = [bound(route={"duration": 900.0}, imu={"rate": rate}) for rate in (1.0, 5.0, 10.0)]
     for other in results[1:]:

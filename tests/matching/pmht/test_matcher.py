@@ -75,12 +75,12 @@ def test_a_fix_that_the_navigator_did_not_take_is_known_not_to_be(taken):
 
 @pytest.mark.parametrize("taken", [True, False])
 def test_a_navigator_that_takes_no_fix_is_widened(taken):
-    """It has been misled by earlier ones, or its gate is wrong: the bank knows all that it knew."""
+    """It has been misled by earlier ones: the bank knows all that it knew."""
     legs = flight(REFUSED + 2, pmht(**LETTER), taken=taken)
     widened = [fix.widened is not None for _, fix, *_ in legs]
     assert widened == [False] * REFUSED + [not taken] * 2
     assert not any(fix.reset for _, fix, *_ in legs)
-    batch, fix, memory, error = legs[-1]
+    batch, fix, _, error = legs[-1]
     more = 0.0 if taken else fix.widened[:4, :4]
     mean, covariance = posterior_of(fix, batch.prior + more)
     assert (np.abs(np.array(error) - mean[:4]) < 4.0 * np.sqrt(np.diag(covariance)[:4])).all()
