@@ -61,20 +61,6 @@ def predicted(
 
 
 @kernel(error_model="numpy", inline="always")
-def _value(grid: Grid, rows: Rows, t: int, north: float, east: float) -> float:
-    """Return the value of `predicted` where a model has no filter of its own."""
-    lat = rows.latitude[t] - north * rows.radian[t, 0]
-    lon = rows.longitude[t] - east * rows.radian[t, 1]
-    value = 0.0
-    for q in range(rows.nodes.shape[1]):
-        to_north, to_east, weight = rows.nodes[t, q]
-        value += (
-            weight * value_and_gradient(grid, lat + to_north, lon + to_east, rows.channel[t])[0]
-        )
-    return value
-
-
-@kernel(error_model="numpy", inline="always")
 def _place(rows: Rows, t: int, used: Integers, x: Array, count: int) -> tuple[float, float]:
     """Return how far from the truth (m north and east) a navigator has row t, in a state x (c,) of
     `used` (c,)."""
@@ -155,11 +141,11 @@ def departures(
                     R += load * load * rows.joined[shape, t, u, u]
             north += models.lag[m] * rows.velocity[t, 0]
             east += models.lag[m] * rows.velocity[t, 1]
-            middle = _value(grid, rows, t, north, east)
+            middle = predicted(grid, rows, t, north, east, 0.0)[0]
             for axis in range(2):
                 n, e = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
-                one = _value(grid, rows, t, north - reach * n, east - reach * e)
-                other = _value(grid, rows, t, north + reach * n, east + reach * e)
+                one = predicted(grid, rows, t, north - reach * n, east - reach * e, 0.0)[0]
+                other = predicted(grid, rows, t, north + reach * n, east + reach * e, 0.0)[0]
                 bend[axis] += (0.5 * (one + other) - middle) ** 2 / R
                 change[axis] += (0.5 * (one - other)) ** 2 / R
         departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)

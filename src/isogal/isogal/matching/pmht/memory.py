@@ -75,7 +75,7 @@ class Memory:
             memory = self.moved(off)
         told = prior if aided is None else aided.covariance
         forward, growth, learnt = steps(before, back, told)
-        narrower = not np.array_equal(learnt, np.eye(len(told)))
+        anew = otherwise and aided is None and not np.array_equal(learnt, np.eye(len(told)))
 
         passage, slow = batch.passage, self.slow
         begin = None if passage is None else passage.begin
@@ -85,7 +85,7 @@ class Memory:
         def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
             if passage is not None:
                 return _passed(one, bank, passage, batch.correction, slow)
-            if otherwise and narrower and aided is None:
+            if anew:
                 # several states of the navigator have taken the fix, each by itself: what it
                 # knows now, it knows from the same readings
                 return Hypotheses.before(one.models, prior)
