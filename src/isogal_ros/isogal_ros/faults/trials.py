@@ -29,6 +29,7 @@ from isogal_ros.graph.recorded import load
 from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.nodes.health import without_numbers
 from isogal_ros.nodes.signals import Interrupt
 
 LIMIT = 120.0
@@ -141,11 +142,6 @@ class Feed:
         if checkpoints is not None:
             own["checkpoint"] = str(checkpoints)
         return Player(replace(self.recorded, scenario=self.scenario), own, {})
-
-
-def without_numbers(text: str) -> str:
-    """Return a report or an error without its numbers."""
-    return re.sub(r"[0-9.]+", "", text)
 
 
 class _HangsError(BaseException):

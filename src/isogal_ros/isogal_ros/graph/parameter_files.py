@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import JsonValue
 from rcl_interfaces.msg import ParameterType
 
-from isogal.errors import InputError
+from isogal.errors import InputError, nearest
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
@@ -159,9 +159,7 @@ def given_parameters(
         if not equals:
             raise InputError(f"{option}: must be {form}, not {text!r}")
         if name not in names:
-            near = get_close_matches(name, names, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{option} {name}: no {what}{hint}")
+            raise InputError(f"{option} {name}: no {what}{nearest(name, names)}")
         is_text = names[name].descriptor.type == ParameterType.PARAMETER_STRING
         content = value if is_text else parse_yaml(value, f"{option} {name}")
         found[name] = names[name].cast(content)
