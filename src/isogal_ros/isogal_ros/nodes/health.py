@@ -3,11 +3,14 @@
 import math
 import re
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.publisher import Publisher
 
 from isogal_ros.messages.stamps import set_stamp
+
+if TYPE_CHECKING:
+    from isogal_ros.nodes.publishing import Publishing
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -32,7 +35,7 @@ class Health:
     ----------
     name : str
         Of the status.
-    publisher : Publisher
+    publisher : Publishing
         Of /diagnostics.
     period_ns : int
         Time between publications.
@@ -45,7 +48,7 @@ class Health:
     def __init__(
         self,
         name: str,
-        publisher: Publisher,
+        publisher: "Publishing",
         period_ns: int,
         log: Callable[[bytes, str], None] = _mute,
         clock: Callable[[], float] | None = None,
