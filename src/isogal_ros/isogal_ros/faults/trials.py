@@ -144,16 +144,13 @@ class Feed:
         return Player(replace(self.recorded, scenario=self.scenario), own, {})
 
 
-class _HangsError(BaseException):
-    """A trial hangs: no node takes this for what is wrong with a message."""
-
-
 @contextmanager
 def _limited() -> Iterator[None]:
-    """Raise _HangsError where the block lasts for `LIMIT`; in the main thread."""
+    """Raise SystemExit, which no node takes for what is wrong with a message, where the block
+    lasts for `LIMIT`; in the main thread."""
 
     def end(*_: object) -> None:
-        raise _HangsError(f"nothing came within {LIMIT:g} s")
+        raise SystemExit(f"nothing came within {LIMIT:g} s")
 
     before = signal.signal(signal.SIGALRM, end)
     signal.setitimer(signal.ITIMER_REAL, LIMIT)
@@ -181,7 +178,7 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
             try:
                 with _limited():
                     _play(player, fault, begin, until, rng)
-            except (Exception, _HangsError):
+            except (Exception, SystemExit):
                 errors.append(traceback.format_exc(limit=-3))
     track = track_of(player.collector)
     during = track.error[(track.time >= begin) & (track.time <= begin + fault.lasts + 1.0)]
