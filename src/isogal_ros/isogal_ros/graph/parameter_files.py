@@ -3,7 +3,6 @@ before the first one starts."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 
 from pydantic import JsonValue
@@ -105,15 +104,12 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
 
 def unmatched_sections(document: Document, names: Collection[str], namespace: str) -> list[str]:
     """Say which sections of a file are for none of some nodes in a namespace."""
-    full = {name: full_name(namespace, name) for name in names}
-    meant = full | {name: name for name in full.values()}
-    found = []
-    for pattern in document:
-        if not any(_matches(pattern, name) for name in full.values()):
-            near = get_close_matches(pattern, meant, n=1, cutoff=0.8)
-            hint = f"; did you mean {meant[near[0]]}?" if near else ""
-            found.append(f"section {pattern} is for no node of the graph{hint}")
-    return found
+    full = [full_name(namespace, name) for name in names]
+    return [
+        f"section {pattern} is for no node of the graph{nearest(pattern, full, 0.8)}"
+        for pattern in document
+        if not any(_matches(pattern, name) for name in full)
+    ]
 
 
 def filter_parameters(texts: Sequence[str]) -> dict[str, JsonValue]:

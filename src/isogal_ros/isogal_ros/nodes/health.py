@@ -19,10 +19,6 @@ STARTING = "starting"
 """What a node says before anything else."""
 
 
-def _mute(_level: bytes, _text: str) -> None:
-    """Log nothing."""
-
-
 class Health:
     """State, figures and counts of dropped messages of one node, published once a period and on
     change.
@@ -50,7 +46,7 @@ class Health:
         name: str,
         publisher: "Publishing",
         period_ns: int,
-        log: Callable[[bytes, str], None] = _mute,
+        log: Callable[[bytes, str], None],
         clock: Callable[[], float] | None = None,
     ) -> None:
         self.name = name
