@@ -16,9 +16,9 @@ from isogal_ros.messages.aids import (
     fill_heading,
     fill_position,
     fill_pressure,
-    fill_velocity,
+    fill_twist,
 )
-from isogal_ros.messages.frames import ANTENNA, BASE, framed
+from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, framed
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message
@@ -60,7 +60,7 @@ def _fill(message: Message, ns: int, value: Array, aid: Aid, really: Aid) -> Non
         case HeadingAid() as bow, _:
             fill_heading(message, ns, float(value), bow)
         case _:
-            fill_velocity(message, ns, value)
+            fill_twist(message, ns, value * FRD_FLU)
 
 
 class Aids:

@@ -127,11 +127,6 @@ def fill_twist(
         message.twist.covariance[7 * axis] = value
 
 
-def fill_velocity(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
-    """Write a velocity (3,) FRD, m/s, of unknown covariance, see `fill_twist`."""
-    fill_twist(message, ns, velocity * FRD_FLU)
-
-
 def read_velocity(message: TwistWithCovarianceStamped, frame: str = BASE) -> tuple[Array, Array]:
     """Return velocity (3,) FRD, m/s, NaN in axes of variance -1, and covariance (3, 3), zero where
     it is unknown.
