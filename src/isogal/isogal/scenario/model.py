@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from isogal import plugins
 from isogal.scenario.aids import (
+    AnyAid,
     Gnss,
     HeadingAid,
     Height,
@@ -180,10 +181,16 @@ class Settings(Section):
         return (*((self.gnss.positions,) if self.gnss.used else ()), *(self.positions or ()))
 
     @property
+    def aids(self) -> tuple[AnyAid, ...]:
+        """All sensors beside the IMU; that of the section `height`, if it has one, comes first."""
+        satellites = (self.gnss.positions, self.gnss) if self.gnss.used else ()
+        others = *(self.positions or ()), *(self.headings or ())
+        return (*self.height_aids, *self.velocity_aids, *satellites, *others)
+
+    @property
     def longest_delay(self) -> float:
         """By how much the aids' measurements may come late, s."""
-        late = [one.delay for one in self.position_aids]
-        return max((*late, *(one.delay for one in self.headings or ())), default=0.0)
+        return max((one.delay for one in self.aids), default=0.0)
 
     @property
     def field_names(self) -> tuple[str, ...]:
