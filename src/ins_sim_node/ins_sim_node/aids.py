@@ -49,8 +49,10 @@ class Aids:
     """
 
     def __init__(self, node: GraphNode, vehicle: SimulatedVehicle) -> None:
-        self._aids = []
-        each = zip(node.scenario.aids, node.scenario.true.aids, vehicle.aids, strict=True)
+        self._aids, scenario, truth = [], node.scenario, node.scenario.true
+        each = [*zip(scenario.aids, truth.aids, vehicle.aids, strict=True)]
+        if scenario.height.measured and vehicle.heights is not None:
+            each.insert(0, (scenario.height, truth.height, vehicle.heights))
         for aid, really, read in each:
             if (known := aid_of(aid)) is None:
                 continue

@@ -467,8 +467,7 @@ def linear_model(
     model = filter_model(world, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)
-    aids = world.aids[1 if world.height.measured else 0 :]  # that height is in the filter's states
-    found = (_of_aid(aid, world, model, segments, size) for aid in aids)
+    found = (_of_aid(aid, world, model, segments, size) for aid in world.aids)
     measurements = [one for one in found if one is not None]
     lags: list[tuple[int, int]] = []
     jumps: list[tuple[int, int, MapSteps]] = []

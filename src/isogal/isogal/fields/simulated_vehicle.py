@@ -13,6 +13,7 @@ from isogal.inertial.gravity import Compensation
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario, Truth
+from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import simulate_solution
@@ -41,6 +42,8 @@ class SimulatedVehicle:
     solution in place of samples; None = it gives samples."""
     aids: tuple[AidReadings, ...]
     """Of one run, in the order of `Settings.aids`."""
+    heights: AidReadings | None
+    """Of the section `height`; None = it has no sensor."""
     turn_rate: Array
     """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
     before."""
@@ -72,7 +75,8 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     samples = simulate_samples(
         truth, trajectory, run, None if gravity is None else gravity[0]
     ).reshape(len(trajectory), -1, 6)
-    aids = simulate_aids(truth, trajectory, [run])
+    height = truth.height
+    sensed = simulate_heights(truth, height, trajectory, [run]) if height.measured else None
     return SimulatedVehicle(
         trajectory,
         states,
@@ -80,7 +84,8 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         samples,
         unaided,
         solution,
-        aids,
+        simulate_aids(truth, trajectory, [run]),
+        sensed,
         _turn_rate(trajectory),
     )
 

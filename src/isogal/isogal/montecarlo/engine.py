@@ -30,6 +30,7 @@ from isogal.matching.update_schedule import UpdateSchedule
 from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario
+from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import felt, simulate_solution
@@ -149,15 +150,15 @@ class Simulation:
             for one, its_map in zip(self._fields, self._maps, strict=True)
         ]
         self._reading_times, self._readings = zip(*found, strict=True)
-        each = zip(scenario.aids, truth.aids, simulate_aids(truth, trajectory, runs), strict=True)
+        self._aids = tuple(
+            zip(scenario.aids, truth.aids, simulate_aids(truth, trajectory, runs), strict=True)
+        )
+        """Each aid as assumed and as it is, and its readings."""
         self._heights = np.broadcast_to(trajectory.height[1:], (len(runs), len(trajectory)))
-        if scenario.height.measured:
-            *_, read = next(each)
+        if truth.height.measured:
+            ends, values = simulate_heights(truth, truth.height, trajectory, runs)
             self._heights = np.full(self._heights.shape, np.nan)
-            self._heights[:, read.ends - 1] = read.values
-        self._aids = tuple(each)
-        """Each aid as assumed and as it is, and its readings, but for those of the height that
-        come with the inertial data."""
+            self._heights[:, ends - 1] = values
 
     def _batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""

@@ -164,28 +164,18 @@ class Settings(Section):
         return self
 
     @property
-    def height_aids(self) -> tuple[Height, ...]:
-        """All sensors of the height."""
-        own = (self.height,) if self.height.measured else ()
-        return (*own, *(self.heights or ()))
-
-    @property
     def velocity_aids(self) -> tuple[Velocity, ...]:
         """All sensors of the velocity."""
         own = (self.velocity,) if self.velocity.kind != "none" else ()
         return (*own, *(self.velocities or ()))
 
     @property
-    def position_aids(self) -> tuple[PositionAid, ...]:
-        """All that say where the vehicle is, satellites first."""
-        return (*((self.gnss.positions,) if self.gnss.used else ()), *(self.positions or ()))
-
-    @property
     def aids(self) -> tuple[AnyAid, ...]:
-        """All sensors beside the IMU; that of the section `height`, if it has one, comes first."""
+        """All sensors beside the IMU but that of the section `height`, which is a part of the
+        inertial data."""
         satellites = (self.gnss.positions, self.gnss) if self.gnss.used else ()
-        others = *(self.positions or ()), *(self.headings or ())
-        return (*self.height_aids, *self.velocity_aids, *satellites, *others)
+        places = *satellites, *(self.positions or ())
+        return (*(self.heights or ()), *self.velocity_aids, *places, *(self.headings or ()))
 
     @property
     def longest_delay(self) -> float:

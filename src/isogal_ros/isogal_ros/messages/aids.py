@@ -62,7 +62,8 @@ class Aid(NamedTuple):
 
 def each_aid(scenario: Settings) -> Iterator[Aid]:
     """Yield the sensors beside the IMU that the filter of a scenario takes."""
-    return (aid for one in scenario.aids if (aid := aid_of(one)) is not None)
+    every = (*((scenario.height,) if scenario.height.measured else ()), *scenario.aids)
+    return (aid for one in every if (aid := aid_of(one)) is not None)
 
 
 def aid_of(settings: AnyAid) -> Aid | None:
