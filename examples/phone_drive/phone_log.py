@@ -104,9 +104,9 @@ def velocity_at(drive: Drive, k: int) -> tuple[Array, Array]:
     return np.array([speed * cos, speed * sin, math.nan]), covariance
 
 
-def read_drive(path: Path, known: float = 300.0) -> Drive:
-    """Read a drive; of the satellites' speed only what is before `known` (s) tells which way is
-    forward."""
+def read_log(path: Path) -> dict[str, Array]:
+    """Return the columns of a log, (N,) each; NaN = none. `time` is in s since the first row,
+    `start` (1,) the time of that since 1970."""
     with netCDF4.Dataset(path) as file:
         columns = {
             name: np.ma.filled(variable[:].astype(float), np.nan)
@@ -114,10 +114,20 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
         }
         clock = file["time"]
         begin = netCDF4.num2date(clock[0], clock.units, clock.calendar)
-    time = columns["time"] - columns["time"][0]
+    columns["time"] = columns["time"] - columns["time"][0]
+    columns["start"] = np.array([begin.timestamp() if hasattr(begin, "timestamp") else 0.0])
+    return columns
+
+
+def drive_of(log: dict[str, Array], known: float = 300.0) -> Drive:
+    """Return the drive of a log's columns; rows without inertial readings are left out. Of the
+    satellites' speed only what is before `known` (s) tells which way is forward."""
+    sensed = [f"{name}_{axis}" for name in ("acc", "gyro", "grav") for axis in "xyz"]
+    there = np.isfinite([log[name] for name in sensed]).all(axis=0)
+    columns = {name: column[there] for name, column in log.items() if name != "start"}
+    time = columns["time"]
     force, rate, up = (
-        _filled(np.stack([columns[f"{name}_{axis}"] for axis in "xyz"], axis=1))
-        for name in ("acc", "gyro", "grav")
+        np.stack([columns[name] for name in sensed], axis=1).reshape(-1, 3, 3).swapaxes(0, 1)
     )
     speed = np.where(columns["speed"] < 0.0, np.nan, columns["speed"])
     level, turn = _levelled(force, rate, up)
@@ -126,10 +136,9 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
     down = _means(-np.einsum("ni,ni->n", force, _unit(up)))
     specific = np.column_stack([turned, down])
     rates = np.column_stack([np.zeros((len(turn), 2)), turn])
-    start = begin.timestamp() if hasattr(begin, "timestamp") else 0.0
     return Drive(
         time,
-        start,
+        float(log["start"][0]),
         specific,
         _means(rates),
         _means(np.square(SAMPLED * np.pad(np.diff(turn, 2), 1))),
@@ -145,15 +154,13 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
     )
 
 
+def read_drive(path: Path, known: float = 300.0) -> Drive:
+    """Return the drive of a log (`read_log`, `drive_of`)."""
+    return drive_of(read_log(path), known)
+
+
 def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _filled(vectors: Array) -> Array:
-    """Return readings (N, 3) in which a missing one is the one before, or the first."""
-    known = np.isfinite(vectors).all(axis=1)
-    which = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
-    return vectors[np.where(which < 0, int(np.argmax(known)), which)]
 
 
 def _means(samples: Array) -> Array:
