@@ -12,14 +12,18 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from isogal.sensors.scans import Thinning
 
 Array = np.ndarray
 GRAVITY = 9.80665
-STANDS, HANDLED = 0.5, 3e-3
-"""m/s, and rad/s: a car that is slower than that does not turn, and what turns faster is the
-telephone in somebody's hand."""
+STANDS, HANDLED, FOR = 0.5, 0.1, 4
+"""m/s, rad/s about level axes, s: where the wheels stand, what tilts faster, and faster than it
+turns, is the telephone in somebody's hand, then and so much later. Of a car on its springs 90 % of
+the seconds have less than 0.06."""
+REST = 3e-3
+"""rad/s: what reads less where the wheels stand and no hand is at it is the gyroscope's bias."""
 LATEST = 0.1
 """Share of the newest sample in what the gyroscope reads at rest."""
 SAMPLED = 0.6 / math.sqrt(12.0)
@@ -130,8 +134,8 @@ def drive_of(log: dict[str, Array], known: float = 300.0) -> Drive:
         np.stack([columns[name] for name in sensed], axis=1).reshape(-1, 3, 3).swapaxes(0, 1)
     )
     speed = np.where(columns["speed"] < 0.0, np.nan, columns["speed"])
-    level, turn = _levelled(force, rate, up)
-    turn = _unhandled(turn, speed < STANDS)
+    level, turn, tilting = _levelled(force, rate, up)
+    turn = _unhandled(turn, tilting, speed < STANDS)
     turned = _forward(_means(level), _means(turn), speed, time < known)
     down = _means(-np.einsum("ni,ni->n", force, _unit(up)))
     specific = np.column_stack([turned, down])
@@ -169,26 +173,30 @@ def _means(samples: Array) -> Array:
     return 0.5 * (before + samples)
 
 
-def _levelled(force: Array, rate: Array, up: Array) -> tuple[Array, Array]:
+def _levelled(force: Array, rate: Array, up: Array) -> tuple[Array, Array, Array]:
     """Return (N, 2) the level part of the specific force, in axes that turn with the telephone
-    about the vertical, and (N,) the turn rate about down."""
+    about the vertical, (N,) the turn rate about down and (N,) that about level axes."""
     vertical = _unit(up)
     # the telephone's axis that is most nearly level at the start stays one of reference
     axis = np.eye(3)[int(np.argmin(np.abs(vertical[:60].mean(axis=0))))]
     x = _unit(axis - (vertical @ axis)[:, None] * vertical)
     y = np.cross(-vertical, x)  # x, y, down
     level = np.column_stack([np.einsum("ni,ni->n", force, e) for e in (x, y)])
-    return level, -np.einsum("ni,ni->n", rate, vertical)
+    turn = -np.einsum("ni,ni->n", rate, vertical)
+    return level, turn, np.linalg.norm(rate + turn[:, None] * vertical, axis=1)
 
 
-def _unhandled(turn: Array, stands: Array) -> Array:
-    """Return turn rates (N,) in which those of a telephone in somebody's hand, while the car
-    stands, are what the gyroscope has read at rest before: its bias."""
+def _unhandled(turn: Array, tilting: Array, stands: Array) -> Array:
+    """Return turn rates (N,) in which those of a telephone in somebody's hand, while the wheels
+    stand, are what the gyroscope has read at rest before: its bias. A hand also tilts (N,) it,
+    which a car that is carried, and turns, does not."""
+    shaken = tilting > np.maximum(HANDLED, np.abs(turn))
+    held = maximum_filter1d(shaken, FOR, origin=(FOR - 1) // 2)
     found, bias = turn.copy(), 0.0
     for k in np.flatnonzero(stands):
-        if abs(turn[k]) > HANDLED:
+        if held[k]:
             found[k] = bias
-        else:
+        elif abs(turn[k]) < REST:
             bias += LATEST * (turn[k] - bias)
     return found
 
