@@ -18,10 +18,10 @@ from isogal.sensors.scans import Thinning
 
 Array = np.ndarray
 GRAVITY = 9.80665
-STANDS, HANDLED, FOR = 0.5, 0.1, 4
+STANDS, HANDLED, NEAR = 0.5, 0.1, 15
 """m/s, rad/s about level axes, s: where the wheels stand, what tilts faster, and faster than it
-turns, is the telephone in somebody's hand, then and so much later. Of a car on its springs 90 % of
-the seconds have less than 0.06."""
+turns, is the telephone in somebody's hand, then and so long before and after. Of a car on its
+springs 90 % of the seconds have less than 0.06."""
 REST = 3e-3
 """rad/s: what reads less where the wheels stand and no hand is at it is the gyroscope's bias."""
 LATEST = 0.1
@@ -191,7 +191,7 @@ def _unhandled(turn: Array, tilting: Array, stands: Array) -> Array:
     stand, are what the gyroscope has read at rest before: its bias. A hand also tilts (N,) it,
     which a car that is carried, and turns, does not."""
     shaken = tilting > np.maximum(HANDLED, np.abs(turn))
-    held = maximum_filter1d(shaken, FOR, origin=(FOR - 1) // 2)
+    held = maximum_filter1d(shaken, 2 * NEAR + 1)
     found, bias = turn.copy(), 0.0
     for k in np.flatnonzero(stands):
         if held[k]:
