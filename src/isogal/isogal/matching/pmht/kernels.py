@@ -352,7 +352,9 @@ def _filtered(
         less, fit = gain, innovation * innovation * gain
         if tails < math.inf:
             evidence += peak - 0.5 * (math.log(S) + (tails + 1.0) * math.log1p(fit / tails))
-            gain = less = gain * min(1.0, (tails + 1.0) / (tails + fit))
+            weight = (tails + 1.0) / (tails + fit)
+            less = gain * min(1.0, weight * (tails - fit) / (tails + fit))
+            gain *= min(1.0, weight)
         elif fit < SUSPECT:
             square += fit
             determinant *= S
