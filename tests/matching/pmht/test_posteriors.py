@@ -63,7 +63,8 @@ def test_a_map_that_is_more_wrong_than_usual_is_no_outlier():
     """One reading of thirty that is off by three of its own 1-sigmas, sixty times the noise."""
     batch, _ = make_batch(PLANE, np.zeros(4), seed=None)
     reading = np.where(np.arange(30) == 29, batch.reading + 6.4e-4, np.nan)
-    fix, _ = pmht(**WRONG | {"map_sigma": 2e-4}).match(replace(batch, reading=reading), PLANE, None)
+    matcher = pmht(**WRONG | {"map_sigma": 2e-4})
+    fix, _ = matcher.match(replace(batch, reading=reading), PLANE, None)
     _, north, east = PLANE.value_and_gradient(batch.latitude[29], batch.longitude[29])
     H = -np.array([north, east]) @ batch.transition[29]
     S = H @ batch.prior @ H + 2e-4**2 + 1e-5**2
