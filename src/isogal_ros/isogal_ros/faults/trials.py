@@ -36,8 +36,6 @@ LIMIT = 120.0
 """s of wall time after which a trial hangs."""
 UNEXPECTED = re.compile(r": \w*(Error|Exception|Warning): ")
 """In what a node logs of an exception (`GraphNode.guard`)."""
-MOST_ERRORS = 20
-"""Kept of a trial."""
 RECOVERY, LOOKED_AT = 2.0 / 9.0, 1.0 / 6.0
 """Shares of a run's duration: after a fault it has so long to recover, and is looked at for so
 long then."""
@@ -193,7 +191,7 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
     return Outcome(
         fault.name,
         feed.run,
-        list(dict.fromkeys(errors))[:MOST_ERRORS],
+        list(dict.fromkeys(errors)),
         track.not_finite,
         None if first is None else max(first - begin, 0.0),
         text,
