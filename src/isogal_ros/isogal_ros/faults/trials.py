@@ -32,8 +32,9 @@ from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.health import without_numbers
 from isogal_ros.nodes.signals import Interrupt
 
-LIMIT = 120.0
-"""s of wall time after which a trial hangs."""
+LIMIT = 600.0
+"""s of wall time after which a trial hangs: it takes a few, of a machine with twenty times as much
+to do than it can a hundred or two."""
 UNEXPECTED = re.compile(r": \w*(Error|Exception|Warning): ")
 """In what a node logs of an exception (`GraphNode.guard`)."""
 RECOVERY, LOOKED_AT = 2.0 / 9.0, 1.0 / 6.0
