@@ -22,7 +22,7 @@ from isogal.fusion.measurements import (
     Measurement,
     SampleNoise,
     VelocityReading,
-    satellite_fix,
+    position_fix,
     satellite_velocity,
 )
 from isogal.inertial.error_state import Estimate
@@ -56,7 +56,7 @@ def aids_at(drive: Drive, k: int, scenario: Scenario, known: float) -> list[Meas
         found.append(VelocityReading.of(scenario.velocity, forward, None, drive.rate[k]))
     if drive.time[k] < known and np.isfinite(drive.latitude[k]):
         place, covariance = position_at(drive, k)
-        found.append(satellite_fix(scenario.gnss, place, True, covariance))
+        found.append(position_fix(scenario.gnss.positions, place, True, covariance))
         if np.isfinite(drive.course[k] + drive.speed[k]):
             velocity, spread = velocity_at(drive, k)
             found.append(satellite_velocity(scenario.gnss, velocity, drive.rate[k], spread))

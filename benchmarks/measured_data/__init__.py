@@ -1,11 +1,8 @@
 """Maps and readings that were measured, not simulated, and how well the readings are matched.
 
 lines          readings along lines, and the maps that they are matched against
-matches        matches of lines: error, 1-sigma, NEES; normalised innovations
-clear_lake     the study at Clear Lake: gravity stations
-scotland       the study over Scotland: aeromagnetic lines
-untold         lines with nothing told, and on maps made of the surveys
-kept           lines kept from maps of every set
+matches        figures of matches: error, 1-sigma, NEES
+untold         lines on the maps that come with them, nothing told
+kept           lines kept from maps of every set by `isogal map grid`
 reference      the reference of rigid tracks
-tables         the tables of docs/evidence/real-data.md
 """

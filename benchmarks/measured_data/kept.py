@@ -1,7 +1,8 @@
 """Lines that were kept from the map: of every measured set, matched with nothing told on a map by
-`isogal map grid`, beside the reference."""
+`isogal map grid`."""
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,28 +52,45 @@ class KeptSet(NamedTuple):
     """m, 1-sigma of the prior, from which errors are drawn."""
 
 
-def study_kept(data: Path) -> dict[str, Summary]:
-    """Return summaries of all sets, by the matcher and by the reference."""
-    found: dict[str, Summary] = {}
+def study_kept(
+    data: Path, only: Sequence[str] | None = None, *, reference: bool = False
+) -> Iterator[tuple[str, Summary]]:
+    """Yield summaries of all sets (or of those whose names begin with one of some texts), and of
+    all together, by the matcher and, if asked for, by the reference."""
     pooled: dict[str, list[Row]] = {}
-    for one in sets(data):
-        for kind, rows in matched(one).items():
-            found[f"{one.name}{kind}"] = summary_of(rows)
+    for one in sets(data, tuple(only or ("",))):
+        for kind, rows in matched(one, reference).items():
+            yield f"{one.name}{kind}", summary_of(rows) | {"nis": nis_of(one)}
             named = ({**row, "line": f"{one.name}, {row['line']}"} for row in rows)
             pooled.setdefault(kind, []).extend(named)
-    return found | {f"all{kind}": summary_of(rows) for kind, rows in pooled.items()}
+    for kind, rows in pooled.items():
+        yield f"all{kind}", summary_of(rows)
 
 
-def matched(one: KeptSet) -> dict[str, list[Row]]:
-    """Return the rows of a set by the matcher and by the reference."""
+def nis_of(one: KeptSet) -> float:
+    """Return the mean squared residual of a set's readings at their true places, each over the
+    variances of map and reading."""
+    ratios = []
+    for line in one.lines:
+        track = line.track(one.sigma)
+        residual = track.value - track.offset
+        residual = residual - one.field_map.value(line.latitude, line.longitude)
+        sigma = one.field_map.sigma_at(line.latitude, line.longitude)
+        ratios.append(residual**2 / (sigma**2 + one.sigma**2))
+    return float(np.nanmean(np.concatenate(ratios)))
+
+
+def matched(one: KeptSet, reference: bool) -> dict[str, list[Row]]:
+    """Return the rows of a set by the matcher and, if asked for, by the reference."""
     rng = generator(SEED, 0, one.name)
-    rows: dict[str, list[Row]] = {"": [], ", reference": []}
+    rows: dict[str, list[Row]] = {"": []} | ({", reference": []} if reference else {})
     for line in one.lines:
         north, east = one.away * rng.standard_normal(2)
         shift = float(north), float(east)
         rows[""].append(_matched(line, one, shift))
-        reference = reference_row(line, one.field_map, one.sigma, shift, one.away)
-        rows[", reference"].append(reference)
+        if reference:
+            beside = reference_row(line, one.field_map, one.sigma, shift, one.away)
+            rows[", reference"].append(beside)
     return rows
 
 
@@ -85,25 +103,32 @@ def _matched(line: Line, one: KeptSet, shift: tuple[float, float]) -> Row:
     return row_of(line, match_track(track, one.field_map, settings, Uncertainty(one.away))[0])
 
 
-def sets(data: Path) -> Iterator[KeptSet]:
-    """Yield every measured set."""
-    survey = read_survey(data / "clear_lake_gravity_survey.nc", "bouguer_disturbance")
-    lake = grid_survey(survey, GridSettings())[0]
-    yield KeptSet("Clear Lake, lines", lake, clear_lake(data)[1], GRAVITY, 3000.0)
-    survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
-    midland = grid_survey(survey, GridSettings())[0]
-    _, flights, ties = scotland(data)
-    yield KeptSet("Scotland, ties", midland, ties, MAGNETIC, 3000.0)
-    yield KeptSet("Scotland, flight lines", midland, flights, MAGNETIC, 3000.0)
-    yield from _by_lot("Scotland, kept lines", survey, MAGNETIC, 3000.0)
-    survey = read_survey(data / "surveys" / "wisconsin_magnetics.nc", "magnetic_anomaly")
-    yield from _by_lot("Wisconsin, kept lines", survey, MAGNETIC, 1000.0)
-    second = np.isin(survey.line, np.unique(survey.line)[1::2])
-    yield from _kept("Wisconsin, every second line", survey, second, MAGNETIC, 1000.0)
-    for ship in ("EW0007", "EW0114"):
-        path = data / "ships" / f"{ship.lower()}_lines.nc"
-        for variable, (_, _, sigma) in SAILED.items():
-            yield from _by_lot(f"{ship}, {variable}", _sailed(path, variable), sigma, 3000.0)
+def sets(data: Path, only: tuple[str, ...]) -> Iterator[KeptSet]:
+    """Yield every measured set whose name begins with one of some texts."""
+
+    def wanted(name: str) -> bool:
+        return name.startswith(only) or any(one.startswith(name) for one in only)
+
+    if wanted("Clear Lake"):
+        survey = read_survey(data / "clear_lake_gravity_survey.nc", "bouguer_disturbance")
+        lake = grid_survey(survey, GridSettings())[0]
+        yield KeptSet("Clear Lake, lines", lake, clear_lake(data)[1], GRAVITY, 3000.0)
+    if wanted("Scotland"):
+        survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
+        midland = grid_survey(survey, GridSettings())[0]
+        _, flights, ties = scotland(data)
+        yield KeptSet("Scotland, ties", midland, ties, MAGNETIC, 3000.0)
+        yield KeptSet("Scotland, flight lines", midland, flights, MAGNETIC, 3000.0)
+        yield from _by_lot("Scotland, kept lines", survey, MAGNETIC, 3000.0)
+    if wanted("Wisconsin"):
+        survey = read_survey(data / "surveys" / "wisconsin_magnetics.nc", "magnetic_anomaly")
+        yield from _by_lot("Wisconsin, kept lines", survey, MAGNETIC, 1000.0)
+        second = np.isin(survey.line, np.unique(survey.line)[1::2])
+        yield from _kept("Wisconsin, every second line", survey, second, MAGNETIC, 1000.0)
+    for ship, variable in product(("EW0007", "EW0114"), SAILED):
+        if wanted(name := f"{ship}, {variable}"):
+            path = data / "ships" / f"{ship.lower()}_lines.nc"
+            yield from _by_lot(name, _sailed(path, variable), SAILED[variable][2], 3000.0)
 
 
 def _sailed(path: Path, variable: str) -> Survey:

@@ -1,6 +1,7 @@
-"""Lines matched with nothing told but the prior and the readings' noise."""
+"""Lines matched with nothing told but the prior and the readings' noise, on the maps that come
+with them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,9 +48,9 @@ def group_of(name: str, data: Path) -> Group:
     return Group(field_map, lines, *GROUPS[name])
 
 
-def study_untold(data: Path) -> dict[str, Summary]:
-    """Return summaries of all lines, whole and at Clear Lake in batches as well."""
-    return {name: matched(*group_of(name, data)) for name in GROUPS}
+def study_untold(data: Path) -> Iterator[tuple[str, Summary]]:
+    """Yield summaries of all lines, whole and at Clear Lake in batches as well."""
+    return ((name, matched(*group_of(name, data))) for name in GROUPS)
 
 
 def matched(

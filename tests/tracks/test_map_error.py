@@ -10,7 +10,8 @@ from helpers.batches import field_map_of, wavy
 from helpers.tracks import made_track
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
-from isogal.tracks.map_error import fit_map_error, rms_gradient
+from isogal.tracks.continued_map import rms_gradient
+from isogal.tracks.map_error import reading_sigma, with_learnt_error
 
 FIELD = field_map_of(wavy)
 
@@ -42,31 +43,30 @@ def reference_tracks(field_map, sigma_of, length, sensor, tracks=6, count=150):
     return result
 
 
-def test_length_and_sensor_noise_on_a_map_with_its_own_sigma():
-    side = np.linspace(1e-5, 6e-5, FIELD.values.shape[0])[:, None] * np.ones(FIELD.values.shape[1])
-    field_map = replace(FIELD, sigma=side)
-    fit = fit_map_error(reference_tracks(field_map, field_map.sigma_at, 3000.0, 2e-5), field_map)
-    assert fit.correlation_length == pytest.approx(3000.0, rel=0.25)
-    assert fit.sensor_sigma == pytest.approx(2e-5, rel=0.2)
-    applied = fit.apply(field_map)
-    assert applied.correlation_length == fit.correlation_length
-    np.testing.assert_array_equal(applied.sigma, field_map.sigma)
+def test_size_and_length_of_an_error_that_the_map_says_in_proportion():
+    side = np.linspace(1e-5, 6e-5, FIELD.values.shape[0])[:, None] * np.ones(FIELD.values.shape)
+    truth = replace(FIELD, sigma=side)
+    said = replace(FIELD, sigma=0.5 * side)
+    tracks = reference_tracks(truth, truth.sigma_at, 3000.0, 2e-5)
+    learnt, sigma = with_learnt_error(tracks, said)
+    assert learnt.correlation_length == pytest.approx(3000.0, rel=0.5)
+    assert np.median(learnt.sigma / side) == pytest.approx(1.0, abs=0.25)
+    assert np.corrcoef(np.ravel(learnt.sigma), np.ravel(side))[0, 1] > 0.8
+    along = [truth.sigma_at(one.latitude, one.longitude) for one in tracks]
+    assert sigma == pytest.approx(np.sqrt(np.mean(np.square(along))), rel=0.25)
+    assert reading_sigma(tracks, said) == pytest.approx(2e-5, rel=0.25)
 
 
 def test_an_error_in_proportion_to_the_gradient():
-    rough = replace(FIELD, sigma=rms_gradient(FIELD))
-
-    def sigma_of(latitude, longitude):
-        return np.hypot(5e-6, 600.0 * rough.sigma_at(latitude, longitude))
-
-    fit = fit_map_error(reference_tracks(FIELD, sigma_of, 2500.0, 2e-6), FIELD)
-    assert fit.reach == pytest.approx(600.0, rel=0.25)
-    assert fit.correlation_length == pytest.approx(2500.0, rel=0.3)
-    track = reference_tracks(FIELD, sigma_of, 2500.0, 2e-6, tracks=1)[0]
-    found = fit.apply(FIELD).sigma_at(track.latitude, track.longitude)
-    assert np.median(found / sigma_of(track.latitude, track.longitude)) == pytest.approx(
-        1.0, abs=0.2
+    rough = replace(FIELD, sigma=600.0 * rms_gradient(FIELD))
+    tracks = reference_tracks(FIELD, rough.sigma_at, 2500.0, 2e-6)
+    learnt, _ = with_learnt_error(tracks, FIELD)
+    assert learnt.correlation_length == pytest.approx(2500.0, rel=0.5)
+    found, drawn = (
+        one.sigma_at(tracks[0].latitude, tracks[0].longitude) for one in (learnt, rough)
     )
+    np.testing.assert_allclose(np.median(found / drawn), 1.0, atol=0.25)
+    assert np.corrcoef(found, drawn)[0, 1] > 0.9
 
 
 def test_gradient_of_a_plane_also_at_edges_and_round_holes():
@@ -82,4 +82,4 @@ def test_gradient_of_a_plane_also_at_edges_and_round_holes():
 def test_tracks_off_the_map_cannot_be_used():
     track, _, _ = made_track(FIELD)
     with pytest.raises(InputError, match="no reference track lies on the map"):
-        fit_map_error([replace(track, latitude=track.latitude + 0.2)], FIELD)
+        with_learnt_error([replace(track, latitude=track.latitude + 0.2)], FIELD)

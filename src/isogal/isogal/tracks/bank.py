@@ -73,7 +73,11 @@ class TrackMatcher:
         if reason := unusable(batch):
             return declined(batch, reason), None
         each = (SecondaryBatch(0, batch, field_map), *batch.secondary)
-        found = [(one.field, seen) for one in each if (seen := self._seen(one))]
+        found = [
+            (one.field, seen)
+            for one in each
+            if (seen := seen_of(one.batch, one.field_map, self.settings[one.field]))
+        ]
         if not found:
             count = int(np.isfinite(batch.reading[-batch.new :]).sum())
             reason = too_few(batch, min(count, FEWEST - 1), FEWEST)
@@ -104,24 +108,25 @@ class TrackMatcher:
             return declined(batch, reason, **numbers), shifts
         return _fix(batch, prior, shifts, numbers), shifts
 
-    def _seen(self, one: SecondaryBatch) -> Seen | None:
-        batch, field_map = one.batch, one.field_map
-        around = None
-        if isinstance(field_map, FieldMap):
-            reach = MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
-            around = continued(field_map, reach)
-        batch = on_map(batch, field_map, SURE if around is None else POSSIBLE)
-        states = States.of(batch, field_map)
-        settings = self.settings[one.field]
-        models = track_models(settings, batch, field_map, states)
-        # what earlier batches have used counts as given
-        old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
-        whole = replace(batch, new=len(batch))
-        rows, _ = rows_of(whole, field_map, states, models.lengths, None)
-        if rows is None or len(rows.level) - old < FEWEST:
-            return None
-        field_map = field_map if around is None else around.field
-        return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
+
+def seen_of(batch: Batch, field_map: AnyMap, settings: MatcherSettings) -> Seen | None:
+    """Return a batch's readings of one field with the models that are possible by a scenario's
+    matcher section; None where too few lie on the map."""
+    around = None
+    if isinstance(field_map, FieldMap):
+        reach = MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
+        around = continued(field_map, reach)
+    batch = on_map(batch, field_map, SURE if around is None else POSSIBLE)
+    states = States.of(batch, field_map)
+    models = track_models(settings, batch, field_map, states)
+    # what earlier batches have used counts as given
+    old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
+    whole = replace(batch, new=len(batch))
+    rows, _ = rows_of(whole, field_map, states, models.lengths, None)
+    if rows is None or len(rows.level) - old < FEWEST:
+        return None
+    field_map = field_map if around is None else around.field
+    return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
 
 
 def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:

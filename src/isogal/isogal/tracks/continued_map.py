@@ -15,7 +15,11 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
-from isogal.tracks.map_error import rms_gradient
+
+SMOOTHING = 2000.0
+"""m, 1-sigma of the Gaussian weights with which the gradient is averaged: of 1, 2 and 4 km the
+likeliest along the flight lines and along the tie lines over Scotland
+(docs/evidence/real-data.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,3 +80,19 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     rough = rms_gradient(field)
     uneven = 0.0 if isinstance(field_map.sigma, float) else field_map.usual_sigma
     return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), uneven)
+
+
+def rms_gradient(field_map: FieldMap) -> Array:
+    """Return (n, m) the RMS gradient (unit/m) round each node, with Gaussian weights of 1-sigma
+    `SMOOTHING`."""
+    from scipy.ndimage import gaussian_filter
+
+    latitude, longitude = np.meshgrid(field_map.latitude, field_map.longitude, indexing="ij")
+    _, north, east = field_map.value_and_gradient(latitude, longitude)
+    known = np.isfinite(north)
+    cell = field_map.cell_size_m(float(np.mean(field_map.latitude)))
+    widths = [SMOOTHING / size for size in cell]
+    square = gaussian_filter(np.where(known, north**2 + east**2, 0.0), widths, mode="constant")
+    weight = gaussian_filter(known.astype(np.float64), widths, mode="constant")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(np.where(weight > 1e-6, square / weight, np.nan))

@@ -22,16 +22,13 @@ if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
     from isogal.scenario import Gradiometer, Matcher, Scenario
     from isogal.tracks.fields import TrackField
-    from isogal.tracks.map_error import MapError
     from isogal.tracks.track import Track
 
 _UNUSED_SIGMA = 1.0
-"""Of reference tracks: their noise is learnt."""
+"""Of reference tracks whose noise is learnt."""
 _DEFAULT_SIGMA = {"m/s²": 1.0e-5, "1/s²": 1.0e-9}
 """Of readings, by the unit inside: `gravimeter.sigma` and `gradiometer.sigma_eotvos` of a
 scenario."""
-_LEAST_SHARE = 0.05
-"""Of the map's learnt error: no learnt noise of the readings is taken as smaller."""
 _MARGIN = 25_000.0
 """m of map kept around a track, and five 1-sigmas of its position; more than `_GRADIENT_REACH`."""
 _REFERENCE_MARGIN = 5_000.0
@@ -128,21 +125,19 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
     map_ = _of_map(map_, [*(one[0] for one in lines), *references])
     corridors = [corridor_of(o.latitude, o.longitude, choice.margin) for o, *_ in lines]
     # a map whose error is learnt gets a sigma at each of its nodes, and so has to be in memory
-    learnt: FieldMap | None = None
+    learnt: tuple[FieldMap, float] | None = None
     if references:
         around = [corridor_of(o.latitude, o.longitude, _REFERENCE_MARGIN) for o in references]
         window = reduce(joined, (one.window for one in [*corridors, *around]))
-        learnt = _at_height(map_, chosen, window) or map_.load(window)
-    fit: MapError | None = None
+        whole = _at_height(map_, chosen, window) or map_.load(window)
+        learnt = _learnt_error(whole, references, choice)
     for line, corridor in zip(lines, corridors, strict=True):
-        field_map: ScalarMap | None = learnt or _at_height(map_, chosen, corridor.window)
+        field_map: ScalarMap | None = _at_height(map_, chosen, corridor.window)
+        if learnt is not None:
+            field_map = learnt[0]
         field_map = field_map or map_.load_along(corridor)
         unit, factor = _unit_of(chosen.track_unit, field_map)
-        sigma = assumed.reading_sigma(field_map, factor)
-        if learnt is not None:
-            fit = fit or _learnt_error(learnt, references, factor)
-            field_map = fit.apply(learnt)
-            sigma = sigma or max(fit.sensor_sigma, _LEAST_SHARE * fit.typical_sigma)
+        sigma = assumed.reading_sigma(field_map, factor) if learnt is None else learnt[1]
         track = _track(line, field_map, factor, sigma, chosen.reduction)
         if chosen.spacing is not None:
             track = averaged(track, chosen.spacing)
@@ -314,30 +309,30 @@ def _track(
 
 
 def _learnt_error(
-    field_map: "FieldMap", references: "Sequence[Track]", factor: float
-) -> "MapError":
-    """Return the error that makes the residuals of tracks with true positions most likely, and
-    say it."""
-    from isogal.tracks.map_error import fit_map_error
+    field_map: "FieldMap", references: "Sequence[Track]", choice: FieldChoice
+) -> "tuple[FieldMap, float]":
+    """Return the map with the error that tracks with true positions show, and the 1-sigma of
+    readings, which they show where no option says it; say both."""
+    from isogal.tracks.map_error import reading_sigma, with_learnt_error
     from isogal.tracks.track import fit_to_map
 
-    tracks = [
-        fit_to_map(source.in_unit(factor, _UNUSED_SIGMA), field_map)[0] for source in references
-    ]
-    fit = fit_map_error(tracks, field_map)
+    _, factor = _unit_of(choice.track.track_unit, field_map)
+    sigma = choice.assumed.reading_sigma(field_map, factor)
+
+    def with_sigma(sigma: float) -> "list[Track]":
+        return [fit_to_map(one.in_unit(factor, sigma), field_map)[0] for one in references]
+
+    if sigma is None:
+        sigma = reading_sigma(with_sigma(_UNUSED_SIGMA), field_map)
+    tracks = with_sigma(sigma)
+    learnt = with_learnt_error(tracks, field_map)
+    length = learnt.field_map.correlation_length
     note(
         f"learnt from {sum(len(track) for track in tracks)} readings: map error"
-        f" {fit.typical_sigma / factor:.3g} (RMS there), correlated over"
-        f" {fit.correlation_length:.0f} m; map too low by {fit.offset / factor:.2g} (1-sigma"
-        f" {fit.offset_sigma / factor:.2g}); readings good to {fit.sensor_sigma / factor:.2g}"
+        f" {learnt.sigma / factor:.3g} (RMS there), correlated over {length:.0f} m; readings good"
+        f" to {sigma / factor:.2g}"
     )
-    if fit.at_bound:
-        note(
-            f"the correlation length is at its least, {fit.correlation_length:.0f} m: the errors"
-            " look independent from one reading or node of the map to the next; more or denser"
-            " reference tracks would tell it better"
-        )
-    return fit
+    return learnt.field_map, sigma
 
 
 def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":

@@ -86,6 +86,12 @@ class Covariance:
         """Of the field at the lowest reading."""
         return sum(s**2 for s in self.sigma)
 
+    @property
+    def unresolved(self) -> float:
+        """Variance of what one reading has and the map does not, its known noise not included:
+        what varies between neighbouring readings, and the offset of its line."""
+        return self.noise**2 + self.line**2
+
     def between(self, here: Array, there: Array) -> Array:
         """Return (N, M) the covariance between places (N, 3) and (M, 3): east, north, height
         above the lowest reading, m."""

@@ -42,6 +42,10 @@ Progress = Callable[[str, int, int], None]
 """Called with the name of a step, how much of it is done, and of how much."""
 
 
+def _silent(step: str, done: int, most: int) -> None:
+    """Show nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class GridSettings:
     """How a survey is gridded.
@@ -96,16 +100,20 @@ class Model:
     def at(
         self, latitude: Array, longitude: Array, height: Array | float | None = None
     ) -> tuple[Array, Array]:
-        """Return the field and the 1-sigma of its error at places (P,), rad and m above the
-        ellipsoid (equivalent sources only)."""
+        """Return the field and its `sigma` at places (P,), rad and m above the ellipsoid
+        (equivalent sources only)."""
         places = self.places(latitude, longitude, height)
         mean, variance = self.kriging.at(places)
         return mean + self.trend.at(places), self.sigma(places, variance)
 
     def sigma(self, places: Array, variance: Array) -> Array:
-        """Return the 1-sigma at places (P, 3) whose variance (P,) is that of the covariance."""
+        """Return the 1-sigma of what is read at places (P, 3) about the map, where the
+        covariance leaves a variance (P,) of the field: with what varies between neighbouring
+        readings, which may be the field as well as noise, and with offsets of lines. A reading's
+        known sigma is not part of it."""
         share = variance / self.covariance.variance_at(places)
-        return np.asarray(np.sqrt(variance * self.amplitude.at(places, share)))
+        of_field = variance * self.amplitude.at(places, share)
+        return np.asarray(np.sqrt(of_field + self.covariance.unresolved))
 
     def places(
         self, latitude: Array, longitude: Array, height: Array | float | None = None
@@ -128,7 +136,7 @@ class Model:
         return self.kriging.covariance
 
 
-def learn_model(survey: Survey, settings: GridSettings, progress: Progress | None = None) -> Model:
+def learn_model(survey: Survey, settings: GridSettings, progress: Progress = _silent) -> Model:
     """Learn covariance, amplitude and noise from a survey, and check them on readings left out.
 
     Raises
@@ -180,7 +188,7 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress | Non
 
 
 def _candidates(
-    readings: Readings, settings: GridSettings, by: str, gap: float, progress: Progress | None
+    readings: Readings, settings: GridSettings, by: str, gap: float, progress: Progress
 ) -> dict[str, tuple[Kriging, LeftOut]]:
     """Return what is tried: kriging by name, and the readings predicted that are left out."""
     chosen = "equivalent-sources" if settings.height is not None else settings.method
@@ -189,23 +197,21 @@ def _candidates(
     def tried(
         name: str, kriging: Kriging, without: Callable[[Booleans], Kriging] | None = None
     ) -> None:
-        progressed = _named(progress, name)
         side = 2.0 * _shortest(kriging.covariance)
-        found[name] = kriging, leave_out(kriging, by, side, progressed, without)
+        shown = partial(progress, f"left out: {name}")
+        found[name] = kriging, leave_out(kriging, by, side, shown, without)
 
     for method, kind in METHODS.items():
         if chosen not in (AUTO, method):
             continue
-        covariance = learn(readings, kind=kind)
+        covariance = learn(
+            readings, kind=kind, progress=partial(progress, f"covariance: {method}")
+        )
         tried(method, Kriging(readings, covariance))
         if kind == "matern":
             local = partial(with_local_strike, readings, covariance, gap)
             tried(LOCAL, local(), local)
     return found
-
-
-def _named(progress: Progress | None, name: str) -> Callable[[int, int], None] | None:
-    return None if progress is None else partial(progress, f"left out: {name}")
 
 
 def _left_out_by(survey: Survey, settings: GridSettings) -> str:
@@ -248,7 +254,7 @@ def _shortest(covariance: Covariance) -> float:
 
 
 def grid_survey(
-    survey: Survey, settings: GridSettings, progress: Progress | None = None
+    survey: Survey, settings: GridSettings, progress: Progress = _silent
 ) -> tuple[FieldMap, Model]:
     """Make a map of a survey.
 
@@ -289,7 +295,7 @@ def grid_survey(
     return field_map, model
 
 
-def _at_nodes(model: Model, places: Array, progress: Progress | None) -> dict[str, Array]:
+def _at_nodes(model: Model, places: Array, progress: Progress) -> dict[str, Array]:
     """Return value, sigma and length (P,) and ellipse (P, 3) of the error at nodes (P, 3); NaN
     where nothing is known."""
     count, done = len(places), 0
@@ -312,8 +318,7 @@ def _at_nodes(model: Model, places: Array, progress: Progress | None) -> dict[st
             for name, values in found.items():
                 at[name][rows] = values
             done += rows.size
-            if progress is not None:
-                progress("nodes", done, count)
+            progress("nodes", done, count)
     variance = at.pop("variance")
     unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
     at["value"] += model.trend.at(places)
@@ -349,7 +354,7 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
 def _default_spacing(model: Model) -> float:
     """Return what interpolation asks for (m), or more where that would be too many nodes."""
     area = float(np.prod(np.ptp(model.survey.places[:, :2], axis=0)))
-    spacing = spacing_of(model.kriging, model.amplitude, model.gap)
+    spacing = spacing_of(model.kriging, model.sigma, model.gap)
     return max(spacing, math.sqrt(area / _MOST_DEFAULT_NODES))
 
 

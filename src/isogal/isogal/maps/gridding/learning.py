@@ -2,7 +2,9 @@
 5.4), near each of some places of the survey and around it."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
@@ -15,9 +17,15 @@ from isogal.seeds import generator
 _NEAR, _AROUND, _PLACES = 120, 150, 10
 """Readings next to a place, drawn from those around it, and places that parameters are learnt
 from."""
+_MOST_STEPS = 50
 
 
-def learn(readings: Readings, *, kind: str = "matern") -> Covariance:
+def learn(
+    readings: Readings,
+    *,
+    kind: str = "matern",
+    progress: Callable[[int, int], None] = lambda done, most: None,
+) -> Covariance:
     """Return the covariance that makes readings most likely.
 
     Parameters
@@ -25,6 +33,8 @@ def learn(readings: Readings, *, kind: str = "matern") -> Covariance:
     readings : Readings
     kind : str
         One of `covariance.KINDS`.
+    progress : function
+        Called with the number of steps that are done, and of all.
 
     Raises
     ------
@@ -60,9 +70,17 @@ def learn(readings: Readings, *, kind: str = "matern") -> Covariance:
     bounds[1] = bounds[3] = (low, high)
     if kind == "matern":
         bounds[-2] = (-1.5, 1.5)
+    steps, limits = count(1), {"maxiter": _MOST_STEPS}
     found = minimize(
-        cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 50}
+        cost,
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options=limits,
+        callback=lambda _: progress(next(steps), _MOST_STEPS),
     )
+    progress(_MOST_STEPS, _MOST_STEPS)
     return _unpack(found.x, kind, lined)
 
 

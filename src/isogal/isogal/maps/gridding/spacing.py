@@ -1,11 +1,11 @@
 """How far apart the nodes of a map are to be: as near as its interpolation asks for."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from isogal.arrays import Booleans
-from isogal.maps.gridding.amplitude import Amplitude
+from isogal.arrays import Array, Booleans
 from isogal.maps.gridding.kriging import Kriging
 from isogal.maps.gridding.survey import Survey
 from isogal.seeds import generator
@@ -38,12 +38,12 @@ def gap_of(survey: Survey) -> float:
     return math.pi * float(np.median(distance[:, 1])) ** 2 / (count * along)
 
 
-def spacing_of(kriging: Kriging, amplitude: Amplitude, gap: float) -> float:
+def spacing_of(kriging: Kriging, sigma: Callable[[Array, Array], Array], gap: float) -> float:
     """Return the widest spacing (m), of some shares of a gap, at which bicubic interpolation
-    between nodes adds little to the error of a map, both next to readings and between them."""
+    between nodes adds little to the error of a map, both next to readings and between them;
+    `sigma`: of the map, from places and the variance that kriging leaves there."""
     random = generator(0, 0, "gridding spacing")
-    readings, covariance = kriging.readings.places, kriging.covariance
-    own = covariance.noise**2 + covariance.line**2
+    readings = kriging.readings.places
     nodes = np.arange(-1.5, 2.0)
     stencil = np.stack([*np.meshgrid(nodes, nodes), np.zeros((4, 4))], axis=-1).reshape(-1, 3)
     weight = np.outer(_WEIGHTS, _WEIGHTS).ravel()
@@ -54,9 +54,7 @@ def spacing_of(kriging: Kriging, amplitude: Amplitude, gap: float) -> float:
         for row in random.choice(len(readings), min(_PLACES, len(readings)), replace=False):
             place = readings[row] + np.append(random.uniform(-reach, reach, 2), 0.0)
             mean, left = kriging.together(place + around)
-            variance = left[:1, 0].clip(0.0)
-            share = variance / covariance.variance_at(place[None])
-            total += float(variance[0] * amplitude.at(place[None], share)[0]) + own
+            total += float(sigma(place[None], left[:1, 0].clip(0.0))[0]) ** 2
             added += (mean[1:].reshape(len(_SHARES), -1) @ weight - mean[0]) ** 2
         enough &= added <= _MOST_ADDED * total
     return gap * _SHARES[int(np.argmax(enough)) if enough.any() else -1]

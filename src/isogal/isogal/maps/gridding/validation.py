@@ -131,7 +131,7 @@ def leave_out(
     kriging: Kriging,
     by: str,
     side: float,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None],
     without: Callable[[Booleans], Kriging] | None = None,
 ) -> LeftOut:
     """Predict readings from the others.
@@ -144,7 +144,7 @@ def leave_out(
         plane, drawn at random, from the other sets.
     side : float
         Of a block, m.
-    progress : function, optional
+    progress : function
         Called with the number of readings that are done, and of all.
     without : function, optional
         What gives the kriging that has learnt nothing from some readings (N,); then each fifth of
@@ -172,15 +172,11 @@ def leave_out(
         for rows, (mean, own) in zip(groups, predicted, strict=True):
             error[rows], variance[rows] = readings.value[rows] - mean, own
             done += rows.size
-            if progress is not None:
-                progress(done, chosen.size)
+            progress(done, chosen.size)
     rows = chosen
-    covariance = kriging.covariance
-    noise = np.full(rows.size, covariance.noise**2)
+    noise = np.full(rows.size, kriging.covariance.unresolved)
     if readings.sigma is not None:
         noise += readings.sigma[rows] ** 2
-    if by == "lines":
-        noise += covariance.line**2
     distance = _distances(kriging, rows, part)
     return LeftOut(rows, error[rows], variance[rows] + noise, noise, distance, part)
 

@@ -13,6 +13,7 @@ docs/mathematics.md, section 5.
 
 import itertools
 import math
+import statistics
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -24,7 +25,6 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
 from isogal.maps.error_model import Chain, chained, independent, shares
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.states import (
@@ -231,17 +231,20 @@ def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tu
         place[..., -states.unknown + DELAY] = velocity
         if batch.reading_rate is not None:
             unknown[:, DELAY] = batch.reading_rate[which]
-        each = np.r_[before.time, time]
-        stamps, one, scan = np.unique(each, return_index=True, return_inverse=True)
-        if len(stamps) > 1:
-            moving = accelerations(stamps, np.vstack([before.velocity, velocity])[one])
-            unknown[:, [COUPLING_FORWARD, COUPLING_RIGHT]] = moving[scan[1:]]
+        each = np.append(before.time, time)
+        later = each[1:] > each[:-1]  # than the row before: another scan
+        if later.any():
+            begins = np.append(True, later)
+            moving = accelerations(each[begins], np.vstack([before.velocity, velocity])[begins])
+            of_scan = np.cumsum(later)
+            unknown[:, COUPLING_FORWARD] = moving[of_scan, 0]
+            unknown[:, COUPLING_RIGHT] = moving[of_scan, 1]
     return place, reading
 
 
 def usual_noise(rows: Rows) -> float:
     """Return the usual 1-sigma of the white noise, map's unit."""
-    return math.sqrt(float(np.median(rows.noise)))
+    return math.sqrt(statistics.median(rows.noise.tolist()))
 
 
 def _loads(
@@ -267,14 +270,3 @@ def _loads(
     load = np.zeros((len(rough), len(which), errors))
     load[:, np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
     return load
-
-
-def sigmas_of(field_map: AnyMap) -> Grid:
-    """Return what maps say of their errors at their nodes; one node that does not count where none
-    says it of each node."""
-    maps = channels_of(field_map)
-    if all(np.ndim(one.sigma) == 0 for one in maps):
-        return field_map.grid._replace(values=np.full((1, 1), np.nan))
-    sigmas = [np.broadcast_to(one.sigma, one.values.shape) for one in maps]
-    whole = sigmas[0] if len(maps) == 1 else np.concatenate(sigmas)
-    return field_map.grid._replace(values=np.ascontiguousarray(whole, dtype=np.float64))
