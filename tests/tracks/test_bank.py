@@ -19,6 +19,7 @@ from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher
 from isogal.seeds import generator
+from isogal.tracks import bank
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
 from isogal.tracks.displacement import LASTING, SIZE, displacement
@@ -112,6 +113,15 @@ def test_a_gridded_map_that_knows_nothing_gives_no_fix():
         fix = match_track(track, one, Matcher(batch_length=40), Uncertainty(1000.0))[0].fix
         assert fix.published == given
         assert given or "its own 1-sigma" in fix.reason
+
+
+def test_what_a_gridded_map_does_not_resolve_is_left_to_the_readings():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    field_map = _gridded(2e-5)
+    whole = replace(field_map, sigma=np.hypot(field_map.sigma, 5e-5), unresolved=5e-5)
+    expected, found = (bank.seen_of(batch, one, Matcher()) for one in (field_map, whole))
+    np.testing.assert_allclose(found.models.sigma, expected.models.sigma, rtol=1e-9)
+    np.testing.assert_allclose(found.own_variance, expected.own_variance, rtol=1e-9)
 
 
 def test_a_gridded_map_may_be_displaced():

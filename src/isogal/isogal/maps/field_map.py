@@ -60,6 +60,9 @@ class FieldMap:
     error_stated : bool or None
         Whether `sigma` is said of the map's whole error; False = it is only what processing has
         added to an error that was never stated; None = where it is above 0.
+    unresolved : float
+        Part of `sigma`, 1-sigma in `unit`, that differs from one reading to the next, or from one
+        line of readings to another: correlation and ellipses are of the rest; 0 = none.
     quantisation : float
         Step of the values, in `unit` (its error has 1-sigma step / sqrt(12)); 0 = none.
     provenance : str
@@ -93,6 +96,7 @@ class FieldMap:
     height: float | None = None
     error_stated: bool | None = None
     error_ellipses: Array | None = None
+    unresolved: float = 0.0
 
     def __post_init__(self) -> None:
         where = self.provenance or f"{self.quantity} map"

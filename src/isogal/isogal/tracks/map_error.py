@@ -17,7 +17,7 @@ from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Matcher
 from isogal.tracks.bank import seen_of
-from isogal.tracks.continued_map import rms_gradient
+from isogal.tracks.continued_map import resolved, rms_gradient
 from isogal.tracks.evidence import GRADIENT_SHARE
 from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Uncertainty
@@ -42,7 +42,7 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> Learn
     InputError
         None of the tracks has enough readings on the map.
     """
-    nowhere = np.zeros((1, 2))
+    nowhere, field_map = np.zeros((1, 2)), resolved(field_map)
     fields = [TrackField("", track, field_map) for track in references]
     prior = Uncertainty(position=1.0).prior
     batches = [one.batch(slice(None), len(one.track), np.zeros(4), prior) for one in fields]

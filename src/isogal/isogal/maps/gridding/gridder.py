@@ -285,6 +285,7 @@ def grid_survey(
         sigma=at["sigma"].reshape(shape),
         correlation_length=float(np.nanmedian(at["length"])),
         error_ellipses=at["ellipse"].reshape(*shape, 3),
+        unresolved=math.sqrt(model.covariance.unresolved),
         provenance=(
             f"{model.report['method']} of {model.report['readings']} readings of {survey.where}"
         ),
