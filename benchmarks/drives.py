@@ -1,6 +1,7 @@
 """Drives of a car with a telephone, through Isogal's navigator (docs/evidence/drives.md).
 
-    .venv/bin/python benchmarks/drives.py FOLDER [--satellites S] [--simulated SEED ...]
+    .venv/bin/python benchmarks/drives.py FOLDER [--variants NAME ...] [--satellites S]
+        [--simulated SEED ...]
 
 FOLDER holds drive_NAME.nc and dted0_NAME.nc. Five minutes of satellites, then the gyroscope about
 the vertical, the satellites' speed as an odometer, and the barometer's height against the terrain;
@@ -21,7 +22,7 @@ from isogal.fusion.measurements import (
     Measurement,
     SampleNoise,
     VelocityReading,
-    satellite_fix,
+    position_fix,
     satellite_velocity,
 )
 from isogal.inertial.error_state import Estimate
@@ -35,7 +36,8 @@ from isogal.sensors.barometer import height_of, pressure_of
 EXAMPLE = Path(__file__).parent.parent / "examples" / "phone_drive"
 sys.path.insert(0, str(EXAMPLE))
 
-from phone_log import Drive, ground_pressure, position_at, read_drive, velocity_at
+from drive_variants import DRIVES, EVENTS
+from phone_log import Drive, drive_of, ground_pressure, position_at, read_log, velocity_at
 from road_heights import with_sigma
 
 KNOWN = 300.0
@@ -53,7 +55,7 @@ def aids_at(drive: Drive, k: int, scenario: Scenario, known: float) -> list[Meas
         found.append(VelocityReading.of(scenario.velocity, forward, None, drive.rate[k]))
     if drive.time[k] < known and np.isfinite(drive.latitude[k]):
         place, covariance = position_at(drive, k)
-        found.append(satellite_fix(scenario.gnss, place, True, covariance))
+        found.append(position_fix(scenario.gnss.positions, place, True, covariance))
         if np.isfinite(drive.course[k] + drive.speed[k]):
             velocity, spread = velocity_at(drive, k)
             found.append(satellite_velocity(scenario.gnss, velocity, drive.rate[k], spread))
@@ -129,7 +131,7 @@ def line(name: str, rows: np.ndarray) -> str:
     """Return what is printed of a drive."""
     away, nees = rows[:, 1] / 1e3, rows[:, 2]
     return (
-        f"{name:34s} median {np.median(away):5.2f} km, 95 % {np.percentile(away, 95):5.2f} km,"
+        f"{name:54s} median {np.median(away):5.2f} km, 95 % {np.percentile(away, 95):5.2f} km,"
         f" NEES {nees.mean():5.2f} (median {np.median(nees):.2f})"
     )
 
@@ -139,9 +141,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", default="", help="part of the name of a drive")
+    parser.add_argument(
+        "--variants", nargs="+", default=["as logged"], choices=[*DRIVES, *EVENTS], metavar="NAME"
+    )
     parser.add_argument("--satellites", type=float, default=KNOWN, help="s that there are any")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--simulated", type=int, nargs="+", default=[], metavar="SEED")
+    parser.add_argument("--no-map", action="store_true", help="dead reckoning alone")
     arguments = parser.parse_args()
     scenario = changed_scenario(load_scenario(EXAMPLE / "car.yaml"), arguments.set, "--set")
     for path in sorted(arguments.folder.glob("drive_*.nc")):
@@ -149,17 +155,22 @@ def main() -> None:
         if arguments.only not in name:
             continue
         known = arguments.satellites
-        drive = read_drive(path, known)
+        log = read_log(path)
         terrain = with_sigma(load_map(arguments.folder / f"dted0_{name}.nc", "height"))
-        every = [(f"{name} dead reckoning", drive, False), (f"{name} map", drive, True)]
-        if arguments.simulated:
-            every = [
-                (f"{name} simulated {seed}", simulated(drive, scenario, terrain, seed), True)
-                for seed in arguments.simulated
-            ]
-        for what, one, matched in every:
-            navigator = navigator_of(one, scenario, terrain)
-            print(line(what, navigate(navigator, one, scenario, matched, known)), flush=True)
+        for variant in arguments.variants:
+            drive = drive_of((DRIVES | EVENTS)[variant](log), known)
+            title = f"{name[:13]} {variant}"
+            every = [(f"{title}: dead reckoning", drive, False)]
+            every += [] if arguments.no_map else [(f"{title}: map", drive, True)]
+            if arguments.simulated:
+                every = [
+                    (f"{title}: {seed}", simulated(drive, scenario, terrain, seed), True)
+                    for seed in arguments.simulated
+                ]
+            for what, one, matched in every:
+                navigator = navigator_of(one, scenario, terrain)
+                found = navigate(navigator, one, scenario, matched, known)
+                print(line(what, found), flush=True)
 
 
 if __name__ == "__main__":

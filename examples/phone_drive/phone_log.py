@@ -12,14 +12,18 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from isogal.sensors.scans import Thinning
 
 Array = np.ndarray
 GRAVITY = 9.80665
-STANDS, HANDLED = 0.5, 3e-3
-"""m/s, and rad/s: a car that is slower than that does not turn, and what turns faster is the
-telephone in somebody's hand."""
+STANDS, HANDLED, NEAR = 0.5, 0.1, 15
+"""m/s, rad/s about level axes, s: where the wheels stand, what tilts faster, and faster than it
+turns, is the telephone in somebody's hand, then and so long before and after. Of a car on its
+springs 90 % of the seconds have less than 0.06."""
+REST = 3e-3
+"""rad/s: what reads less where the wheels stand and no hand is at it is the gyroscope's bias."""
 LATEST = 0.1
 """Share of the newest sample in what the gyroscope reads at rest."""
 SAMPLED = 0.6 / math.sqrt(12.0)
@@ -104,9 +108,9 @@ def velocity_at(drive: Drive, k: int) -> tuple[Array, Array]:
     return np.array([speed * cos, speed * sin, math.nan]), covariance
 
 
-def read_drive(path: Path, known: float = 300.0) -> Drive:
-    """Read a drive; of the satellites' speed only what is before `known` (s) tells which way is
-    forward."""
+def read_log(path: Path) -> dict[str, Array]:
+    """Return the columns of a log, (N,) each; NaN = none. `time` is in s since the first row,
+    `start` (1,) the time of that since 1970."""
     with netCDF4.Dataset(path) as file:
         columns = {
             name: np.ma.filled(variable[:].astype(float), np.nan)
@@ -114,22 +118,31 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
         }
         clock = file["time"]
         begin = netCDF4.num2date(clock[0], clock.units, clock.calendar)
-    time = columns["time"] - columns["time"][0]
+    columns["time"] = columns["time"] - columns["time"][0]
+    columns["start"] = np.array([begin.timestamp() if hasattr(begin, "timestamp") else 0.0])
+    return columns
+
+
+def drive_of(log: dict[str, Array], known: float = 300.0) -> Drive:
+    """Return the drive of a log's columns; rows without inertial readings are left out. Of the
+    satellites' speed only what is before `known` (s) tells which way is forward."""
+    sensed = [f"{name}_{axis}" for name in ("acc", "gyro", "grav") for axis in "xyz"]
+    there = np.isfinite([log[name] for name in sensed]).all(axis=0)
+    columns = {name: column[there] for name, column in log.items() if name != "start"}
+    time = columns["time"]
     force, rate, up = (
-        _filled(np.stack([columns[f"{name}_{axis}"] for axis in "xyz"], axis=1))
-        for name in ("acc", "gyro", "grav")
+        np.stack([columns[name] for name in sensed], axis=1).reshape(-1, 3, 3).swapaxes(0, 1)
     )
     speed = np.where(columns["speed"] < 0.0, np.nan, columns["speed"])
-    level, turn = _levelled(force, rate, up)
-    turn = _unhandled(turn, speed < STANDS)
+    level, turn, tilting = _levelled(force, rate, up)
+    turn = _unhandled(turn, tilting, speed < STANDS)
     turned = _forward(_means(level), _means(turn), speed, time < known)
     down = _means(-np.einsum("ni,ni->n", force, _unit(up)))
     specific = np.column_stack([turned, down])
     rates = np.column_stack([np.zeros((len(turn), 2)), turn])
-    start = begin.timestamp() if hasattr(begin, "timestamp") else 0.0
     return Drive(
         time,
-        start,
+        float(log["start"][0]),
         specific,
         _means(rates),
         _means(np.square(SAMPLED * np.pad(np.diff(turn, 2), 1))),
@@ -145,15 +158,13 @@ def read_drive(path: Path, known: float = 300.0) -> Drive:
     )
 
 
+def read_drive(path: Path, known: float = 300.0) -> Drive:
+    """Return the drive of a log (`read_log`, `drive_of`)."""
+    return drive_of(read_log(path), known)
+
+
 def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _filled(vectors: Array) -> Array:
-    """Return readings (N, 3) in which a missing one is the one before, or the first."""
-    known = np.isfinite(vectors).all(axis=1)
-    which = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
-    return vectors[np.where(which < 0, int(np.argmax(known)), which)]
 
 
 def _means(samples: Array) -> Array:
@@ -162,26 +173,30 @@ def _means(samples: Array) -> Array:
     return 0.5 * (before + samples)
 
 
-def _levelled(force: Array, rate: Array, up: Array) -> tuple[Array, Array]:
+def _levelled(force: Array, rate: Array, up: Array) -> tuple[Array, Array, Array]:
     """Return (N, 2) the level part of the specific force, in axes that turn with the telephone
-    about the vertical, and (N,) the turn rate about down."""
+    about the vertical, (N,) the turn rate about down and (N,) that about level axes."""
     vertical = _unit(up)
     # the telephone's axis that is most nearly level at the start stays one of reference
     axis = np.eye(3)[int(np.argmin(np.abs(vertical[:60].mean(axis=0))))]
     x = _unit(axis - (vertical @ axis)[:, None] * vertical)
     y = np.cross(-vertical, x)  # x, y, down
     level = np.column_stack([np.einsum("ni,ni->n", force, e) for e in (x, y)])
-    return level, -np.einsum("ni,ni->n", rate, vertical)
+    turn = -np.einsum("ni,ni->n", rate, vertical)
+    return level, turn, np.linalg.norm(rate + turn[:, None] * vertical, axis=1)
 
 
-def _unhandled(turn: Array, stands: Array) -> Array:
-    """Return turn rates (N,) in which those of a telephone in somebody's hand, while the car
-    stands, are what the gyroscope has read at rest before: its bias."""
+def _unhandled(turn: Array, tilting: Array, stands: Array) -> Array:
+    """Return turn rates (N,) in which those of a telephone in somebody's hand, while the wheels
+    stand, are what the gyroscope has read at rest before: its bias. A hand also tilts (N,) it,
+    which a car that is carried, and turns, does not."""
+    shaken = tilting > np.maximum(HANDLED, np.abs(turn))
+    held = maximum_filter1d(shaken, 2 * NEAR + 1)
     found, bias = turn.copy(), 0.0
     for k in np.flatnonzero(stands):
-        if abs(turn[k]) > HANDLED:
+        if held[k]:
             found[k] = bias
-        else:
+        elif abs(turn[k]) < REST:
             bias += LATEST * (turn[k] - bias)
     return found
 

@@ -3,10 +3,15 @@
 from types import SimpleNamespace
 
 import numpy as np
+import optimum
 from optimum import Data, Model, narrow, posterior
 
+from helpers.route_maps import field, waves
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.consistency import nees_per_axis
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
 
 SCANS, SIZE, LATITUDE = 60, 5, -0.6
 NORTH, EAST = metres_per_radian(LATITUDE)
@@ -88,3 +93,20 @@ def test_narrow_leaves_what_particles_say_together():
     assert np.linalg.eigvalsh(np.linalg.solve(before[:2, :2], P[0, :2, :2])).max() < 0.2501
     together = P.mean(axis=0) + mean.T @ mean / count
     np.testing.assert_allclose(together, before, atol=0.05 * np.abs(before).max())
+
+
+def test_its_model_is_that_of_the_bound():
+    """A Kalman filter of it, over the true track, has the bound's covariance."""
+    settings = ["route.duration=600", "gravity.field=normal", "map_error.sigma=3e-5"]
+    scenario = load_scenario(None, settings)
+    trajectory, field_map = build_trajectory(scenario), field(waves)
+    model = optimum.model_of(scenario, trajectory, field_map)
+    P, found = model.start, []
+    for scan, (transition, noise) in enumerate(zip(model.transition, model.noise, strict=True)):
+        P = transition @ P @ transition.T + noise
+        row = model.by_state[scan].copy()
+        row[:2] -= model.map_at(scan, np.zeros((1, 2)))[1][0]
+        P = P - np.outer(P @ row, row @ P) / (row @ P @ row + model.variance)
+        found.append(P[:2, :2])
+    expected = posterior_cramer_rao(scenario, trajectory, field_map).covariance[1:]
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fusion.numpy_strapdown import State, strapdown
-from helpers.navigators import error_between, filterpy_update, fly, random_covariance
-from isogal.fusion.measurements import PositionFix
+from helpers.navigators import error_between
 from isogal.fusion.model import FilterModel
 from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
@@ -123,26 +122,6 @@ def test_filter_equals_reference(
         np.testing.assert_allclose(unlike, 0.0, atol=2e-8)
         np.testing.assert_array_equal(track[-1, :10], np.concatenate(compiled.estimate))
         np.testing.assert_allclose(track, theirs, rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (250.0, -400.0)])
-def test_position_fix_equals_filterpy(offset):
-    flight = fly(fusion={"false_rejection": 0.0})
-    state = flight.start
-    state.covariance[:] = random_covariance(SIGMA)
-    before, moved = state.copy(), state.copy()
-    moved.position[:2] += np.array(offset) / 6.4e6
-    z = error_between(moved, before)[:2]
-    R = np.array([[120.0**2, 3000.0], [3000.0, 80.0**2]])
-    error, covariance = filterpy_update(before.covariance, np.eye(2, 15), R, z)
-    result = PositionFix(*moved.position[:2], R).update(state, flight.model)
-    np.testing.assert_allclose(result.innovation, z, rtol=1e-4, atol=1e-9)
-    expected = z @ np.linalg.solve(before.covariance[:2, :2] + R, z)
-    assert result.nis == pytest.approx(expected, rel=1e-3, abs=1e-12)
-    apart = error_between(state, before) - error
-    np.testing.assert_allclose(apart / SIGMA, 0.0, atol=1e-3)
-    scale = SIGMA * SIGMA[:, None]
-    np.testing.assert_allclose(state.covariance / scale, covariance / scale, atol=1e-9)
 
 
 axes = st.floats(-1.0, 1.0)

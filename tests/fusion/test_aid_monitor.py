@@ -8,8 +8,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion.aid_monitor import AGREED_FOR, REJECTED_FOR
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import Outcome, satellite_fix, satellite_velocity
-from isogal.fusion.measurements.position_aid import position_fix
+from isogal.fusion.measurements import Outcome, position_fix, satellite_velocity
 from isogal.scenario import Deception, Gnss, PositionAid, Scenario
 from isogal.sensors.satellites import simulate_satellites
 
@@ -36,8 +35,8 @@ def on(it, fixes, until: int, heard=lambda k: True) -> InertialNavigator:
     for k in range(round(it.time), until):
         it.imu(k + 1.0, *FLIGHT.samples(k, k + 1))
         if heard(k + 1):
-            it.measure(k + 1.0, satellite_fix(GNSS, fixes.position[0, k], False))
-            velocity = satellite_velocity(GNSS, fixes.velocity[0, k], np.zeros(3))
+            it.measure(k + 1.0, position_fix(GNSS.positions, fixes[0].values[0, k], False))
+            velocity = satellite_velocity(GNSS, fixes[1].values[0, k], np.zeros(3))
             it.measure(k + 1.0, velocity)
     return it
 
@@ -83,7 +82,7 @@ def test_velocities_by_other_paths_do_not_hold_back_trust() -> None:
     """They may be off by 0.1 m/s for a long time, three times their noise."""
     back = 500
     fixes = fixes_of(WALK.model_copy(update={"end": float(back)}))
-    fixes.velocity[0, back:, 0] += 0.1
+    fixes[1].values[0, back:, 0] += 0.1
     it = flown(fixes, round(back + AGREED_FOR) + 30)
     assert it.monitors[SATELLITES].wrong_since is None
 
@@ -92,7 +91,7 @@ def test_fixes_beyond_the_gate_one_after_the_other_are_no_outliers() -> None:
     jump = Deception(kind="jump", size=5000.0, start=100.0)
     it = flown(fixes_of(jump), round(100.0 + REJECTED_FOR) + 3)
     assert it.monitors[SATELLITES].wrong_since == pytest.approx(100.0)
-    one = satellite_fix(GNSS, fixes_of(jump).position[0, 170], False)
+    one = position_fix(GNSS.positions, fixes_of(jump)[0].values[0, 170], False)
     said = it.measure(it.time, one)
     assert said.outcome is Outcome.UNTRUSTED
     assert "wrong since 100 s" in said.reason
@@ -120,7 +119,7 @@ def positions(until: int, wrong: float = 0.0, satellites: float | None = None):
     for k in range(until):
         it.imu(k + 1.0, *FLIGHT.samples(k, k + 1))
         if satellites is not None:
-            it.measure(k + 1.0, satellite_fix(GNSS, fixes.position[0, k], False))
+            it.measure(k + 1.0, position_fix(GNSS.positions, fixes[0].values[0, k], False))
         if (k + 1) % 10 == 0:
             north = wrong * max(0, k - 300) + rng.normal(0.0, USBL.sigma)
             east = rng.normal(0.0, USBL.sigma)

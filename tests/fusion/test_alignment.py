@@ -81,6 +81,9 @@ def test_directions_give_an_attitude() -> None:
     for body in (truth.T @ a, -a, a):
         turned = matrix(between_directions(body, a)) @ body
         np.testing.assert_allclose(turned, a, atol=1e-5)
+    for nothing in (np.zeros(3), 1e-6 * a):
+        level = matrix(triad((a, a), (nothing, b)))
+        np.testing.assert_allclose(level @ a, a, atol=1e-12)
 
 
 def test_gyroscopes_find_north_to_their_bias_over_the_earths_rate() -> None:

@@ -32,7 +32,7 @@ from isogal.fusion.measurements import (
     VelocityReading,
     Widening,
     measurements_of,
-    satellite_fix,
+    position_fix,
     satellite_velocity,
 )
 from isogal.fusion.measurements.height import by_auxiliary
@@ -407,7 +407,7 @@ def test_satellite_rows_are_those_of_differences(which) -> None:
     state.auxiliary[:] = np.linspace(0.5, 1.5, len(state.auxiliary))
     turn = np.array([0.02, -0.05, 0.3])
     place = state.position + np.array([2e-7, -1e-7, 3.0])
-    fix = satellite_fix(GNSS, place, which.endswith("height"))
+    fix = position_fix(GNSS.positions, place, which.endswith("height"))
     measured = (
         satellite_velocity(GNSS, np.array([5.0, 3.0, 0.1]), turn) if which == "velocity" else fix
     )
@@ -435,7 +435,7 @@ def test_satellite_rows_are_those_of_differences(which) -> None:
 
 def test_what_a_receiver_says_of_its_error_is_the_whole_of_it() -> None:
     stated = np.diag([4.0, 9.0, 1.0])
-    white = satellite_fix(GNSS, np.zeros(3), True, stated).covariance
+    white = position_fix(GNSS.positions, np.zeros(3), True, stated).covariance
     # 1.5 m of it changes slowly, of the height 1.5 times as much; a tenth is left at least
     np.testing.assert_allclose(np.diag(white), [4.0 - 2.25, 9.0 - 2.25, 0.1])
     assert satellite_velocity(GNSS, np.full(3, np.nan), np.zeros(3)) is None

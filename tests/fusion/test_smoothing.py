@@ -5,7 +5,13 @@ import pytest
 
 from helpers.navigators import ROUTE, error_between, fly, identical
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import InformationUpdate, LearntMapError, PositionFix, Widening
+from isogal.fusion.measurements import (
+    InformationUpdate,
+    LearntMapError,
+    PositionFix,
+    SampleNoise,
+    Widening,
+)
 from isogal.fusion.prediction import propagate
 from isogal.fusion.trace import Trace
 from isogal.inertial.error_state import BATCH, batch_covariance
@@ -43,6 +49,7 @@ SCHEDULES = {
     "fixes": {20: [("fix", 30.0, -40.0)], 50: [("fix", -25.0, 10.0)], 90: [("fix", 15.0, 20.0)]},
     "information": {20: ["information"], 70: ["information"], 100: ["negative"]},
     "widened": {20: [("fix", 0.0, 0.0)], 60: ["wider", ("fix", 150.0, 100.0)]},
+    "noisy": {20: [("fix", 0.0, 0.0)], 60: ["noisy"], 90: [("fix", 50.0, 40.0)]},
     "learnt": {30: ["learnt", ("fix", 20.0, 0.0)], 80: [("fix", -40.0, 5.0)]},
 }
 
@@ -54,6 +61,7 @@ def made(what, stamp: int, flight=FLIGHT):
         "information": information(),
         "negative": information(-0.1),
         "wider": Widening(WIDER),
+        "noisy": SampleNoise(np.full(3, 1e-4), 1.0),
         "learnt": LearntMapError(5e-5, 4000.0),
     }
     return one[what]

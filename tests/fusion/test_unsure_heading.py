@@ -10,9 +10,10 @@ from helpers.navigators import error_between, fly
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import AtRest, SampleNoise, VelocityReading
+from isogal.fusion.measurements import AtRest, Outcome, SampleNoise, VelocityReading
+from isogal.fusion.measurements.trust import AGREEING
 from isogal.fusion.nominal import move
-from isogal.fusion.outage import UnknownMotion
+from isogal.fusion.outage import UnknownMotion, grow
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import cross_matrix, matrix
@@ -113,3 +114,47 @@ def test_a_car_may_have_turned_while_samples_were_missing():
     navigator.imu(31.0, np.array([0.0, 0.0, -9.8]), np.zeros(3), 0.0, missing=30.0)
     assert not navigator.undecided
     assert math.sqrt(navigator.state.covariance[8, 8]) > 0.4
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.02])
+def test_wheels_that_stand_of_a_vehicle_that_is_carried(turn):
+    """From 15 m/s to nothing within a second, or of one that was at rest and turns now."""
+    start = Estimate(np.array([0.7, -1.3, 0.0]), np.zeros(3), np.eye(4)[0])
+    model = filter_model(CAR)
+    state = FilterState.start(start, model)
+    state.velocity[0] = 0.0 if turn else 15.0
+    before = state.copy()
+
+    def stands(rate: float) -> Outcome:
+        gyroscopes = AtRest.of_gyroscopes(np.array([0.0, 0.0, rate]), 6e-4)
+        reading = VelocityReading(np.zeros(3), np.eye(3), 0.1, 0.05, gyroscopes)
+        return reading.update(state, model).outcome
+
+    assert stands(turn) is Outcome.UNTRUSTED
+    np.testing.assert_array_equal(state.covariance, before.covariance)
+    state.velocity[0] = 0.0
+    assert {stands(0.0) for _ in range(AGREEING - 2)} == {Outcome.UNTRUSTED}
+    if turn:
+        assert stands(turn) is Outcome.UNTRUSTED  # all is to be done again
+        assert {stands(0.0) for _ in range(AGREEING - 1)} == {Outcome.UNTRUSTED}
+    assert stands(0.0) is Outcome.USED
+    assert np.sqrt(state.covariance[3, 3]) < 0.06
+
+
+def test_a_car_goes_where_it_has_turned_to():
+    """In a gap of 20 s, at a time that is uniform in it: by simulation."""
+    start = Estimate(np.array([0.7, -1.3, 0.0]), np.array([9.0, 12.0, 0.0]), np.eye(4)[0])
+    state = FilterState.start(start, filter_model(CAR))
+    before = state.covariance.copy()
+    grow(state, 20.0, UnknownMotion(0.0, 0.005, rolls=True))
+    rng = np.random.default_rng(1)
+    heading = 0.1 * rng.standard_normal(100_000)
+    velocity = heading[:, None] * [-12.0, 9.0]
+    place = velocity * rng.uniform(0.0, 20.0, (100_000, 1))
+    expected = np.cov(np.column_stack([place, velocity, heading]).T)
+    states = [0, 1, 3, 4, 8]
+    found = (state.covariance - before)[np.ix_(states, states)]
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.02
+    )

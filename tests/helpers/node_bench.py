@@ -214,6 +214,11 @@ class Bench:
             if not item.name.endswith("batch")
         ]
 
+    def batches(self) -> list[tuple[str, dict[str, str]]]:
+        """What the matcher has said of each batch: words and figures."""
+        every = (one for array in self.heard["/diagnostics"] for one in array.status)
+        return [(one.message, figures_of(one)) for one in every if one.name.endswith("batch")]
+
     def told(self, words: str) -> tuple[bytes, str, dict[str, str]]:
         """Wait for words in what the node says about itself; return the first of it."""
         self.wait(lambda: any(words in text for _, text, _ in self.says()), words)

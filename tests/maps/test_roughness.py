@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isogal.maps.field_map import FieldMap
-from isogal.maps.roughness import roughness, roughness_at
+from isogal.maps.roughness import roughness_at
 
 SIDE = np.radians(np.linspace(-0.3, 0.3, 61))
 
@@ -16,12 +16,12 @@ def map_of(values):
 def test_a_plane_is_not_rough_and_a_wave_is_as_by_formula():
     row, column = np.meshgrid(np.arange(61.0), np.arange(61.0), indexing="ij")
     plane = map_of(1e-6 * row - 2e-6 * column)
-    assert roughness(plane) == pytest.approx(0.0, abs=1e-18)
+    assert plane.roughness == pytest.approx(0.0, abs=1e-18)
     assert roughness_at(plane, SIDE[30:32], SIDE[30:32]) == pytest.approx(0.0, abs=1e-18)
     # a node less the mean of its neighbours: (1 - cos k) of a wave, and 0 along its crests
     wave = map_of(np.sin(0.8 * row))
     expected = (1.0 - np.cos(0.8)) * np.sqrt(0.5) * np.sqrt(0.5)
-    assert roughness(wave) == pytest.approx(expected, rel=0.02)
+    assert wave.roughness == pytest.approx(expected, rel=0.02)
     here = roughness_at(wave, SIDE[20:40], SIDE[20:40])
     assert np.sqrt((here**2).mean()) == pytest.approx(expected, rel=0.1)
 
@@ -52,5 +52,5 @@ def test_a_grid_that_is_half_as_dense_leaves_out_a_share_of_it():
         inner = slice(21, 235, 2)
         lat, lon = np.meshgrid(side[inner], side[inner], indexing="ij")
         left_out = fine[inner, inner] - coarse.value(lat, lon)
-        shares.append(np.sqrt((left_out**2).mean()) / roughness(coarse))
+        shares.append(np.sqrt((left_out**2).mean()) / coarse.roughness)
     assert 0.25 < min(shares) < max(shares) < 1.0

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.command_line import answer, refusal
-from isogal.evaluation.figures import style
+from helpers.command_line import refusal
 from isogal.paper.claims import FAILS, HOLDS, OPEN
 from isogal.paper.published import ROWS
 
@@ -68,15 +67,6 @@ def test_every_row_and_claim_is_there(page):
         assert claim["measured"]
         assert claim["where"] in html
     assert "nan" not in json.dumps(document["claims"]).lower()
-
-
-def test_once_more_from_disk_with_other_workers_gives_the_same(page, two_maps, monkeypatch):
-    monkeypatch.setattr(style, "png", lambda _: b"drawn before")
-    before = json.loads((page / "results.json").read_text())
-    files = sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
-    again = json.loads(answer(*words(page, two_maps, "--workers", 1, "--json")))
-    assert {**again, "time": None} == {**before, "time": None}
-    assert files == sorted(path.stat().st_mtime_ns for path in (page / "runs").rglob("*.npz"))
 
 
 def test_map_that_does_not_cover_the_route_is_one_line(two_maps, tmp_path):

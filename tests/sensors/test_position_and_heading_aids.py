@@ -26,10 +26,10 @@ def test_a_position_is_that_of_its_arm_with_errors_as_large_as_told():
     """400 runs, sizes within 5 %: more than four standard deviations of such an estimate."""
     it, trajectory = scene("positions=[{sigma: 8, correlated_sigma: 6, lever_arm: [3, -1, 40]}]")
     fixes = simulate_positions(it.true, it.true.positions[0], trajectory, range(400))
-    error = np.empty_like(fixes.position)
+    error = np.empty_like(fixes.values)
     for k, step in enumerate(fixes.ends):
         origin = trajectory.latitude[step], trajectory.longitude[step], trajectory.height[step]
-        enu = LocalFrame(*origin).from_geodetic(*np.moveaxis(fixes.position[:, k], -1, 0))
+        enu = LocalFrame(*origin).from_geodetic(*np.moveaxis(fixes.values[:, k], -1, 0))
         arm = matrix(trajectory.attitude[step]) @ [3.0, -1.0, 40.0]
         error[:, k] = enu[:, [1, 0, 2]] * [1.0, 1.0, -1.0] - arm
     np.testing.assert_allclose(error.std(axis=0).mean(axis=0), 10.0, rtol=0.05)
@@ -44,7 +44,7 @@ def test_a_heading_is_that_of_the_bow(kind):
     true = np.arctan2(*matrix(trajectory.attitude[seen.ends])[:, [1, 0], 0].T)
     # the declination near Melbourne is 11.9 degrees east (IGRF, 2025)
     east = math.radians(11.9) if kind == "compass" else 0.0
-    off = np.remainder(seen.heading[0] + east - true + math.pi, 2.0 * math.pi) - math.pi
+    off = np.remainder(seen.values[0] + east - true + math.pi, 2.0 * math.pi) - math.pi
     np.testing.assert_allclose(off, 0.0, atol=5e-3 if east else 1e-6)
 
 

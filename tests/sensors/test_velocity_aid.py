@@ -17,7 +17,8 @@ TURNS = "route.waypoints=[[-37.9, 144.8, 22], [-37.85, 144.9, 18], [-37.95, 144.
 def simulated(kind, runs, *more):
     it = load_scenario(None, [f"velocity.kind={kind}", "route.duration=600", TURNS, *more])
     trajectory = build_trajectory(it)
-    return simulate_velocities(it.true, it.true.velocity, trajectory, range(runs)), trajectory
+    found = simulate_velocities(it.true, it.true.velocity, trajectory, range(runs))
+    return found.values, trajectory
 
 
 def in_body(trajectory):

@@ -168,15 +168,15 @@ def test_readings_that_may_lie_off_the_map_do_not_move_the_fix():
     all readings seem to be on the map."""
     wider = replace(field_map_of(wavy, half=50e3), quantity="disturbance")
     track, latitude, longitude = made_track(
-        wider, count=120, error=(2000.0, 0.0), start=(-41e3, -25e3), step=(150.0, 150.0), seed=3
+        wider, count=80, error=(2000.0, 0.0), start=(-41e3, -25e3), step=(225.0, 225.0), seed=3
     )
     prior = Uncertainty(position=1500.0)
     recorder = Recorder()
-    settings = Matcher(batch_length=120)
+    settings = Matcher(batch_length=80)
     match_track(track, DISTURBANCE, settings, prior, matcher=recorder)
     kept = np.isfinite(recorder.batches[0].reading)
-    assert not kept[:10].any()
-    assert kept[-80:].all()
+    assert not kept[:7].any()
+    assert kept[-53:].all()
     match = match_track(track, DISTURBANCE, settings, prior)[0]
     assert match.fix.published, match.fix.reason
     assert nees_per_axis(errors_of([match], latitude, longitude)[0], match.fix.covariance) < 6.9

@@ -139,11 +139,14 @@ class GravimeterNode(GraphNode):
 
     def _reduce(self, ns: int, reading: tuple[Reading, Reading], nav: NavSample | None) -> None:
         """Publish all reductions of a reading, the value and its variance; NaN where the reading
-        or the navigator's state is missing, so that the scan is known to be empty."""
+        or the navigator's state is missing, or the instrument is stuck, so that the scan is known
+        to be empty."""
         sensed, variance = reading
+        moves = nav is None or np.linalg.norm(nav.velocity) > MOVES
+        repeated = moves and self._is_repeated(sensed)
         for reduction, adapter, publisher in self._outputs:
             value, total, place = math.nan * sensed, variance, None
-            if nav is not None:
+            if nav is not None and not repeated:
                 latitude, longitude, height = nav.position
                 place = latitude, longitude
                 north, east = nav.velocity[:2]
@@ -156,15 +159,18 @@ class GravimeterNode(GraphNode):
             publisher.publish(adapter.write_reduced(ns, value, total, place))
         self.health.count("readings")
         self.health.figures["last reading"] = to_seconds(ns)
-        if nav is None or np.linalg.norm(nav.velocity) > MOVES:
-            self._judge(sensed)
         self.health.state(OK, "reducing")
 
-    def _judge(self, sensed: Reading) -> None:
-        """Say whether the instrument of a vehicle that moves is stuck."""
+    def _is_repeated(self, sensed: Reading) -> bool:
+        """Whether a reading, of a vehicle that moves, is the one before it come again and not a
+        new one; say so where the instrument is stuck."""
         self._resting.take(np.ravel(sensed).tolist())
+        stuck = self._resting.beyond is not None
         text = f"stuck: {self._resting.count + 1} readings of the same value"
-        self.health.concern("stuck", None if self._resting.beyond is None else text)
+        self.health.concern("stuck", text if stuck else None)
+        repeated = stuck or self._resting.unusual
+        self.health.count("readings repeated", repeated)
+        return repeated
 
 
 def simulated_readings(

@@ -1,66 +1,41 @@
 """Sensors beside the IMU, whose messages may come late, each with its own stamp."""
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
-from isogal.scenario import Gnss, HeadingAid, Height, PositionAid
+from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
-    Aid,
-    each_aid,
+    aid_of,
     fill_ground_velocity,
     fill_heading,
     fill_position,
     fill_pressure,
-    fill_velocity,
+    fill_twist,
 )
-from isogal_ros.messages.frames import ANTENNA, BASE, framed
+from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, framed
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message
 
 
-def _measured(vehicle: SimulatedVehicle) -> Iterator[tuple[Integers, Array]]:
-    """Yield, in the order of `each_aid`, the steps (K,) at whose ends an aid measures, and what
-    (K, ...)."""
-    found, steps = vehicle.aids, np.arange(1, len(vehicle) + 1)
-    heights = [one for one in (found.height, *found.heights) if one is not None]
-    for each in (*heights, *found.velocities):
-        yield _known(steps, each[0])
-    if (fixes := found.satellites) is not None:
-        yield fixes.ends, fixes.position[0]
-        if fixes.velocity is not None:
-            yield fixes.ends, fixes.velocity[0]
-    for place in found.positions:
-        yield place.ends, place.position[0]
-    for bow in found.headings:
-        yield _known(bow.ends, bow.heading[0])
-
-
-def _known(steps: Integers, values: Array) -> tuple[Integers, Array]:
-    """Leave out the steps (K,) of which there is no number (K, ...)."""
-    known = np.isfinite(values.reshape(len(values), -1)).any(axis=-1)
-    return steps[known], values[known]
-
-
-def _fill(message: Message, ns: int, value: Array, aid: Aid, really: Aid) -> None:
+def _fill(message: Message, ns: int, value: Array, aid: AnyAid, really: AnyAid) -> None:
     """Write what an aid measures at a stamp (ns) into its message: what it believes of its errors,
     and a pressure as it really is."""
-    match aid.settings, really.settings:
-        case Height(), Height() as sensor:
-            fill_pressure(message, ns, float(value), sensor)
-        case Gnss() as gnss, _:
-            fill_ground_velocity(message, ns, value, float(gnss.velocity_sigma or 0.0))
-        case PositionAid() as place, _:
-            fill_position(message, ns, value, place)
-        case HeadingAid() as bow, _:
-            fill_heading(message, ns, float(value), bow)
+    match aid, really:
+        case Height(), Height():
+            fill_pressure(message, ns, float(value), really)
+        case Gnss(), _:
+            fill_ground_velocity(message, ns, value, float(aid.velocity_sigma or 0.0))
+        case PositionAid(), _:
+            fill_position(message, ns, value, aid)
+        case HeadingAid(), _:
+            fill_heading(message, ns, float(value), aid)
         case _:
-            fill_velocity(message, ns, value)
+            fill_twist(message, ns, value * FRD_FLU)
 
 
 class Aids:
@@ -74,19 +49,27 @@ class Aids:
     """
 
     def __init__(self, node: GraphNode, vehicle: SimulatedVehicle) -> None:
-        self._aids = []
-        each = each_aid(node.scenario), each_aid(node.scenario.true), _measured(vehicle)
-        for aid, really, (ends, values) in zip(*each, strict=True):
+        self._aids, scenario, truth = [], node.scenario, node.scenario.true
+        each = [*zip(scenario.aids, truth.aids, vehicle.aids, strict=True)]
+        if scenario.height.measured and vehicle.heights is not None:
+            each.insert(0, (scenario.height, truth.height, vehicle.heights))
+        for aid, really, read in each:
+            if (known := aid_of(aid)) is None:
+                continue
+            topic = known.topic
             late = math.ceil(really.delay / vehicle.trajectory.dt - 1e-9)
-            rows = dict(zip(ends.tolist(), values, strict=True))
-            of_satellites = aid.topic in (topics.GNSS_FIX, topics.GNSS_VELOCITY)
-            message = framed(aid.topic, ANTENNA if of_satellites else BASE)
-            self._aids.append((aid, really, late, rows, node.advertise(aid.topic), message))
+            rows = dict(zip(read.ends.tolist(), read.values[0], strict=True))
+            of_satellites = topic in (topics.GNSS_FIX, topics.GNSS_VELOCITY)
+            message = framed(topic, ANTENNA if of_satellites else BASE)
+            self._aids.append((aid, really, late, rows, node.advertise(topic), message))
         self._step_ns = from_seconds(vehicle.trajectory.dt)
 
     def publish(self, k: int, ns: int) -> None:
         """Publish what comes at the end of step k, which has a stamp (ns)."""
         for aid, really, late, rows, publisher, message in self._aids:
-            if (value := rows.get(k - late)) is not None:
-                _fill(message, ns - late * self._step_ns, value, aid, really)
-                publisher.publish(message)
+            value = rows.get(k - late)
+            # a receiver without satellites says so, a sensor without a heading says nothing
+            if value is None or (isinstance(aid, HeadingAid) and np.isnan(value)):
+                continue
+            _fill(message, ns - late * self._step_ns, value, aid, really)
+            publisher.publish(message)

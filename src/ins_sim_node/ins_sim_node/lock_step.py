@@ -17,6 +17,8 @@ from isogal_ros.nodes.health import figures_of
 STALL = 2.0
 """s of wall time without an answer after which it is asked whether those who answer have
 changed."""
+SILENT = 10.0
+"""s of wall time without an answer after which the diagnostics say which is missing."""
 
 
 class LockStep:
@@ -163,6 +165,9 @@ class LockStep:
             elif self._answered > self._answered_before:
                 self._all_again()
         timeout = self._node.settings.reply_timeout
+        silent = waited > SILENT and not self.complete
+        text = f"waits for an answer: {self._missing()}" if silent else None
+        self._node.health.concern("waiting for an answer", text)
         if self.complete:
             # nobody answers it, or it was answered while the simulator was not active
             self._go_on()

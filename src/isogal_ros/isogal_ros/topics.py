@@ -17,7 +17,7 @@ content:
   (`isogal_ros.messages.stamped_numbers`): the weaker choice, for a topic of every step."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +40,8 @@ from sensor_msgs.msg import (
     Range,
 )
 from std_msgs.msg import Float64, Float64MultiArray
+
+from isogal.errors import InputError, nearest
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -216,6 +218,16 @@ ALL = (
 )  # fmt: skip
 """Isogal's own; the field of another package brings its topics along
 (`isogal_ros.messages.adapter`)."""
+
+
+def topic_named(name: str, of: Iterable[Topic], where: str) -> Topic:
+    """Return the topic of a name, among some or of an aid; raises InputError, which begins with
+    `where` and names the nearest."""
+    known = {topic.name.lstrip("/"): topic for topic in of}
+    topic = known.get(name) or aid_topic(name)
+    if topic is None:
+        raise InputError(f"{where}: the graph has no topic {name!r}{nearest(name, known, 0.4)}")
+    return topic
 
 
 def type_name(message_type: type[Message]) -> str:

@@ -154,17 +154,16 @@ class Scans:
     def correct(self, builder: JointBatches, until: int) -> None:
         """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
         states that ended by then."""
-        for gap in self._queue.take_gaps(until):
-            self._carry_jumps(builder, gap.after.ns)
-            before, after = gap.before, gap.after
+        for before, after in self._queue.take_gaps(until):
+            self._carry_jumps(builder, after.ns)
             if len(before.covariance) == len(after.covariance) == BATCH_STATES:
                 times = to_seconds(before.ns), to_seconds(after.ns)
                 builder.bridge(times[0], before.covariance, times[1], after.covariance)
         self._carry_jumps(builder, until)
 
     def _carry_jumps(self, builder: JointBatches, before: int) -> None:
-        for jump in self._queue.take_jumps(before):
-            builder.correct(to_seconds(jump.ns), jump.change)
+        for ns, change in self._queue.take_jumps(before):
+            builder.correct(to_seconds(ns), change)
 
     def _process(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
         if nav is None:

@@ -8,19 +8,16 @@ from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
+from numpy.typing import ArrayLike
 from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
 from std_srvs.srv import SetBool
 
 from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
-    HeadingReading,
-    HeightReading,
     Innovation,
     Measurement,
-    VelocityReading,
-    position_fix,
-    satellite_velocity,
+    reading_of,
 )
 from isogal.scenario import Gnss, HeadingAid, Height, PositionAid, Velocity
 from isogal.sensors.barometer import height_of
@@ -116,7 +113,7 @@ class Aids:
         interval = aid.settings.interval
         publishers = node.listen(topic, take).get_publisher_count
         measured = Measured(topic.name, node.health, interval)
-        times = from_seconds(interval), from_seconds(aid.delay)
+        times = from_seconds(interval), from_seconds(aid.settings.delay)
         source = self._sources[topic.name] = _Source(*times, publishers, measured)
         node.create_service(SetBool, f"toggle/{topic.name}", toggle)
 
@@ -148,37 +145,31 @@ class Aids:
     def _read(self, aid: Aid, message: Message) -> _Read:
         """Return the reading that a message of an aid is; raises BadMessageError where it cannot
         be used."""
+        found: tuple[ArrayLike, ArrayLike | None] | None
+        describe: Callable[[Innovation], str]
         match aid.settings, message:
             case Height() as sensor, FluidPressure():
                 pressure, height, variance = read_pressure(message, sensor)
-                one = HeightReading(height, variance or sensor.sigma**2, sensor.prefix)
-                return lambda _: one, partial(_unlikely_pressure, pressure, sensor)
+                found = height, variance
+                describe = partial(_unlikely_pressure, pressure, sensor)
             case Velocity() as sensor, TwistWithCovarianceStamped():
                 velocity, covariance = read_velocity(message, self._frame)
                 velocity[[axis for axis in range(3) if axis not in sensor.axes]] = np.nan
-                of = partial(VelocityReading.of, sensor, velocity, covariance)
-                return of, _unlikely_velocity
-            case Gnss() as gnss, TwistWithCovarianceStamped():
-                found = read_ground_velocity(message)
-                return lambda rate: satellite_velocity(
-                    gnss, found[0], rate, found[1]
-                ), _unlikely_velocity
-            case HeadingAid() as bow, Imu():
-                heading, yaw = read_heading(message)
-                turn = HeadingReading.of(bow, heading, self._scenario.magnetometer.epoch, yaw)
-                return lambda _: turn, _turned
-            case PositionAid() as place, NavSatFix():
-                return self._position(place, read_position_fix(message))
-            case PositionAid() as place, PoseWithCovarianceStamped():
-                return self._position(place, read_pose_position(message, self._map))
-        raise TypeError(f"no reading of {type(aid.settings).__name__}")
-
-    def _position(self, aid: PositionAid, found: tuple[Array, Array | None] | None) -> _Read:
-        """Return the reading of a place and its covariance, see `read_position_fix`."""
+                found, describe = (velocity, covariance), _unlikely_velocity
+            case Gnss(), TwistWithCovarianceStamped():
+                found, describe = read_ground_velocity(message), _unlikely_velocity
+            case HeadingAid(), Imu():
+                found, describe = read_heading(message), _turned
+            case PositionAid(), NavSatFix():
+                found, describe = read_position_fix(message), _far
+            case PositionAid(), PoseWithCovarianceStamped():
+                found, describe = read_pose_position(message, self._map), _far
+            case _:
+                raise TypeError(f"no reading of {type(aid.settings).__name__}")
         if found is None:
-            return lambda _: None, _far
-        fix = position_fix(aid, found[0], self._scenario.height.measured, found[1])
-        return lambda _: fix, _far
+            return lambda _: None, describe
+        value, stated = found
+        return partial(reading_of, aid.settings, value, self._scenario, stated=stated), describe
 
 
 def _far(seen: Innovation) -> str:

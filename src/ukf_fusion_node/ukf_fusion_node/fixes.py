@@ -6,18 +6,15 @@ used only where nobody publishes the whole."""
 from collections.abc import Callable
 
 import numpy as np
-from rclpy.impl.rcutils_logger import RcutilsLogger as Logger
 from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.fix import Fix
-from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Innovation, Outcome, measurements_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.messages.whole_fix import WholeFix, read_whole_fix
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.health import Health
 from isogal_ros.topics import FIX, INFORMATION, Message
 from ukf_fusion_node.measuring import Measured
 from ukf_fusion_node.navigation import Navigation
@@ -68,37 +65,72 @@ class FixQueue:
         return [(ns, self._waiting.pop(ns)) for ns in found]
 
 
-class Corrections:
-    """Corrects the filter by fixes, and counts which it accepts.
+def read_fix(message: NavSatFix) -> WholeFix:
+    """Return the fix of a NavSatFix; raises BadMessageError where it cannot be used."""
+    time = to_seconds(to_ns(message.header.stamp))
+    if message.status.status == NavSatStatus.STATUS_NO_FIX:
+        nothing = np.full((2, 2), np.nan)
+        return WholeFix(Fix(time, np.nan, np.nan, nothing, reason="no fix"))
+    latitude, longitude, _ = read_position(message)
+    return WholeFix(Fix(time, latitude, longitude, read_covariance(message)[:2, :2]))
+
+
+class Fixes:
+    """Hears the matcher's fixes, applies each to the filter when it is its turn, and counts which
+    it accepts.
 
     Parameters
     ----------
-    health : Health
-        Gets the figures of the last fix.
-    log : logger, optional
-        Gets a line for a fix, at most one in `LOG_EVERY`.
-    unfit : callable, optional
-        Called when a fix does not agree with the navigator.
+    node : GraphNode
+    navigation : Navigation
+    within : callable
+        Whether something has been published of a time after the newest step: fixes then wait for
+        the next.
+    answer : callable
+        Called after each fix, even one that is dropped.
     """
 
     def __init__(
-        self, health: Health, log: Logger | None = None, unfit: Callable[[], None] = lambda: None
+        self,
+        node: GraphNode,
+        navigation: Navigation,
+        within: Callable[[], bool],
+        answer: Callable[[], None],
     ) -> None:
-        self._health, self._log, self._unfit = health, log, unfit
-        self._measured = Measured(FIX.name, health)
-        self._odd = 0
+        self._guard, self._navigation, self._within = node.guard, navigation, within
+        self._answer, self._health, self._log = answer, node.health, node.get_logger()
+        self._measured, self._odd = Measured(FIX.name, node.health), 0
+        self._queue = FixQueue(from_seconds(node.settings.max_gap))
+        node.listen(FIX, self._take_position)
+        self._whole = node.listen(INFORMATION, lambda one: self._take(one, read_whole_fix))
 
-    def apply(self, navigator: InertialNavigator | None, whole: WholeFix) -> None:
-        """Correct the filter (None = it has not started).
+    def _take_position(self, message: NavSatFix) -> None:
+        if not self._whole.get_publisher_count():
+            self._take(message, read_fix)
 
-        Raises
-        ------
-        BadMessageError
-            The fix cannot be used, or the filter refuses it.
-        """
-        fix = whole.fix
+    def _take(self, message: NavSatFix | PointCloud2, read: Callable[[Message], WholeFix]) -> None:
+        try:
+            self._queue.add(to_ns(message.header.stamp), read(message))
+        except BadMessageError:
+            self._answer()
+            raise
+        self.settle()
+
+    def settle(self) -> None:
+        """Apply the fixes that need not wait, and answer each, even one that is dropped."""
+        if self._within() or not self._queue:
+            return
+        for ns, whole in self._queue.due(self._navigation.ns):
+            self._guard(FIX, self._apply, whole)
+            self._navigation.matched(ns)
+            self._answer()
+
+    def _apply(self, whole: WholeFix) -> None:
+        """Correct the filter; raises BadMessageError where the fix cannot be used, or the filter
+        refuses it."""
+        fix, navigator = whole.fix, self._navigation.navigator
         if fix.reset:
-            self._unfit()
+            self._navigation.unfit()
         parts = [(fix.time, part) for part in measurements_of(fix, whole.relative_to)]
         if navigator is None and (fix.published or fix.widening is not None):
             raise BadMessageError("came before the first IMU sample")
@@ -128,72 +160,12 @@ class Corrections:
         odd = rejected or (result.used and result.nis > IMPROBABLE)
         self._odd = self._odd + 1 if odd else 0
         if odd:
-            self._unfit()
+            self._navigation.unfit()
         text = f"{self._odd} fixes in a row are improbable for the navigator"
         self._health.concern("improbable", text if self._odd >= 2 else None)
-        if result.used and self._log is not None:
+        if result.used:
             moved = float(np.hypot(*result.innovation))
             self._log.info(
                 f"{late:.0f} s old fix taken; {moved:.0f} m from the estimate",
                 throttle_duration_sec=LOG_EVERY,
             )
-
-
-def read_fix(message: NavSatFix) -> WholeFix:
-    """Return the fix of a NavSatFix; raises BadMessageError where it cannot be used."""
-    time = to_seconds(to_ns(message.header.stamp))
-    if message.status.status == NavSatStatus.STATUS_NO_FIX:
-        nothing = np.full((2, 2), np.nan)
-        return WholeFix(Fix(time, np.nan, np.nan, nothing, reason="no fix"))
-    latitude, longitude, _ = read_position(message)
-    return WholeFix(Fix(time, latitude, longitude, read_covariance(message)[:2, :2]))
-
-
-class Fixes:
-    """Hears the matcher's fixes, and applies each when it is its turn.
-
-    Parameters
-    ----------
-    node : GraphNode
-    navigation : Navigation
-    within : callable
-        Whether something has been published of a time after the newest step: fixes then wait for
-        the next.
-    answer : callable
-        Called after each fix, even one that is dropped.
-    """
-
-    def __init__(
-        self,
-        node: GraphNode,
-        navigation: Navigation,
-        within: Callable[[], bool],
-        answer: Callable[[], None],
-    ) -> None:
-        self._guard, self._navigation, self._within = node.guard, navigation, within
-        self._answer = answer
-        self._corrections = Corrections(node.health, node.get_logger(), navigation.unfit)
-        self._queue = FixQueue(from_seconds(node.settings.max_gap))
-        node.listen(FIX, self._take_position)
-        self._whole = node.listen(INFORMATION, lambda one: self._take(one, read_whole_fix))
-
-    def _take_position(self, message: NavSatFix) -> None:
-        if not self._whole.get_publisher_count():
-            self._take(message, read_fix)
-
-    def _take(self, message: NavSatFix | PointCloud2, read: Callable[[Message], WholeFix]) -> None:
-        try:
-            self._queue.add(to_ns(message.header.stamp), read(message))
-        except BadMessageError:
-            self._answer()
-            raise
-        self.settle()
-
-    def settle(self) -> None:
-        """Apply the fixes that need not wait, and answer each, even one that is dropped."""
-        if self._within() or not self._queue:
-            return
-        for ns, whole in self._queue.due(self._navigation.ns):
-            self._guard(FIX, self._corrections.apply, self._navigation.navigator, whole)
-            self._navigation.matched(ns)
-            self._answer()

@@ -2,7 +2,6 @@
 ``map`` to ``odom``, which takes the jumps of fixes; and where the instruments are."""
 
 from geometry_msgs.msg import TransformStamped
-from rclpy.publisher import Publisher
 
 from isogal.arrays import Array
 from isogal.inertial.rotations import from_matrix, matrix
@@ -11,6 +10,7 @@ from isogal_ros.messages.frames import BASE, MAP, ODOM
 from isogal_ros.messages.mounting import HERE, Pose, compose, inverse
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.publishing import Publishing
 
 
 class DeadReckoning:
@@ -45,7 +45,7 @@ class Transforms:
     parameter publish_tf says so."""
 
     def __init__(self, node: GraphNode) -> None:
-        self._publisher: Publisher | None = None
+        self._publisher: Publishing | None = None
         if topics.TF is None or topics.TF_STATIC is None or not node.settings.publish_tf:
             return
         self._track, self._type = DeadReckoning(), topics.TF.type

@@ -117,8 +117,12 @@ def test_evidence_of_errors_with_tails_is_students_t(off):
     scale = math.sqrt(new.noise[0] + SLOPE @ prior[:2, :2] @ SLOPE)
     expected = stats.t.logpdf(off * 1e-5, df=4.0, scale=scale)
     assert found.log_evidence == pytest.approx(expected, abs=1e-4)
-    # what is far off moves it less
-    share = min(1.0, 5.0 / (4.0 + (off * 1e-5 / scale) ** 2))
+    # what is far off moves it less, and tells less: by the density's curvature
+    square = (off * 1e-5 / scale) ** 2
+    share = min(1.0, 5.0 / (4.0 + square))
+    curvature = min(1.0, 5.0 * (4.0 - square) / (4.0 + square) ** 2)
+    told, fully = (prior[:2, :2] - one.covariance[0, :2, :2] for one in (found, gaussian))
+    np.testing.assert_allclose(told, curvature * fully, rtol=1e-3, atol=1e-3)
     if off < 3.0:
         np.testing.assert_allclose(found.mean[0, :2], share * gaussian.mean[0, :2], rtol=1e-6)
     else:

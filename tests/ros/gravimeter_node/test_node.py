@@ -182,10 +182,22 @@ def test_an_instrument_is_stuck_only_where_the_vehicle_moves(scenario, speed, st
         assert any("stuck: " in text for _, text, _ in made.says()) == stuck
 
 
-def test_readings_of_coarse_steps_are_not_stuck(scenario) -> None:
-    """A value that has rested for three readings may rest for ten."""
+@pytest.mark.parametrize(
+    ("noise", "empty"),
+    [(range(8), 1), ([0, 0, 1, 1, 2, 2, 3, 3, 4], 0), ([0] * 4 + [1] * 9, 0)],
+    ids=["fine", "coarse", "coarser"],
+)
+def test_a_reading_that_comes_again_as_none_has_before_is_let_go(scenario, noise, empty) -> None:
+    """From the first repetition on, unless the instrument's steps are as coarse as that; a value
+    that has rested for three readings may rest for ten."""
+    sensed = [9.7952 + 1e-5 * n for n in noise] + [9.7952 + 1e-5 * noise[-1], 9.7953]
     with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
-        for k in range(1, 15):
-            made.reading(10.0 * k, 9.7952 if k > 4 else 9.7951, topic=topics.GRAVIMETRY)
+        for k, value in enumerate(sensed, 1):
+            made.reading(10.0 * k, value, topic=topics.GRAVIMETRY)
             made.nav(10.0 * k, -0.637, 2.5656, (12.0, 0.0))
+        made.wait(lambda: len(made.heard["gravimeter/gravity"]) == len(sensed))
+        found = [one.accel.accel.linear.z for one in made.heard["gravimeter/gravity"]]
+        gone = [k for k, value in enumerate(found) if math.isnan(value)]
+        assert gone == [len(noise)] * empty
+        assert made.node.health.figures["readings repeated"] == empty
         assert not any("stuck: " in text for _, text, _ in made.says())

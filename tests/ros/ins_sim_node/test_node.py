@@ -5,6 +5,7 @@ import shutil
 from rclpy.parameter import Parameter
 
 from helpers.node_bench import bench, stamps
+from ins_sim_node import lock_step
 from isogal_ros import topics
 from isogal_ros.nodes.health import ERROR
 
@@ -18,8 +19,10 @@ def test_it_names_the_nodes_that_are_not_ready(scenario) -> None:
         made.wait(lambda: made.says() and made.says()[-1][0] == ERROR)
 
 
-def test_it_ends_where_no_answer_comes(scenario) -> None:
+def test_it_says_what_it_waits_for_and_ends_where_no_answer_comes(scenario, monkeypatch) -> None:
+    monkeypatch.setattr(lock_step, "SILENT", 0.1)
     with bench(topics.INS_SIM, scenario(), rate=0.0, reply_timeout=0.5) as made:
+        made.wait(lambda: made.told("waits for an answer: missing nav/odom (0 of 1) of stamp 1."))
         made.wait(lambda: made.node.finished)
         assert (
             "no answer to the step at 1.000 s within 0.5 s: missing nav/odom (0 of 1)"

@@ -149,7 +149,7 @@ def test_an_argument_that_is_none_is_named(launch, tmp_path, monkeypatch) -> Non
         (
             "/**/ukf_fusion_node",
             {"publsh_tf": False},
-            "ukf_fusion_node: unknown parameter 'publsh_tf', did you mean 'publish_tf'",
+            "ukf_fusion_node: unknown parameter 'publsh_tf'; did you mean 'publish_tf'",
         ),
         ("/**/ukf_fusion_node", {"publish_tf": "maybe"}, "ukf_fusion_node: publish_tf"),
         ("ins_sim_node", {"rate": -1.0}, "ins_sim_node: rate"),
@@ -183,12 +183,12 @@ def test_a_section_for_nobody_is_said(launch, tmp_path, capsys) -> None:
     nobody = "is for no node of the graph"
     assert sorted(said[1:]) == [
         f"/camera {nobody}",
-        f"/ship/ukf_fusion_node {nobody}; did you mean /ukf_fusion_node?",
-        f"ukf_fuson_node {nobody}; did you mean /ukf_fusion_node?",
+        f"/ship/ukf_fusion_node {nobody}; did you mean '/ukf_fusion_node'?",
+        f"ukf_fuson_node {nobody}; did you mean '/ukf_fusion_node'?",
     ]
     launch(**words, namespace="ship").describe()
     err = capsys.readouterr().err
-    assert f"section ukf_fusion_node {nobody}; did you mean /ship/ukf_fusion_node?" in err
+    assert f"section ukf_fusion_node {nobody}; did you mean '/ship/ukf_fusion_node'?" in err
     assert f"section /ship/ukf_fusion_node {nobody}" not in err
 
 

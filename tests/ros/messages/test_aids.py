@@ -16,7 +16,7 @@ from isogal_ros import topics
 from isogal_ros.messages.aids import (
     fill_heading,
     fill_pressure,
-    fill_velocity,
+    fill_twist,
     read_heading,
     read_pose_position,
     read_position_fix,
@@ -40,7 +40,7 @@ def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
         for second in range(1, 9):
             ns = second * 1_000_000_000
             fill_pressure(pressure, ns, height, Height(source="barometer"))
-            fill_velocity(velocity, ns, body)
+            fill_twist(velocity, ns, body)
             if second == 4:
                 pressure.fluid_pressure /= 100.0
                 velocity.twist.twist.linear.x *= 1.94384
@@ -65,7 +65,7 @@ def test_messages_there_and_back() -> None:
     slope = (pressure_of(1235.0, settings) - pressure_of(1234.0, settings)) ** -1
     assert read_pressure(pressure, settings)[2] == pytest.approx(100.0 * slope**2, rel=1e-3)
     velocity.header.frame_id = "base_link"
-    fill_velocity(velocity, 5, np.array([20.0, -1.0, np.nan]))
+    fill_twist(velocity, 5, np.array([20.0, 1.0, np.nan]))
     back, covariance = read_velocity(velocity)
     np.testing.assert_array_equal(back, [20.0, -1.0, np.nan])
     assert not covariance.any()

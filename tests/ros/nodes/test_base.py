@@ -10,9 +10,9 @@ from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.nodes import base
-from isogal_ros.nodes.base import FAILURE, SUCCESS
+from isogal_ros.nodes import heartbeat
 from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.managed import FAILURE, SUCCESS
 
 
 def test_every_transition(scenario) -> None:
@@ -100,17 +100,17 @@ def test_what_lies_below_a_block_in_use_is_given_back() -> None:
     for block in blocks[:-1]:
         library.free(block)
     before = resident()
-    base.give_memory_back()
+    heartbeat.give_memory_back()
     assert resident() < before - 25.0
     library.free(blocks[-1])
 
 
 def test_a_node_gives_it_back_when_it_is_time(scenario, monkeypatch) -> None:
     given = []
-    monkeypatch.setattr(base, "give_memory_back", lambda: given.append(True))
+    monkeypatch.setattr(heartbeat, "give_memory_back", lambda: given.append(True))
     with bench(topics.UKF_FUSION, scenario()) as made:
         made.bus.tick()
         assert not given
-        monkeypatch.setattr(base, "FREE_EVERY", 0.0)
+        monkeypatch.setattr(heartbeat, "FREE_EVERY", 0.0)
         made.bus.tick()
         assert given

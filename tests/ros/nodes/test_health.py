@@ -24,7 +24,7 @@ def out() -> Listener:
 
 @pytest.fixture
 def health(out) -> Health:
-    return Health("node", out, S)
+    return Health("node", out, S, print)
 
 
 def test_once_a_period(health, out) -> None:
@@ -72,7 +72,7 @@ def test_more_statuses(health, out) -> None:
 def test_a_period_is_of_wall_time_where_there_is_a_clock(out) -> None:
     """A simulation at 500 times real time does not say it 500 times a second."""
     now = 100.0
-    health = Health("node", out, S, clock=lambda: now)
+    health = Health("node", out, S, print, clock=lambda: now)
     for ns in range(0, 5 * S, S // 4):
         health.tick(ns)
     assert len(out.arrays) == 1

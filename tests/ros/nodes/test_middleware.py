@@ -7,7 +7,7 @@ import pytest
 
 from helpers.node_bench import bench
 from isogal_ros import topics
-from isogal_ros.nodes import base, spin
+from isogal_ros.nodes import heartbeat, spin
 from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.middleware import LEASE, OWN_FILES, PROFILES
 
@@ -46,7 +46,7 @@ def test_a_node_that_is_run_by_itself_sets_the_profiles(environment_at_init) -> 
 
 def test_a_process_that_stood_still_says_so_for_a_minute(scenario, monkeypatch) -> None:
     now = 1000.0
-    monkeypatch.setattr(base.time, "monotonic", lambda: now)
+    monkeypatch.setattr(heartbeat.time, "monotonic", lambda: now)
     with bench(topics.GRAVIMETER, scenario()) as made:
         beat = made.node._beat
         for after in (1.0, LEASE - 1.0):  # for so long others keep what they publish

@@ -69,10 +69,10 @@ def test_a_second_message_of_a_stamp_is_a_jump() -> None:
     buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1], velocity=(10.5, 10.0))
     buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1] - 1e-5, velocity=(10.5, 9.0))
     buffer.feed(6 * S, *PLACE)
-    first, second = buffer.buffer.take_jumps(6 * S)
-    assert first.ns == second.ns == 5 * S
-    assert first.change == pytest.approx([63.6, 0.0, 0.5, 0.0, 0, 0, 0], abs=0.1)
-    assert second.change == pytest.approx([0.0, -50.3, 0.0, -1.0, 0, 0, 0], abs=0.1)
+    (begin, first), (end, second) = buffer.buffer.take_jumps(6 * S)
+    assert begin == end == 5 * S
+    assert first == pytest.approx([63.6, 0.0, 0.5, 0.0, 0, 0, 0], abs=0.1)
+    assert second == pytest.approx([0.0, -50.3, 0.0, -1.0, 0, 0, 0], abs=0.1)
     assert buffer.buffer.at(5 * S).velocity[0] == pytest.approx(10.0)  # the state before any fix
     assert buffer.buffer.take_jumps(6 * S) == []
 
@@ -97,7 +97,7 @@ def test_a_flood_is_not_kept(monkeypatch) -> None:
     for k in range(6, 20):
         buffer.feed(k * S, *PLACE)
         buffer.feed(k * S, PLACE[0] + 1e-6, PLACE[1])
-    assert [jump.ns for jump in buffer.buffer.jumps] == [k * S for k in range(12, 20)]
+    assert [ns for ns, _ in buffer.buffer.jumps] == [k * S for k in range(12, 20)]
 
 
 def test_a_gap_has_the_states_at_either_side() -> None:
@@ -106,9 +106,9 @@ def test_a_gap_has_the_states_at_either_side() -> None:
     for second in (5, 6, 16, 11, 80, 81):
         buffer.feed(second * S, *PLACE, variance=float(second))
     assert buffer.buffer.take_gaps(79 * S) == []
-    (gap,) = buffer.buffer.take_gaps(80 * S)
-    assert (gap.before.ns, gap.after.ns) == (16 * S, 80 * S)
-    assert gap.after.covariance.shape == (7, 7)
+    ((before, after),) = buffer.buffer.take_gaps(80 * S)
+    assert (before.ns, after.ns) == (16 * S, 80 * S)
+    assert after.covariance.shape == (7, 7)
     assert buffer.buffer.take_gaps(90 * S) == []
 
 

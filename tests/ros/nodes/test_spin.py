@@ -35,7 +35,7 @@ def test_arguments_reach_the_node() -> None:
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (["--ros-args", "-p", "runn:=3"], "unknown parameter 'runn', did you mean 'run'?"),
+        (["--ros-args", "-p", "runn:=3"], "unknown parameter 'runn'; did you mean 'run'?"),
         (["-p", "run:=3"], "unknown argument '-p'; parameters are --ros-args -p KEY:=VALUE"),
         (
             ["--ros-args", "--params-file", "no.yaml"],

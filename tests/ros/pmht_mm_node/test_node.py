@@ -15,7 +15,7 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.gradiometer import GRADIOMETER
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
-from isogal_ros.nodes.health import WARN, figures_of
+from isogal_ros.nodes.health import WARN
 
 
 @pytest.fixture
@@ -112,14 +112,9 @@ def test_a_matcher_that_fails_gives_no_fix(matcher_bench, drive, monkeypatch) ->
         drive(scan)
     (fix,) = matcher_bench.heard["pmht_mm/fix"]
     assert fix.status.status == NavSatStatus.STATUS_NO_FIX
-    batch = [
-        item
-        for array in matcher_bench.heard["/diagnostics"]
-        for item in array.status
-        if item.name.endswith("batch")
-    ]
-    assert figures_of(batch[0])["status"] == "failed"
-    assert batch[0].message.startswith("the matcher failed: ZeroDivisionError: division by zero (")
+    words, figures = matcher_bench.batches()[0]
+    assert figures["status"] == "failed"
+    assert words.startswith("the matcher failed: ZeroDivisionError: division by zero (")
     assert node._matching.memory == "of earlier batches"
     level, text, figures = matcher_bench.says()[-1]
     assert level == WARN and text.startswith("1 batches without a fix: the matcher failed: ")

@@ -73,13 +73,7 @@ def test_without_a_checkpoint_it_begins_and_says_so(scenario, drive) -> None:
     with bench(topics.PMHT_MM, scenario()) as made:
         drive(made, 9, 24)
         assert list(fixes(made)) == [120, 180, 240]
-        reasons = [
-            item.message
-            for array in made.heard["/diagnostics"]
-            for item in array.status
-            if item.name.endswith("batch")
-        ]
-        assert "the first batch is not whole: it has 4 scans" in reasons[0]
+        assert "the first batch is not whole: it has 4 scans" in made.batches()[0][0]
         assert made.heard["pmht_mm/fix"][0].status.status == -1
 
 
@@ -100,13 +94,7 @@ def test_no_batch_ends_in_a_time_of_which_the_navigator_said_nothing(scenario, d
         drive(made, 1, 10)  # due at 60 s, 90 s, 120 s, ...
         drive(made, 14, 18)
         assert list(fixes(made)) == [60, 90, 120, 150, 180]
-        reasons = {
-            float(value.value): item.message
-            for array in made.heard["/diagnostics"]
-            for item in array.status
-            for value in item.values
-            if item.name.endswith("batch") and value.key == "stamp"
-        }
+        reasons = {float(figures["stamp"]): words for words, figures in made.batches()}
         assert reasons[120.0] == "the navigator said nothing of the batch's end"
         assert reasons[150.0] == "fix published"
 

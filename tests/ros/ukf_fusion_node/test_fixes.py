@@ -8,19 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.navigators import fly
 from helpers.node_bench import bench
 from isogal.fields.known_gravity import KnownGravity, Residual
-from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.matching.interfaces import Fix
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
-from isogal_ros.nodes.health import ERROR, WARN, Health
+from isogal_ros.nodes.health import ERROR, WARN
 from isogal_ros.topics import INFORMATION, UKF_FUSION
-from ukf_fusion_node.fixes import Corrections, FixQueue
+from ukf_fusion_node.fixes import FixQueue
 
 WHOLE = WholeFix(Fix(10.0, -0.6, 2.5, np.eye(2)))
 
@@ -69,28 +67,6 @@ def test_in_any_order_each_stamp_is_used_once(arrivals, now) -> None:
     assert repeated == 3
 
 
-class Silent:
-    """Where diagnostics go."""
-
-    def publish(self, _message) -> None:
-        """Take it."""
-
-
-def test_the_map_error_of_a_batch_without_a_fix_counts_and_waits_for_no_navigator() -> None:
-    health = Health("x", Silent(), 10**9)
-    flight, corrections = fly(), Corrections(health)
-    it = InertialNavigator(flight.model, flight.start)
-    it.model = replace(it.model, gravity=KnownGravity(residual=Residual(0.0, 1.0)))
-    for k in range(20):
-        it.imu(k + 1.0, *flight.samples(k, k + 1))
-    none = Fix(15.0, 0.0, 0.0, np.full((2, 2), np.nan), "nothing new", map_error=(8e-5, 3e3))
-    corrections.apply(None, WholeFix(none))
-    corrections.apply(it, WholeFix(none))
-    sigma, length = it.state.residual_gravity
-    assert (sigma, length) == pytest.approx((np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 3e3))
-    assert "fixes accepted" not in health.figures
-
-
 FAR, NEAR = 78e3 / 6.36e6, 100.0 / 6.36e6
 """rad."""
 
@@ -112,6 +88,23 @@ def advance(made, first: int, last: int) -> None:
     """Send samples of these stamps."""
     for k in range(first, last + 1):
         made.imu(k)
+
+
+def test_the_map_error_of_a_batch_without_a_fix_counts_and_waits_for_no_navigator(
+    scenario, start
+) -> None:
+    none = {"reason": "nothing new", "map_error": (8e-5, 3e3)}
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        send(made, 12.0, start, **none)
+        advance(made, 1, 1)
+        it = made.node.navigator
+        it.model = replace(it.model, gravity=KnownGravity(residual=Residual(0.0, 1.0)))
+        advance(made, 2, 20)
+        send(made, 15.0, start, **none)
+        sigma, length = it.state.residual_gravity
+        assert (sigma, length) == pytest.approx((np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 3e3))
+        assert "fixes accepted" not in made.node.health.figures
+        assert not made.node.health.dropped
 
 
 @pytest.mark.parametrize("bare", [True, False], ids=["NavSatFix", "whole fix"])

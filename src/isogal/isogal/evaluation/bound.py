@@ -24,9 +24,9 @@ accelerometer (docs/mathematics.md, section 3.7)."""
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from isogal.arrays import Array, Integers
 from isogal.evaluation.ins_error_model import (
@@ -52,15 +52,8 @@ from isogal.fields.measured import measured_field
 from isogal.fields.simulator import recorded, scan_index
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements import (
-    HeadingReading,
-    HeightReading,
-    VelocityReading,
-    position_fix,
-    satellite_velocity,
-)
+from isogal.fusion.measurements import reading_of
 from isogal.fusion.measurements.height import by_auxiliary
-from isogal.fusion.measurements.model import Linear
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_model import STATES
@@ -69,7 +62,7 @@ from isogal.inertial.rotations import from_matrix
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import MapError, Scenario
+from isogal.scenario import AnyAid, Gnss, HeadingAid, MapError, PositionAid, Scenario, Velocity
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
 from isogal.sensors.noise import RunScans
@@ -460,11 +453,8 @@ def _sensitivity(
 
 def _height_slope(scenario: Scenario, trajectory: Trajectory, scans: Integers) -> Array:
     """Return (S,) d(reading)/d(height) at scans, indices into a trajectory; map's unit per m."""
-    latitude, longitude, height = (
-        values[scans] for values in (trajectory.latitude, trajectory.longitude, trajectory.height)
-    )
-    at = State(latitude, longitude, height, *trajectory.velocity[scans, :2].T)
-    return np.asarray(measured_field(scenario).reduction(scenario).height_slope(at))
+    reduction = measured_field(scenario).reduction(scenario)
+    return np.asarray(reduction.height_slope(trajectory.at(scans)))
 
 
 def linear_model(
@@ -477,7 +467,8 @@ def linear_model(
     model = filter_model(world, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)
-    measurements = [_of_aid(aid, world, model, segments, size) for aid in _aids(world, segments)]
+    found = (_of_aid(aid, world, model, segments, size) for aid in world.aids)
+    measurements = [one for one in found if one is not None]
     lags: list[tuple[int, int]] = []
     jumps: list[tuple[int, int, MapSteps]] = []
     for one in fields:
@@ -500,65 +491,26 @@ def linear_model(
     )
 
 
-class _Aid(NamedTuple):
-    """A sensor of the navigator beside those of the fields."""
-
-    measurements: Sequence[Linear]
-    """What it gives at the end of each stretch, or always; only how that depends on the state
-    counts."""
-    interval: float
-    """s."""
-    available: Sequence[tuple[float, float]] | None = None
-    """s since the start; None = always."""
-    slowest: float = 0.0
-    """m/s."""
-
-
-def _aids(world: Scenario, segments: Segments) -> Iterator[_Aid]:
-    """Yield all aids of a scenario but that of the section `height`, which is in the filter's
-    states."""
-    gnss, place = world.gnss, np.array([0.0, 0.0, world.route.height])
-    for velocity in world.velocity_aids:
-        measured = np.full(3, np.nan)
-        measured[list(velocity.axes)] = 0.0
-        reading = VelocityReading(
-            measured,
-            velocity.number("sigma") ** 2 * np.eye(3),
-            prefix=velocity.prefix,
-            medium=velocity.medium,
-        )
-        yield _Aid([reading], velocity.interval)
-    for sensor in world.heights or ():
-        above = HeightReading(world.route.height, sensor.sigma**2, sensor.prefix)
-        yield _Aid([above], sensor.interval)
-    for aid in world.position_aids:
-        fix = position_fix(aid, place, world.height.measured)
-        yield _Aid([fix], aid.interval, aid.available)
-    if gnss.used and gnss.velocity_sigma is not None:
-        level = np.array([0.0, 0.0, np.nan])
-        each = [satellite_velocity(gnss, level, rate) for rate in segments.rate]
-        yield _Aid([one for one in each if one is not None], gnss.interval, gnss.available)
-    for bow in world.headings or ():
-        heading = HeadingReading(0.0, bow.number("sigma") ** 2, bow.prefix)
-        slowest = bow.slowest if bow.kind == "course" else 0.0
-        yield _Aid([heading], bow.interval, bow.available, slowest)
-
-
 def _of_aid(
-    aid: _Aid, world: Scenario, model: FilterModel, segments: Segments, size: int
-) -> Measurements:
+    aid: AnyAid, world: Scenario, model: FilterModel, segments: Segments, size: int
+) -> Measurements | None:
     """Return what an aid measures, by the filter's own measurement model at the truth, as rows of
-    `size` states: at the end of a stretch a reading, or the mean of those of the stretch."""
+    `size` states: at the end of a stretch a reading, or the mean of those of the stretch. None
+    where it measures nothing."""
     every = max(1, round(aid.interval / segments.dt))
     ends = np.arange(every - 1, len(segments.geometry), every)
-    # the navigator's height is what the sensor read, with its errors
-    contents = by_auxiliary(model, world.route.height)
+    # only how a reading depends on the state counts, and the navigator's height is what the sensor
+    # read, with its errors
+    value, contents = _some_value(aid, world), by_auxiliary(model, world.route.height)
     truth = FilterState.start(Estimate(np.zeros(3), np.zeros(3), np.zeros(4)), model)
     found, noise = [], np.empty(0)
     for k in ends.tolist():
         truth.velocity[:2] = segments.geometry[k, 1:3]
         truth.attitude[:] = from_matrix(segments.rotation[k])
-        linear = aid.measurements[k % len(aid.measurements)].rows(truth, model)
+        reading = reading_of(aid, value, world, segments.rate[k])
+        if reading is None:
+            return None
+        linear = reading.rows(truth, model)
         own = linear.H[:, FILTER_STATES:] + linear.H[:, 2:3] * contents
         rest = np.zeros((len(own), size - STATES - own.shape[1]))
         found.append(np.hstack([linear.H[:, _OF_FILTER], own, rest]))
@@ -566,9 +518,23 @@ def _of_aid(
     rows = np.array(found)
     since = np.asarray(segments.dt * (ends + 1.0), dtype=np.float64)
     seen = within(aid.available, since)
-    seen &= np.hypot(*segments.geometry[ends, 1:3].T) >= aid.slowest
+    if isinstance(aid, HeadingAid) and aid.kind == "course":
+        seen &= np.hypot(*segments.geometry[ends, 1:3].T) >= aid.slowest
     rows[~seen] = np.nan
     return Measurements(rows, noise / max(1.0, segments.dt / aid.interval), every)
+
+
+def _some_value(aid: AnyAid, world: Scenario) -> ArrayLike:
+    """Return a reading of an aid, in the axes that it measures; a receiver's vertical velocity is
+    not used."""
+    match aid:
+        case Velocity():
+            return [0.0 if axis in aid.axes else np.nan for axis in range(3)]
+        case PositionAid():
+            return [0.0, 0.0, world.route.height]
+        case Gnss():
+            return [0.0, 0.0, np.nan]
+    return 0.0
 
 
 def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:

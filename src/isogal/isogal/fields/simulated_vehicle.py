@@ -13,10 +13,12 @@ from isogal.inertial.gravity import Compensation
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario, Truth
+from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import simulate_solution
-from isogal.sensors.simulated_aids import SimulatedAids, simulate_aids
+from isogal.sensors.position_aid import AidReadings
+from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 
@@ -38,8 +40,10 @@ class SimulatedVehicle:
     solution: Array | None
     """(K + 1, 10) what the INS says (`isogal.inertial.inverse.COLUMNS`), where it gives its
     solution in place of samples; None = it gives samples."""
-    aids: SimulatedAids
-    """Of one run."""
+    aids: tuple[AidReadings, ...]
+    """Of one run, in the order of `Settings.aids`."""
+    heights: AidReadings | None
+    """Of the section `height`; None = it has no sensor."""
     turn_rate: Array
     """(K + 1, 3) rad/s, FRD, true angular rate relative to the Earth; the mean over the interval
     before."""
@@ -67,19 +71,12 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
     else:
         compensation = known_gravity(of_gravity, trajectory).compensation
         unaided = unaided_track(truth, [run], trajectory, imu, compensation)[0]
-    states = np.column_stack(
-        [
-            trajectory.latitude,
-            trajectory.longitude,
-            trajectory.height,
-            trajectory.velocity,
-            trajectory.attitude,
-        ]
-    )
+    states = np.hstack([trajectory.position, trajectory.velocity, trajectory.attitude])
     samples = simulate_samples(
         truth, trajectory, run, None if gravity is None else gravity[0]
     ).reshape(len(trajectory), -1, 6)
-    aids = simulate_aids(truth, trajectory, [run])
+    height = truth.height
+    sensed = simulate_heights(truth, height, trajectory, [run]) if height.measured else None
     return SimulatedVehicle(
         trajectory,
         states,
@@ -87,7 +84,8 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         samples,
         unaided,
         solution,
-        aids,
+        simulate_aids(truth, trajectory, [run]),
+        sensed,
         _turn_rate(trajectory),
     )
 

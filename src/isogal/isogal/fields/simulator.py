@@ -26,7 +26,6 @@ from isogal.scenario import Assumed, Scenario, Settings, Truth
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
 from isogal.sensors.noise import RunScans
-from isogal.sensors.reduction import State
 from isogal.sensors.satellites import turn_rates
 from isogal.sensors.trajectory import Trajectory
 
@@ -181,16 +180,8 @@ def true_readings(
             f" {np.degrees(latitude[j]):.4f}, longitude {np.degrees(longitude[j]):.4f} deg"
             f" ({trajectory.time[i[j]]:.0f} s after the start)"
         )
-    velocity = trajectory.velocity[i]
-    at = State(
-        latitude,
-        longitude,
-        trajectory.height[i],
-        velocity[:, 0],
-        velocity[:, 1],
-        matrix(trajectory.attitude[i]),
-        turn_rates(trajectory)[i],
-    )
+    attitude, turn = matrix(trajectory.attitude[i]), turn_rates(trajectory)[i]
+    at = trajectory.at(i)._replace(attitude=attitude, turn=turn)
     return _measured(truth, field_map).reduction(truth).raw(value, at)
 
 

@@ -13,7 +13,7 @@ from isogal.fusion.measurements.height import (
 from isogal.fusion.measurements.position_aid import position_error_states
 from isogal.fusion.measurements.velocity import velocity_error_states
 from isogal.fusion.model import FilterModel
-from isogal.scenario import Assumed
+from isogal.scenario import Assumed, PositionAid
 from isogal.sensors.imu_model import bias_sigma, noise_density
 
 # Floors of the initial 1-sigma, so that a scenario with a perfect start still has a positive
@@ -64,7 +64,8 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         *velocity_error_states(scenario.velocity_aids),
         *(
             state
-            for aid in scenario.position_aids
+            for aid in scenario.aids
+            if isinstance(aid, PositionAid)
             for state in position_error_states(aid, height.measured)
         ),
         *(state for aid in scenario.headings or () for state in heading_error_states(aid)),

@@ -73,11 +73,14 @@ def between_directions(body: Array, navigation: Array) -> Array:
 
 def triad(force: tuple[Array, Array], rate: tuple[Array, Array]) -> Array:
     """Return the quaternion (4,) of two directions, each in the body and in the navigation frame;
-    the first is exact."""
+    the first is exact. Where the second is parallel to it, or nothing, so that it does not tell
+    the turn about it, any turn will do."""
     axes = []
     for one, other in zip(force, rate, strict=True):
         first = one / np.linalg.norm(one)
         second = np.cross(first, other)
+        if not second.any():  # gyroscopes that read nothing, or the vertical alone
+            second = np.cross(first, np.eye(3)[int(np.argmin(np.abs(first)))])
         second /= np.linalg.norm(second)
         axes.append(np.stack([first, second, np.cross(first, second)], axis=1))
     in_body, in_navigation = axes

@@ -68,6 +68,8 @@ class UnknownMotion:
     """rad, largest change of tilt."""
     lasts: float = math.inf
     """s that it moves so at most; for longer its velocity is constant."""
+    rolls: bool = False
+    """Whether it goes where its heading is: its velocity turns as it does."""
 
     def of_vehicle(self, scenario: Assumed) -> "UnknownMotion":
         """Return that of a scenario's vehicle: one on wheels moves at least as a car does."""
@@ -79,6 +81,7 @@ class UnknownMotion:
             acceleration=max(self.acceleration, acceleration),
             turn_rate=max(self.turn_rate, turn_rate),
             between=min(self.between, between),
+            rolls=True,
         )
 
     def seen(self, change: tuple[Array, Array], manoeuvre: bool) -> "UnknownMotion":
@@ -133,8 +136,28 @@ def grow(state: FilterState, seconds: float, motion: UnknownMotion) -> None:
     known, or a sensor says it."""
     speed = float(np.hypot(*state.velocity[:2]))
     added = outage_covariance(seconds, speed, motion)
+    if motion.rolls and speed > SLOWEST:
+        added = _rolled(added, seconds, state.velocity[:2])
     added[[2, 5], :] = added[:, [2, 5]] = 0.0
     state.covariance[:9, :9] += added
+
+
+def _rolled(added: Array, seconds: float, velocity: Array) -> Array:
+    """Return what an outage adds, `added` (9, 9), for a vehicle that goes where its heading is,
+    with a velocity (2,): along it as any vehicle, across it what the turn of the heading makes of
+    that. It turns at a time of which nothing is known, so that the place is off by half the gap's
+    length times what the velocity is off, and independently by that over sqrt(12)."""
+    north, east = velocity
+    forward = velocity / np.hypot(north, east)
+    kept = np.eye(9)
+    kept[:2, :2] = kept[3:5, 3:5] = np.outer(forward, forward)
+    kept[8, 8] = 0.0
+    turn = math.sqrt(added[8, 8])
+    across = turn * np.array([-east, north])
+    root = np.zeros((9, 2))
+    root[:2, 0], root[:2, 1] = across * seconds / 2.0, across * seconds / math.sqrt(12.0)
+    root[3:5, 0], root[8, 0] = across, turn
+    return np.asarray(kept @ added @ kept.T + root @ root.T)
 
 
 def keep_going(

@@ -11,8 +11,8 @@ where a prime marks what is later, P' over an interval is the predicted covarian
 covariance of the error before the interval with that after it, from the filter's own sigma points
 (Särkkä 2008). A measurement is of the same state, whatever its form: nothing more need be known of
 it than what it made of mean and covariance. What makes the navigator less certain without
-measuring anything (`Widening`, a gap in the inertial data) is an interval in which noise comes in:
-C = P.
+measuring anything (`Widening`, `SampleNoise`, a gap in the inertial data) is an interval in which
+noise comes in: C = P.
 
 While it is open what has happened (`isogal.fusion.mixture`), each state has d and D of its own and
 a probability, which is that of the end."""
@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.measurements import Measurement, Widening
+from isogal.fusion.measurements import Measurement, SampleNoise, Widening
 from isogal.fusion.measurements.ground_velocity import GroundVelocity
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
@@ -258,7 +258,7 @@ def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _St
     for state in now.states:
         index = next(k for k, one in enumerate(them) if one is state)
         was = before[index]
-        if isinstance(measurement, Widening):
+        if isinstance(measurement, Widening | SampleNoise):
             way = _widened(was.covariance, state.covariance)
         else:
             way = _informed(was, state, model, isinstance(measurement, GroundVelocity))

@@ -94,6 +94,17 @@ class ChannelMap:
         columns = self.values.shape[2]
         return self.channels[0].grid._replace(values=self.values.reshape(-1, columns))
 
+    @cached_property
+    def sigma_grid(self) -> Grid:
+        """What the maps say of their errors at their nodes, below one another; one node where none
+        says it of each node."""
+        grids = [one.sigma_grid.values for one in self.channels]
+        if all(one.size == 1 for one in grids):
+            return self.channels[0].sigma_grid
+        shape = self.channels[0].values.shape
+        each = [np.broadcast_to(one, shape) for one in grids]
+        return self.grid._replace(values=np.ascontiguousarray(np.concatenate(each)))
+
     unit: str = _of_first("unit")
     quantity: str = _of_first("quantity")
     extent: Window = _of_first("extent")

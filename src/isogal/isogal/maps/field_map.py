@@ -175,6 +175,25 @@ class FieldMap:
         return float(np.nanstd(self.values[:: steps[0], :: steps[1]]))
 
     @cached_property
+    def roughness(self) -> float:
+        """RMS difference of a node from the mean of its neighbours on either side, by at most 200
+        x 200 nodes; 0 where nothing is known."""
+        steps, values = [max(1, count // 200) for count in self.values.shape], self.values
+        along = values[1:-1] - 0.5 * (values[2:] + values[:-2])
+        across = values[:, 1:-1] - 0.5 * (values[:, 2:] + values[:, :-2])
+        each = [part[:: steps[0], :: steps[1]].ravel() for part in (along, across)]
+        known = np.concatenate(each)
+        known = known[np.isfinite(known)]
+        return math.sqrt(float((known**2).mean())) if known.size else 0.0
+
+    @cached_property
+    def sigma_grid(self) -> Grid:
+        """What the map says of its error at its nodes; one node where it says one number."""
+        return self.grid._replace(
+            values=np.ascontiguousarray(np.atleast_2d(self.sigma), dtype=np.float64)
+        )
+
+    @cached_property
     def usual_sigma(self) -> float:
         """Mean of what the map says of its own error; 0 where it says nothing of the whole of
         it."""

@@ -1,8 +1,8 @@
-"""How rough is a map: what would it not show if its grid were half as dense?
+"""How rough is a map around a place: what would it not show if its grid were half as dense?
 
-The roughness is the RMS difference of a node from the mean of its neighbours on either side. What
-a grid leaves out is a share of it, everywhere alike: over SE Australia, half as dense, 0.15 to
-0.97 in 26 parts of a track on which both vary a hundredfold.
+The roughness is that of `FieldMap.roughness`, by the nodes around. What a grid leaves out is a
+share of it, everywhere alike: over SE Australia, half as dense, 0.15 to 0.97 in 26 parts of a
+track on which both vary a hundredfold.
 """
 
 import math
@@ -17,18 +17,6 @@ from isogal.maps.interpolation import Grid, column_position
 AROUND = 3
 """Nodes on either side of a place that its roughness is a mean over, with a Gaussian weight of one
 node (1-sigma)."""
-
-
-def roughness(field_map: FieldMap) -> float:
-    """Return that of the whole map (map's unit), by at most 200 x 200 nodes; 0 where nothing is
-    known."""
-    steps = [max(1, count // 200) for count in field_map.values.shape]
-    values = field_map.values
-    along = values[1:-1] - 0.5 * (values[2:] + values[:-2])
-    across = values[:, 1:-1] - 0.5 * (values[:, 2:] + values[:, :-2])
-    known = np.concatenate([part[:: steps[0], :: steps[1]].ravel() for part in (along, across)])
-    known = known[np.isfinite(known)]
-    return math.sqrt(float((known**2).mean())) if known.size else 0.0
 
 
 def roughness_at(field_map: FieldMap, latitude: Array, longitude: Array) -> Array:

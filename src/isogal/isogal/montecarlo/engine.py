@@ -5,7 +5,7 @@ computed with it."""
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -19,15 +19,7 @@ from isogal.fields.scenario_map import maps_for_scenario, true_map
 from isogal.fields.simulated_vehicle import unaided_track
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
-from isogal.fusion.measurements import (
-    HeadingReading,
-    HeightReading,
-    Measurement,
-    VelocityReading,
-    position_fix,
-    satellite_fix,
-    satellite_velocity,
-)
+from isogal.fusion.measurements import Measurement, reading_of
 from isogal.inertial.error_state import Estimate
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
@@ -38,10 +30,10 @@ from isogal.matching.update_schedule import UpdateSchedule
 from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario
+from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import felt, simulate_solution
-from isogal.sensors.satellites import SatelliteFixes
 from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -158,10 +150,15 @@ class Simulation:
             for one, its_map in zip(self._fields, self._maps, strict=True)
         ]
         self._reading_times, self._readings = zip(*found, strict=True)
-        self._measured = simulate_aids(truth, trajectory, runs)
+        self._aids = tuple(
+            zip(scenario.aids, truth.aids, simulate_aids(truth, trajectory, runs), strict=True)
+        )
+        """Each aid as assumed and as it is, and its readings."""
         self._heights = np.broadcast_to(trajectory.height[1:], (len(runs), len(trajectory)))
-        if self._measured.height is not None:
-            self._heights = self._measured.height
+        if truth.height.measured:
+            ends, values = simulate_heights(truth, truth.height, trajectory, runs)
+            self._heights = np.full(self._heights.shape, np.nan)
+            self._heights[:, ends - 1] = values
 
     def _batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
@@ -214,73 +211,14 @@ class Simulation:
         """Return the readings of aids, with their times (s), by the number of IMU intervals before
         they come; those of the height come with the inertial data."""
         found: Arrivals = defaultdict(list)
-        time = self.trajectory.time
-        for delay, ends, measured in self._aids(run):
-            late = math.ceil(delay / self.trajectory.dt - 1e-9)
-            for k, each in zip(ends.tolist(), measured, strict=True):
-                if k + late <= len(self.trajectory):
-                    found[k + late] += [(float(time[k]), one) for one in each if one is not None]
+        time, rates = self.trajectory.time, self._imu.angular_rate[run]
+        for aid, true, read in self._aids:
+            late = math.ceil(true.delay / self.trajectory.dt - 1e-9)
+            for k, value in zip(read.ends.tolist(), read.values[run], strict=True):
+                one = reading_of(aid, value, self.scenario, rates[k - 1])
+                if one is not None and k + late <= len(self.trajectory):
+                    found[k + late].append((float(time[k]), one))
         return dict(found)
-
-    def _aids(
-        self, run: int
-    ) -> Iterator[tuple[float, Integers, Iterator[tuple[Measurement | None, ...]]]]:
-        """Yield what each aid gives in a run: how late it comes (s), the ends of the steps that it
-        is of, and the measurements of each."""
-        scenario, truth = self.scenario, self.scenario.true
-        read: Iterator[tuple[Measurement | None, ...]]
-        steps, rates = np.arange(1, len(self.trajectory) + 1), self._imu.angular_rate[run]
-        for log, speeds in zip(scenario.velocity_aids, self._measured.velocities, strict=True):
-            known = np.isfinite(speeds[run]).any(axis=-1)
-            pairs = zip(speeds[run][known], rates[known], strict=True)
-            read = ((VelocityReading.of(log, one, rate=rate),) for one, rate in pairs)
-            yield 0.0, steps[known], read
-        for sensor, heights in zip(scenario.heights or (), self._measured.heights, strict=True):
-            known = ~np.isnan(heights[run])
-            read = (
-                (HeightReading(one, sensor.sigma**2, sensor.prefix),)
-                for one in heights[run][known].tolist()
-            )
-            yield 0.0, steps[known], read
-        if self._measured.satellites is not None:
-            fixes = self._measured.satellites
-            yield truth.gnss.delay, fixes.ends, self._of_satellites(fixes, run)
-        height = scenario.height.measured
-        for aid, true, places in zip(
-            scenario.positions or (), truth.positions or (), self._measured.positions, strict=True
-        ):
-            of_run = places.position[run]
-            yield (
-                true.delay,
-                places.ends,
-                (
-                    (None if np.isnan(one[0]) else position_fix(aid, one, height),)
-                    for one in of_run
-                ),
-            )
-        epoch = scenario.magnetometer.epoch
-        for bow, true_bow, seen in zip(
-            scenario.headings or (), truth.headings or (), self._measured.headings, strict=True
-        ):
-            read = (
-                (None if math.isnan(one) else HeadingReading.of(bow, one, epoch),)
-                for one in seen.heading[run].tolist()
-            )
-            yield true_bow.delay, seen.ends, read
-
-    def _of_satellites(
-        self, fixes: SatelliteFixes, run: int
-    ) -> Iterator[tuple[Measurement | None, ...]]:
-        """Yield position and velocity of each fix of a run."""
-        gnss, height_used = self.scenario.gnss, self.scenario.height.measured
-        for k, place, speed in zip(
-            fixes.ends.tolist(), fixes.position[run], fixes.velocity[run], strict=True
-        ):
-            if np.isnan(place).any():
-                yield ()
-                continue
-            rate = self._imu.angular_rate[run, k - 1]
-            yield satellite_fix(gnss, place, height_used), satellite_velocity(gnss, speed, rate)
 
     def at_once(self, before: int, scan: int) -> int:
         """Return how many scans may be dealt with at once: all from one to another, or one where

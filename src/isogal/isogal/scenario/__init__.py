@@ -21,7 +21,15 @@ integrity    which keys describe the protection level?
 model        which sections has a scenario, and what is assumed or true by it?
 loading      how is a file read, and how are single keys overridden?"""
 
-from isogal.scenario.aids import Deception, Gnss, HeadingAid, Height, PositionAid, Velocity
+from isogal.scenario.aids import (
+    AnyAid,
+    Deception,
+    Gnss,
+    HeadingAid,
+    Height,
+    PositionAid,
+    Velocity,
+)
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
 from isogal.scenario.ins import Ins
@@ -47,6 +55,7 @@ __all__ = [
     "TENSOR_COMPONENTS",
     "Aircraft",
     "Altimeter",
+    "AnyAid",
     "Assumed",
     "Deception",
     "Fusion",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 from pydantic import AfterValidator, Field
 
@@ -26,6 +26,8 @@ class Height(Section):
     noise are errors that the filter carries as states and the matcher allows for."""
 
     errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "scale", "weather_sigma")
+    delay: ClassVar[float] = 0.0
+    available: ClassVar[None] = None
 
     source: Literal["scenario", "barometer", "depth"] = "scenario"
     """scenario: route.height, exact; barometer or depth: a pressure sensor in air or in water"""
@@ -114,6 +116,8 @@ class Velocity(Section):
     """A sensor of the vehicle's velocity in body axes."""
 
     errors: ClassVar[tuple[str, ...]] = ("sigma", "scale", "misalignment", "current_sigma")
+    delay: ClassVar[float] = 0.0
+    available: ClassVar[None] = None
 
     kind: Literal["none", "dvl", "odometer", "wheels", "log", "airspeed"] = "none"
     """which: dvl and odometer over ground (all axes), wheels over ground (forward; a vehicle on
@@ -244,7 +248,7 @@ class PositionAid(Section):
         return (1.0, 1.0, self.vertical)
 
 
-class _SatellitePosition(PositionAid):
+class SatellitePosition(PositionAid):
     """The positions of a satellite receiver."""
 
     @property
@@ -351,7 +355,7 @@ class Gnss(Section):
     @property
     def positions(self) -> PositionAid:
         """Its positions, as any other aid's; what they consist of has been checked."""
-        return _SatellitePosition.model_construct(
+        return SatellitePosition.model_construct(
             available=self.available,
             interval=self.interval,
             sigma=self.position_sigma,
@@ -367,3 +371,7 @@ class Gnss(Section):
 VERTICAL = 1.5
 """Vertical errors of satellite positions and velocities over those to the north or east (Groves
 2013, section 9.4.3: VDOP over HDOP of an open sky)."""
+
+AnyAid: TypeAlias = Height | Velocity | PositionAid | HeadingAid | Gnss
+"""A sensor beside the IMU; `Gnss` is the velocity of satellites, whose positions are a
+`PositionAid`."""

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from isogal import plugins
 from isogal.scenario.aids import (
+    AnyAid,
     Gnss,
     HeadingAid,
     Height,
@@ -163,27 +164,23 @@ class Settings(Section):
         return self
 
     @property
-    def height_aids(self) -> tuple[Height, ...]:
-        """All sensors of the height."""
-        own = (self.height,) if self.height.measured else ()
-        return (*own, *(self.heights or ()))
-
-    @property
     def velocity_aids(self) -> tuple[Velocity, ...]:
         """All sensors of the velocity."""
         own = (self.velocity,) if self.velocity.kind != "none" else ()
         return (*own, *(self.velocities or ()))
 
     @property
-    def position_aids(self) -> tuple[PositionAid, ...]:
-        """All that say where the vehicle is, satellites first."""
-        return (*((self.gnss.positions,) if self.gnss.used else ()), *(self.positions or ()))
+    def aids(self) -> tuple[AnyAid, ...]:
+        """All sensors beside the IMU but that of the section `height`, which is a part of the
+        inertial data."""
+        satellites = (self.gnss.positions, self.gnss) if self.gnss.used else ()
+        places = *satellites, *(self.positions or ())
+        return (*(self.heights or ()), *self.velocity_aids, *places, *(self.headings or ()))
 
     @property
     def longest_delay(self) -> float:
         """By how much the aids' measurements may come late, s."""
-        late = [one.delay for one in self.position_aids]
-        return max((*late, *(one.delay for one in self.headings or ())), default=0.0)
+        return max((one.delay for one in self.aids), default=0.0)
 
     @property
     def field_names(self) -> tuple[str, ...]:

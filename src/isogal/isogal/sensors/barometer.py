@@ -10,7 +10,7 @@ from isogal.arrays import Array, Integers
 from isogal.scenario import Height, Truth
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
-from isogal.sensors.position_aid import aid_index
+from isogal.sensors.position_aid import AidReadings, aid_index
 from isogal.sensors.trajectory import Trajectory
 
 # US Standard Atmosphere, 1976 (NOAA-S/T 76-1562), equations 18, 19, 33a, 33b and table 4
@@ -95,23 +95,22 @@ def height_slope(pressure: float, settings: Height) -> float:
 
 def simulate_heights(
     truth: Truth, settings: Height, trajectory: Trajectory, runs: Sequence[int]
-) -> Array:
-    """Return (R, K) the heights (m) that a sensor as it really is reads in each run at the end of
-    each IMU interval, NaN where it reads none."""
+) -> AidReadings:
+    """Return the heights (R, M), m, that a sensor as it really is reads in each run."""
     prefix = settings.prefix
     index = aid_index(truth, settings.interval, trajectory)
     time, true = trajectory.time[index], trajectory.height[index]
     keep = np.exp(-np.diff(time) / settings.weather_time)
-    result = np.full((len(runs), len(trajectory)), np.nan)
+    result = np.empty((len(runs), len(index)))
     for row, run in zip(result, runs, strict=True):
         bias, scale = generator(truth.seed, run, f"{prefix}_bias").standard_normal(2)
         white = generator(truth.seed, run, f"{prefix}_noise").standard_normal(len(index))
         normal = generator(truth.seed, run, f"{prefix}_weather").standard_normal(len(index))
         weather = settings.weather_sigma * gauss_markov(keep, normal)
-        row[index - 1] = (
+        row[:] = (
             true * (1.0 + settings.scale * scale)
             + settings.bias * bias
             + weather
             + settings.sigma * white
         )
-    return result
+    return AidReadings(index, result)

@@ -4,36 +4,26 @@
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
 from isogal.inertial.rotations import matrix
 from isogal.scenario import HeadingAid, Truth
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
 from isogal.sensors.noise import Noise
-from isogal.sensors.position_aid import aid_index, available
+from isogal.sensors.position_aid import AidReadings, aid_index, available
 from isogal.sensors.trajectory import Trajectory
 
 _CELL = 0.5
 """deg between the points at which the main field is computed; between them it is linear."""
 
 
-class Headings(NamedTuple):
-    """What the sensors of R runs give at M times."""
-
-    ends: Integers
-    """(M,) the ends of the steps that they are of, counted from 1."""
-    heading: Array
-    """(R, M) rad from north, magnetic north for a compass; NaN = nothing."""
-
-
 def simulate_headings(
     truth: Truth, aid: HeadingAid, trajectory: Trajectory, runs: Sequence[int]
-) -> Headings:
-    """Return what one of the aids as they really are gives in some runs."""
+) -> AidReadings:
+    """Return the headings (R, M), rad from north, magnetic north for a compass, that one of the
+    aids as they really are gives in some runs."""
     index = aid_index(truth, aid.interval, trajectory)
     ahead = matrix(trajectory.attitude[index])[:, :, 0]
     heading = np.arctan2(ahead[:, 1], ahead[:, 0])
@@ -62,7 +52,7 @@ def simulate_headings(
     if aid.kind == "course":
         seen &= np.hypot(*trajectory.velocity[index, :2].T) >= aid.slowest
     found[:, ~seen] = np.nan
-    return Headings(index, np.remainder(found + math.pi, 2.0 * math.pi) - math.pi)
+    return AidReadings(index, np.remainder(found + math.pi, 2.0 * math.pi) - math.pi)
 
 
 def declination(latitude: float, longitude: float, epoch: float) -> float:

@@ -19,9 +19,7 @@ def draw_initial_state(truth: Truth, trajectory: Trajectory, runs: Sequence[int]
     sigma = truth.initial_error
     north, east = metres_per_radian(trajectory.latitude[0], trajectory.height[0])
     count = len(runs)
-    position = np.tile(
-        [trajectory.latitude[0], trajectory.longitude[0], trajectory.height[0]], (count, 1)
-    )
+    position = np.tile(trajectory.position[0], (count, 1))
     velocity = np.tile(trajectory.velocity[0], (count, 1))
     attitude = np.empty((count, 4))
     for i, run in enumerate(runs):

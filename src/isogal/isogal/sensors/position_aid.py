@@ -14,27 +14,26 @@ from isogal.sensors.noise import Noise
 from isogal.sensors.trajectory import Trajectory
 
 
-class Positions(NamedTuple):
-    """What the sensors of R runs give at M times."""
+class AidReadings(NamedTuple):
+    """What the sensors of one kind give in R runs, at M times."""
 
     ends: Integers
     """(M,) the ends of the steps that they are of, counted from 1."""
-    position: Array
-    """(R, M, 3) latitude, longitude (rad), height (m) of what is measured; NaN = nothing."""
+    values: Array
+    """(R, M) or (R, M, 3); NaN = nothing."""
 
 
 def simulate_positions(
     truth: Truth, aid: PositionAid, trajectory: Trajectory, runs: Sequence[int]
-) -> Positions:
-    """Return what one of the aids as they really are gives in some runs."""
+) -> AidReadings:
+    """Return the latitude, longitude (rad) and height (m), (R, M, 3), that one of the aids as they
+    really are gives in some runs."""
     index = aid_index(truth, aid.interval, trajectory)
     offset = matrix(trajectory.attitude[index]) @ np.array(aid.lever_arm)
-    measured = np.stack(
-        [trajectory.latitude[index], trajectory.longitude[index], trajectory.height[index]], axis=1
-    ) + curvilinear(trajectory, offset, index)
+    measured = trajectory.position[index] + curvilinear(trajectory, offset, index)
     positions = with_errors(truth, aid, trajectory, index, measured, runs)
     positions[:, ~available(aid.available, trajectory, index)] = np.nan
-    return Positions(index, positions)
+    return AidReadings(index, positions)
 
 
 def with_errors(

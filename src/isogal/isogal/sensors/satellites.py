@@ -3,39 +3,33 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans, Integers
+from isogal.arrays import Array, Booleans
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Deception, Truth
 from isogal.seeds import generator
-from isogal.sensors.position_aid import aid_index, available, curvilinear, with_errors
+from isogal.sensors.position_aid import (
+    AidReadings,
+    aid_index,
+    available,
+    curvilinear,
+    with_errors,
+)
 from isogal.sensors.trajectory import Trajectory
-
-
-class SatelliteFixes(NamedTuple):
-    """What the receivers of R runs give at M times."""
-
-    ends: Integers
-    """(M,) the ends of the steps that they are of, counted from 1."""
-    position: Array
-    """(R, M, 3) latitude, longitude (rad), height (m) of the antenna; NaN = no satellites."""
-    velocity: Array
-    """(R, M, 3) m/s, NED, of the antenna; NaN = none."""
 
 
 def simulate_satellites(
     truth: Truth, trajectory: Trajectory, runs: Sequence[int]
-) -> SatelliteFixes:
-    """Return what the receivers of some runs give, by the times that it is of."""
+) -> tuple[AidReadings, AidReadings]:
+    """Return what the receivers of some runs give of their antennas, NaN without satellites:
+    latitude, longitude (rad) and height (m), (R, M, 3); and the velocity (R, M, 3) m/s, NED."""
     gnss = truth.gnss
     aid = gnss.positions
     index = aid_index(truth, aid.interval, trajectory)
     offset, velocity = at_arm(trajectory, gnss.lever_arm)
-    true = np.stack([trajectory.latitude, trajectory.longitude, trajectory.height], axis=1)
-    true += curvilinear(trajectory, offset)
+    true = trajectory.position + curvilinear(trajectory, offset)
     places = np.empty((len(runs), len(index), 3))
     velocities = np.empty_like(places)
     for k, run in enumerate(runs):
@@ -48,7 +42,7 @@ def simulate_satellites(
     positions = with_errors(truth, aid, trajectory, index, places, runs)
     hidden = ~available(gnss.available or (), trajectory, index)
     positions[:, hidden], velocities[:, hidden] = np.nan, np.nan
-    return SatelliteFixes(index, positions, velocities)
+    return AidReadings(index, positions), AidReadings(index, velocities)
 
 
 def turn_rates(trajectory: Trajectory) -> Array:

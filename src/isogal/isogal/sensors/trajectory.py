@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from isogal.arrays import Array
+from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A
 from isogal.earth.gravity import normal_gravity
@@ -20,6 +20,7 @@ from isogal.errors import InputError
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Route, Settings
 from isogal.sensors.recorded_track import Followed, follow, read_positions
+from isogal.sensors.reduction import State
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +55,16 @@ class Trajectory:
     def __len__(self) -> int:
         """Count the steps K."""
         return self.specific_force.shape[0]
+
+    @property
+    def position(self) -> Array:
+        """(K + 1, 3) latitude, longitude (rad), height (m)."""
+        return np.stack([self.latitude, self.longitude, self.height], axis=1)
+
+    def at(self, index: Integers) -> State:
+        """Return position and velocity at some ends of steps (N,), counted from 0."""
+        place = self.latitude[index], self.longitude[index], self.height[index]
+        return State(*place, *self.velocity[index, :2].T)
 
 
 def build_trajectory(settings: Settings) -> Trajectory:

@@ -10,21 +10,20 @@ from isogal.inertial.rotations import matrix
 from isogal.scenario import Truth, Velocity
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
-from isogal.sensors.position_aid import aid_index
+from isogal.sensors.position_aid import AidReadings, aid_index
 from isogal.sensors.satellites import at_arm
 from isogal.sensors.trajectory import Trajectory
 
 
 def simulate_velocities(
     truth: Truth, settings: Velocity, trajectory: Trajectory, runs: Sequence[int]
-) -> Array:
-    """Return (R, K, 3) what a sensor as it really is reads in each run at the end of each IMU
-    interval: m/s, forward, right, down; NaN in axes that it does not have and where it reads
-    nothing."""
+) -> AidReadings:
+    """Return what a sensor as it really is reads in each run, (R, M, 3): m/s, forward, right,
+    down; NaN in axes that it does not have."""
     index = aid_index(truth, settings.interval, trajectory)
     velocity = at_arm(trajectory, settings.lever_arm)[1][index]
     to_body = np.swapaxes(matrix(trajectory.attitude[index]), 1, 2)
-    result = np.full((len(runs), len(trajectory), 3), np.nan)
+    result = np.full((len(runs), len(index), 3), np.nan)
     axes, prefix = list(settings.axes), settings.prefix
     for rows, run in zip(result, runs, strict=True):
         scale, pitch, yaw = generator(truth.seed, run, f"{prefix}_mounting").standard_normal(3)
@@ -34,8 +33,8 @@ def simulate_velocities(
         body = np.einsum("kij,kj->ki", to_body, past_flow)
         turned = body + settings.number("misalignment") * np.cross(body, [0.0, pitch, yaw])
         read = (1.0 + settings.number("scale") * scale) * turned + settings.number("sigma") * noise
-        rows[(index - 1)[:, None], axes] = read[:, axes]
-    return result
+        rows[:, axes] = read[:, axes]
+    return AidReadings(index, result)
 
 
 def _flow(truth: Truth, medium: str, trajectory: Trajectory, run: int) -> Callable[[Array], Array]:

@@ -3,11 +3,10 @@
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 
 from pydantic import JsonValue
 
-from isogal.errors import InputError
+from isogal.errors import InputError, nearest
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 
@@ -32,17 +31,13 @@ class Remapping:
         InputError
             One is none, TO is no topic of the graph, or one of them comes twice.
         """
-        known = {topic.name.lstrip("/") for topic in topics.ALL}
         names: dict[str, str] = {}
         for rule in rules:
             recorded, sign, name = (part.strip() for part in rule.partition(":="))
             name = name.lstrip("/")
             if not (sign and recorded.strip("/") and name):
                 raise InputError(f"{option} {rule}: must be {_PLAIN}")
-            if name not in known and topics.aid_topic(name) is None:
-                near = get_close_matches(name, known, 1, 0.4)
-                hint = f"; did you mean {near[0]!r}?" if near else ""
-                raise InputError(f"{option} {rule}: the graph has no topic {name!r}{hint}")
+            topics.topic_named(name, topics.ALL, f"{option} {rule}")
             recorded = "/" + recorded.lstrip("/")
             if recorded in names or f"/{name}" in names.values():
                 raise InputError(f"{option} {rule}: one of the two topics comes twice")
@@ -60,9 +55,8 @@ class Remapping:
     def check(self, where: object) -> None:
         """Raise InputError where a topic that is renamed has not been seen in a recording."""
         for name in self.names.keys() - self._seen:
-            near = get_close_matches(name, self._seen, 1, 0.4)
-            hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(self._seen)}"
-            raise InputError(f"{where}: --remap: no topic {name!r} in the recording; {hint}")
+            hint = nearest(name, self._seen, 0.4) or f"; it has {', '.join(self._seen)}"
+            raise InputError(f"{where}: --remap: no topic {name!r} in the recording{hint}")
 
 
 def given_drivers(texts: Sequence[str]) -> dict[str, dict[str, JsonValue]]:

@@ -23,6 +23,7 @@ from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Places, record_of
 from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.nodes.health import without_numbers
 
 if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
@@ -126,16 +127,11 @@ def uses_of(said: Sequence[Said]) -> list[AidUse]:
         if row is not None:
             before = found[row]
             found[row] = replace(before, end=time)
-            if before.used == used and _words(before.text) == _words(one.text):
+            if before.used == used and without_numbers(before.text) == without_numbers(one.text):
                 continue
         last[one.name] = len(found)
         found.append(AidUse(one.name, time, time, used, one.text))
     return found
-
-
-def _words(text: str) -> str:
-    """Return a text without its numbers."""
-    return "".join(character for character in text if not character.isdigit())
 
 
 def _title(bag: Path) -> str:

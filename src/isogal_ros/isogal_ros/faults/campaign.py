@@ -4,6 +4,7 @@ interrupted and goes on; in the end each fault is judged by all of its trials, i
 import json
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TypedDict
 
@@ -91,23 +92,20 @@ def run_campaign(
         The run without fault failed.
     """
     done = _read(out / OUTCOMES)
-
-    def keep(outcome: Outcome) -> None:
-        done[outcome["fault"], outcome["trial"]] = outcome
-        with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(outcome) + "\n")
-        typer.echo(_words(outcome), err=True)
-
     faults = [one for one in FAULTS if not quick or one.name in QUICK]
     with suppress(KeyboardInterrupt):  # what has been run makes the table
         for trial in range(trials):
             due = [one for one in faults if (one.name, trial) not in done]
-            if due and not interrupt:
-                feed = Feed(scenario, trial, interrupt)
-                interrupt.ends_at_once = True
-                for fault in due:
-                    keep(run_trial(feed, fault))
-                interrupt.ends_at_once = False
+            if not due or interrupt:
+                continue
+            feed = Feed(scenario, trial, interrupt)
+            interrupt.ends_at_once = True
+            for fault in due:
+                found = done[fault.name, trial] = run_trial(feed, fault)
+                with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(asdict(found)) + "\n")
+                typer.echo(_words(found), err=True)
+            interrupt.ends_at_once = False
     interrupt.ends_at_once = False
     table = table_of(scenario, faults, done.values())
     write_atomic(out / TABLE, json.dumps(table, indent=2))
@@ -116,23 +114,22 @@ def run_campaign(
 
 
 def _read(path: Path) -> dict[tuple[str, int], Outcome]:
-    """Return the outcomes on disk, without a line that is cut off or of an earlier version."""
+    """Return the outcomes on disk, without a line that is cut off or of another version."""
     found: dict[tuple[str, int], Outcome] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        with suppress(ValueError, TypeError, AttributeError):
-            outcome = json.loads(line)
-            if outcome.keys() >= Outcome.__annotations__.keys():
-                found[outcome["fault"], outcome["trial"]] = outcome
+        with suppress(ValueError, TypeError):
+            outcome = Outcome(**json.loads(line))
+            found[outcome.fault, outcome.trial] = outcome
     return found
 
 
 def _words(outcome: Outcome) -> str:
-    trial = f"{outcome['fault']}, trial {outcome['trial']}:"
-    if outcome["crash"]:
-        return f"{trial} CRASH {outcome['crash']}"
-    after, error = outcome["reported_after"], outcome["error_after"]
+    after, error = outcome.reported_after, outcome.error_after
     reported = "not reported" if after is None else f"reported after {after:.0f} s"
-    return f"{trial} {reported}, error {'unknown' if error is None else f'{error:.0f} m'} after it"
+    left = f"error {'unknown' if error is None else f'{error:.0f} m'} after it"
+    return ", ".join(
+        [f"{outcome.fault}, trial {outcome.trial}: {reported}", left, *outcome.errors]
+    )
 
 
 def two_batches(scenario: Scenario) -> float:
@@ -143,11 +140,8 @@ def two_batches(scenario: Scenario) -> float:
 def table_of(scenario: Scenario, faults: Iterable[Fault], outcomes: Iterable[Outcome]) -> Table:
     """Return the table of those faults of which there are outcomes."""
     known, limit = list(outcomes), two_batches(scenario)
-    rows = [
-        _row(fault, own, limit)
-        for fault in faults
-        if (own := [one for one in known if one["fault"] == fault.name])
-    ]
+    own = ((fault, [one for one in known if one.fault == fault.name]) for fault in faults)
+    rows = [_row(fault, found, limit) for fault, found in own if found]
     return {
         "faults": rows,
         "trials": sum(row["trials"] for row in rows),
@@ -157,39 +151,37 @@ def table_of(scenario: Scenario, faults: Iterable[Fault], outcomes: Iterable[Out
 
 def _row(fault: Fault, outcomes: Sequence[Outcome], limit: float) -> Row:
     """Judge a fault, which is reported in time within a limit (s), by all of its trials."""
-    after = [o["reported_after"] for o in outcomes if o["reported_after"] is not None]
+    after = [o.reported_after for o in outcomes if o.reported_after is not None]
     late = len(outcomes) - sum(one <= limit for one in after) if fault.matters else 0
-    rms = _rms([o["error_after"] for o in outcomes])
-    plain = _rms([o["error_without"] for o in outcomes])
+    rms, plain = _rms(o.error_after for o in outcomes), _rms(o.error_without for o in outcomes)
     allowed = RECOVERED * (plain or 0.0) + ALLOWANCE / len(outcomes) ** 0.5
     wrong = {
-        "crash": sum(o["crash"] is not None for o in outcomes),
-        "state not finite": sum(o["not_finite"] for o in outcomes),
+        "state not finite": sum(o.not_finite for o in outcomes),
         "not reported in time": late,
         "not recovered from": int(rms is None or plain is None or rms > allowed),
     }
-    errors = {text for o in outcomes for text in o["unexpected_errors"]}
+    failures = [f"{count} x {what}" for what, count in wrong.items() if count]
+    failures += sorted({text.splitlines()[-1] for o in outcomes for text in o.errors})
     return {
         "fault": fault.name,
         "trials": len(outcomes),
         "matters": fault.matters,
         "reported": len(after),
         "reported_after_s": float(np.median(after)) if after else None,
-        "report": next((o["report"] for o in outcomes if o["report"]), None),
-        "error_during_m": max(o["error_during"] for o in outcomes),
+        "report": next((o.report for o in outcomes if o.report), None),
+        "error_during_m": max(o.error_during for o in outcomes),
         "error_after_m": rms,
         "error_without_m": plain,
         "ratio": rms / plain if rms is not None and plain else None,
-        "lost": max(o["lost"] for o in outcomes),
-        "failures": [f"{count} x {what}" for what, count in wrong.items() if count]
-        + sorted(errors),
+        "lost": max(o.lost for o in outcomes),
+        "failures": failures,
     }
 
 
-def _rms(values: Sequence[float | None]) -> float | None:
+def _rms(values: Iterable[float | None]) -> float | None:
     """Return the root mean square; None where a value is missing."""
-    known = [value for value in values if value is not None]
-    return float(np.sqrt(np.mean(np.square(known)))) if len(known) == len(values) else None
+    found = np.array(list(values), dtype=float)
+    return None if np.isnan(found).any() else float(np.sqrt(np.mean(found**2)))
 
 
 def page_of(table: Table) -> str:

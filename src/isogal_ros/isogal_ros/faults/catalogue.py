@@ -183,7 +183,7 @@ FAULTS = (
         ("every second one missing", _every_second, 60.0, False),
         ("outage of 30 s", _copies(0), 30.0, False),
         ("outage of 180 s", _copies(0), 180.0),
-        ("stuck", _stuck("accel"), 180.0, False),
+        ("stuck", _stuck("accel"), 180.0),
         ("drift", _set(lambda old, m: old + 1e-7 * m.since), 60.0, False),
         ("in mGal", _set(lambda old, m: old * 1e5)),
         ("of the other sign", _set(lambda old, m: -old)),

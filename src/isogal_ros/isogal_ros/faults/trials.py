@@ -7,9 +7,9 @@ import tempfile
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import JsonValue
@@ -29,6 +29,7 @@ from isogal_ros.graph.recorded import load
 from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.nodes.health import without_numbers
 from isogal_ros.nodes.signals import Interrupt
 
 LIMIT = 120.0
@@ -46,15 +47,15 @@ STORES = ("truth", "last_nav", "readings", "fixes")
 """Messages of a `Collector` that are lost where only the run without fault has their stamp."""
 
 
-class Outcome(TypedDict):
+@dataclass(frozen=True)
+class Outcome:
     """What became of the navigator in a run with a fault: a line of ``outcomes.jsonl``. Times in
     s, errors in m; None = not known, or it did not happen."""
 
     fault: str
     trial: int
-    crash: str | None
-    """What ended a node, or that the trial hung."""
-    unexpected_errors: list[str]
+    errors: list[str]
+    """What ended a node, that the trial hung, and exceptions that were not foreseen."""
     not_finite: int
     """States that were not finite."""
     reported_after: float | None
@@ -134,17 +135,6 @@ class Feed:
         self.reports = {without_numbers(text) for _, text in self.collector.warnings}
         """What was reported at WARN or ERROR, without its numbers."""
 
-    def begin_of(self, fault: Fault) -> tuple[float, np.random.Generator]:
-        """Return when (s) a fault begins, drawn from seed, run and its name, and the random
-        numbers that follow."""
-        rng = generator(self.scenario.seed, self.run, f"fault: {fault.name}")
-        return float(np.floor(rng.uniform(0.25, 0.45) * self.duration)), rng
-
-    def looked_at(self, fault: Fault) -> tuple[float, float]:
-        """Return from when to when (s) a run with a fault is looked at how it has recovered."""
-        after = self.begin_of(fault)[0] + fault.lasts + 1.0 + RECOVERY * self.duration
-        return after, after + LOOKED_AT * self.duration
-
     def player(self, checkpoints: Path | None = None) -> Player:
         """Return fresh nodes that the run is played to; they write checkpoints into a folder, if
         there is one."""
@@ -153,61 +143,14 @@ class Feed:
             own["checkpoint"] = str(checkpoints)
         return Player(replace(self.recorded, scenario=self.scenario), own, {})
 
-    def outcome(self, fault: Fault, player: Player, crash: str | None, known: int = 0) -> Outcome:
-        """Return what became of the navigator in this run with a fault.
-
-        Parameters
-        ----------
-        fault : Fault
-        player : Player
-            That it was played with.
-        crash : str or None
-            What ended a node, or that the trial hung; None = nothing did.
-        known : int
-            How many reports there were before the fault.
-        """
-        begin, (after, until) = self.begin_of(fault)[0], self.looked_at(fault)
-        track = track_of(player.collector)
-        during = track.error[(track.time >= begin) & (track.time <= begin + fault.lasts + 1.0)]
-        new = (
-            one for one in player.reports[known:] if without_numbers(one[1]) not in self.reports
-        )
-        first, text = next(new, (None, None))
-        errors = (without_numbers(one) for one in player.bus.errors if UNEXPECTED.search(one))
-        lost = 0
-        for name in STORES:
-            missing = getattr(self.collector, name).keys() - getattr(player.collector, name).keys()
-            lost += sum(to_seconds(ns) <= until for ns in missing)
-        return {
-            "fault": fault.name,
-            "trial": self.run,
-            "crash": crash,
-            "unexpected_errors": list(dict.fromkeys(errors))[:MOST_ERRORS],
-            "not_finite": track.not_finite,
-            "reported_after": None if first is None else max(first - begin, 0.0),
-            "report": text,
-            "error_during": float(during.max(initial=0.0)),
-            "error_after": track.rms(after, until),
-            "error_without": self.track.rms(after, until),
-            "lost": lost,
-        }
-
-
-def without_numbers(text: str) -> str:
-    """Return a report or an error without its numbers."""
-    return re.sub(r"[0-9.]+", "", text)
-
-
-class _HangsError(BaseException):
-    """A trial hangs: no node takes this for what is wrong with a message."""
-
 
 @contextmanager
 def _limited() -> Iterator[None]:
-    """Raise _HangsError where the block lasts for `LIMIT`; in the main thread."""
+    """Raise SystemExit, which no node takes for what is wrong with a message, where the block
+    lasts for `LIMIT`; in the main thread."""
 
     def end(*_: object) -> None:
-        raise _HangsError(f"nothing came within {LIMIT:g} s")
+        raise SystemExit(f"nothing came within {LIMIT:g} s")
 
     before = signal.signal(signal.SIGALRM, end)
     signal.setitimer(signal.ITIMER_REAL, LIMIT)
@@ -219,19 +162,52 @@ def _limited() -> Iterator[None]:
 
 
 def run_trial(feed: Feed, fault: Fault) -> Outcome:
-    """Play a run with a fault, and return what became of it."""
+    """Play a run with a fault, which begins at a time drawn from seed, run and its name, and
+    return what became of it."""
+    rng = generator(feed.scenario.seed, feed.run, f"fault: {fault.name}")
+    begin = float(np.floor(rng.uniform(0.25, 0.45) * feed.duration))
+    after = begin + fault.lasts + 1.0 + RECOVERY * feed.duration
+    until = after + LOOKED_AT * feed.duration
+    errors: list[str] = []
     with tempfile.TemporaryDirectory(prefix="isogal-faults-") as folder:
         # checkpoints take time, and only nodes that are killed need them
         player = feed.player(Path(folder) if isinstance(fault.effect, str) else None)
         with player.bus:
-            player.play(feed.begin_of(fault)[0] - 1e-9)
-            return _with_fault(feed, player, fault)
+            player.play(begin - 1e-9)
+            known = len(player.reports)
+            try:
+                with _limited():
+                    _play(player, fault, begin, until, rng)
+            except (Exception, SystemExit):
+                errors.append(traceback.format_exc(limit=-3))
+    track = track_of(player.collector)
+    during = track.error[(track.time >= begin) & (track.time <= begin + fault.lasts + 1.0)]
+    new = (one for one in player.reports[known:] if without_numbers(one[1]) not in feed.reports)
+    first, text = next(new, (None, None))
+    errors += [without_numbers(one) for one in player.bus.errors if UNEXPECTED.search(one)]
+    lost = [
+        ns
+        for name in STORES
+        for ns in getattr(feed.collector, name).keys() - getattr(player.collector, name).keys()
+    ]
+    return Outcome(
+        fault.name,
+        feed.run,
+        list(dict.fromkeys(errors))[:MOST_ERRORS],
+        track.not_finite,
+        None if first is None else max(first - begin, 0.0),
+        text,
+        float(during.max(initial=0.0)),
+        track.rms(after, until),
+        feed.track.rms(after, until),
+        sum(to_seconds(ns) <= until for ns in lost),
+    )
 
 
-def _with_fault(feed: Feed, player: Player, fault: Fault) -> Outcome:
-    """Play the rest of a run, from where a player is, with a fault that begins now; return what
-    became of it."""
-    begin, rng = feed.begin_of(fault)
+def _play(
+    player: Player, fault: Fault, begin: float, until: float, rng: np.random.Generator
+) -> None:
+    """Play a run from where a player is, with a fault that begins now (s), up to a time (s)."""
     of_source = topics_of(fault.targets[0], player.recorded.readings)
     types = {topic.name: topic.type for topic in of_source}
     moments: dict[str, Moment] = {}
@@ -249,26 +225,20 @@ def _with_fault(feed: Feed, player: Player, fault: Fault) -> Outcome:
             for one in effect(deserialize_message(data, types[topic]), moment)
         ]
 
-    known, acts, crash = len(player.reports), False, None
-    player.bus.change = change
-    try:
-        with _limited():
-            for ns in player.steps(feed.looked_at(fault)[1]):
-                is_on = fault.is_on(to_seconds(ns) - begin, TURN)
-                if isinstance(fault.effect, str) and acts != is_on:
-                    acts = is_on
-                    _act(player, fault, acts)
-    except (Exception, _HangsError):
-        crash = traceback.format_exc(limit=-3)
-    return feed.outcome(fault, player, crash, known)
+    acts, player.bus.change = False, change
+    for ns in player.steps(until):
+        is_on = fault.is_on(to_seconds(ns) - begin, TURN)
+        if isinstance(fault.effect, str) and acts != is_on:
+            acts = is_on
+            for name in fault.targets:
+                _act(player, fault.effect, name, acts)
 
 
-def _act(player: Player, fault: Fault, begins: bool) -> None:
-    """Let a fault of nodes begin or end."""
-    for name in fault.targets:
-        if fault.effect not in ("killed", "begun anew"):
-            (player.bus.stop if begins else player.bus.go)(player.nodes[name])
-        elif begins:
-            player.kill(name)
-        else:
-            player.start(name, () if fault.effect == "killed" else ("checkpoint",))
+def _act(player: Player, effect: str, name: str, begins: bool) -> None:
+    """Let a fault of a node begin or end."""
+    if effect not in ("killed", "begun anew"):
+        (player.bus.stop if begins else player.bus.go)(player.nodes[name])
+    elif begins:
+        player.kill(name)
+    else:
+        player.start(name, () if effect == "killed" else ("checkpoint",))

@@ -3,13 +3,12 @@ before the first one starts."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 
 from pydantic import JsonValue
 from rcl_interfaces.msg import ParameterType
 
-from isogal.errors import InputError
+from isogal.errors import InputError, nearest
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
@@ -105,15 +104,12 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
 
 def unmatched_sections(document: Document, names: Collection[str], namespace: str) -> list[str]:
     """Say which sections of a file are for none of some nodes in a namespace."""
-    full = {name: full_name(namespace, name) for name in names}
-    meant = full | {name: name for name in full.values()}
-    found = []
-    for pattern in document:
-        if not any(_matches(pattern, name) for name in full.values()):
-            near = get_close_matches(pattern, meant, n=1, cutoff=0.8)
-            hint = f"; did you mean {meant[near[0]]}?" if near else ""
-            found.append(f"section {pattern} is for no node of the graph{hint}")
-    return found
+    full = [full_name(namespace, name) for name in names]
+    return [
+        f"section {pattern} is for no node of the graph{nearest(pattern, full, 0.8)}"
+        for pattern in document
+        if not any(_matches(pattern, name) for name in full)
+    ]
 
 
 def filter_parameters(texts: Sequence[str]) -> dict[str, JsonValue]:
@@ -159,9 +155,7 @@ def given_parameters(
         if not equals:
             raise InputError(f"{option}: must be {form}, not {text!r}")
         if name not in names:
-            near = get_close_matches(name, names, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{option} {name}: no {what}{hint}")
+            raise InputError(f"{option} {name}: no {what}{nearest(name, names)}")
         is_text = names[name].descriptor.type == ParameterType.PARAMETER_STRING
         content = value if is_text else parse_yaml(value, f"{option} {name}")
         found[name] = names[name].cast(content)

@@ -85,7 +85,7 @@ class Recorded:
         """Return when messages come (ns), topics and messages in order of time; of one time in
         that of `sensors`. They come at their stamps, those of aids later by their delay."""
         late = {
-            topic: from_seconds(aid.delay)
+            topic: from_seconds(aid.settings.delay)
             for aid in each_aid(self.scenario)
             for topic in (aid.topic, *aid.instead)
         }

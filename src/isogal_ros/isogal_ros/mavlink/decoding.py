@@ -13,7 +13,7 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus
 from isogal.arrays import Array
 from isogal.scenario.data_sheet import G
 from isogal_ros import topics
-from isogal_ros.messages.aids import fill_twist, fill_velocity
+from isogal_ros.messages.aids import fill_twist
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, framed
 from isogal_ros.messages.imu import fill_imu
@@ -98,7 +98,7 @@ def _odometry(found: Received, ns: int) -> Published:
     if found.child_frame_id != _BODY_FRD:
         raise BadMessageError("ODOMETRY: child_frame_id must be MAV_FRAME_BODY_FRD")
     message = framed(topics.VELOCITY, BASE)
-    fill_velocity(message, ns, np.array([found.vx, found.vy, found.vz]))
+    fill_twist(message, ns, np.array([found.vx, found.vy, found.vz]) * FRD_FLU)
     covariance = _upper(found.velocity_covariance)
     if covariance is not None:
         turned = np.asarray(message.twist.covariance).reshape(6, 6).copy()

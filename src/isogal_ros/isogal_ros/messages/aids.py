@@ -2,8 +2,8 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple, TypeAlias
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, TwistWithCovarianceStamped
@@ -13,8 +13,8 @@ from sensor_msgs.msg import FluidPressure, Imu, NavSatFix, NavSatStatus
 from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
-from isogal.scenario.aids import VERTICAL
+from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
+from isogal.scenario.aids import VERTICAL, SatellitePosition
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import (
@@ -42,44 +42,41 @@ OTHER_DATUMS = (
 """What names of datums begin with that are metres to hundreds of metres off WGS 84, in lower case
 and without signs. ITRF, ETRS89 and GDA are within two metres of it (plate motion): taken as it is.
 """
-
-
-_Section: TypeAlias = Height | Velocity | PositionAid | HeadingAid
+_KINDS = {
+    "barometer": Height,
+    "velocity": Velocity,
+    "position": PositionAid,
+    "heading": HeadingAid,
+}
+"""What the names of the topics begin with (`topics.aid_topics`)."""
 
 
 class Aid(NamedTuple):
     """A sensor beside the IMU that the filter of a scenario takes."""
 
     topic: Topic
-    settings: _Section | Gnss
-    """Its section, or entry of a list; `Gnss` of the velocity of satellites alone."""
+    settings: AnyAid
     instead: tuple[Topic, ...] = ()
     """On which the same aid may publish instead."""
-
-    @property
-    def delay(self) -> float:
-        """By how much its messages come later than their stamps, s."""
-        return float(getattr(self.settings, "delay", 0.0))
 
 
 def each_aid(scenario: Settings) -> Iterator[Aid]:
     """Yield the sensors beside the IMU that the filter of a scenario takes."""
-    gnss = scenario.gnss
-    yield from _of_kind("barometer", scenario.height_aids)
-    yield from _of_kind("velocity", scenario.velocity_aids)
-    if gnss.used:
-        yield Aid(topics.GNSS_FIX, gnss.positions)
-        if gnss.velocity_sigma is not None:
-            yield Aid(topics.GNSS_VELOCITY, gnss)
-    yield from _of_kind("position", scenario.positions or ())
-    yield from _of_kind("heading", scenario.headings or ())
+    every = (*((scenario.height,) if scenario.height.measured else ()), *scenario.aids)
+    return (aid for one in every if (aid := aid_of(one)) is not None)
 
 
-def _of_kind(kind: str, every: Iterable[_Section]) -> Iterator[Aid]:
-    """Yield the sensors of one kind (`topics.aid_topics`)."""
-    for one in every:
-        topic, *instead = topics.aid_topics(kind, getattr(one, "name", None))
-        yield Aid(topic, one, tuple(instead))
+def aid_of(settings: AnyAid) -> Aid | None:
+    """Return an aid with its topics; None of the velocity of satellites where there is none."""
+    match settings:
+        case Gnss():
+            measured = settings.velocity_sigma is not None
+            return Aid(topics.GNSS_VELOCITY, settings) if measured else None
+        case SatellitePosition():
+            return Aid(topics.GNSS_FIX, settings)
+    kind = next(name for name, section in _KINDS.items() if isinstance(settings, section))
+    topic, *instead = topics.aid_topics(kind, getattr(settings, "name", None))
+    return Aid(topic, settings, tuple(instead))
 
 
 def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Height) -> None:
@@ -125,11 +122,6 @@ def fill_twist(
     found = np.where(np.isnan(velocity), _NOT_MEASURED, variance)
     for axis, value in enumerate(found.tolist()):
         message.twist.covariance[7 * axis] = value
-
-
-def fill_velocity(message: TwistWithCovarianceStamped, ns: int, velocity: Array) -> None:
-    """Write a velocity (3,) FRD, m/s, of unknown covariance, see `fill_twist`."""
-    fill_twist(message, ns, velocity * FRD_FLU)
 
 
 def read_velocity(message: TwistWithCovarianceStamped, frame: str = BASE) -> tuple[Array, Array]:

@@ -14,7 +14,6 @@ import json
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field
-from difflib import get_close_matches
 from functools import cached_property, reduce
 from typing import Any
 
@@ -213,13 +212,9 @@ class Entrance:
     names: FrameNames = field(default_factory=FrameNames)
 
     def __post_init__(self) -> None:
-        known = {topic.name: topic for topic in topics.ALL if topic.single}
+        known = [topic for topic in topics.ALL if topic.single]
         for name, driver in self.drivers.items():
-            topic = known.get(name) or topics.aid_topic(name)
-            if topic is None:
-                near = get_close_matches(name, known, 1, 0.4)
-                hint = f"; did you mean {near[0]!r}?" if near else ""
-                raise InputError(f"drivers: the graph has no topic {name!r}{hint}")
+            topic = topics.topic_named(name, known, "drivers")
             if driver.from_tf and not driver.frame:
                 raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
             units = UNITS.get(topic.type, {})

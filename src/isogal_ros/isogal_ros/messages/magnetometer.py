@@ -79,8 +79,7 @@ def read_scalar(message: MagneticField) -> tuple[float, float | None]:
     if math.isfinite(field.x) and math.isfinite(field.y):
         total = math.sqrt(field.x**2 + field.y**2 + field.z**2) / TESLA
     _require_earths(total)
-    if not variance >= 0.0 or math.isinf(variance):
-        raise BadMessageError("negative variance")
+    require_reading(total, variance)
     return total, variance or None
 
 

@@ -1,6 +1,9 @@
 """What the nodes of the graph are made of.
 
-base        what does every node have, and which states?
+base        what does every node have?
+managed     which states has a node?
+publishing  who has to listen, and what becomes of what cannot be published?
+heartbeat   what does a node do once a second?
 checkpoint  what does a node go on from when it is started again?
 health      what does a node report of itself on /diagnostics?
 nav_sample  what is a state of the navigator?

@@ -1,61 +1,40 @@
-"""The base of every node of the graph: parameters, states, guarded subscriptions, diagnostics,
-readiness.
+"""The base of every node of the graph: parameters, guarded subscriptions, diagnostics, readiness.
 
-It is a managed node (REP-2002): unconfigured, inactive, active. One that starts by itself (the
-parameter `autostart`, the default) is active once it is made. Configured, it has its publishers
-and subscriptions; messages that come while it is not active are let go; cleaned up, it can be
-configured anew."""
+One that starts by itself (the parameter `autostart`, the default) is active once it is made."""
 
-import ctypes
-import math
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from multiprocessing import parent_process
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
-from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.duration import Duration
-from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
-from rclpy.service import Service
-from rclpy.subscription import Subscription
-from rclpy.timer import Timer
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
-from isogal.errors import InputError
 from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
 from isogal_ros.messages.mounting import mounted, placed
-from isogal_ros.messages.prepared import Prepared
-from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
+from isogal_ros.nodes.heartbeat import Heartbeat
 from isogal_ros.nodes.listening import Listening, Take
-from isogal_ros.nodes.middleware import LEASE
+from isogal_ros.nodes.managed import ManagedNode
+from isogal_ros.nodes.publishing import Publishing
 from isogal_ros.nodes.static_transforms import static_transforms
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import Values, scenario_from, settings_from
-from isogal_ros.topics import LOSSLESS, Topic
+from isogal_ros.topics import Topic
 
 KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 """Of a scenario, which a file that all nodes share may say to each."""
-SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
-Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 _UNKNOWN = "NODE_NAME_UNKNOWN"
 """In the name of a node of which the middleware knows the publisher first."""
-TOLD = 60.0
-"""s of wall time for which the node says that it stood still."""
-FREE_EVERY = 5.0
-"""s of wall time between givings back of memory."""
 
 
 class NodeSettings(BaseModel):
@@ -114,18 +93,13 @@ class NodeSettings(BaseModel):
         return FrameNames(self.map_frame, self.odom_frame, self.base_frame, prefix)
 
 
-class GraphNode(LifecycleNode):
+class GraphNode(ManagedNode):
     """A node with the parameters of some sections of the scenario and its own.
 
     Parameters
     ----------
-    name : str
-        Node name.
-    values : mapping, optional
-        Parameter values by dotted name. None = from the command line and parameter files, as `ros2
-        run` gives them.
-    context : Context, optional
-        None = the default context.
+    name, values, context : optional but for the name
+        As of `ManagedNode`.
 
     Raises
     ------
@@ -142,12 +116,6 @@ class GraphNode(LifecycleNode):
     settings: Any
     """Own parameters, a `settings_model`, as each class says."""
     scenario: Scenario
-    entities: ClassVar[tuple[str, ...]] = (
-        "publishers", "subscriptions", "timers", "services", "clients",
-    )  # fmt: skip
-    """What a node is made of, and destroys in the end."""
-    process_ends = False
-    """Whether nothing comes after the node in its process."""
 
     def __init__(
         self,
@@ -155,31 +123,15 @@ class GraphNode(LifecycleNode):
         values: Mapping[str, JsonValue] | None = None,
         context: Context | None = None,
     ) -> None:
-        self.active = self.configured = False
-        """Whether messages are dealt with, and whether there is what deals with them."""
-        self._failed: BaseException | None = None
-        self._before: dict[str, set[Entity]] = {}
-        super().__init__(
-            name,
-            context=context,
-            use_global_arguments=values is None,
-            parameter_overrides=None
-            if values is None
-            else [Parameter(key, value=value) for key, value in values.items()],
-            automatically_declare_parameters_from_overrides=True,
-        )
+        super().__init__(name, values, context)
         clock = getattr(context, "monotonic", None)  # of nodes that are alone on a bus
         self.monotonic: Callable[[], float] = clock or time.monotonic
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
-        self.finished = False
-        """Whether the node has nothing left to do, so that its process may end."""
-        self._expected: dict[Publisher, tuple[str, int]] = {}
+        self._publishing: list[Publishing] = []
+        """The first is of the diagnostics."""
         self._listening: dict[str, Listening] = {}
-        self._sent: dict[str, int] = {}
-        """Stamp of the newest message published on each topic."""
-        self._told_still = math.inf
         self._looks: list[Callable[[], None]] = []
         self._ready = False
         try:
@@ -187,22 +139,18 @@ class GraphNode(LifecycleNode):
             self.settings, self.scenario = self.read(name, declare(self, specs, KEYS))
             self.frame_names = self.settings.frame_names
             self._mount()
-            self._said = self.advertise(topics.DIAGNOSTICS)
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
-                self._said,
+                self.advertise(topics.DIAGNOSTICS),
                 from_seconds(self.settings.diagnostics_period),
                 self.log,
                 # where there is no wall time, that of the data
                 None if clock else time.monotonic,
             )
             on_change(self, specs, self._change)
-            self._heard = 0
-            self._parent = parent_process()  # of `isogal run`
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._freed, self._beaten = time.monotonic(), math.inf
+            steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
             # made before `setup` makes anything, so that they outlive a cleanup
-            self._heartbeat = self.create_timer(1.0, self._beat, clock=steady)
+            self.create_timer(1.0, self._beat, clock=steady)
             self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
             if self.settings.autostart:
                 self.start()
@@ -235,9 +183,6 @@ class GraphNode(LifecycleNode):
             assumed["truth"] = truth_of(truth, cls.sections)
         return settings_from(cls.settings_model, own, name), scenario_from(assumed, name)
 
-    def setup(self) -> None:
-        """Make publishers and subscriptions; the scenario, settings and health are there."""
-
     def _change(self, values: Values) -> None:
         if self.configured:
             self.changed(values)
@@ -245,50 +190,17 @@ class GraphNode(LifecycleNode):
     def changed(self, values: Values) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
 
-    def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Publisher:
+    def advertise(self, topic: Topic, consumers: Collection[str] | None = None) -> Publishing:
         """Return a publisher of one of the graph's topics; `consumers` replaces those of the
-        topic. It counts what cannot be published, because a listener takes nothing, and what is
-        older than a message before it and is let go (but where `Topic.single` says that it may
-        be)."""
-        publisher = self.create_publisher(topic.type, topic.name, LOSSLESS)
-        in_order = topic.single and "header" in topic.type.get_fields_and_field_types()
-        send = publisher.publish
-        renamed = self.frame_names != FrameNames()
-
-        def publish(message: topics.Message) -> None:
-            # what is serialised is a recording's, and goes out as it is
-            if in_order and not isinstance(message, bytes):
-                is_prepared = isinstance(message, Prepared)
-                ns = message.ns if is_prepared else to_ns(message.header.stamp)
-                newest = self._sent.setdefault(topic.name, ns)
-                if ns < newest:
-                    text = f"{to_seconds(ns):.3f} s is older than {to_seconds(newest):.3f} s"
-                    self.health.drop(topic.name, f"not published, {text}")
-                    return
-                self._sent[topic.name] = ns
-            if isinstance(message, Prepared):
-                if renamed:
-                    message.rename(self.frame_names.outward)
-                message = message.serialised()
-            elif renamed and not isinstance(message, bytes):
-                self.frame_names.outward(message)
-            try:
-                send(message)
-            except rclpy_implementation.RCLError as error:
-                if not self.context.ok():
-                    raise
-                text = f"not published, a listener takes nothing: {error}"
-                self.health.drop(topic.name, text)
-
-        publisher.publish = publish
+        topic."""
         wanted = topic.consumers if consumers is None else consumers
         listeners = [
             name
             for name in self.settings.peers
             if topics.kind_of(name) in wanted and name != self.get_name()
         ]
-        self._expected[publisher] = (topic.name, len(listeners))
-        return publisher
+        self._publishing.append(Publishing(self, topic, len(listeners)))
+        return self._publishing[-1]
 
     def listen(self, topic: Topic, handler: Take, raw: bool = False) -> Listening:
         """Subscribe; a message with which the handler fails is dropped and counted. It has passed
@@ -356,7 +268,8 @@ class GraphNode(LifecycleNode):
         """Offer the service ``~/reset``; `forget` returns what the node does next."""
 
         def reset(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            self._sent.clear()
+            for publishing in self._publishing:
+                publishing.newest = None
             response.success, response.message = True, forget()
             return response
 
@@ -379,12 +292,7 @@ class GraphNode(LifecycleNode):
 
     def missing_listeners(self) -> list[str]:
         """Say which topics have too few listeners."""
-        missing = []
-        for publisher, (name, listeners) in self._expected.items():
-            needed, count = listeners + self.settings.recorders, publisher.get_subscription_count()
-            if count < needed:
-                missing.append(f"{name} {count} of {needed}")
-        return missing
+        return [missing for one in self._publishing if (missing := one.missing) is not None]
 
     def fail(self, message: str) -> None:
         """End with an error: diagnostics, one line in the log, exit code 1."""
@@ -397,85 +305,29 @@ class GraphNode(LifecycleNode):
         ends."""
         return None
 
-    def start(self) -> None:
-        """Configure and activate; raises what `setup` raises."""
-        self.trigger_configure()
-        if self._failed is not None:
-            raise self._failed
-        self.trigger_activate()
-
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make what the node has; a failure leaves it unconfigured."""
-        self._before = {kind: set(getattr(self, kind)) for kind in self.entities}
-        self._failed = None
-        try:
-            self.setup()
-        except BaseException as error:
-            self._failed = error
-            self._destroy_made(self._before)
-            if not isinstance(error, InputError | KeyboardInterrupt):
-                self.get_logger().error(f"{type(error).__name__}: {error}")
-            return FAILURE
-        self.configured = True
-        return SUCCESS
-
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deal with messages from now on."""
-        self.active = True
         if "active" in self.health.figures:  # it has been deactivated before
             self.health.figures["active"] = True
         if self._ready:
             self.health.figures["ready"] = True
         self.health.concern("inactive", None)
-        return SUCCESS
+        return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let messages go from now on, and say so."""
         self.health.figures |= {"ready": False, "active": False}
         self.health.concern("inactive", "inactive: messages are let go until it is activated")
-        self.active = False
-        return SUCCESS
+        return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what `setup` made."""
-        self._expected = {key: item for key, item in self._expected.items() if key is self._said}
+        del self._publishing[1:]
         self._looks.clear()
-        self._sent.clear()
         self._listening.clear()
         self._ready = False
         self._readiness.reset()
-        self.active = self.configured = False
-        self._destroy_made(self._before)
-        return SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the node's process."""
-        self.active = False
-        self.finished = True
-        return SUCCESS
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go back to unconfigured."""
-        return self.on_cleanup(state)
-
-    def _destroy_made(self, but: Mapping[str, set[Entity]]) -> None:
-        for kind in self.entities:
-            destroy = getattr(self, f"destroy_{kind[:-1]}")
-            for entity in set(getattr(self, kind)) - but.get(kind, set()):
-                destroy(entity)
-
-    def destroy_node(self) -> None:
-        """Destroy the node, and its states, which rclpy leaves to the search for garbage: until
-        then others see the node and what it publishes.
-
-        At the end of its process, only what it publishes and listens to: Fast DDS 2.14 waits for
-        ever, with Python's lock, where it takes itself down while it hears of others that do so
-        (`DomainParticipant::set_listener` and a discovery callback wait for each other)."""
-        if self.process_ends:
-            self._destroy_made({})
-            return
-        super().destroy_node()
-        self._state_machine.destroy_when_not_in_use()
+        return super().on_cleanup(state)
 
     def close(self, timeout: float = 1.0) -> None:
         """Let listeners have what was published, for `timeout` s of wall time at most, then
@@ -483,8 +335,8 @@ class GraphNode(LifecycleNode):
         deadline = time.monotonic() + timeout
         if self.context.ok():
             self.health.publish()  # the last figures
-        for publisher in self._expected if self.context.ok() else ():
-            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
+        for publishing in self._publishing if self.context.ok() else ():
+            publishing.wait(deadline)
         self.destroy_node()
 
     def _check_ready(self) -> None:
@@ -504,43 +356,10 @@ class GraphNode(LifecycleNode):
             self.health.state(OK, "ready")
 
     def _beat(self) -> None:
-        """Publish diagnostics while no data comes; give memory back; hear who offers less than is
-        asked for; end with the parent, if there is one."""
-        self._note_standstill()
-        if time.monotonic() - self._freed >= FREE_EVERY:
-            self._freed = time.monotonic()
-            give_memory_back()
+        """Hear who offers less than is asked for, look at what no message tells of, and publish
+        diagnostics while no data comes."""
         for listening in list(self._listening.values()):
             listening.adapt()
         for look in self._looks:
             look()
-        if self.health.publications == self._heard:
-            self.health.idle()
-        self._heard = self.health.publications
-        if self._parent is not None and not self._parent.is_alive():
-            self.get_logger().error("the process that started this node is gone")
-            self.finished = True
-
-    def _note_standstill(self) -> None:
-        """Say that the process stood still so long that others took it for gone."""
-        stood, self._beaten = time.monotonic() - self._beaten, time.monotonic()
-        if stood > LEASE:
-            self.health.count("stood still")
-            text = (
-                f"stood still for {stood:.0f} s; others took it for gone, what they said is lost"
-            )
-            self.health.concern("standing still", text, ERROR)
-            self._told_still = time.monotonic()
-        elif time.monotonic() - self._told_still > TOLD:
-            self.health.concern("standing still", None)
-
-
-def give_memory_back() -> None:
-    """Give memory that is free back to the system, where the C library is glibc.
-
-    A listener that stops for a while leaves megabytes of messages with the node that writes to it.
-    The middleware frees them when they have been taken (`nodes/fastdds.xml`), but the C library
-    keeps what lies below the last block in use."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(ctypes.c_size_t(0))
+        self._heartbeat.beat()

@@ -1,22 +1,22 @@
 """What a node reports of itself on /diagnostics."""
 
 import math
+import re
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.publisher import Publisher
 
 from isogal_ros.messages.stamps import set_stamp
+
+if TYPE_CHECKING:
+    from isogal_ros.nodes.publishing import Publishing
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 Figure = bool | int | float | str | None
 STARTING = "starting"
 """What a node says before anything else."""
-
-
-def _mute(_level: bytes, _text: str) -> None:
-    """Log nothing."""
 
 
 class Health:
@@ -31,7 +31,7 @@ class Health:
     ----------
     name : str
         Of the status.
-    publisher : Publisher
+    publisher : Publishing
         Of /diagnostics.
     period_ns : int
         Time between publications.
@@ -44,9 +44,9 @@ class Health:
     def __init__(
         self,
         name: str,
-        publisher: Publisher,
+        publisher: "Publishing",
         period_ns: int,
-        log: Callable[[bytes, str], None] = _mute,
+        log: Callable[[bytes, str], None],
         clock: Callable[[], float] | None = None,
     ) -> None:
         self.name = name
@@ -74,7 +74,7 @@ class Health:
     def state(self, level: bytes, message: str) -> None:
         """Set the node's own state; a change is published at once."""
         if (level, message) != (self._level, self.message):
-            if level != OK and _shape(message) != _shape(self.message):
+            if level != OK and without_numbers(message) != without_numbers(self.message):
                 self._log(level, message)
             elif level == OK and self._level != OK:
                 self._log(level, f"{message} again")
@@ -104,13 +104,13 @@ class Health:
         self.dropped[topic] = self.dropped.get(topic, 0) + 1
         known = self._reasons.get(topic)
         self._reasons[topic] = self.why[topic] = reason
-        if known is None or _shape(known) != _shape(reason):
+        if known is None or without_numbers(known) != without_numbers(reason):
             self._say_drop(topic, reason)
             self.publish()
 
     def _say_drop(self, topic: str, reason: str) -> None:
         """Log the first drop of its kind, then each time there are ten times as many."""
-        kind = topic, _shape(reason)
+        kind = topic, without_numbers(reason)
         count = self._kinds[kind] = self._kinds.get(kind, 0) + 1
         if math.log10(count).is_integer():
             times = f" ({count} times)" if count > 1 else ""
@@ -192,6 +192,6 @@ def _text(value: Figure) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def _shape(reason: str) -> str:
-    """Return a reason without its numbers: reasons that differ in numbers only are the same."""
-    return "".join(character for character in reason if not character.isdigit())
+def without_numbers(text: str) -> str:
+    """Return a text without its numbers: those that differ in numbers only are the same."""
+    return re.sub(r"[0-9.]+", "", text)

@@ -36,22 +36,9 @@ ROUNDING = 1e-7
 Item = TypeVar("Item")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Jump:
-    """What a fix did to the navigator: after minus before."""
-
-    ns: int
-    change: Array
-    """(7,) in a batch's states (`isogal.inertial.error_state`)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Gap:
-    """A time of which the navigator said nothing."""
-
-    before: NavSample
-    after: NavSample
-    """The first after it."""
+Jump = tuple[int, Array]
+"""Stamp (ns) of a fix, and what it did to the navigator: after minus before, (7,) in a batch's
+states (`isogal.inertial.error_state`)."""
 
 
 @dataclass(slots=True)
@@ -163,14 +150,17 @@ class NavQueue(Generic[Item]):
 
     def take_jumps(self, before: int) -> list[Jump]:
         """Take out the jumps with stamps earlier than `before` (ns), oldest first."""
-        return _taken(self.jumps, lambda jump: jump.ns < before)
+        return _taken(self.jumps, lambda jump: jump[0] < before)
 
-    def take_gaps(self, until: int) -> list[Gap]:
+    def take_gaps(self, until: int) -> list[tuple[NavSample, NavSample]]:
         """Take out the gaps longer than `HELD` that end at `until` (ns) at the latest, oldest
-        first."""
+        first: the states before each and after it."""
         ended = _taken(self._gaps, lambda gap: gap[1] <= until)
         kept = [gap for gap in ended if all(ns in self._stamps for ns in gap)]
-        return [Gap(*(self._decode(self._stamps[ns]) for ns in gap)) for gap in kept]
+        return [
+            (self._decode(self._stamps[begin]), self._decode(self._stamps[end]))
+            for begin, end in kept
+        ]
 
     def _stamp(self, ns: int) -> _Stamp:
         found = self._stamps.get(ns)
@@ -228,7 +218,7 @@ class NavQueue(Generic[Item]):
         after, before = self._state(stamp, stamp.pairs - 1), self._state(stamp, stamp.pairs - 2)
         change = difference(after, before)
         if np.abs(change[:2]).max() > ROUNDING:
-            self.jumps.append(Jump(ns, change))
+            self.jumps.append((ns, change))
 
     def _state(self, stamp: _Stamp, index: int) -> NavSample:
         fix = deserialize_message(stamp.fix[index], topics.NAV_FIX.type)

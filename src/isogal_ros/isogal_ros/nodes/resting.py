@@ -39,6 +39,12 @@ class Resting:
         return max(self._least, 4 * (self._longest + 1))
 
     @property
+    def unusual(self) -> bool:
+        """Whether the newest value has come again more often in a row than any before, once there
+        have been more than `least`: what is lost where a few such values are let go is little."""
+        return self._changes > self._least and self.count > self._longest
+
+    @property
     def beyond(self) -> int | None:
         """By how many repetitions more than noise explains it has stopped; None = it has not."""
         known = self._changes >= self._learnt and self.count >= self._limit

@@ -1,6 +1,5 @@
 """Parameters declared on a node, and changed while it runs."""
 
-import difflib
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 from pydantic import JsonValue
@@ -9,7 +8,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from isogal.errors import InputError
+from isogal.errors import InputError, nearest
 from isogal_ros.parameters.from_model import ParameterSpec, yaml_line
 from isogal_ros.parameters.values import Values, nested
 
@@ -80,9 +79,7 @@ def known_values(
         elif name in allowed:
             kept[name] = value
         else:
-            close = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
-            choice = f"; allowed: {', '.join(sorted(names))}"
-            hint = f", did you mean '{close[0]}'?" if close else choice
+            hint = nearest(name, allowed, 0.5) or f"; allowed: {', '.join(sorted(names))}"
             raise InputError(f"unknown parameter '{name}'{hint}")
     kept |= {outer: yaml_line(nested(part)) for outer, part in parts.items()}
     return {spec.name: spec.cast(kept.get(spec.name, spec.default)) for spec in specs}

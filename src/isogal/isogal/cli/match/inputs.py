@@ -134,11 +134,10 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
     for line, corridor in zip(lines, corridors, strict=True):
         field_map: ScalarMap | None = _at_height(map_, chosen, corridor.window)
         if learnt is not None:
-            field_map, sigma = learnt
+            field_map = learnt[0]
         field_map = field_map or map_.load_along(corridor)
         unit, factor = _unit_of(chosen.track_unit, field_map)
-        if learnt is None:
-            sigma = assumed.reading_sigma(field_map, factor)
+        sigma = assumed.reading_sigma(field_map, factor) if learnt is None else learnt[1]
         track = _track(line, field_map, factor, sigma, chosen.reduction)
         if chosen.spacing is not None:
             track = averaged(track, chosen.spacing)

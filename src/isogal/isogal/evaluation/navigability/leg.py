@@ -19,7 +19,6 @@ from isogal.evaluation.navigability.kernels import Approach
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.scenario import Scenario
-from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 MOST = 10
@@ -71,20 +70,12 @@ def leg_to(
         ],
         axis=1,
     )
-    velocity = trajectory.velocity[scans]
-    at = State(
-        trajectory.latitude[scans],
-        trajectory.longitude[scans],
-        trajectory.height[scans],
-        velocity[:, 0],
-        velocity[:, 1],
-    )
-    jacobian = measured_field(scenario).reduction(scenario).jacobian(at)
+    jacobian = measured_field(scenario).reduction(scenario).jacobian(trajectory.at(scans))
     basis = _basis(stacked, jacobian)
     rest = np.trace(stacked[-5:-3, -5:-3]) - (basis[-1, :2] ** 2).sum()
     approach = Approach(
         offset,
-        float(np.hypot(*velocity[-1, :2])) * scenario.gravimeter.interval,
+        float(np.hypot(*trajectory.velocity[end, :2])) * scenario.gravimeter.interval,
         effective_noise_variance(scenario.true.gravimeter, quantisation),
         np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
     )

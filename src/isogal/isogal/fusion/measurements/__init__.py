@@ -12,7 +12,8 @@ model            Measurement (the protocol), Innovation, and the update with row
 position         a position, of an antenna or of the inertial sensors
 ground_velocity  a velocity over ground in the navigation frame
 position_aid     positions of a scenario's aid, with their slow error as auxiliary states
-satellites       what a satellite receiver gives: such positions, and velocities
+satellites       the velocity that a satellite receiver gives
+aids             readings of any aid of a scenario as measurements
 heading          a heading, with its mounting and slow errors as auxiliary states
 information      what a batch of readings says, in information form
 height           a height sensor, with its errors as auxiliary states
@@ -24,6 +25,7 @@ fix              the measurements that a fix consists of
 trust            how an aid that was beyond the gate, or contradicted, is used again
 """
 
+from isogal.fusion.measurements.aids import reading_of
 from isogal.fusion.measurements.fix import LearntMapError, Widening, measurements_of
 from isogal.fusion.measurements.ground_velocity import GroundVelocity
 from isogal.fusion.measurements.heading import HeadingReading
@@ -34,7 +36,7 @@ from isogal.fusion.measurements.position import PositionFix
 from isogal.fusion.measurements.position_aid import position_fix
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.sample_noise import SampleNoise
-from isogal.fusion.measurements.satellites import satellite_fix, satellite_velocity
+from isogal.fusion.measurements.satellites import satellite_velocity
 from isogal.fusion.measurements.velocity import VelocityReading
 
 __all__ = [
@@ -53,6 +55,6 @@ __all__ = [
     "Widening",
     "measurements_of",
     "position_fix",
-    "satellite_fix",
+    "reading_of",
     "satellite_velocity",
 ]

@@ -1,25 +1,16 @@
-"""What a satellite receiver of a scenario gives (docs/mathematics.md, section 3.14): positions as
-those of any other aid, and velocities."""
+"""The velocity that a satellite receiver gives (docs/mathematics.md, section 3.14); its positions
+are those of any other aid."""
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.measurements.ground_velocity import GroundVelocity
 from isogal.fusion.measurements.model import stated
-from isogal.fusion.measurements.position import PositionFix
-from isogal.fusion.measurements.position_aid import position_fix
 from isogal.scenario import Gnss
 from isogal.scenario.aids import VERTICAL
 
 GNSS = "gnss"
 """What the names of its states begin with."""
-
-
-def satellite_fix(
-    gnss: Gnss, place: Array, height_used: bool, covariance: Array | None = None
-) -> PositionFix:
-    """Return a receiver's position as a measurement; see `position_fix`."""
-    return position_fix(gnss.positions, place, height_used, covariance)
 
 
 def satellite_velocity(

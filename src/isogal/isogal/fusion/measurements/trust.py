@@ -23,6 +23,8 @@ contradicted: a navigator that is right shows one that is wrong by more than the
 loses in the time meanwhile; of one that loses more the aid knows more, and is to be used."""
 AGREES = 0.01
 """Probability that a true reading does not agree."""
+VELOCITY, STANDSTILL = "velocity", "standstill"
+"""What may be contradicted: all velocity aids by fixes, wheels that stand by gyroscopes."""
 
 
 def update_insistent(state: FilterState, model: FilterModel, rows: Rows, aid: str) -> Innovation:
@@ -40,19 +42,49 @@ def update_insistent(state: FilterState, model: FilterModel, rows: Rows, aid: st
 
 
 def update_once_it_agrees(state: FilterState, model: FilterModel, rows: Rows) -> Innovation:
-    """Update with rows if those of a while have agreed with a navigator that did not use them."""
-    apart = rows.measured - rows.expected
-    nis = float(apart @ np.linalg.solve(_spread(state, rows), apart))
-    agrees = nis <= quantile(AGREES, len(apart))
-    state.contradicted = state.contradicted - 1 if agrees else AGREEING
-    if state.contradicted == 0:
-        return update_linear(state, model, rows)
+    """Update with rows of a velocity aid if those of a while have agreed with a navigator that did
+    not use them."""
+    if awaited(state, VELOCITY, agrees(state, rows)):
+        return untrusted(state, model, rows, VELOCITY, "fixes contradicted the navigator")
+    return update_linear(state, model, rows)
+
+
+def agrees(state: FilterState, rows: Rows) -> bool:
+    """Whether rows are what a state expects, or nearly."""
+    return squared(state, rows) <= quantile(AGREES, len(rows.measured))
+
+
+def awaited(state: FilterState, aid: str, agreed: bool) -> bool:
+    """Count a reading of what has been contradicted, and return whether others have to agree
+    before it is used."""
+    state.contradicted[aid] = state.contradicted[aid] - 1 if agreed else AGREEING
+    if state.contradicted[aid] > 0:
+        return True
+    del state.contradicted[aid]
+    return False
+
+
+def untrusted(
+    state: FilterState, model: FilterModel, rows: Rows, aid: str, why: str
+) -> Innovation:
+    """Return what becomes of a reading that is not used until others have agreed."""
     reason = (
-        "fixes contradicted the navigator: the velocity aid is not used until"
-        f" {state.contradicted} more readings agree"
+        f"{why}: the {aid} aid is not used until {state.contradicted[aid]} more readings agree"
     )
-    allowed = model.gate(len(apart))
-    return Innovation(Outcome.UNTRUSTED, apart, nis, allowed, rows.expected, reason)
+    found = Innovation.of(
+        rows.measured - rows.expected,
+        squared(state, rows),
+        model.gate(len(rows.measured)),
+        rows.expected,
+    )
+    found.outcome, found.reason = Outcome.UNTRUSTED, reason
+    return found
+
+
+def squared(state: FilterState, rows: Rows) -> float:
+    """Return the normalised innovation squared of rows."""
+    apart = rows.measured - rows.expected
+    return float(apart @ np.linalg.solve(_spread(state, rows), apart))
 
 
 def _spread(state: FilterState, rows: Rows) -> Array:

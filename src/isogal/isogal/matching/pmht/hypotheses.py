@@ -18,7 +18,7 @@ from isogal.matching.information import LARGEST_RATIO, positive_part
 from isogal.matching.interfaces import Aided, Information
 from isogal.matching.pmht import kernels
 from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models, largest
-from isogal.matching.pmht.rows import Rows, sigmas_of
+from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.matrices import symmetric
 from isogal.passage import Passage
@@ -177,7 +177,7 @@ class Hypotheses:
         """Split those over which the map is not nearly linear (`CURVED`), along the worst axis,
         into at most so many."""
         whole, done, most = self, list[Hypotheses](), most or self.most
-        where, least = (field_map.grid, sigmas_of(field_map), rows), self._least
+        where, least = (field_map.grid, field_map.sigma_grid, rows), self._least
         while True:  # `most` ends it on a map as rough as that
             asked, along = whole.log_weight > least[whole.which], np.zeros_like(whole.mean)
             them = whole.models, whole.which, whole.mean, whole.covariance
@@ -214,7 +214,7 @@ class Hypotheses:
     def observed(self, field_map: AnyMap, rows: Rows) -> "Hypotheses":
         """Take new readings; none that leaves the map is left."""
         mean, covariance, evidence = self.mean.copy(), self.covariance.copy(), np.empty(len(self))
-        where = field_map.grid, sigmas_of(field_map), rows
+        where = field_map.grid, field_map.sigma_grid, rows
         kernels.observed(*where, self.models, self.which, mean, covariance, evidence)
         result = replace(
             self, log_weight=self.log_weight + evidence, mean=mean, covariance=covariance

@@ -7,6 +7,7 @@ go over these only. docs/mathematics.md, section 6.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,53 +36,34 @@ low-pass filter has a mean over: a Gauss-Laguerre rule without the 0.02 % that i
 time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off."""
 
 
-@kernel(error_model="numpy", inline="always")
+@kernel(error_model="numpy")
 def predicted(
-    grid: Grid, rows: Rows, t: int, north: float, east: float, lag: float
+    grid: Grid, nodes: Array, t: int, count: int, lat: float, lon: float, channel: int
 ) -> tuple[float, float, float]:
-    """Return the map's value and its derivatives to north and east (per m) for row t of a
-    navigator that is `north` and `east` (m) of the truth; a mean over the path where the
-    instrument's filter is specified or has a time constant `lag` (s)."""
-    lat = rows.latitude[t] - north * rows.radian[t, 0]
-    lon = rows.longitude[t] - east * rows.radian[t, 1]
-    value = by_north = by_east = 0.0
-    for q in range(AGES.shape[0] if lag > 0.0 else rows.nodes.shape[1]):
-        if lag > 0.0:
-            weight, back = AGES[q, 1], AGES[q, 0] * lag
-            to_north = -back * rows.velocity[t, 0] * rows.radian[t, 0]
-            to_east = -back * rows.velocity[t, 1] * rows.radian[t, 1]
-        else:
-            to_north, to_east = rows.nodes[t, q, 0], rows.nodes[t, q, 1]
-            weight = rows.nodes[t, q, 2]
-        v, a, b = value_and_gradient(grid, lat + to_north, lon + to_east, rows.channel[t])
-        value += weight * v
-        by_north += weight * a
-        by_east += weight * b
-    return value, by_north * rows.radian[t, 0], by_east * rows.radian[t, 1]
+    """Return the map's value and its derivatives (per rad of latitude and of longitude) for row t
+    where it was taken at a place (rad): means over the first `count` points of `nodes` (n, Q, 3),
+    as in `Rows`."""
+    value = by_lat = by_lon = 0.0
+    for q in range(count):
+        v, a, b = value_and_gradient(grid, lat + nodes[t, q, 0], lon + nodes[t, q, 1], channel)
+        value += nodes[t, q, 2] * v
+        by_lat += nodes[t, q, 2] * a
+        by_lon += nodes[t, q, 2] * b
+    return value, by_lat, by_lon
 
 
-@kernel(error_model="numpy", inline="always")
-def _place(rows: Rows, t: int, used: Integers, x: Array, count: int) -> tuple[float, float]:
-    """Return how far from the truth (m north and east) a navigator has row t, in a state x (c,) of
-    `used` (c,)."""
-    north = east = 0.0
-    for i in range(count):
-        north += rows.place[t, 0, used[i]] * x[i]
-        east += rows.place[t, 1, used[i]] * x[i]
-    return north, east
-
-
-@kernel(error_model="numpy", inline="always")
-def _larger(sigmas: Grid, rows: Rows, t: int, north: float, east: float) -> float:
-    """Return by what factor the map says its error is larger where row t was taken by a navigator
-    that is `north` and `east` (m) of the truth than where that believes to be (`Rows.load`);
-    `sigmas` as `rows.sigmas_of` has it."""
+@kernel(error_model="numpy")
+def _larger(
+    sigmas: Grid, lat: float, lon: float, north: float, east: float, channel: int
+) -> float:
+    """Return by what factor the map says its error is larger where a reading was taken by a
+    navigator that is `north` and `east` (rad) of the truth than where that believes to be
+    (`Rows.load`); `sigmas` at its nodes, or one that does not count where it is the same
+    everywhere."""
     if sigmas.values.shape[1] < 2:
         return 1.0
-    lat, lon, c = rows.latitude[t], rows.longitude[t], rows.channel[t]
-    believed = bilinear(sigmas, lat, lon, c)
-    lat, lon = lat - north * rows.radian[t, 0], lon - east * rows.radian[t, 1]
-    ratio = bilinear(sigmas, lat, lon, c) / believed
+    believed = bilinear(sigmas, lat, lon, channel)
+    ratio = bilinear(sigmas, lat - north, lon - east, channel) / believed
     return ratio if believed > 0.0 and math.isfinite(ratio) else 1.0
 
 
@@ -105,9 +87,9 @@ def departures(
     In 1-sigmas of what is new in the readings and, where that is more, in units of their change,
     between both ends of the axis, `reach` 1-sigmas away. Where a model's filter has a time
     constant, of the map at the one point that is older by it."""
-    size, last = mean.shape[1], rows.level.shape[0] - 1
-    worst, x = np.zeros(which.shape[0]), np.empty(size)
-    across, bend, change = np.empty((2, size)), np.empty(2), np.empty(2)
+    size, n, last = mean.shape[1], rows.level.shape[0], rows.level.shape[0] - 1
+    worst, across = np.zeros(which.shape[0]), np.empty((2, size))
+    bend, change, count = np.empty(2), np.empty(2), rows.nodes.shape[1]
     for k in range(which.shape[0]):
         if not asked[k]:
             continue
@@ -115,37 +97,42 @@ def departures(
         c, used, sigma, shape = models.sizes[m], models.used[m], models.sigma[m], models.shape[m]
         p = q = r = 0.0
         for i in range(c):
-            x[i] = mean[k, used[i]]
-            north = east = 0.0
+            a = b = 0.0
             for j in range(c):
-                north += covariance[k, used[i], used[j]] * rows.place[last, 0, used[j]]
-                east += covariance[k, used[i], used[j]] * rows.place[last, 1, used[j]]
-            across[0, i], across[1, i] = north, east
-            p += rows.place[last, 0, used[i]] * north
-            q += rows.place[last, 0, used[i]] * east
-            r += rows.place[last, 1, used[i]] * east
+                a += covariance[k, used[i], used[j]] * rows.place[last, 0, used[j]]
+                b += covariance[k, used[i], used[j]] * rows.place[last, 1, used[j]]
+            across[0, i], across[1, i] = a, b
+            p += rows.place[last, 0, used[i]] * a
+            q += rows.place[last, 0, used[i]] * b
+            r += rows.place[last, 1, used[i]] * b
         # both axes of the covariance [[p, q], [q, r]] of the place
         angle = 0.5 * math.atan2(2.0 * q, p - r)
         cos, sin = math.cos(angle), math.sin(angle)
         first = math.sqrt(0.5 * (p + r) + math.hypot(0.5 * (p - r), q))
         second = math.sqrt(max(p * r - q * q, 0.0)) / first
         bend[:], change[:] = 0.0, 0.0
-        for t in range(last + 1):
-            north, east = _place(rows, t, used, x, c)
-            R = rows.noise[t] * models.noise[m]
+        for t in range(n):
+            lat, lon, channel = rows.latitude[t], rows.longitude[t], rows.channel[t]
+            to_lat, to_lon = rows.radian[t, 0], rows.radian[t, 1]
+            R, north, east = rows.noise[t] * models.noise[m], 0.0, 0.0
+            for i in range(c):
+                north += rows.place[t, 0, used[i]] * mean[k, used[i]]
+                east += rows.place[t, 1, used[i]] * mean[k, used[i]]
             if sigma > 0.0:
-                rough = models.rough[m] > 0.0
-                error = sigma * (1.0 if rough else _larger(sigmas, rows, t, north, east))
+                error = sigma
+                if not models.rough[m] > 0.0:
+                    error *= _larger(sigmas, lat, lon, north * to_lat, east * to_lon, channel)
                 for u in range(rows.load.shape[2]):
                     load = error * rows.load[shape, t, u]
                     R += load * load * rows.joined[shape, t, u, u]
-            north += models.lag[m] * rows.velocity[t, 0]
-            east += models.lag[m] * rows.velocity[t, 1]
-            middle = predicted(grid, rows, t, north, east, 0.0)[0]
+            lat -= (north + models.lag[m] * rows.velocity[t, 0]) * to_lat
+            lon -= (east + models.lag[m] * rows.velocity[t, 1]) * to_lon
+            middle = predicted(grid, rows.nodes, t, count, lat, lon, channel)[0]
             for axis in range(2):
-                n, e = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
-                one = predicted(grid, rows, t, north - reach * n, east - reach * e, 0.0)[0]
-                other = predicted(grid, rows, t, north + reach * n, east + reach * e, 0.0)[0]
+                a, b = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
+                a, b = reach * a * to_lat, reach * b * to_lon
+                one = predicted(grid, rows.nodes, t, count, lat + a, lon + b, channel)[0]
+                other = predicted(grid, rows.nodes, t, count, lat - a, lon - b, channel)[0]
                 bend[axis] += (0.5 * (one + other) - middle) ** 2 / R
                 change[axis] += (0.5 * (one - other)) ** 2 / R
         departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)
@@ -158,26 +145,128 @@ def departures(
     return worst
 
 
+class Own(NamedTuple):
+    """Rows as a model has them, whose c states come first. Loops take its arrays, not itself: with
+    each of them in every call an update took four times as long."""
+
+    place: Array
+    """(n, 2, N) rad of latitude and longitude per unit of the states."""
+    reading: Array
+    """(n, N)."""
+    level: Array
+    """(n,)."""
+    noise: Array
+    """(n,)."""
+    keep: Array
+    """(n, N) of all states, and `fresh`; of one map error alone, too, where several are
+    `_stepped`."""
+    fresh: Array
+    """(n, N)."""
+    nodes: Array
+    """(n, Q, 3)."""
+
+
+class Update(NamedTuple):
+    """What an update of one hypothesis works with."""
+
+    x: Array
+    """(N,) its state, and `P` its covariance, which become those after the readings."""
+    P: Array
+    """(N, N)."""
+    before: Array
+    """(N,) its state before, and `prior` its covariance."""
+    prior: Array
+    """(N, N)."""
+    at: Array
+    """(N,) where the readings are linearised."""
+    z: Array
+    """(n,), and H (n, N): the readings, linearised."""
+    H: Array
+    PH: Array
+    """(N,)."""
+
+
+@kernel(error_model="numpy")
+def _own(rows: Rows, size: int) -> Own:
+    """Return room for those of models of at most so many states."""
+    n, count = rows.level.shape[0], max(AGES.shape[0], rows.nodes.shape[1])
+    place, reading, level, noise = (
+        np.empty((n, 2, size)),
+        np.empty((n, size)),
+        np.empty(n),
+        np.empty(n),
+    )
+    keep, fresh = np.empty((n, size)), np.empty((n, size))
+    return Own(place, reading, level, noise, keep, fresh, np.empty((n, count, 3)))
+
+
+@kernel(error_model="numpy")
+def _of_model(
+    rows: Rows, used: Integers, c: int, shape: int, lag: float, noise: float, own: Own
+) -> int:
+    """Write the rows of a model of the c states `used`, of whose noise the variance is so many
+    times as large, and return how many points a reading is a mean over."""
+    n, filtered = BATCH_STATES, lag > 0.0
+    for t in range(rows.level.shape[0]):
+        own.level[t] = rows.level[t] - lag * rows.rate[t]
+        own.noise[t] = noise * rows.noise[t]
+        for i in range(c):
+            s, keep, fresh = used[i], 1.0, 0.0
+            if s >= n:
+                keep, fresh = rows.keep[t, s - n], rows.fresh[t, s - n]
+            if s == n and rows.load.shape[2] == 1 and rows.joined[shape, t, 0, 0] > 0.0:
+                keep, fresh = rows.step[shape, t, 0, 0], rows.joined[shape, t, 0, 0]
+            own.keep[t, i], own.fresh[t, i] = keep, fresh
+            own.reading[t, i] = rows.reading[t, s]
+            for axis in range(2):
+                own.place[t, axis, i] = rows.place[t, axis, s] * rows.radian[t, axis]
+        for q in range(AGES.shape[0] if filtered else 0):
+            for axis in range(2):
+                back = AGES[q, 0] * lag * rows.velocity[t, axis]
+                own.nodes[t, q, axis] = -back * rows.radian[t, axis]
+            own.nodes[t, q, 2] = AGES[q, 1]
+        for q in range(0 if filtered else rows.nodes.shape[1]):
+            for i in range(3):
+                own.nodes[t, q, i] = rows.nodes[t, q, i]
+    return AGES.shape[0] if filtered else rows.nodes.shape[1]
+
+
 @kernel(error_model="numpy")
 def _linearised(
-    grid: Grid, rows: Rows, errors: Array, models: Models, m: int, at: Array, z: Array, H: Array
+    grid: Grid,
+    latitude: Array,
+    longitude: Array,
+    channel: Integers,
+    level: Array,
+    place: Array,
+    reading: Array,
+    nodes: Array,
+    count: int,
+    errors: Array,
+    c: int,
+    at: Array,
+    z: Array,
+    H: Array,
 ) -> bool:
-    """Write z (n,) = H (n, c) x + noise of the rows, with map errors larger by `errors` (n,),
-    linearised at a state (c,) of a model; say whether all of them are on the map."""
-    n, used, lag, load = BATCH_STATES, models.used[m], models.lag[m], rows.load[models.shape[m]]
-    for t in range(rows.level.shape[0]):
-        north, east = _place(rows, t, used, at, models.sizes[m])
-        value, by_north, by_east = predicted(grid, rows, t, north, east, lag)
+    """Write z (n,) = H (n, c) x + noise of a model's rows at a state (c,), with map errors of
+    1-sigmas (n, U); say whether all of them are on the map."""
+    first = BATCH_STATES
+    for t in range(level.shape[0]):
+        lat, lon = latitude[t], longitude[t]
+        for i in range(c):
+            lat -= place[t, 0, i] * at[i]
+            lon -= place[t, 1, i] * at[i]
+        value, by_lat, by_lon = predicted(grid, nodes, t, count, lat, lon, channel[t])
         if not math.isfinite(value):
             return False
-        z[t] = rows.level[t] - value - lag * rows.rate[t]
-        for i in range(models.sizes[m]):
-            s = used[i]
-            slope = by_north * rows.place[t, 0, s] + by_east * rows.place[t, 1, s]
-            H[t, i] = rows.reading[t, s] - slope
-            if n <= s < n + load.shape[1]:
-                H[t, i] += models.sigma[m] * errors[t] * load[t, s - n]
-            z[t] -= slope * at[i]  # z - J x = z - (J - G) x - G x
+        rest = level[t] - value
+        for i in range(c):
+            slope = by_lat * place[t, 0, i] + by_lon * place[t, 1, i]
+            H[t, i] = reading[t, i] - slope
+            rest -= slope * at[i]  # z - J x = z - (J - G) x - G x
+        z[t] = rest
+        for i in range(first, min(c, first + errors.shape[1])):
+            H[t, i] += errors[t, i - first]
     return True
 
 
@@ -213,36 +302,45 @@ def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array
 
 @kernel(error_model="numpy")
 def _filtered(
-    rows: Rows, models: Models, m: int, x: Array, P: Array, z: Array, H: Array, PH: Array
+    c: int,
+    x: Array,
+    P: Array,
+    z: Array,
+    H: Array,
+    noise: Array,
+    keep: Array,
+    fresh: Array,
+    step: Array,
+    joined: Array,
+    tails: float,
+    PH: Array,
 ) -> float:
     """Kalman filter of readings one after the other, in place; return their log evidence.
 
     A reading is good or, with a small probability, an outlier, which says nothing and is as likely
     everywhere; the two posteriors are merged by their moments. Where a model's errors have tails,
     innovations have Student's t density instead, and one beyond a 1-sigma counts as if its
-    variance were so much larger."""
+    variance were so much larger. `step` and `joined` (n, U, U): of map errors that depend on each
+    other, U = 0 where there are none."""
     wrong, width = OUTLIER
-    tails, peak = models.tails[m], 0.0
+    peak, n = 0.0, BATCH_STATES
     if tails < math.inf:
         peak = (
             math.lgamma(0.5 * tails + 0.5) - math.lgamma(0.5 * tails) - 0.5 * math.log(0.5 * tails)
         )
     square, determinant, evidence = 0.0, 1.0, 0.0
-    n, c, used, shape = BATCH_STATES, models.sizes[m], models.used[m], models.shape[m]
-    map_errors = c > n and used[n] == n
     for t in range(z.shape[0]):
-        if map_errors and rows.joined[shape, t, 0, 0] > 0.0:
-            _stepped(x, P, rows.step[shape, t], rows.joined[shape, t], c, PH)
+        if step.shape[1] > 0 and joined[t, 0, 0] > 0.0:
+            _stepped(x, P, step[t], joined[t], c, PH)
         for i in range(n, c):
-            f = rows.keep[t, used[i] - n]
+            f = keep[t, i]
             if f != 1.0:
                 x[i] *= f
                 for j in range(c):
                     P[i, j] *= f
                     P[j, i] *= f
-            P[i, i] += rows.fresh[t, used[i] - n]
-        noise = rows.noise[t] * models.noise[m]
-        S, innovation = noise, z[t]
+            P[i, i] += fresh[t, i]
+        S, innovation = noise[t], z[t]
         for i in range(c):
             value = 0.0
             for j in range(c):
@@ -254,7 +352,9 @@ def _filtered(
         less, fit = gain, innovation * innovation * gain
         if tails < math.inf:
             evidence += peak - 0.5 * (math.log(S) + (tails + 1.0) * math.log1p(fit / tails))
-            gain = less = gain * min(1.0, (tails + 1.0) / (tails + fit))
+            weight = (tails + 1.0) / (tails + fit)
+            less = gain * min(1.0, weight * (tails - fit) / (tails + fit))
+            gain *= min(1.0, weight)
         elif fit < SUSPECT:
             square += fit
             determinant *= S
@@ -263,7 +363,7 @@ def _filtered(
                 determinant = 1.0
         else:
             good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
-            bad = -0.5 * math.log(S + width * noise) + math.log(wrong)
+            bad = -0.5 * math.log(S + width * noise[t]) + math.log(wrong)
             both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
             evidence += both
             p, q = math.exp(good - both), math.exp(bad - both)
@@ -277,6 +377,45 @@ def _filtered(
                 P[j, i] = P[i, j]
     evidence -= 0.5 * (square + math.log(determinant))
     return evidence - 0.5 * z.shape[0] * math.log(2.0 * math.pi)
+
+
+@kernel(error_model="numpy")
+def _iterated(
+    grid: Grid,
+    rows: Rows,
+    own: Own,
+    count: int,
+    errors: Array,
+    step: Array,
+    joined: Array,
+    tails: float,
+    c: int,
+    update: Update,
+) -> float:
+    """Update a hypothesis by readings that are linearised at its mode, looked for from `at` on;
+    return their log evidence, -inf off the map."""
+    latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
+    place, reading, level, noise, keep, fresh, nodes = own
+    x, P, before, prior, at, z, H, PH = update
+    evidence = -math.inf
+    for iteration in range(ITERATIONS):
+        if not _linearised(
+            grid, latitude, longitude, channel, level, place, reading, nodes, count, errors,
+            c, at, z, H,
+        ):  # fmt: skip
+            return -math.inf
+        for i in range(c):
+            x[i] = before[i]
+            for j in range(c):
+                P[i, j] = prior[i, j]
+        evidence = _filtered(c, x, P, z, H, noise, keep, fresh, step, joined, tails, PH)
+        moved = math.hypot(x[0] - at[0], x[1] - at[1])
+        if not moved > SETTLED * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
+            break
+        share = 1.0 if iteration < 3 else 0.5
+        for i in range(c):
+            at[i] += share * (x[i] - at[i])
+    return evidence
 
 
 @kernel(error_model="numpy")
@@ -295,49 +434,51 @@ def observed(
 
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
-    n, size = rows.level.shape[0], mean.shape[1]
-    z, H, P = np.empty(n), np.empty((n, size)), np.empty((size, size))
-    x, at, PH, errors = np.empty(size), np.empty(size), np.empty(size), np.ones(n)
-    shift, from_north, from_east = np.zeros(size), math.inf, math.inf
+    n, size, several, first = rows.level.shape[0], mean.shape[1], rows.load.shape[2], BATCH_STATES
+    own, model, count, errors = _own(rows, size), -1, 1, np.empty((n, several))
+    x, P, before = np.empty(size), np.empty((size, size)), np.empty(size)
+    prior, at, shift = np.empty((size, size)), np.empty(size), np.zeros(size)
+    update = Update(x, P, before, prior, at, np.empty(n), np.empty((n, size)), np.empty(size))
+    from_north, from_east, place = math.inf, math.inf, own.place
+    latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
     for k in range(which.shape[0]):
         m = which[k]
-        c, used = models.sizes[m], models.used[m]
-        # hypotheses at one place are moved alike: what moved the last one is a good guess
-        near = abs(mean[k, 0] - from_north) + abs(mean[k, 1] - from_east) < math.sqrt(
-            min(covariance[k, 0, 0], covariance[k, 1, 1])
-        )
-        from_north, from_east = mean[k, 0], mean[k, 1]
+        c, used, shape, sigma = models.sizes[m], models.used[m], models.shape[m], models.sigma[m]
+        if m != model:
+            count, model = _of_model(rows, used, c, shape, models.lag[m], models.noise[m], own), m
         for i in range(c):
-            at[i] = mean[k, used[i]]
+            before[i] = mean[k, used[i]]
+            for j in range(c):
+                prior[i, j] = covariance[k, used[i], used[j]]
+        graded = sigma > 0.0 and not models.rough[m] > 0.0
         for t in range(n):
-            rough = models.rough[m] > 0.0 or not models.sigma[m] > 0.0
-            north, east = _place(rows, t, used, at, c)
-            errors[t] = 1.0 if rough else _larger(sigmas, rows, t, north, east)
-        for i in range(c if near else 0):
-            at[i] += shift[used[i]]
-        for iteration in range(ITERATIONS):
-            if not _linearised(grid, rows, errors, models, m, at, z, H):
-                evidence[k] = -math.inf
-                break
-            for i in range(c):
-                x[i] = mean[k, used[i]]
-                for j in range(c):
-                    P[i, j] = covariance[k, used[i], used[j]]
-            evidence[k] = _filtered(rows, models, m, x, P, z, H, PH)
-            moved = math.hypot(x[0] - at[0], x[1] - at[1])
-            if not moved > SETTLED * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
-                break
-            share = 1.0 if iteration < 3 else 0.5
-            for i in range(c):
-                at[i] += share * (x[i] - at[i])
+            error, north, east = sigma, 0.0, 0.0
+            for i in range(c if graded else 0):
+                north += place[t, 0, i] * before[i]
+                east += place[t, 1, i] * before[i]
+            if graded:
+                error *= _larger(sigmas, latitude[t], longitude[t], north, east, channel[t])
+            for u in range(several):
+                errors[t, u] = error * rows.load[shape, t, u]
+        # hypotheses at one place are moved alike: what moved the last one is a good guess
+        near = abs(before[0] - from_north) + abs(before[1] - from_east) < math.sqrt(
+            min(prior[0, 0], prior[1, 1])
+        )
+        from_north, from_east = before[0], before[1]
+        for i in range(c):
+            at[i] = before[i] + (shift[used[i]] if near else 0.0)
+        stepped = several if several > 1 and c > first and used[first] == first else 0
+        step, joined = rows.step[shape, :, :stepped, :stepped], rows.joined[shape]
+        evidence[k] = _iterated(
+            grid, rows, own, count, errors, step, joined, models.tails[m], c, update
+        )
         for i in range(size):
             shift[i] = 0.0
-        if evidence[k] > -math.inf:
-            for i in range(c):
-                shift[used[i]] = x[i] - mean[k, used[i]]
-                mean[k, used[i]] = x[i]
-                for j in range(c):
-                    covariance[k, used[i], used[j]] = P[i, j]
+        for i in range(c if evidence[k] > -math.inf else 0):
+            shift[used[i]] = x[i] - before[i]
+            mean[k, used[i]] = x[i]
+            for j in range(c):
+                covariance[k, used[i], used[j]] = P[i, j]
 
 
 @kernel(error_model="numpy")

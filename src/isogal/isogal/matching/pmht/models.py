@@ -18,7 +18,6 @@ from isogal.arrays import Array, Integers
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.quantities import GRAVITY
-from isogal.maps.roughness import roughness
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.states import (
     BIAS,
@@ -272,7 +271,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
     return Assumed(
         noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
         scale=float(np.mean([one.scale for one in maps])),
-        rough=float(np.mean([roughness(one) for one in maps])),
+        rough=float(np.mean([one.roughness for one in maps])),
         step=math.hypot(*maps[0].cell_size_m(float(batch.latitude[-1]))) / math.sqrt(2.0),
         sigma=specified,
         length=matcher.map_correlation_length,

@@ -24,7 +24,6 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
 from isogal.maps.error_model import Chain, chained, independent, shares
 from isogal.maps.field_map import FieldMap
-from isogal.maps.interpolation import Grid
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.states import (
@@ -267,14 +266,3 @@ def _loads(
     load = np.zeros((len(rough), len(which), errors))
     load[:, np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
     return load
-
-
-def sigmas_of(field_map: AnyMap) -> Grid:
-    """Return what maps say of their errors at their nodes; one node that does not count where none
-    says it of each node."""
-    maps = channels_of(field_map)
-    if all(np.ndim(one.sigma) == 0 for one in maps):
-        return field_map.grid._replace(values=np.full((1, 1), np.nan))
-    sigmas = [np.broadcast_to(one.sigma, one.values.shape) for one in maps]
-    whole = sigmas[0] if len(maps) == 1 else np.concatenate(sigmas)
-    return field_map.grid._replace(values=np.ascontiguousarray(whole, dtype=np.float64))

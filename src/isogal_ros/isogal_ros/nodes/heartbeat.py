@@ -1,0 +1,67 @@
+"""What a node does once a second of wall time, whether data come or not."""
+
+import ctypes
+import time
+from multiprocessing import parent_process
+from typing import TYPE_CHECKING
+
+from isogal_ros.nodes.health import ERROR
+from isogal_ros.nodes.middleware import LEASE
+
+if TYPE_CHECKING:
+    from isogal_ros.nodes.base import GraphNode
+
+TOLD = 60.0
+"""s of wall time for which the node says that it stood still."""
+FREE_EVERY = 5.0
+"""s of wall time between givings back of memory."""
+
+
+class Heartbeat:
+    """Publishes diagnostics while no data comes; gives memory back; says where the process stood
+    still so long that others took it for gone; ends the node with the process that started it.
+
+    Parameters
+    ----------
+    node : GraphNode
+    """
+
+    def __init__(self, node: "GraphNode") -> None:
+        self._node, self._parent = node, parent_process()  # of `isogal run`
+        self._freed = time.monotonic()
+        self._beaten: float | None = None
+        self._told: float | None = None
+        """When it said that it stood still."""
+        self._heard = 0
+
+    def beat(self) -> None:
+        """Do it."""
+        node, health, now = self._node, self._node.health, time.monotonic()
+        stood, self._beaten = now - (self._beaten or now), now
+        if stood > LEASE:
+            health.count("stood still")
+            took = "others took it for gone, what they said is lost"
+            health.concern("standing still", f"stood still for {stood:.0f} s; {took}", ERROR)
+            self._told = now
+        elif self._told is not None and now - self._told > TOLD:
+            health.concern("standing still", None)
+        if now - self._freed >= FREE_EVERY:
+            self._freed = now
+            give_memory_back()
+        if health.publications == self._heard:
+            health.idle()
+        self._heard = health.publications
+        if self._parent is not None and not self._parent.is_alive():
+            node.get_logger().error("the process that started this node is gone")
+            node.finished = True
+
+
+def give_memory_back() -> None:
+    """Give memory that is free back to the system, where the C library is glibc.
+
+    A listener that stops for a while leaves megabytes of messages with the node that writes to it.
+    The middleware frees them when they have been taken (`nodes/fastdds.xml`), but the C library
+    keeps what lies below the last block in use."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(ctypes.c_size_t(0))
