@@ -25,7 +25,6 @@ from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.gridder import GridSettings, grid_survey, learn_model
 from isogal.maps.gridding.kriging import Kriging
 from isogal.maps.load import load_map
-from isogal.tracks.continued_map import resolved
 
 __all__ = ["four_places"]
 
@@ -79,7 +78,7 @@ def test_a_map_says_its_error_at_every_node(tmp_path):
     np.testing.assert_allclose(again.error_ellipses, field_map.error_ellipses, rtol=1e-4, atol=1e3)
     assert again.height is None
     assert again.unresolved == pytest.approx(field_map.unresolved)
-    rest = np.hypot(resolved(again).sigma, again.unresolved)
+    rest = np.hypot(again.resolved.sigma, again.unresolved)
     np.testing.assert_allclose(rest, again.sigma, rtol=1e-6)
 
 

@@ -152,6 +152,7 @@ class FieldMap:
             ("correlation_length", "> 0 m", _none_or(self.correlation_length, math.ulp(0.0))),
             ("height", "finite", _none_or(self.height, -math.inf)),
             ("quantisation", ">= 0", _none_or(self.quantisation, 0.0)),
+            ("unresolved", ">= 0", _none_or(self.unresolved, 0.0)),
         ):
             if not good:
                 raise InputError(f"{where}: {name} must be {allowed}, is {getattr(self, name)}")
@@ -167,6 +168,14 @@ class FieldMap:
             float(self.longitude[0]),
             float((self.longitude[-1] - self.longitude[0]) / (self.longitude.size - 1)),
         )
+
+    @cached_property
+    def resolved(self) -> "FieldMap":
+        """The map whose `sigma` is of errors that hold together over its lengths alone."""
+        if not self.unresolved:
+            return self
+        rest = np.asarray(self.sigma) ** 2 - self.unresolved**2
+        return replace(self, sigma=np.sqrt(np.maximum(rest, 0.0)), unresolved=0.0)
 
     @cached_property
     def scale(self) -> float:

@@ -31,7 +31,7 @@ from isogal.matching.quasi_random import standard_normal
 from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.continued_map import continued, resolved
+from isogal.tracks.continued_map import continued
 from isogal.tracks.displacement import displacement
 from isogal.tracks.evidence import Seen
 from isogal.tracks.jackknife import excess
@@ -115,7 +115,8 @@ def seen_of(batch: Batch, field_map: AnyMap, settings: MatcherSettings) -> Seen 
     around = None
     if isinstance(field_map, FieldMap):
         reach = MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
-        field_map = resolved(field_map)
+        # models of a track have noise and a constant of the readings besides
+        field_map = field_map.resolved
         around = continued(field_map, reach)
     batch = on_map(batch, field_map, SURE if around is None else POSSIBLE)
     states = States.of(batch, field_map)

@@ -38,16 +38,6 @@ class ContinuedMap:
     """Mean of what the map says of its error node by node, map's unit; 0 = it does not say it."""
 
 
-@lru_cache(maxsize=4)
-def resolved(field_map: FieldMap) -> FieldMap:
-    """Return a map whose 1-sigma is of what holds together over its lengths: models of a track
-    have a constant and noise of the readings besides."""
-    if not field_map.unresolved:
-        return field_map
-    rest = np.asarray(field_map.sigma) ** 2 - field_map.unresolved**2
-    return replace(field_map, sigma=np.sqrt(np.maximum(rest, 0.0)), unresolved=0.0)
-
-
 @lru_cache(maxsize=1)  # tracks are matched one after the other on the same map
 def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     """Return a map continued by at least `reach` (m) on every side."""
