@@ -151,8 +151,10 @@ class Pmht:
                     bank = Hypotheses.before(models, begun).aided(aided, prior)
                     if one.batch.passage is not None:
                         bank = bank.correlated(states.moving, one.batch.passage.after)
-                field = FieldMemory(states, models, bank, specified=known.sigma or 0.0)
-            lengths, rough = field.models.shapes
+                field = FieldMemory(
+                    states, models, models.shapes, bank, specified=known.sigma or 0.0
+                )
+            lengths, rough = field.shapes
             new, epoch = rows_of(
                 one.batch, one.field_map, field.states, lengths, field.epoch, rough
             )

@@ -13,6 +13,7 @@ docs/mathematics.md, section 5.
 
 import itertools
 import math
+import statistics
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -230,17 +231,20 @@ def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tu
         place[..., -states.unknown + DELAY] = velocity
         if batch.reading_rate is not None:
             unknown[:, DELAY] = batch.reading_rate[which]
-        each = np.r_[before.time, time]
-        stamps, one, scan = np.unique(each, return_index=True, return_inverse=True)
-        if len(stamps) > 1:
-            moving = accelerations(stamps, np.vstack([before.velocity, velocity])[one])
-            unknown[:, [COUPLING_FORWARD, COUPLING_RIGHT]] = moving[scan[1:]]
+        each = np.append(before.time, time)
+        later = each[1:] > each[:-1]  # than the row before: another scan
+        if later.any():
+            begins = np.append(True, later)
+            moving = accelerations(each[begins], np.vstack([before.velocity, velocity])[begins])
+            of_scan = np.cumsum(later)
+            unknown[:, COUPLING_FORWARD] = moving[of_scan, 0]
+            unknown[:, COUPLING_RIGHT] = moving[of_scan, 1]
     return place, reading
 
 
 def usual_noise(rows: Rows) -> float:
     """Return the usual 1-sigma of the white noise, map's unit."""
-    return math.sqrt(float(np.median(rows.noise)))
+    return math.sqrt(statistics.median(rows.noise.tolist()))
 
 
 def _loads(

@@ -45,6 +45,8 @@ class FieldMemory:
 
     states: States
     models: Models
+    shapes: tuple[Array, Array]
+    """`Models.shapes`, found once."""
     bank: Hypotheses | None
     """About the navigator as it is; None = its place is searched for."""
     epoch: Epoch | None = None
