@@ -18,12 +18,6 @@ def set_stamp(stamp: Time, ns: int) -> None:
     stamp.sec, stamp.nanosec = divmod(ns, _SECOND)
 
 
-def from_ns(ns: int) -> Time:
-    """Return a ``builtin_interfaces/Time``."""
-    seconds, rest = divmod(ns, _SECOND)
-    return Time(sec=seconds, nanosec=rest)
-
-
 def from_seconds(seconds: float) -> int:
     """Return nanoseconds of seconds since the start of a run."""
     return round(seconds * _SECOND)
