@@ -1,7 +1,7 @@
 """Drives of a car with a telephone, through Isogal's navigator (docs/evidence/drives.md).
 
-    .venv/bin/python benchmarks/drives.py FOLDER [--variants NAME ...] [--satellites S]
-        [--simulated SEED ...]
+    .venv/bin/python benchmarks/drives.py FOLDER [--all] [--reference] [--satellites S]
+        [--variants NAME ...] [--simulated SEED ...]
 
 FOLDER holds drive_NAME.nc and dted0_NAME.nc. Five minutes of satellites, then the gyroscope about
 the vertical, the satellites' speed as an odometer, and the barometer's height against the terrain;
@@ -36,6 +36,7 @@ from isogal.sensors.barometer import height_of, pressure_of
 EXAMPLE = Path(__file__).parent.parent / "examples" / "phone_drive"
 sys.path.insert(0, str(EXAMPLE))
 
+from drive_particles import particles
 from drive_variants import DRIVES, EVENTS
 from phone_log import Drive, drive_of, ground_pressure, position_at, read_log, velocity_at
 from road_heights import with_sigma
@@ -127,50 +128,49 @@ def gauss_markov(random: np.random.Generator, keep: np.ndarray) -> np.ndarray:
     return noise
 
 
-def line(name: str, rows: np.ndarray) -> str:
-    """Return what is printed of a drive."""
-    away, nees = rows[:, 1] / 1e3, rows[:, 2]
-    return (
-        f"{name:54s} median {np.median(away):5.2f} km, 95 % {np.percentile(away, 95):5.2f} km,"
-        f" NEES {nees.mean():5.2f} (median {np.median(nees):.2f})"
-    )
+def figures(rows: np.ndarray) -> str:
+    """Return what a table has of a drive: median and 95 % of the error, km, and mean NEES."""
+    away = rows[:, 1] / 1e3
+    return f"{np.median(away):.2f}, {np.percentile(away, 95):.2f}, {rows[:, 2].mean():.2g}"
 
 
 def main() -> None:
-    """Print a line for each drive, by dead reckoning and with the map."""
+    """Print a row of a table for each drive: by dead reckoning, with the map, and by particles."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", default="", help="part of the name of a drive")
     parser.add_argument(
         "--variants", nargs="+", default=["as logged"], choices=[*DRIVES, *EVENTS], metavar="NAME"
     )
+    parser.add_argument("--all", action="store_true", help="all variants")
+    parser.add_argument("--reference", action="store_true", help="a particle filter besides")
     parser.add_argument("--satellites", type=float, default=KNOWN, help="s that there are any")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--simulated", type=int, nargs="+", default=[], metavar="SEED")
-    parser.add_argument("--no-map", action="store_true", help="dead reckoning alone")
     arguments = parser.parse_args()
     scenario = changed_scenario(load_scenario(EXAMPLE / "car.yaml"), arguments.set, "--set")
+    known = arguments.satellites
     for path in sorted(arguments.folder.glob("drive_*.nc")):
         name = path.stem.removeprefix("drive_")
         if arguments.only not in name:
             continue
-        known = arguments.satellites
         log = read_log(path)
         terrain = with_sigma(load_map(arguments.folder / f"dted0_{name}.nc", "height"))
-        for variant in arguments.variants:
+        for variant in DRIVES | EVENTS if arguments.all else arguments.variants:
             drive = drive_of((DRIVES | EVENTS)[variant](log), known)
-            title = f"{name[:13]} {variant}"
-            every = [(f"{title}: dead reckoning", drive, False)]
-            every += [] if arguments.no_map else [(f"{title}: map", drive, True)]
-            if arguments.simulated:
-                every = [
-                    (f"{title}: {seed}", simulated(drive, scenario, terrain, seed), True)
-                    for seed in arguments.simulated
-                ]
-            for what, one, matched in every:
+            found = []
+            if not arguments.simulated:
+                found = [(drive, False), (drive, True)]
+            found += [
+                (simulated(drive, scenario, terrain, seed), True) for seed in arguments.simulated
+            ]
+            cells = []
+            for one, matched in found:
                 navigator = navigator_of(one, scenario, terrain)
-                found = navigate(navigator, one, scenario, matched, known)
-                print(line(what, found), flush=True)
+                cells.append(figures(navigate(navigator, one, scenario, matched, known)))
+            if arguments.reference:
+                cells.append(figures(particles(drive, scenario, terrain, known)))
+            print(f"| {name[:10]} | {variant} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import AtRest, Outcome, SampleNoise, VelocityReading
-from isogal.fusion.measurements.trust import AGREEING
+from isogal.fusion.measurements.trust import AGREEING, CONFIRMED
 from isogal.fusion.nominal import move
 from isogal.fusion.outage import UnknownMotion, grow
 from isogal.fusion.state import FilterState
@@ -116,29 +116,27 @@ def test_a_car_may_have_turned_while_samples_were_missing():
     assert math.sqrt(navigator.state.covariance[8, 8]) > 0.4
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.02])
-def test_wheels_that_stand_of_a_vehicle_that_is_carried(turn):
-    """From 15 m/s to nothing within a second, or of one that was at rest and turns now."""
+@pytest.mark.parametrize(("speed", "few"), [(0.0, CONFIRMED), (15.0, AGREEING)])
+def test_wheels_that_stand_of_a_vehicle_that_is_carried(speed, few):
+    """From 15 m/s to nothing within a second, or at rest, and then turning for a while."""
     start = Estimate(np.array([0.7, -1.3, 0.0]), np.zeros(3), np.eye(4)[0])
     model = filter_model(CAR)
     state = FilterState.start(start, model)
-    state.velocity[0] = 0.0 if turn else 15.0
+    state.velocity[0] = speed
     before = state.copy()
 
-    def stands(rate: float) -> Outcome:
+    def stands(rate: float, readings: int) -> set[Outcome]:
         gyroscopes = AtRest.of_gyroscopes(np.array([0.0, 0.0, rate]), 6e-4)
         reading = VelocityReading(np.zeros(3), np.eye(3), 0.1, 0.05, gyroscopes)
-        return reading.update(state, model).outcome
+        return {reading.update(state, model).outcome for _ in range(readings)}
 
-    assert stands(turn) is Outcome.UNTRUSTED
+    assert stands(0.0, few) == {Outcome.UNTRUSTED}
     np.testing.assert_array_equal(state.covariance, before.covariance)
     state.velocity[0] = 0.0
-    assert {stands(0.0) for _ in range(AGREEING - 2)} == {Outcome.UNTRUSTED}
-    if turn:
-        assert stands(turn) is Outcome.UNTRUSTED  # all is to be done again
-        assert {stands(0.0) for _ in range(AGREEING - 1)} == {Outcome.UNTRUSTED}
-    assert stands(0.0) is Outcome.USED
+    assert stands(0.0, 1) == {Outcome.USED}
     assert np.sqrt(state.covariance[3, 3]) < 0.06
+    assert stands(0.02, 10) == stands(0.0, AGREEING - 1) == {Outcome.UNTRUSTED}
+    assert stands(0.0, 1) == {Outcome.USED}
 
 
 def test_a_car_goes_where_it_has_turned_to():

@@ -48,6 +48,30 @@ def test_on_a_plane_it_is_the_kalman_update(settings, noise):
     np.testing.assert_allclose((np.eye(2) - gain) @ prior, expected[1][:2, :2], rtol=0.05)
 
 
+def test_an_outlier_says_nothing():
+    batch, _ = make_batch(PLANE, ERROR)
+    good = np.arange(30) != 12
+    readings = [np.where(good, batch.reading, wrong) for wrong in (batch.reading + 5e-4, np.nan)]
+    one, other = (
+        posterior_of(pmht().match(replace(batch, reading=each), PLANE, None)[0], batch.prior)
+        for each in readings
+    )
+    close(one, other, 0.02)
+
+
+def test_a_map_that_is_more_wrong_than_usual_is_no_outlier():
+    """One reading of thirty that is off by three of its own 1-sigmas, sixty times the noise."""
+    batch, _ = make_batch(PLANE, np.zeros(4), seed=None)
+    reading = np.where(np.arange(30) == 29, batch.reading + 6.4e-4, np.nan)
+    fix, _ = pmht(**WRONG | {"map_sigma": 2e-4}).match(replace(batch, reading=reading), PLANE, None)
+    _, north, east = PLANE.value_and_gradient(batch.latitude[29], batch.longitude[29])
+    H = -np.array([north, east]) @ batch.transition[29]
+    S = H @ batch.prior @ H + 2e-4**2 + 1e-5**2
+    assert 9.0 < 6.4e-4**2 / S < 11.0
+    mean = batch.prior @ H * 6.4e-4 / S
+    np.testing.assert_allclose(posterior_of(fix, batch.prior)[0], mean, rtol=0.05, atol=1e-6)
+
+
 def test_attitude_is_what_the_readings_say_of_it():
     random, age = np.random.default_rng(5), np.linspace(1.0, 0.0, 30)
     batch, _ = make_batch(PLANE, (200.0, -100.0, 0.03, 0.02))

@@ -16,12 +16,10 @@ from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.model import Innovation, Rows, stated
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.trust import (
-    AGREEING,
     STANDSTILL,
     VELOCITY,
-    agrees,
-    awaited,
     squared,
+    standstill_waits,
     untrusted,
     update_insistent,
     update_once_it_agrees,
@@ -146,19 +144,16 @@ class VelocityReading:
 
     def _update_at_standstill(self, state: FilterState, model: FilterModel) -> Innovation:
         """Update with what the vehicle's standing still says. Wheels also stand where it is
-        carried: a zero that comes out of a speed at which nothing stops, and one while the
-        gyroscopes turn, is not used before these have agreed for a while."""
+        carried: zeros are used once the gyroscopes have agreed with so many as
+        `standstill_waits` says."""
         # in body axes: a zero in others would measure the heading (`moved`)
         H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
         H[:, FILTER_STATES:] = 0.0
         rows = Rows(np.zeros(3), expected, H, np.eye(3) * self.standstill_sigma**2)
         if self.at_rest is not None:
-            agreed = agrees(state, self.at_rest.rows(state, model))
-            known = STANDSTILL in state.contradicted or STANDSTILL in state.insisting
-            if not agreed or not (known or squared(state, rows) <= model.gate(3)):
-                state.contradicted[STANDSTILL] = AGREEING
-            if STANDSTILL in state.contradicted and awaited(state, STANDSTILL, agreed):
-                return untrusted(state, model, rows, STANDSTILL, "wheels stand, the vehicle moves")
+            gyroscopes = self.at_rest.rows(state, model)
+            if standstill_waits(state, gyroscopes, squared(state, rows) > model.gate(3)):
+                return untrusted(state, model, rows, STANDSTILL, "the vehicle may be carried")
             self.at_rest.update(state, model)
         return update_insistent(state, model, rows, STANDSTILL)
 

@@ -24,7 +24,7 @@ converged by then swings about the mode."""
 SETTLED = 0.1
 """A mode is found where the last step was shorter than this share of its 1-sigma."""
 OUTLIER = (0.003, 1000.0)
-"""Probability of an outlier, and the variance, in units of the noise's, of the normal density
+"""Probability of an outlier, and the variance, in units of the innovation's, of the normal density
 whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
@@ -363,7 +363,7 @@ def _filtered(
                 determinant = 1.0
         else:
             good = -0.5 * (math.log(S) + fit) + math.log(1.0 - wrong)
-            bad = -0.5 * math.log(S + width * noise[t]) + math.log(wrong)
+            bad = -0.5 * math.log(width * S) + math.log(wrong)
             both = max(good, bad) + math.log1p(math.exp(-abs(good - bad)))
             evidence += both
             p, q = math.exp(good - both), math.exp(bad - both)
