@@ -75,7 +75,7 @@ def particles(
             log, weight = np.zeros(COUNT), np.full(COUNT, 1.0 / COUNT)
         if math.isfinite(drive.latitude[k]):
             place = weight @ x[:, :2]
-            P = np.cov(((x[:, :2] - place) * metres).T, aweights=weight, ddof=0) + np.eye(2)
+            P = np.cov(((x[:, :2] - place) * metres).T, aweights=weight)
             away = horizontal_difference(*place, drive.latitude[k], drive.longitude[k])
             error = np.array(away)
             nees = error @ np.linalg.solve(P, error) / 2.0

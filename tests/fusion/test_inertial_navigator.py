@@ -113,7 +113,7 @@ def test_late_information_equals_that_on_time(arrival, lost):
     assert it.measure(50.0, *parts).used
     advance(it, 120)
     assert identical(it.state, reference(120, {50: parts}))
-    assert (it.state.contradicted > 0) == (lost is not None)
+    assert bool(it.state.contradicted) == (lost is not None)
 
 
 def alone(order) -> list[Innovation]:

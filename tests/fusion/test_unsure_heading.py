@@ -10,7 +10,8 @@ from helpers.navigators import error_between, fly
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import AtRest, SampleNoise, VelocityReading
+from isogal.fusion.measurements import AtRest, Outcome, SampleNoise, VelocityReading
+from isogal.fusion.measurements.trust import AGREEING, CONFIRMED
 from isogal.fusion.nominal import move
 from isogal.fusion.outage import UnknownMotion, grow
 from isogal.fusion.state import FilterState
@@ -113,6 +114,29 @@ def test_a_car_may_have_turned_while_samples_were_missing():
     navigator.imu(31.0, np.array([0.0, 0.0, -9.8]), np.zeros(3), 0.0, missing=30.0)
     assert not navigator.undecided
     assert math.sqrt(navigator.state.covariance[8, 8]) > 0.4
+
+
+@pytest.mark.parametrize(("speed", "few"), [(0.0, CONFIRMED), (15.0, AGREEING)])
+def test_wheels_that_stand_of_a_vehicle_that_is_carried(speed, few):
+    """From 15 m/s to nothing within a second, or at rest, and then turning for a while."""
+    start = Estimate(np.array([0.7, -1.3, 0.0]), np.zeros(3), np.eye(4)[0])
+    model = filter_model(CAR)
+    state = FilterState.start(start, model)
+    state.velocity[0] = speed
+    before = state.copy()
+
+    def stands(rate: float, readings: int) -> set[Outcome]:
+        gyroscopes = AtRest.of_gyroscopes(np.array([0.0, 0.0, rate]), 6e-4)
+        reading = VelocityReading(np.zeros(3), np.eye(3), 0.1, 0.05, gyroscopes)
+        return {reading.update(state, model).outcome for _ in range(readings)}
+
+    assert stands(0.0, few) == {Outcome.UNTRUSTED}
+    np.testing.assert_array_equal(state.covariance, before.covariance)
+    state.velocity[0] = 0.0
+    assert stands(0.0, 1) == {Outcome.USED}
+    assert np.sqrt(state.covariance[3, 3]) < 0.06
+    assert stands(0.02, 10) == stands(0.0, AGREEING - 1) == {Outcome.UNTRUSTED}
+    assert stands(0.0, 1) == {Outcome.USED}
 
 
 def test_a_car_goes_where_it_has_turned_to():

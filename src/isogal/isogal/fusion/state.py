@@ -35,9 +35,9 @@ class FilterState:
     residual_gravity: Array
     """(2,) 1-sigma (m/s²) and correlation length (m) of the horizontal gravity that no
     compensation takes off, since the map's error has been learnt; 0 = as the model has it."""
-    contradicted: int = field(default=0, kw_only=True)
-    """How many readings of the velocity aid have to agree before it is used again: fixes have
-    contradicted a navigator that used it."""
+    contradicted: dict[str, int] = field(default_factory=dict, kw_only=True)
+    """How many readings of an aid, by its name, have to agree before it is used again: fixes, or
+    other sensors, have contradicted a navigator that used it."""
     insisting: dict[str, int] = field(default_factory=dict, kw_only=True)
     """How many readings of an aid, by its name, were beyond the gate, one after the other."""
 
@@ -60,7 +60,7 @@ class FilterState:
         """Return a state that shares nothing with this one."""
         arrays = (array.copy() for array in self.arrays())
         return FilterState(
-            *arrays, contradicted=self.contradicted, insisting=self.insisting.copy()
+            *arrays, contradicted=self.contradicted.copy(), insisting=self.insisting.copy()
         )
 
     def arrays(self) -> tuple[Array, ...]:

@@ -10,7 +10,7 @@ from isogal.fix import Fix
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement
 from isogal.fusion.measurements.position import PositionFix
-from isogal.fusion.measurements.trust import AGREEING
+from isogal.fusion.measurements.trust import AGREEING, VELOCITY
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, Estimate
@@ -45,7 +45,7 @@ class Widening:
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
-        state.contradicted = AGREEING
+        state.contradicted[VELOCITY] = AGREEING
         state.covariance[np.ix_(BATCH, BATCH)] += self.covariance
         return Innovation.of(np.zeros(2), 0.0, math.inf)
 

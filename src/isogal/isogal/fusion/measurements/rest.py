@@ -54,6 +54,10 @@ class AtRest:
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
+        return update_linear(state, model, self.rows(state, model))
+
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
         force, rate = sensed_at_rest(state.position, model)
         to_body = matrix(state.attitude).T
         H = np.zeros((6, model.states))
@@ -69,8 +73,7 @@ class AtRest:
             variance[3:] = self.rate_sigma**2
         read = np.concatenate([self.force, self.rate])
         used = np.flatnonzero(np.isfinite(read))
-        rows = Rows(read[used], expected[used], H[used], np.diag(variance[used]))
-        return update_linear(state, model, rows)
+        return Rows(read[used], expected[used], H[used], np.diag(variance[used]))
 
     def _add(
         self, column: Array, enters: str, axis: int, source: int | None, to_body: Array

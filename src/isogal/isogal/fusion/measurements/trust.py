@@ -23,6 +23,10 @@ contradicted: a navigator that is right shows one that is wrong by more than the
 loses in the time meanwhile; of one that loses more the aid knows more, and is to be used."""
 AGREES = 0.01
 """Probability that a true reading does not agree."""
+CONFIRMED = 3
+"""Readings of gyroscopes that have to agree before a vehicle is taken to be at rest."""
+VELOCITY, STANDSTILL = "velocity", "standstill"
+"""What may be contradicted: all velocity aids by fixes, wheels that stand by gyroscopes."""
 
 
 def update_insistent(state: FilterState, model: FilterModel, rows: Rows, aid: str) -> Innovation:
@@ -40,19 +44,58 @@ def update_insistent(state: FilterState, model: FilterModel, rows: Rows, aid: st
 
 
 def update_once_it_agrees(state: FilterState, model: FilterModel, rows: Rows) -> Innovation:
-    """Update with rows if those of a while have agreed with a navigator that did not use them."""
-    apart = rows.measured - rows.expected
-    nis = float(apart @ np.linalg.solve(_spread(state, rows), apart))
-    agrees = nis <= quantile(AGREES, len(apart))
-    state.contradicted = state.contradicted - 1 if agrees else AGREEING
-    if state.contradicted == 0:
-        return update_linear(state, model, rows)
+    """Update with rows of a velocity aid if those of a while have agreed with a navigator that did
+    not use them."""
+    left = state.contradicted[VELOCITY] - 1 if _agrees(state, rows) else AGREEING
+    state.contradicted[VELOCITY] = left
+    if left > 0:
+        return untrusted(state, model, rows, VELOCITY, "fixes contradicted the navigator")
+    del state.contradicted[VELOCITY]
+    return update_linear(state, model, rows)
+
+
+def standstill_waits(state: FilterState, gyroscopes: Rows, sudden: bool) -> bool:
+    """Count a reading of wheels that stand, and return whether the gyroscopes have to agree with
+    more before it is used: with a few after each stop, as the last turn may not be over, with
+    twice as many whenever they do not, and with many where it was so sudden that nothing stops
+    like that."""
+    left = state.contradicted.get(STANDSTILL)
+    if left is None:
+        left = AGREEING if sudden else CONFIRMED
+    elif _agrees(state, gyroscopes):
+        left = max(left - 1, 0)
+    else:
+        left = min(max(2 * left, CONFIRMED), AGREEING)
+    state.contradicted[STANDSTILL] = left
+    return left > 0
+
+
+def _agrees(state: FilterState, rows: Rows) -> bool:
+    """Whether rows are what a state expects, or nearly."""
+    return squared(state, rows) <= quantile(AGREES, len(rows.measured))
+
+
+def untrusted(
+    state: FilterState, model: FilterModel, rows: Rows, aid: str, why: str
+) -> Innovation:
+    """Return what becomes of a reading that is not used until others have agreed."""
     reason = (
-        "fixes contradicted the navigator: the velocity aid is not used until"
-        f" {state.contradicted} more readings agree"
+        f"{why}: the {aid} aid is not used until {state.contradicted[aid]} more readings agree"
     )
-    allowed = model.gate(len(apart))
-    return Innovation(Outcome.UNTRUSTED, apart, nis, allowed, rows.expected, reason)
+    found = Innovation.of(
+        rows.measured - rows.expected,
+        squared(state, rows),
+        model.gate(len(rows.measured)),
+        rows.expected,
+    )
+    found.outcome, found.reason = Outcome.UNTRUSTED, reason
+    return found
+
+
+def squared(state: FilterState, rows: Rows) -> float:
+    """Return the normalised innovation squared of rows."""
+    apart = rows.measured - rows.expected
+    return float(apart @ np.linalg.solve(_spread(state, rows), apart))
 
 
 def _spread(state: FilterState, rows: Rows) -> Array:

@@ -15,7 +15,15 @@ from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.model import Innovation, Rows, stated
 from isogal.fusion.measurements.rest import AtRest
-from isogal.fusion.measurements.trust import update_insistent, update_once_it_agrees
+from isogal.fusion.measurements.trust import (
+    STANDSTILL,
+    VELOCITY,
+    squared,
+    standstill_waits,
+    untrusted,
+    update_insistent,
+    update_once_it_agrees,
+)
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -125,17 +133,29 @@ class VelocityReading:
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
         if np.linalg.norm(self.velocity[np.isfinite(self.velocity)]) < self.standstill_speed:
-            if self.at_rest is not None:
-                self.at_rest.update(state, model)
-            # in body axes: a zero in others would measure the heading (`moved`)
-            H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
-            H[:, FILTER_STATES:] = 0.0
-            R = np.eye(3) * self.standstill_sigma**2
-            return update_insistent(state, model, Rows(np.zeros(3), expected, H, R), "standstill")
+            return self._update_at_standstill(state, model)
         rows = self.rows(state, model)
-        if state.contradicted:
+        if VELOCITY in state.contradicted:
             return update_once_it_agrees(state, model, rows)
-        return update_insistent(state, model, rows, self.prefix)
+        result = update_insistent(state, model, rows, self.prefix)
+        if result.used:
+            state.contradicted.pop(STANDSTILL, None)
+        return result
+
+    def _update_at_standstill(self, state: FilterState, model: FilterModel) -> Innovation:
+        """Update with what the vehicle's standing still says. Wheels also stand where it is
+        carried: zeros are used once the gyroscopes have agreed with so many as
+        `standstill_waits` says."""
+        # in body axes: a zero in others would measure the heading (`moved`)
+        H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
+        H[:, FILTER_STATES:] = 0.0
+        rows = Rows(np.zeros(3), expected, H, np.eye(3) * self.standstill_sigma**2)
+        if self.at_rest is not None:
+            gyroscopes = self.at_rest.rows(state, model)
+            if standstill_waits(state, gyroscopes, squared(state, rows) > model.gate(3)):
+                return untrusted(state, model, rows, STANDSTILL, "the vehicle may be carried")
+            self.at_rest.update(state, model)
+        return update_insistent(state, model, rows, STANDSTILL)
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state, as of a vehicle that moves."""
