@@ -60,7 +60,7 @@ def row(name: str, summary: Summary) -> str:
     """Return a line of the table; what a summary has not is a dash."""
     known = dict.fromkeys(_NAMES, math.nan) | summary
     known |= {f"{key[:-2]}_km": known[key] / 1e3 for key in known if key[-2:] == "_m"}
-    cells = (cell.replace("nan", "–") for cell in closed_loop.cells_of(known, COLUMNS))
+    cells = ("–" if "nan" in cell else cell for cell in closed_loop.cells_of(known, COLUMNS))
     return closed_loop.line_of([name, *cells])
 
 
