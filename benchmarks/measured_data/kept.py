@@ -105,30 +105,32 @@ def _matched(line: Line, one: KeptSet, shift: tuple[float, float]) -> Row:
 
 def sets(data: Path, only: tuple[str, ...]) -> Iterator[KeptSet]:
     """Yield every measured set whose name begins with one of some texts."""
-
-    def wanted(name: str) -> bool:
-        return name.startswith(only) or any(one.startswith(name) for one in only)
-
-    if wanted("Clear Lake"):
+    lake, ties, flights = "Clear Lake, lines", "Scotland, ties", "Scotland, flight lines"
+    if lake.startswith(only):
         survey = read_survey(data / "clear_lake_gravity_survey.nc", "bouguer_disturbance")
-        lake = grid_survey(survey, GridSettings())[0]
-        yield KeptSet("Clear Lake, lines", lake, clear_lake(data)[1], GRAVITY, 3000.0)
-    if wanted("Scotland"):
-        survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
-        midland = grid_survey(survey, GridSettings())[0]
-        _, flights, ties = scotland(data)
-        yield KeptSet("Scotland, ties", midland, ties, MAGNETIC, 3000.0)
-        yield KeptSet("Scotland, flight lines", midland, flights, MAGNETIC, 3000.0)
-        yield from _by_lot("Scotland, kept lines", survey, MAGNETIC, 3000.0)
-    if wanted("Wisconsin"):
-        survey = read_survey(data / "surveys" / "wisconsin_magnetics.nc", "magnetic_anomaly")
-        yield from _by_lot("Wisconsin, kept lines", survey, MAGNETIC, 1000.0)
+        yield KeptSet(lake, _gridded(survey), clear_lake(data)[1], GRAVITY, 3000.0)
+    survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
+    if ties.startswith(only) or flights.startswith(only):
+        midland = _gridded(survey)
+        _, along, across = scotland(data)
+        yield KeptSet(ties, midland, across, MAGNETIC, 3000.0)
+        yield KeptSet(flights, midland, along, MAGNETIC, 3000.0)
+    if (name := "Scotland, kept lines").startswith(only):
+        yield from _by_lot(name, survey, MAGNETIC, 3000.0)
+    survey = read_survey(data / "surveys" / "wisconsin_magnetics.nc", "magnetic_anomaly")
+    if (name := "Wisconsin, kept lines").startswith(only):
+        yield from _by_lot(name, survey, MAGNETIC, 1000.0)
+    if (name := "Wisconsin, every second line").startswith(only):
         second = np.isin(survey.line, np.unique(survey.line)[1::2])
-        yield from _kept("Wisconsin, every second line", survey, second, MAGNETIC, 1000.0)
+        yield from _kept(name, survey, second, MAGNETIC, 1000.0)
     for ship, variable in product(("EW0007", "EW0114"), SAILED):
-        if wanted(name := f"{ship}, {variable}"):
+        if (name := f"{ship}, {variable}").startswith(only):
             path = data / "ships" / f"{ship.lower()}_lines.nc"
             yield from _by_lot(name, _sailed(path, variable), SAILED[variable][2], 3000.0)
+
+
+def _gridded(survey: Survey) -> FieldMap:
+    return grid_survey(survey, GridSettings())[0]
 
 
 def _sailed(path: Path, variable: str) -> Survey:
@@ -157,7 +159,7 @@ def _kept(
     name: str, survey: Survey, out: Booleans, sigma: float, away: float
 ) -> Iterator[KeptSet]:
     """Yield lines that are on the map of the others, and those far from mapped lines."""
-    field_map = grid_survey(survey.part(~out), GridSettings())[0]
+    field_map = _gridded(survey.part(~out))
     lines: dict[bool, list[Line]] = {True: [], False: []}
     for number in np.unique(survey.line[out]):
         rows = np.flatnonzero(survey.line == number)

@@ -108,6 +108,7 @@ def test_cell_size():
         ({"sigma": np.full((5, 6), -1.0)}, "sigma"),
         ({"correlation_length": 0.0}, "correlation_length"),
         ({"quantisation": math.nan}, "quantisation"),
+        ({"unresolved": math.nan}, "unresolved"),
     ],
 )
 def test_bad_maps_are_refused_in_one_line(change, words):

@@ -15,14 +15,14 @@ from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.matching.pmht.cells import residuals_at
-from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher
 from isogal.seeds import generator
+from isogal.tracks import bank
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
 from isogal.tracks.displacement import LASTING, SIZE, displacement
-from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
+from isogal.tracks.evidence import correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
@@ -31,13 +31,9 @@ from isogal.tracks.models import LENGTHS, SHAPES, track_models
 DISTURBANCE = field_of("disturbance")
 
 
-def seen_of(batch, field_map=DISTURBANCE, old=0, **said):
+def seen_of(batch, field_map=DISTURBANCE, **said):
     """The readings of a batch, with the models of what is told."""
-    states = States.of(batch, field_map)
-    models = track_models(Matcher(**said), batch, field_map, states)
-    rows, _ = rows_of(batch, field_map, states, models.lengths, None)
-    around = continued(field_map, 5000.0)
-    return Seen.of(rows, around.field, around, models, old=old)
+    return bank.seen_of(batch, field_map, Matcher(**said))
 
 
 def test_innovations_with_heavy_tails_have_a_density():
@@ -112,6 +108,15 @@ def test_a_gridded_map_that_knows_nothing_gives_no_fix():
         fix = match_track(track, one, Matcher(batch_length=40), Uncertainty(1000.0))[0].fix
         assert fix.published == given
         assert given or "its own 1-sigma" in fix.reason
+
+
+def test_what_a_gridded_map_does_not_resolve_is_left_to_the_readings():
+    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    field_map = _gridded(2e-5)
+    whole = replace(field_map, sigma=np.hypot(field_map.sigma, 5e-5), unresolved=5e-5)
+    expected, found = (seen_of(batch, one) for one in (field_map, whole))
+    np.testing.assert_allclose(found.models.sigma, expected.models.sigma, rtol=1e-9)
+    np.testing.assert_allclose(found.own_variance, expected.own_variance, rtol=1e-9)
 
 
 def test_a_gridded_map_may_be_displaced():
@@ -339,7 +344,7 @@ def test_readings_of_earlier_batches_count_as_given(scans, monkeypatch):
     batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 20.0), scans=scans)
     centres = np.array([[0.0, 0.0], [400.0, -300.0]])
     old = scans // 4
-    given = seen_of(batch, old=old).placed(centres, np.ones(2))
+    given = seen_of(replace(batch, new=scans - old)).placed(centres, np.ones(2))
     rows = given.old_rows
     assert given.rows.first[rows] == old
     which = np.arange(0, len(given.models.sigma), 31)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.command_line import answer, call
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.evaluation.figures import style
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.tracks.bank import TrackMatcher
 
@@ -84,20 +85,20 @@ def write_track(path, shape, count, readings, off):
 
 
 @settings(
-    max_examples=5,
+    max_examples=3,
     deadline=None,
     derandomize=True,
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-@example("there_and_back", 900, "true", "on", "all", ())
-@example("there_and_back", 400, "constant", "one off", "all", ())
+@example("there_and_back", 120, "true", "on", "all", ())
+@example("there_and_back", 230, "constant", "one off", "all", ())
 @example("repeated", 90, "noise", "half off", "30", ("--velocity-sigma", 0.5))
 @example("standing", 200, "huge", "on", "all", ("--chain",))
 @example("straight", 2, "true", "on", "30", ())
 @given(
     shape=st.sampled_from(sorted(SHAPES)),
-    count=st.sampled_from([3, 5, 31, 62, 95]),
+    count=st.sampled_from([3, 5, 31, 62]),
     readings=st.sampled_from(sorted(READINGS)),
     off=st.sampled_from(sorted(OFF)),
     length=st.sampled_from(["4", "30", "all"]),
@@ -139,6 +140,7 @@ def test_a_matcher_that_raises_declines_its_batch_and_is_counted(map_file, tmp_p
         return match(self, batch, field_map, memory)
 
     monkeypatch.setattr(TrackMatcher, "match", raising)
+    monkeypatch.setattr(style, "png", lambda _: b"not drawn")
     words = ("match", "--map", map_file, "--track", tmp_path / "track.csv")
     words = (*words, "--track-unit", "mGal", "--sensor-sigma", "1mGal", "--prior-sigma", 1000)
     out = tmp_path / "fixes.json"
@@ -157,7 +159,7 @@ def test_velocity_and_attitude_of_an_ins_are_said_not_to_be_used(map_file, tmp_p
     path = tmp_path / "ins.csv"
     write_track(path, "straight", 40, "true", "on")
     words = ("match", "--map", map_file, "--track", path, "--track-unit", "mGal", "--json")
-    words = (*words, "--sensor-sigma", "1mGal", "--batch-length", "all")
+    words = (*words, "--sensor-sigma", "1mGal", "--matcher", "tercom")
     status, plain, err = call(*words)
     assert status == 0 and "not used" not in err
     header, *rows = path.read_text().splitlines()

@@ -10,6 +10,7 @@ import pytest
 from helpers.command_line import answer, call, refusal
 from helpers.tracks import FIELDS, squared_distance
 from isogal import plugins
+from isogal.evaluation.figures import style
 
 LIMIT = 13.8
 """99.9 % of chi-square with 2 degrees of freedom."""
@@ -92,7 +93,8 @@ def test_every_matcher(files, matcher):
     assert any(fix["status"] == "fix" for fix in fixes)
 
 
-def test_chained_batches_and_report(files, tmp_path):
+def test_chained_batches_and_report(files, tmp_path, monkeypatch):
+    monkeypatch.setattr(style, "png", lambda _: b"not drawn")
     chained = ("--batch-length", 20, "--chain", "--velocity-sigma", 0.01, "--walk-sigma", 50)
     words = (*words_for(files, "disturbance"), *chained)
     out = tmp_path / "fixes.json"
@@ -107,6 +109,7 @@ def test_batches_without_a_fix_are_printed_with_the_reason(files):
     """Readings with a noise of 120 mGal, as large as the map varies."""
     map_file, track, *_ = files["disturbance"]
     words = ("match", "--map", map_file, "--track", track, "--sensor-sigma", "120mGal")
+    words = (*words, "--map-sigma", 0, "--bias-sigma", 0)
     printed = answer(*words, "--prior-sigma", 200)
     assert printed.count("no fix: ") >= 2
     assert "0 fixes of 2 batches\n" in printed

@@ -80,9 +80,9 @@ def test_the_maps_error_is_learnt_from_reference_tracks(tmp_path):
         known, _, _ = made_track(field_map, count=150, sigma=1.0, seed=k, start=start)
         references += ["--reference", write_csv(tmp_path / f"r{k}.csv", known, columns)]
     track, latitude, longitude = made_track(
-        field_map, error=(700.0, -500.0), sigma=1.0, seed=9, count=120
+        field_map, error=(700.0, -500.0), sigma=1.0, seed=9, count=60
     )
-    words = ["match", "--map", tmp_path / "map.nc", "--sensor-sigma", 1.0, "--batch-length", 120]
+    words = ["match", "--map", tmp_path / "map.nc", "--sensor-sigma", 1.0, "--batch-length", 60]
     words += ["--track", write_csv(tmp_path / "t.csv", track, columns), "--json"]
     status, out, said = call(*words, *references)
     assert status == 0

@@ -70,12 +70,16 @@ def test_a_map_says_its_error_at_every_node(tmp_path):
     )
     assert done[-1] == ("nodes", *(field_map.values.size,) * 2)
     assert field_map.sigma.shape == field_map.shape
+    assert 0.0 < field_map.unresolved <= np.nanmin(field_map.sigma)
     length = np.nanmedian(mean_length(field_map.error_ellipses))
     assert field_map.correlation_length == pytest.approx(length, rel=0.2)
     write_netcdf(field_map, tmp_path / "map.nc")
     again = load_map(tmp_path / "map.nc")
     np.testing.assert_allclose(again.error_ellipses, field_map.error_ellipses, rtol=1e-4, atol=1e3)
     assert again.height is None
+    assert again.unresolved == pytest.approx(field_map.unresolved)
+    rest = np.hypot(again.resolved.sigma, again.unresolved)
+    np.testing.assert_allclose(rest, again.sigma, rtol=1e-6)
 
 
 def test_between_lines_it_is_worse_than_on_them_and_says_so():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from helpers.surveys import drawn, flight_lines, four_places, survey_at
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.gridder import LOCAL, GridSettings, learn_model
-from isogal.maps.gridding.strike import LocalStrike, with_local_strike
+from isogal.maps.gridding.strike import LocalStrike, can_be_local, with_local_strike
 
 __all__ = ["four_places"]
 
@@ -44,6 +44,12 @@ def test_the_same_strike_everywhere_is_that_of_the_survey():
     np.testing.assert_allclose(
         local.between(places, places), one.between(places, places), rtol=1e-9
     )
+
+
+def test_of_too_many_lines_the_survey_has_one_strike():
+    for lines, local in ((11, True), (100, True), (120, False)):
+        places = np.array([[0.0, 0.0, 0.0], [2e3 * lines, 2e3 * lines, 0.0]])
+        assert can_be_local(places, 2e3) == local
 
 
 @pytest.fixture(scope="module")

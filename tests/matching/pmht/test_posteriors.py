@@ -48,6 +48,17 @@ def test_on_a_plane_it_is_the_kalman_update(settings, noise):
     np.testing.assert_allclose((np.eye(2) - gain) @ prior, expected[1][:2, :2], rtol=0.05)
 
 
+def test_an_outlier_says_nothing():
+    batch, _ = make_batch(PLANE, ERROR)
+    good = np.arange(30) != 12
+    readings = [np.where(good, batch.reading, wrong) for wrong in (batch.reading + 5e-4, np.nan)]
+    one, other = (
+        posterior_of(pmht().match(replace(batch, reading=each), PLANE, None)[0], batch.prior)
+        for each in readings
+    )
+    close(one, other, 0.02)
+
+
 def test_attitude_is_what_the_readings_say_of_it():
     random, age = np.random.default_rng(5), np.linspace(1.0, 0.0, 30)
     batch, _ = make_batch(PLANE, (200.0, -100.0, 0.03, 0.02))

@@ -185,7 +185,6 @@ def test_an_instrument_is_stuck_only_where_the_vehicle_moves(scenario, speed, st
 @pytest.mark.parametrize(
     ("noise", "empty"),
     [(range(8), 1), ([0, 0, 1, 1, 2, 2, 3, 3, 4], 0), ([0] * 4 + [1] * 9, 0)],
-    ids=["fine", "coarse", "coarser"],
 )
 def test_a_reading_that_comes_again_as_none_has_before_is_let_go(scenario, noise, empty) -> None:
     """From the first repetition on, unless the instrument's steps are as coarse as that; a value

@@ -60,6 +60,9 @@ class FieldMap:
     error_stated : bool or None
         Whether `sigma` is said of the map's whole error; False = it is only what processing has
         added to an error that was never stated; None = where it is above 0.
+    unresolved : float
+        Part of `sigma`, 1-sigma in `unit`, that differs from one reading to the next, or from one
+        line of readings to another: correlation and ellipses are of the rest; 0 = none.
     quantisation : float
         Step of the values, in `unit` (its error has 1-sigma step / sqrt(12)); 0 = none.
     provenance : str
@@ -93,6 +96,7 @@ class FieldMap:
     height: float | None = None
     error_stated: bool | None = None
     error_ellipses: Array | None = None
+    unresolved: float = 0.0
 
     def __post_init__(self) -> None:
         where = self.provenance or f"{self.quantity} map"
@@ -148,6 +152,7 @@ class FieldMap:
             ("correlation_length", "> 0 m", _none_or(self.correlation_length, math.ulp(0.0))),
             ("height", "finite", _none_or(self.height, -math.inf)),
             ("quantisation", ">= 0", _none_or(self.quantisation, 0.0)),
+            ("unresolved", ">= 0", _none_or(self.unresolved, 0.0)),
         ):
             if not good:
                 raise InputError(f"{where}: {name} must be {allowed}, is {getattr(self, name)}")
@@ -163,6 +168,14 @@ class FieldMap:
             float(self.longitude[0]),
             float((self.longitude[-1] - self.longitude[0]) / (self.longitude.size - 1)),
         )
+
+    @cached_property
+    def resolved(self) -> "FieldMap":
+        """The map whose `sigma` is of errors that hold together over its lengths alone."""
+        if not self.unresolved:
+            return self
+        rest = np.asarray(self.sigma) ** 2 - self.unresolved**2
+        return replace(self, sigma=np.sqrt(np.maximum(rest, 0.0)), unresolved=0.0)
 
     @cached_property
     def scale(self) -> float:

@@ -115,6 +115,8 @@ def seen_of(batch: Batch, field_map: AnyMap, settings: MatcherSettings) -> Seen 
     around = None
     if isinstance(field_map, FieldMap):
         reach = MAP_REACH * math.sqrt(float(np.diag(batch.prior)[:2].max()))
+        # models of a track have noise and a constant of the readings besides
+        field_map = field_map.resolved
         around = continued(field_map, reach)
     batch = on_map(batch, field_map, SURE if around is None else POSSIBLE)
     states = States.of(batch, field_map)

@@ -42,7 +42,7 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> Learn
     InputError
         None of the tracks has enough readings on the map.
     """
-    nowhere = np.zeros((1, 2))
+    nowhere, field_map = np.zeros((1, 2)), field_map.resolved
     fields = [TrackField("", track, field_map) for track in references]
     prior = Uncertainty(position=1.0).prior
     batches = [one.batch(slice(None), len(one.track), np.zeros(4), prior) for one in fields]
@@ -75,9 +75,10 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> Learn
 def reading_sigma(references: Sequence[Track], field_map: FieldMap) -> float:
     """Return the 1-sigma of readings by what varies from one to the next of tracks with true
     positions, the map's own error over so short a way included: the RMS of successive differences
-    of residuals over the root of two (von Neumann et al. 1941, Ann. Math. Stat. 12:153-162)."""
+    of residuals over the root of two (von Neumann et al. 1941, Ann. Math. Stat. 12:153-162). Of
+    readings that are the map's own values a millionth of its spread."""
     residuals = (
         one.value - one.offset - field_map.value(one.latitude, one.longitude) for one in references
     )
     steps = np.concatenate([np.diff(one[np.isfinite(one)]) for one in residuals])
-    return math.sqrt(0.5 * float(np.mean(steps**2)))
+    return max(math.sqrt(0.5 * float(np.mean(steps**2))), 1e-6 * field_map.scale)

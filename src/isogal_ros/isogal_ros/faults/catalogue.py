@@ -12,7 +12,7 @@ from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
 from isogal_ros import topics
 from isogal_ros.messages.drivers import field_at, set_field
-from isogal_ros.messages.stamps import from_ns, from_seconds, to_ns
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
 from isogal_ros.topics import Message, Topic
 
 
@@ -100,10 +100,12 @@ def _entry(path: str, index: int, number: float) -> Change:
 
 
 def _shift(seconds: Callable[[Moment], float]) -> Change:
-    def moved(old: Time, moment: Moment) -> Time:
-        return from_ns(max(to_ns(old) + from_seconds(seconds(moment)), 0))
+    def change(message: Message, moment: Moment) -> Sequence[Message]:
+        stamp = message.header.stamp
+        set_stamp(stamp, max(to_ns(stamp) + from_seconds(seconds(moment)), 0))
+        return [message]
 
-    return _set(moved, "header.stamp")
+    return change
 
 
 def _once(change: Change) -> Change:

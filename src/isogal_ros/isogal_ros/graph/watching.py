@@ -264,8 +264,6 @@ def serve(watch: Watch, port: int = 0) -> Iterator[str]:
 
 
 class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-
     def __init__(self, watch: Watch, port: int) -> None:
         self.watch, self.frame = watch, watch.frame()
         super().__init__((HOST, port), _Handler)

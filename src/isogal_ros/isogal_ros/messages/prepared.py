@@ -12,12 +12,11 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from isogal.arrays import Array
-from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.messages.stamps import SECOND, set_stamp
 from isogal_ros.topics import Message
 
 _STAMP, _STAMP_AT = struct.Struct("=iI"), 4
 """Behind four bytes that say how the message is represented."""
-_SECOND = 1_000_000_000
 _NONE = np.empty(0)
 
 
@@ -67,7 +66,7 @@ class Prepared:
     def serialised(self) -> bytes:
         """Return the message as it is now."""
         if self._has_stamp:
-            _STAMP.pack_into(self._head, _STAMP_AT, *divmod(self.ns, _SECOND))
+            _STAMP.pack_into(self._head, _STAMP_AT, *divmod(self.ns, SECOND))
         return b"".join((self._head, self.numbers.tobytes(), self._tail))
 
     def write(self, ns: int, numbers: Array) -> None:

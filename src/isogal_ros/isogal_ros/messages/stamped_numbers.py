@@ -14,9 +14,8 @@ from isogal.matching.interfaces import Aided
 from isogal.passage import Passage
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 from isogal_ros.messages.prepared import Prepared, write
-from isogal_ros.messages.stamps import from_seconds, to_seconds
+from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 
-_SECOND = 1_000_000_000
 _HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
 """By whether the byte order is little-endian: the length of layout.dim, then, after
 layout.data_offset and the length of data, the first two numbers."""
@@ -33,7 +32,7 @@ class AidedSince(NamedTuple):
 def fill_numbers(message: Float64MultiArray | Prepared, ns: int, *arrays: Array) -> None:
     """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray,
     which has no header."""
-    write(message, ns, np.concatenate((divmod(ns, _SECOND), *(one.ravel() for one in arrays))))
+    write(message, ns, np.concatenate((divmod(ns, SECOND), *(one.ravel() for one in arrays))))
 
 
 def peek_numbers_ns(serialised: bytes) -> int:
@@ -48,9 +47,9 @@ def peek_numbers_ns(serialised: bytes) -> int:
     if len(serialised) < 36:
         raise BadMessageError("too few numbers")
     layout, seconds, rest = _HEAD[bool(serialised[1] & 1)].unpack_from(serialised, 4)
-    if layout or not (abs(seconds) < 1e10 and 0 <= rest < _SECOND):
+    if layout or not (abs(seconds) < 1e10 and 0 <= rest < SECOND):
         raise BadMessageError("begins with a layout, or with no stamp")
-    return int(seconds) * _SECOND + int(rest)
+    return int(seconds) * SECOND + int(rest)
 
 
 def fill_nav_covariance(
@@ -71,7 +70,7 @@ def fill_nav_covariance(
         arrays: tuple[Array, ...] = since.arrays
     else:
         begin, arrays = since.since, (since.told.covariance, since.told.jump)
-    fill_numbers(message, ns, covariance, np.array(divmod(begin, _SECOND), dtype=float), *arrays)
+    fill_numbers(message, ns, covariance, np.array(divmod(begin, SECOND), dtype=float), *arrays)
 
 
 def read_nav_covariance(
@@ -90,9 +89,9 @@ def read_nav_covariance(
     more = values[2 + n * n :]
     if len(more) > 2:
         values, (seconds, rest), more = values[: 2 + n * n], more[:2], more[2:]
-        if not (np.isfinite(more).all() and abs(seconds) < 1e10 and 0 <= rest < _SECOND):
+        if not (np.isfinite(more).all() and abs(seconds) < 1e10 and 0 <= rest < SECOND):
             raise BadMessageError("what has been told since the last fix is not finite")
-        since = _read_since(int(seconds) * _SECOND + int(rest), more)
+        since = _read_since(int(seconds) * SECOND + int(rest), more)
     size = math.isqrt(max(len(values) - 2, 0))
     if size not in (HORIZONTAL_STATES, BATCH_STATES) or len(values) != size * size + 2:
         raise BadMessageError(

@@ -4,34 +4,29 @@ import struct
 
 from builtin_interfaces.msg import Time
 
-_SECOND = 1_000_000_000
+SECOND = 1_000_000_000
+"""ns."""
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 
 
 def to_ns(stamp: Time) -> int:
     """Return nanoseconds of a ``builtin_interfaces/Time``."""
-    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
+    return int(stamp.sec) * SECOND + int(stamp.nanosec)
 
 
 def set_stamp(stamp: Time, ns: int) -> None:
     """Write nanoseconds into a ``builtin_interfaces/Time``."""
-    stamp.sec, stamp.nanosec = divmod(ns, _SECOND)
-
-
-def from_ns(ns: int) -> Time:
-    """Return a ``builtin_interfaces/Time``."""
-    seconds, rest = divmod(ns, _SECOND)
-    return Time(sec=seconds, nanosec=rest)
+    stamp.sec, stamp.nanosec = divmod(ns, SECOND)
 
 
 def from_seconds(seconds: float) -> int:
     """Return nanoseconds of seconds since the start of a run."""
-    return round(seconds * _SECOND)
+    return round(seconds * SECOND)
 
 
 def to_seconds(ns: int) -> float:
     """Return seconds."""
-    return ns / _SECOND
+    return ns / SECOND
 
 
 def peek_ns(serialised: bytes) -> int:
@@ -40,4 +35,4 @@ def peek_ns(serialised: bytes) -> int:
     CDR begins with four bytes of representation (the second says the byte order), then the fields
     in order: a message that starts with a ``std_msgs/Header`` has its stamp there."""
     seconds, rest = (_LITTLE if serialised[1] & 1 else _BIG).unpack_from(serialised, 4)
-    return int(seconds) * _SECOND + int(rest)
+    return int(seconds) * SECOND + int(rest)

@@ -133,7 +133,8 @@ class GraphNode(ManagedNode):
         """The first is of the diagnostics."""
         self._listening: dict[str, Listening] = {}
         self._looks: list[Callable[[], None]] = []
-        self._ready = False
+        self.ready = False
+        """Whether every publisher has had the listeners that the graph needs."""
         try:
             specs = self.specs()
             self.settings, self.scenario = self.read(name, declare(self, specs, KEYS))
@@ -147,7 +148,7 @@ class GraphNode(ManagedNode):
                 # where there is no wall time, that of the data
                 None if clock else time.monotonic,
             )
-            on_change(self, specs, self._change)
+            on_change(self, specs, lambda new: self.changed(new) if self.configured else None)
             steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
             # made before `setup` makes anything, so that they outlive a cleanup
             self.create_timer(1.0, self._beat, clock=steady)
@@ -182,10 +183,6 @@ class GraphNode(ManagedNode):
         if isinstance(truth, dict):  # a file that all nodes share says it of all sections
             assumed["truth"] = truth_of(truth, cls.sections)
         return settings_from(cls.settings_model, own, name), scenario_from(assumed, name)
-
-    def _change(self, values: Values) -> None:
-        if self.configured:
-            self.changed(values)
 
     def changed(self, values: Values) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
@@ -275,11 +272,6 @@ class GraphNode(ManagedNode):
 
         self.create_service(Trigger, "~/reset", reset)
 
-    @property
-    def ready(self) -> bool:
-        """Whether every publisher has had the listeners that the graph needs."""
-        return self._ready
-
     def log(self, level: bytes, text: str) -> None:
         """Log a line at a level of the diagnostics."""
         logger = self.get_logger()  # which takes one level for each line of code
@@ -309,7 +301,7 @@ class GraphNode(ManagedNode):
         """Deal with messages from now on."""
         if "active" in self.health.figures:  # it has been deactivated before
             self.health.figures["active"] = True
-        if self._ready:
+        if self.ready:
             self.health.figures["ready"] = True
         self.health.concern("inactive", None)
         return super().on_activate(state)
@@ -325,7 +317,7 @@ class GraphNode(ManagedNode):
         del self._publishing[1:]
         self._looks.clear()
         self._listening.clear()
-        self._ready = False
+        self.ready = False
         self._readiness.reset()
         return super().on_cleanup(state)
 
@@ -347,7 +339,7 @@ class GraphNode(ManagedNode):
         if missing:
             self.health.figures["waiting for listeners"] = ", ".join(missing)
             return
-        self._ready = True
+        self.ready = True
         self._readiness.cancel()
         self.get_logger().info("ready")
         if "waiting for listeners" in self.health.figures:

@@ -123,8 +123,7 @@ class Health:
         now = stamp_ns if self._clock is None else round(1e9 * self._clock())
         if self._last is None or not 0 <= now - self._last < self._period:
             self._last = now
-            self.publish()
-            self._reasons.clear()
+            self.idle()
 
     def idle(self) -> None:
         """Publish because no data came for a period of wall time."""

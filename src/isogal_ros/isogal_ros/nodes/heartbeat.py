@@ -35,7 +35,7 @@ class Heartbeat:
         self._heard = 0
 
     def beat(self) -> None:
-        """Do it."""
+        """Do what is due."""
         node, health, now = self._node, self._node.health, time.monotonic()
         stood, self._beaten = now - (self._beaten or now), now
         if stood > LEASE:

@@ -40,8 +40,9 @@ class Resting:
 
     @property
     def unusual(self) -> bool:
-        """Whether the newest value has come again more often in a row than any before, once there
-        have been more than `least`: what is lost where a few such values are let go is little."""
+        """Whether the newest value has come again more often in a row than any before it, once the
+        value has changed `least` times. To let such values go costs little where they are true:
+        in all as many as the longest rest has repetitions."""
         return self._changes > self._least and self.count > self._longest
 
     @property

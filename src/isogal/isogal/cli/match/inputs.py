@@ -132,9 +132,8 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
         whole = _at_height(map_, chosen, window) or map_.load(window)
         learnt = _learnt_error(whole, references, choice)
     for line, corridor in zip(lines, corridors, strict=True):
-        field_map: ScalarMap | None = _at_height(map_, chosen, corridor.window)
-        if learnt is not None:
-            field_map = learnt[0]
+        field_map: ScalarMap | None
+        field_map = learnt[0] if learnt else _at_height(map_, chosen, corridor.window)
         field_map = field_map or map_.load_along(corridor)
         unit, factor = _unit_of(chosen.track_unit, field_map)
         sigma = assumed.reading_sigma(field_map, factor) if learnt is None else learnt[1]

@@ -224,6 +224,7 @@ def at_level(
         sigma=sigma,
         correlation_length=length,
         error_ellipses=None,
+        unresolved=0.0,
         error_stated=field_map.states_error,
         quantisation=0.0,
         provenance=f"{field_map.provenance or 'map'} continued{origin} to {height:g} m",

@@ -50,6 +50,7 @@ class FileGrid:
     correlation_length: float | None = None
     error_ellipses: Read | None = None
     error_stated: bool | None = None
+    unresolved: float = 0.0
     height: float | None = None
 
     def load(self, asked: Asked, window: Window | None) -> FieldMap:
@@ -84,6 +85,7 @@ class FileGrid:
             correlation_length=self.correlation_length,
             error_ellipses=self.error_ellipses and at_nodes(self.error_ellipses),
             error_stated=self.error_stated,
+            unresolved=self.unresolved * factor,
             quantisation=self.quantisation * factor,
             height=self.height,
             provenance=self.where,

@@ -68,6 +68,7 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
             correlation_length=number_of(data, "error_correlation_length") or None,
             error_ellipses=partial(_ellipses, ellipse) if len(ellipse) in (1, 3) else None,
             error_stated=None if stated is None else stated != 0.0,
+            unresolved=number_of(data, "error_unresolved") or 0.0,
             height=number_of(data, "height_m"),
         )
 

@@ -77,6 +77,7 @@ def _variables(field_map: FieldMap, name: str) -> dict[str, tuple[Values, Attrib
         "isogal_quantity": field_map.quantity,
         "quantisation": field_map.quantisation or None,
         "error_correlation_length": field_map.correlation_length,
+        "error_unresolved": field_map.unresolved or None,
         "height_m": field_map.height,
         "error_stated": None if field_map.error_stated is None else int(field_map.error_stated),
     }

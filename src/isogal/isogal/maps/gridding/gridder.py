@@ -19,7 +19,7 @@ from isogal.maps.gridding.learning import learn
 from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
 from isogal.maps.gridding.reduction import Trend, block_reduced
 from isogal.maps.gridding.spacing import gap_of, spacing_of
-from isogal.maps.gridding.strike import with_local_strike
+from isogal.maps.gridding.strike import can_be_local, with_local_strike
 from isogal.maps.gridding.survey import Survey
 from isogal.maps.gridding.validation import LeftOut, far_off, leave_out
 from isogal.threads import available_cores
@@ -162,7 +162,7 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress = _si
     # what has more to learn is taken where it is better by more than chance (the rule of one
     # standard error; Breiman et al. 1984, section 3.4.3)
     sure = LOCAL in found and found[LOCAL][1].surely_nearer(found["kriging"][1])
-    method = min((one for one in off if sure or one != LOCAL), key=lambda one: off[one])
+    method = min((one for one in off if sure or one != LOCAL), key=off.__getitem__)
     kriging, out = found[method]
     share = (out.variance - out.noise) / kriging.covariance.variance_at(places[out.rows])
     errors = Errors(
@@ -208,7 +208,7 @@ def _candidates(
             readings, kind=kind, progress=partial(progress, f"covariance: {method}")
         )
         tried(method, Kriging(readings, covariance))
-        if kind == "matern":
+        if kind == "matern" and can_be_local(readings.places, gap):
             local = partial(with_local_strike, readings, covariance, gap)
             tried(LOCAL, local(), local)
     return found
@@ -285,6 +285,7 @@ def grid_survey(
         sigma=at["sigma"].reshape(shape),
         correlation_length=float(np.nanmedian(at["length"])),
         error_ellipses=at["ellipse"].reshape(*shape, 3),
+        unresolved=math.sqrt(model.covariance.unresolved),
         provenance=(
             f"{model.report['method']} of {model.report['readings']} readings of {survey.where}"
         ),

@@ -64,19 +64,13 @@ def learn(
             total, slopes = total + more, slopes + slope
         return total, slopes
 
-    low = math.log(0.02 * _typical_gap(places))
-    high = math.log(10.0 * extent)
-    bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(start)
-    bounds[1] = bounds[3] = (low, high)
-    if kind == "matern":
-        bounds[-2] = (-1.5, 1.5)
     steps, limits = count(1), {"maxiter": _MOST_STEPS}
     found = minimize(
         cost,
         start,
         jac=True,
         method="L-BFGS-B",
-        bounds=bounds,
+        bounds=_bounds(kind, len(start), (0.02 * _typical_gap(places), 10.0 * extent)),
         options=limits,
         callback=lambda _: progress(next(steps), _MOST_STEPS),
     )
@@ -90,6 +84,17 @@ def _start(kind: str, spread: float, extent: float, lined: bool) -> Array:
     start = [part, math.log(lengths[0]), part, math.log(lengths[1]), math.log(0.05 * spread)]
     start += [math.log(0.03 * spread)] if lined else []
     return np.array([*start, *((0.1, 0.3) if kind == "matern" else ())])
+
+
+def _bounds(
+    kind: str, size: int, lengths: tuple[float, float]
+) -> list[tuple[float | None, float | None]]:
+    low, high = lengths
+    bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
+    bounds[1] = bounds[3] = (math.log(low), math.log(high))
+    if kind == "matern":
+        bounds[-2] = (-1.5, 1.5)
+    return bounds
 
 
 def _unpack(p: Array, kind: str, lined: bool) -> Covariance:

@@ -90,13 +90,24 @@ def with_local_strike(
     return Kriging(readings, covariance)
 
 
+def can_be_local(places: Array, gap: float) -> bool:
+    """Whether a survey (N, 3) m is small enough for places with a strike of their own to lie
+    within two gaps between its lines (m): the structure tensor is averaged over one."""
+    return _step(places, gap) <= 2.0 * gap
+
+
+def _step(places: Array, gap: float) -> float:
+    area = float(np.prod(np.ptp(places[:, :2], axis=0)))
+    return max(_STEP * gap, math.sqrt(area / _MOST), 1.0)
+
+
 def _centres(places: Array, gap: float) -> Array:
     """Return (C, 2) nodes of a grid next to which there are readings."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(places[:, :2])
     low, extent = places[:, :2].min(axis=0), np.ptp(places[:, :2], axis=0)
-    step = max(_STEP * gap, math.sqrt(float(np.prod(extent)) / _MOST), 1.0)
+    step = _step(places, gap)
     count = np.ceil(extent / step).astype(int) + 1
     first = low + 0.5 * (extent - (count - 1) * step)
     axes = (a + step * np.arange(n) for a, n in zip(first, count, strict=True))

@@ -232,45 +232,6 @@ def _of_model(
 
 
 @kernel(error_model="numpy")
-def _linearised(
-    grid: Grid,
-    latitude: Array,
-    longitude: Array,
-    channel: Integers,
-    level: Array,
-    place: Array,
-    reading: Array,
-    nodes: Array,
-    count: int,
-    errors: Array,
-    c: int,
-    at: Array,
-    z: Array,
-    H: Array,
-) -> bool:
-    """Write z (n,) = H (n, c) x + noise of a model's rows at a state (c,), with map errors of
-    1-sigmas (n, U); say whether all of them are on the map."""
-    first = BATCH_STATES
-    for t in range(level.shape[0]):
-        lat, lon = latitude[t], longitude[t]
-        for i in range(c):
-            lat -= place[t, 0, i] * at[i]
-            lon -= place[t, 1, i] * at[i]
-        value, by_lat, by_lon = predicted(grid, nodes, t, count, lat, lon, channel[t])
-        if not math.isfinite(value):
-            return False
-        rest = level[t] - value
-        for i in range(c):
-            slope = by_lat * place[t, 0, i] + by_lon * place[t, 1, i]
-            H[t, i] = reading[t, i] - slope
-            rest -= slope * at[i]  # z - J x = z - (J - G) x - G x
-        z[t] = rest
-        for i in range(first, min(c, first + errors.shape[1])):
-            H[t, i] += errors[t, i - first]
-    return True
-
-
-@kernel(error_model="numpy")
 def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array) -> None:
     """Carry the map errors, states 7 and on of c, to the next scan in place: u -> step u, with
     `joined` added to their covariance."""
@@ -392,18 +353,31 @@ def _iterated(
     c: int,
     update: Update,
 ) -> float:
-    """Update a hypothesis by readings that are linearised at its mode, looked for from `at` on;
-    return their log evidence, -inf off the map."""
+    """Update a hypothesis of c states by readings that are linearised at its mode, looked for from
+    `at` on, with map errors of 1-sigmas `errors` (n, U); return their log evidence, -inf off the
+    map."""
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
     place, reading, level, noise, keep, fresh, nodes = own
     x, P, before, prior, at, z, H, PH = update
-    evidence = -math.inf
+    evidence, first = -math.inf, BATCH_STATES
     for iteration in range(ITERATIONS):
-        if not _linearised(
-            grid, latitude, longitude, channel, level, place, reading, nodes, count, errors,
-            c, at, z, H,
-        ):  # fmt: skip
-            return -math.inf
+        # z = H x + noise: z - J x = z - (J - G) x - G x
+        for t in range(level.shape[0]):
+            lat, lon = latitude[t], longitude[t]
+            for i in range(c):
+                lat -= place[t, 0, i] * at[i]
+                lon -= place[t, 1, i] * at[i]
+            value, by_lat, by_lon = predicted(grid, nodes, t, count, lat, lon, channel[t])
+            if not math.isfinite(value):
+                return -math.inf
+            rest = level[t] - value
+            for i in range(c):
+                slope = by_lat * place[t, 0, i] + by_lon * place[t, 1, i]
+                H[t, i] = reading[t, i] - slope
+                rest -= slope * at[i]
+            z[t] = rest
+            for i in range(first, min(c, first + errors.shape[1])):
+                H[t, i] += errors[t, i - first]
         for i in range(c):
             x[i] = before[i]
             for j in range(c):
