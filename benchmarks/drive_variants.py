@@ -62,7 +62,8 @@ def without_samples(log: Log, begin: float, seconds: float) -> Log:
 def stopped(log: Log, begin: float, seconds: int) -> Log:
     """Return a drive whose first stop of 8 s after a time is longer by so many: its samples again
     and again."""
-    still = np.convolve(log["speed"] < STANDS, np.ones(8), "valid") == 8
+    stands = (log["speed"] >= 0.0) & (log["speed"] < STANDS)  # below 0 there is none
+    still = np.convolve(stands, np.ones(8), "valid") == 8
     first = int(np.flatnonzero(still & (log["time"][: len(still)] >= begin))[0])
     again = first + 1 + np.arange(seconds) % 6
     count = len(log["time"])

@@ -135,7 +135,7 @@ def test_wheels_that_stand_of_a_vehicle_that_is_carried(speed, few):
     state.velocity[0] = 0.0
     assert stands(0.0, 1) == {Outcome.USED}
     assert np.sqrt(state.covariance[3, 3]) < 0.06
-    assert stands(0.02, 10) == stands(0.0, AGREEING - 1) == {Outcome.UNTRUSTED}
+    assert stands(0.02, 10) == stands(0.0, CONFIRMED - 1) == {Outcome.UNTRUSTED}
     assert stands(0.0, 1) == {Outcome.USED}
 
 

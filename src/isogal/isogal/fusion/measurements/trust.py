@@ -56,16 +56,15 @@ def update_once_it_agrees(state: FilterState, model: FilterModel, rows: Rows) ->
 
 def standstill_waits(state: FilterState, gyroscopes: Rows, sudden: bool) -> bool:
     """Count a reading of wheels that stand, and return whether the gyroscopes have to agree with
-    more before it is used: with a few after each stop, as the last turn may not be over, with
-    twice as many whenever they do not, and with many where it was so sudden that nothing stops
-    like that."""
+    more before it is used, one after the other: a few, as the last turn may not be over, or
+    many where it was so sudden that nothing stops like that."""
     left = state.contradicted.get(STANDSTILL)
     if left is None:
         left = AGREEING if sudden else CONFIRMED
     elif _agrees(state, gyroscopes):
         left = max(left - 1, 0)
     else:
-        left = min(max(2 * left, CONFIRMED), AGREEING)
+        left = AGREEING if left > CONFIRMED else CONFIRMED
     state.contradicted[STANDSTILL] = left
     return left > 0
 
