@@ -79,17 +79,18 @@ def feature_variability(
         Unit of the map squared; NaN where the map has no value at the place or at more than half
         of its template.
     """
-    north, east = template(half_width, points)
+    north, east = (np.append(0.0, side) for side in template(half_width, points))
     flat_lat, flat_lon, shape = flat_points(latitude, longitude)
     out = np.full(flat_lat.size, np.nan)
     for first in range(0, out.size, _TOGETHER):
         lat, lon = (one[first : first + _TOGETHER, None] for one in (flat_lat, flat_lon))
         metres_north, metres_east = metres_per_radian(lat)
-        around = field_map.value(lat + north / metres_north, lon + east / metres_east)
-        square = (around - field_map.value(lat, lon)) ** 2
-        count = np.isfinite(square).sum(axis=1)
-        mean = np.nansum(square, axis=1) / np.maximum(count, 1)
-        out[first : first + _TOGETHER] = np.where(2 * count >= north.size, mean, np.nan)
+        value = field_map.value(lat + north / metres_north, lon + east / metres_east)
+        square = (value[:, 1:] - value[:, :1]) ** 2
+        known = np.isfinite(square)
+        count = known.sum(axis=1)
+        mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(count, 1)
+        out[first : first + _TOGETHER] = np.where(2 * count >= square.shape[1], mean, np.nan)
     return out.reshape(shape)
 
 

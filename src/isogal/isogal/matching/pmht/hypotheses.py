@@ -415,12 +415,16 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     best = largest(total, models.group)
     near = total > best - np.where(best < total.max() - LIGHT, LIGHT, NEGLIGIBLE)
     alike, there = models.group[1:] == models.group[:-1], np.isfinite(total)
-    larger = np.r_[False, near[:-1] & alike] & ~near
-    smaller = np.r_[near[1:] & alike, False] & ~near & ~larger
+    larger, smaller, above, below = np.zeros((4, len(total)), bool)
+    larger[1:] = near[:-1] & alike & ~near[1:]
+    smaller[:-1] = near[1:] & alike & ~near[:-1] & ~larger[:-1]
     kept = bank.part((near | larger & there)[bank.which])
-    above, below = np.roll(larger & ~there, -1)[kept.which], np.roll(smaller, 1)[kept.which]
-    from_there = np.r_[np.flatnonzero(above), np.flatnonzero(below)]
-    step = np.repeat([1, -1], [np.count_nonzero(above), np.count_nonzero(below)])
+    above[:-1], below[1:] = larger[1:] & ~there[1:], smaller[:-1]
+    up, down = np.flatnonzero(above[kept.which]), np.flatnonzero(below[kept.which])
+    from_there = np.concatenate([up, down])
+    if not from_there.size:
+        return kept
+    step = np.repeat([1, -1], [len(up), len(down)])
     return joined([kept, _of_neighbours(kept.part(from_there), step, errors, there)])
 
 

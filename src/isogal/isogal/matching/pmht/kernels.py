@@ -146,8 +146,10 @@ def departures(
 
 
 class Own(NamedTuple):
-    """Rows as a model has them, whose c states come first. Loops take its arrays, not itself: with
-    each of them in every call an update took four times as long."""
+    """Rows as a model has them, whose c states come first.
+
+    Inner loops take its arrays, not itself: numba counts the references to each array of a tuple
+    at every call, and with `Rows` in them an update took four times as long."""
 
     place: Array
     """(n, 2, N) rad of latitude and longitude per unit of the states."""
@@ -190,12 +192,8 @@ class Update(NamedTuple):
 def _own(rows: Rows, size: int) -> Own:
     """Return room for those of models of at most so many states."""
     n, count = rows.level.shape[0], max(AGES.shape[0], rows.nodes.shape[1])
-    place, reading, level, noise = (
-        np.empty((n, 2, size)),
-        np.empty((n, size)),
-        np.empty(n),
-        np.empty(n),
-    )
+    place, reading = np.empty((n, 2, size)), np.empty((n, size))
+    level, noise = np.empty(n), np.empty(n)
     keep, fresh = np.empty((n, size)), np.empty((n, size))
     return Own(place, reading, level, noise, keep, fresh, np.empty((n, count, 3)))
 
