@@ -81,14 +81,9 @@ def untrusted(
     reason = (
         f"{why}: the {aid} aid is not used until {state.contradicted[aid]} more readings agree"
     )
-    found = Innovation.of(
-        rows.measured - rows.expected,
-        squared(state, rows),
-        model.gate(len(rows.measured)),
-        rows.expected,
-    )
-    found.outcome, found.reason = Outcome.UNTRUSTED, reason
-    return found
+    apart, nis = rows.measured - rows.expected, squared(state, rows)
+    allowed = model.gate(len(apart))
+    return Innovation(Outcome.UNTRUSTED, apart, nis, allowed, rows.expected, reason)
 
 
 def squared(state: FilterState, rows: Rows) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows, stated
+from isogal.fusion.measurements.model import Innovation, Rows, stated, update_linear
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.trust import (
     STANDSTILL,
@@ -146,16 +146,21 @@ class VelocityReading:
         """Update with what the vehicle's standing still says. Wheels also stand where it is
         carried: zeros are used once the gyroscopes have agreed with so many as
         `standstill_waits` says."""
-        # in body axes: a zero in others would measure the heading (`moved`)
-        H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
-        H[:, FILTER_STATES:] = 0.0
-        rows = Rows(np.zeros(3), expected, H, np.eye(3) * self.standstill_sigma**2)
+        rows = self._standing(state, model)
         if self.at_rest is not None:
             gyroscopes = self.at_rest.rows(state, model)
             if standstill_waits(state, gyroscopes, squared(state, rows) > model.gate(3)):
                 return untrusted(state, model, rows, STANDSTILL, "the vehicle may be carried")
-            self.at_rest.update(state, model)
+            update_linear(state, model, gyroscopes)
+            rows = self._standing(state, model)  # of the state that these have changed
         return update_insistent(state, model, rows, STANDSTILL)
+
+    def _standing(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return the rows of a vehicle that stands, in body axes: a zero in others would measure
+        the heading (`moved`)."""
+        H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
+        H[:, FILTER_STATES:] = 0.0
+        return Rows(np.zeros(3), expected, H, np.eye(3) * self.standstill_sigma**2)
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state, as of a vehicle that moves."""
