@@ -26,11 +26,12 @@ from isogal_ros.messages.adapter import Reading, adapter_of
 from isogal_ros.messages.checks import require_later
 from isogal_ros.messages.magnetometer import read_scalar
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.resting import Resting
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 
 STUCK = 6

@@ -15,9 +15,10 @@ from ins_sim_node.outputs import Outputs
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.parameters.values import Values
 

@@ -13,7 +13,8 @@ from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.imu import declared_variance, read_imu
 from isogal_ros.messages.stamps import peek_ns, to_ns
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.fixes import Fixes

@@ -17,8 +17,9 @@ from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import topics_in_use
 from isogal_ros.messages.stamps import peek_ns
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.topics import Topic
 

@@ -27,8 +27,9 @@ from isogal_ros.mavlink.silence import Silence
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.messages.whole_fix import read_whole_fix
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK, WARN, figures_of
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 
 MAVLINK = "isogal_mavlink"

@@ -1,7 +1,7 @@
 """What the nodes of the graph are made of.
 
 base        what does every node have?
-managed     which states has a node?
+settings    which parameters has every node?
 publishing  who has to listen, and what becomes of what cannot be published?
 heartbeat   what does a node do once a second?
 checkpoint  what does a node go on from when it is started again?
