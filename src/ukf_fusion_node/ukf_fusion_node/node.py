@@ -131,7 +131,7 @@ class UkfFusionNode(GraphNode):
             self._step()
         if (between := self._navigation.between()) is not None:
             self.outputs.publish_odometry(*between)
-        self.health.concern("gap", self._navigation.unresolved)
+        self._navigation.tell_unresolved()
         self.health.tick(ns)
 
     def _step(self) -> None:
