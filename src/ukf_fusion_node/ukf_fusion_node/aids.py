@@ -24,14 +24,13 @@ from isogal.sensors.barometer import height_of
 from isogal_ros.messages.aids import (
     Aid,
     each_aid,
-    read_ground_velocity,
     read_heading,
     read_pose_position,
     read_position_fix,
     read_pressure,
     read_velocity,
 )
-from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.frames import NED_ENU, map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message, Topic
@@ -157,7 +156,7 @@ class Aids:
                 velocity[[axis for axis in range(3) if axis not in sensor.axes]] = np.nan
                 found, describe = (velocity, covariance), _unlikely_velocity
             case Gnss(), TwistWithCovarianceStamped():
-                found, describe = read_ground_velocity(message), _unlikely_velocity
+                found, describe = read_velocity(message, "", NED_ENU), _unlikely_velocity
             case HeadingAid(), Imu():
                 found, describe = read_heading(message), _turned
             case PositionAid(), NavSatFix():

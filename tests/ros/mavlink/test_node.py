@@ -16,8 +16,8 @@ from isogal_ros.mavlink.decoding import SenderClock
 from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
 from isogal_ros.mavlink.node import MAVLINK
 from isogal_ros.mavlink.silence import Silence
-from isogal_ros.messages.aids import read_ground_velocity, read_position_fix, read_velocity
-from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.aids import read_position_fix, read_velocity
+from isogal_ros.messages.frames import NED_ENU, map_frame
 from isogal_ros.messages.imu import read_imu
 from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
@@ -238,7 +238,7 @@ def test_the_sensors_of_an_autopilot(scenario) -> None:
     place, covariance = read_position_fix(fixes[0])
     assert place == pytest.approx([*PLACE, 60.0])
     assert np.sqrt(np.diag(covariance)) == pytest.approx([1.5, 1.5, 2.5])
-    speed, of_speed = read_ground_velocity(velocity)
+    speed, of_speed = read_velocity(velocity, "", NED_ENU)
     np.testing.assert_allclose(speed, [0.0, 10.0, np.nan], atol=1e-12)
     assert of_speed[0, 0] == pytest.approx(0.04)
 

@@ -28,6 +28,16 @@ class AidedSince(NamedTuple):
     """Stamp of the fix, ns."""
     told: Aided
 
+    @property
+    def begin(self) -> float:
+        """Time of the fix, s."""
+        return to_seconds(self.since)
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """All but the time."""
+        return self.told.covariance, self.told.jump
+
 
 def fill_numbers(message: Float64MultiArray | Prepared, ns: int, *arrays: Array) -> None:
     """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray,
@@ -65,12 +75,8 @@ def fill_nav_covariance(
     if since is None:
         fill_numbers(message, ns, covariance)
         return
-    if isinstance(since, Passage):
-        begin = from_seconds(since.begin)
-        arrays: tuple[Array, ...] = since.arrays
-    else:
-        begin, arrays = since.since, (since.told.covariance, since.told.jump)
-    fill_numbers(message, ns, covariance, np.array(divmod(begin, SECOND), dtype=float), *arrays)
+    begin = np.array(divmod(from_seconds(since.begin), SECOND), dtype=float)
+    fill_numbers(message, ns, covariance, begin, *since.arrays)
 
 
 def read_nav_covariance(
