@@ -54,7 +54,7 @@ class GravimeterSettings(NodeSettings):
     )
 
 
-class GravimeterNode(GraphNode):
+class GravimeterNode(GraphNode[GravimeterSettings]):
     """Publishes the raw reading of each scan, then its reductions once the navigator's state of
     that stamp is there. The graph waits for the reduction that is matched only."""
 
@@ -63,7 +63,6 @@ class GravimeterNode(GraphNode):
         "readings", "height", "map", "map_error", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
-    settings: GravimeterSettings
 
     def setup(self) -> None:
         """Draw the readings and make publishers and subscriptions."""

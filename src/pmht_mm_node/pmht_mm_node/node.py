@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import main_of
-from isogal_ros.parameters.values import scenario_from
+from isogal_ros.parameters.values import Values, scenario_from
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.scans import Scans
 from pmht_mm_node.survival import are_scans, checkpoint_of
@@ -67,7 +67,7 @@ class PmhtMmNode(GraphNode):
             adapter = adapter_of(one)
             self.listen(adapter.reduced, partial(self._take, field, adapter))
 
-    def changed(self, values: dict[str, Any]) -> None:
+    def changed(self, values: Values) -> None:
         """Take new matcher settings from the next batch on; raises InputError where they cannot be
         used."""
         document = self.scenario.model_dump()
@@ -79,7 +79,7 @@ class PmhtMmNode(GraphNode):
             self._matching.use(build_run_matcher(scenario))
             self.scenario = scenario
 
-    def _take(self, field: int, adapter: Adapter, message: Any) -> None:
+    def _take(self, field: int, adapter: Adapter, message: topics.Message) -> None:
         self.taken += 1
         ns = to_ns(message.header.stamp)
         self.scans.begin(ns, field)

@@ -35,6 +35,7 @@ from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message, Topic
 from ukf_fusion_node.measuring import AidReport, Measured
+from ukf_fusion_node.settings import UkfFusionSettings
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
@@ -82,7 +83,7 @@ class Aids:
         Called when a reading has come.
     """
 
-    def __init__(self, node: GraphNode, advance: Callable[[], None]) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings], advance: Callable[[], None]) -> None:
         self._scenario, self._advance = node.scenario, advance
         self._frame, self._map = node.settings.velocity_frame, map_frame(node.scenario)
         self._sources: dict[str, _Source] = {}
@@ -94,7 +95,7 @@ class Aids:
         every = {name: source.measured for name, source in self._sources.items()}
         self._report = AidReport(node, every)
 
-    def _add(self, node: GraphNode, topic: Topic, aid: Aid) -> None:
+    def _add(self, node: GraphNode[UkfFusionSettings], topic: Topic, aid: Aid) -> None:
         """Listen to a topic of an aid, and offer the service toggle/<topic>, which says whether it
         is used."""
 

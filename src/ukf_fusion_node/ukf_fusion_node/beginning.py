@@ -17,6 +17,7 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
+from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.start import initial_state, with_given
 
 REACH = 1.2
@@ -45,7 +46,9 @@ class Beginning:
         Of the node.
     """
 
-    def __init__(self, node: GraphNode, model: FilterModel, checkpoint: Checkpoint) -> None:
+    def __init__(
+        self, node: GraphNode[UkfFusionSettings], model: FilterModel, checkpoint: Checkpoint
+    ) -> None:
         self._settings, self._health, self._scenario = node.settings, node.health, node.scenario
         self._log, self._model, self._checkpoint = node.get_logger(), model, checkpoint
         self._horizon = max(node.settings.horizon, REACH * node.scenario.fusion.lag)

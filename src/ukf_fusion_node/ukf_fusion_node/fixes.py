@@ -18,6 +18,7 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import FIX, INFORMATION, Message
 from ukf_fusion_node.measuring import Measured
 from ukf_fusion_node.navigation import Navigation
+from ukf_fusion_node.settings import UkfFusionSettings
 
 KEPT = 8192
 """Fixes that wait at most, and stamps kept of those that have come: hours of them, more than the
@@ -92,7 +93,7 @@ class Fixes:
 
     def __init__(
         self,
-        node: GraphNode,
+        node: GraphNode[UkfFusionSettings],
         navigation: Navigation,
         within: Callable[[], bool],
         answer: Callable[[], None],

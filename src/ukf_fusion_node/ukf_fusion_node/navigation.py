@@ -28,6 +28,7 @@ from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, WARN
 from ukf_fusion_node.beginning import Beginning
 from ukf_fusion_node.sample_report import SampleReport
+from ukf_fusion_node.settings import UkfFusionSettings
 
 ROUNDED = 0.05
 """By which the samples may come faster than a multiple of the rate of odometry."""
@@ -42,7 +43,7 @@ class Navigation:
         Its scenario and settings; its health is told.
     """
 
-    def __init__(self, node: GraphNode) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings]) -> None:
         self._settings, self._health, self._scenario = node.settings, node.health, node.scenario
         measured = node.scenario.height.measured
         self._height = math.nan if measured else node.scenario.route.height

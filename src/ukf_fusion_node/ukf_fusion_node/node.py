@@ -26,7 +26,7 @@ from ukf_fusion_node.start import placed
 from ukf_fusion_node.watch import SampleChecks
 
 
-class UkfFusionNode(GraphNode):
+class UkfFusionNode(GraphNode[UkfFusionSettings]):
     """Advances with each IMU sample, or with each step that the samples of a fast IMU make, and
     publishes nav/* of its newest stamp after each and after each fix; within such a step nav/odom
     alone. What would change the state of a step already left behind so waits for the next."""
@@ -38,7 +38,6 @@ class UkfFusionNode(GraphNode):
         "magnetometer", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
-    settings: UkfFusionSettings
 
     def setup(self) -> None:
         """Start the filter and make publishers and subscriptions."""

@@ -8,6 +8,7 @@ from isogal.fusion.sample_stream import SampleStream
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import ERROR, OK, WARN
+from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.watch import UnresolvedGap, Upright
 
 
@@ -21,7 +22,7 @@ class SampleReport:
         s between the filter's steps.
     """
 
-    def __init__(self, node: GraphNode, dt: float) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings], dt: float) -> None:
         self._health, self._max_gap, self._dt = node.health, node.settings.max_gap, dt
         self._sample = 1.0 / node.scenario.imu.rate
         batch = node.scenario.matcher.batch_length * node.scenario.gravimeter.interval

@@ -11,6 +11,7 @@ from isogal_ros.messages.mounting import HERE, Pose, compose, inverse
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.publishing import Publishing
+from ukf_fusion_node.settings import UkfFusionSettings
 
 
 class DeadReckoning:
@@ -44,7 +45,7 @@ class Transforms:
     """Publishes them on /tf and /tf_static; nothing where tf2_msgs is not installed, or where the
     parameter publish_tf says so."""
 
-    def __init__(self, node: GraphNode) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings]) -> None:
         self._publisher: Publishing | None = None
         if topics.TF is None or topics.TF_STATIC is None or not node.settings.publish_tf:
             return

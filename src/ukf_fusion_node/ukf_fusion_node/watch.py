@@ -18,6 +18,7 @@ from isogal_ros.topics import Topic
 if TYPE_CHECKING:
     from isogal_ros.nodes.base import GraphNode
     from ukf_fusion_node.navigation import Navigation
+    from ukf_fusion_node.settings import UkfFusionSettings
 
 AXES = (
     "accelerometer x", "accelerometer y", "accelerometer z",
@@ -307,7 +308,9 @@ class SampleChecks:
         Of the samples.
     """
 
-    def __init__(self, node: "GraphNode", navigation: "Navigation", topic: Topic) -> None:
+    def __init__(
+        self, node: "GraphNode[UkfFusionSettings]", navigation: "Navigation", topic: Topic
+    ) -> None:
         self.leaps = Leaps(from_seconds(node.settings.max_gap))
         limits = node.settings.max_acceleration, node.settings.max_turn_rate
         self._watch = Watch(*limits, node.monotonic, navigation.noisy)

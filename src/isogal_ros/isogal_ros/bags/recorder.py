@@ -40,7 +40,7 @@ class RecorderSettings(NodeSettings):
     )
 
 
-class RecorderNode(GraphNode):
+class RecorderNode(GraphNode[RecorderSettings]):
     """Writes messages as they come, serialised; the bag also keeps the scenario.
 
     Log time is the simulation's clock, never earlier than the message's own stamp, as with ``ros2
@@ -49,7 +49,6 @@ class RecorderNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = tuple(Scenario.model_fields)
     settings_model: ClassVar[type[NodeSettings]] = RecorderSettings
-    settings: RecorderSettings
 
     def setup(self) -> None:
         """Open the bag and subscribe to everything."""

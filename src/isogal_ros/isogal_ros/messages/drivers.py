@@ -28,7 +28,7 @@ from geometry_msgs.msg import (
     Vector3Stamped,
 )
 from nav_msgs.msg import Odometry
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import FluidPressure, Imu, LaserScan, MagneticField, PointCloud2, Range
 from std_msgs.msg import Float32, Float64
@@ -117,7 +117,7 @@ UNITS: Mapping[type[Message], Mapping[str, float]] = {
 }
 """SI in each unit, by type of the graph."""
 
-Copy = Callable[[Any, Any], None]
+Copy = Callable[[Message, Message], None]
 """Copies a message of another type into one of the graph."""
 
 
@@ -228,7 +228,7 @@ class Entrance:
         return json.dumps({"drivers": drivers, "names": asdict(self.names)})
 
     @classmethod
-    def of(cls, text: str, others: Mapping[str, Mapping[str, Any]]) -> "Entrance":
+    def of(cls, text: str, others: Mapping[str, Mapping[str, JsonValue]]) -> "Entrance":
         """Return what a text of a recording says, with other entries in place of its own; raises
         InputError where it is damaged, or an entry cannot be used."""
         try:

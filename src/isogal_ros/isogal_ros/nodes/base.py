@@ -9,7 +9,7 @@ active once it is made."""
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Generic, TypeAlias
 
 from pydantic import JsonValue
 from rclpy.client import Client
@@ -22,6 +22,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
+from typing_extensions import TypeVar
 
 from isogal.errors import InputError
 from isogal.scenario import Scenario, truth_of
@@ -42,6 +43,7 @@ from isogal_ros.parameters.values import Values, scenario_from, settings_from
 from isogal_ros.topics import Topic
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+Settings_co = TypeVar("Settings_co", bound=NodeSettings, covariant=True, default=NodeSettings)
 Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 """Of a scenario, which a file that all nodes share may say to each."""
@@ -49,7 +51,7 @@ _UNKNOWN = "NODE_NAME_UNKNOWN"
 """In the name of a node of which the middleware knows the publisher first."""
 
 
-class GraphNode(LifecycleNode):
+class GraphNode(LifecycleNode, Generic[Settings_co]):
     """A node with the parameters of some sections of the scenario and its own. It makes what it
     has when it is configured, and destroys it when it is cleaned up.
 
@@ -71,7 +73,9 @@ class GraphNode(LifecycleNode):
 
     sections: ClassVar[Collection[str]] = ()
     """Sections of the scenario that the node declares."""
-    settings_model: ClassVar[type[NodeSettings]] = NodeSettings
+    settings_model: ClassVar[Any] = NodeSettings
+    """Class of its own parameters, a `NodeSettings`; a class variable cannot say that it is that
+    of `settings`."""
     mutable: ClassVar[Collection[str]] = ()
     """Parameters that may change at run time."""
     entities: ClassVar[tuple[str, ...]] = (
@@ -81,8 +85,8 @@ class GraphNode(LifecycleNode):
     process_ends = False
     """Whether nothing comes after the node in its process."""
 
-    settings: Any
-    """Own parameters, a `settings_model`, as each class says."""
+    settings: Settings_co
+    """Own parameters, a `settings_model`."""
     scenario: Scenario
 
     def __init__(
@@ -154,7 +158,7 @@ class GraphNode(LifecycleNode):
         return own + parameter_specs(Scenario, sections=cls.sections, mutable=cls.mutable)
 
     @classmethod
-    def read(cls, name: str, values: Values) -> tuple[NodeSettings, Scenario]:
+    def read(cls, name: str, values: Values) -> tuple[Settings_co, Scenario]:
         """Return settings and scenario of the values of all parameters; raises InputError, which
         begins with a name."""
         fields = cls.settings_model.model_fields
