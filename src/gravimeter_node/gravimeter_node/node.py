@@ -30,14 +30,14 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample
-from isogal_ros.nodes.resting import Resting
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
+from isogal_ros.nodes.stuck import Repetitions
 
 STUCK = 6
 """Readings of exactly the same value, one after the other, after which the instrument of a vehicle
-that moves counts as stuck, at least (`Resting`): where steps are coarse, or the land is flat, the
-same value comes again and again."""
+that moves counts as stuck, at least (`Repetitions`): where steps are coarse, or the land is flat,
+the same value comes again and again."""
 MOVES = 0.5
 """m/s: what a slower vehicle reads may well be the same once more."""
 
@@ -71,7 +71,7 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
         self._variance: Reading = (
             self.scenario.gravimeter.sigma**2 if covariance is None else covariance
         )
-        self._newest, self._resting = -1, Resting(STUCK)
+        self._newest, self._resting = -1, Repetitions(STUCK)
         self._adapter = adapter_of(self.scenario)
         is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
         self._vehicle = Vehicle(self, self._enqueue) if is_magnetic else None

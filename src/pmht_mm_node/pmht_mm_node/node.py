@@ -24,8 +24,8 @@ from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.parameters.values import Values, scenario_from
 from pmht_mm_node.outputs import Outputs
+from pmht_mm_node.restart import are_scans, checkpoint_of
 from pmht_mm_node.scans import Scans
-from pmht_mm_node.survival import are_scans, checkpoint_of
 from pmht_mm_node.verdict import Report
 from pmht_mm_node.warm_up import warm_up
 

@@ -5,7 +5,7 @@ settings       the node's own parameters
 start          the filter's first state, or one that a user gives
 beginning      from which of several states a navigator begins
 navigation     the filter from its start on, and what survives a restart
-watch          what is wrong with IMU samples that could each be right
+sample_checks  what is wrong with IMU samples that could each be right
 sample_report  what is said of samples that are missing, and of an alignment
 solution       an INS in place of the samples
 aids           sensors beside the IMU

@@ -20,10 +20,10 @@ from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs, Smoothed
+from ukf_fusion_node.sample_checks import SampleChecks
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.solution import Solution, Solutions
 from ukf_fusion_node.start import placed
-from ukf_fusion_node.watch import SampleChecks
 
 
 class UkfFusionNode(GraphNode[UkfFusionSettings]):
@@ -102,7 +102,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
         """Take what an INS felt since its last solution for samples."""
-        found = solutions.samples(ns, message, self._navigation, self._checks.leaps)
+        found = solutions.samples(ns, message, self._navigation, self._checks.time_jumps)
         if self._navigation.navigator is not None:
             for sample in found:
                 self._take_sample(*sample)

@@ -8,8 +8,8 @@ from isogal.fusion.sample_stream import SampleStream
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import ERROR, OK, WARN
+from ukf_fusion_node.sample_checks import GravityDirection, UnresolvedGap
 from ukf_fusion_node.settings import UkfFusionSettings
-from ukf_fusion_node.watch import UnresolvedGap, Upright
 
 
 class SampleReport:
@@ -29,11 +29,11 @@ class SampleReport:
         self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
         self._noted = -SECOND
         """When samples of a fast IMU were missing, ns."""
-        self._upright = Upright()
+        self._gravity = GravityDirection()
 
     def begin(self) -> None:
         """Begin with another navigator."""
-        self._upright = Upright()
+        self._gravity = GravityDirection()
         self._health.concern("aligning", None)
 
     def gap(self, ns: int, interval: float) -> float:
@@ -71,7 +71,7 @@ class SampleReport:
         """Look at what has led to the state of a stamp: a specific force (3,), the attitude (4,)
         it belongs to (None = not known yet), and the time (s) without samples before it."""
         if attitude is not None:
-            said = self._upright.take(to_seconds(ns), force, attitude)
+            said = self._gravity.take(to_seconds(ns), force, attitude)
             self._health.concern("upright", said, ERROR)
         if missing > HELD:
             self._unresolved.begin(ns)

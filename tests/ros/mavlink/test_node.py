@@ -17,10 +17,10 @@ from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
 from isogal_ros.mavlink.node import MAVLINK
 from isogal_ros.mavlink.silence import Silence
 from isogal_ros.messages.aids import read_position_fix, read_velocity
+from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.frames import NED_ENU, map_frame
 from isogal_ros.messages.imu import read_imu
 from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.health import WARN
 
 common = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is an extra")
@@ -55,7 +55,7 @@ def node(receiver, scenario, message: str, **own):
 def batch(made: Bench, seconds: float, lost: bool, published: bool) -> None:
     fix = Fix(seconds, *PLACE, np.eye(2), None if published else "no", reset=lost)
     message = topics.INFORMATION.type()
-    fill_whole_fix(message, from_seconds(seconds), WholeFix(fix))
+    fill_fix_information(message, from_seconds(seconds), FixMessage(fix))
     made.publish(topics.INFORMATION, message)
 
 

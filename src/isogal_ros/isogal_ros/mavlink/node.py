@@ -23,9 +23,9 @@ from isogal_ros.mavlink.encoding import (
 from isogal_ros.mavlink.receiving import Receiver
 from isogal_ros.mavlink.settings import MavlinkSettings
 from isogal_ros.mavlink.silence import Silence
+from isogal_ros.messages.fix_information import read_fix_information
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.messages.whole_fix import read_whole_fix
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK, WARN, figures_of
 from isogal_ros.nodes.settings import NodeSettings
@@ -67,7 +67,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self.listen(topics.NAV_ODOM, self._take_odometry)
 
     def _take_information(self, message: PointCloud2) -> None:
-        fix = read_whole_fix(message).fix
+        fix = read_fix_information(message).fix
         self._silence.batch(fix.reset, fix.published)
 
     def _take_diagnostics(self, array: DiagnosticArray) -> None:

@@ -117,7 +117,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         self._publishing: list[Publishing] = []
         """The first is of the diagnostics."""
         self._listening: dict[str, Listening] = {}
-        self._looks: list[Callable[[], None]] = []
+        self._monitors: list[Callable[[], None]] = []
         self.ready = False
         """Whether every publisher has had the listeners that the graph needs."""
         try:
@@ -232,9 +232,9 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
                 f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0
             )
 
-    def watch(self, name: str, look: Callable[[], str | None], level: bytes = WARN) -> None:
-        """Look every second for something that no message tells of; None = all is well."""
-        self._looks.append(lambda: self.health.concern(name, look(), level))
+    def watch(self, name: str, check: Callable[[], str | None], level: bytes = WARN) -> None:
+        """Check every second something that no message tells of; None = all is well."""
+        self._monitors.append(lambda: self.health.concern(name, check(), level))
 
     def publishers_of(self, topic: str) -> dict[bytes, str]:
         """Return which nodes publish a topic, by what identifies each publisher: names with their
@@ -327,7 +327,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what `setup` made."""
         del self._publishing[1:]
-        self._looks.clear()
+        self._monitors.clear()
         self._listening.clear()
         self.active = self.configured = self.ready = False
         self._readiness.reset()
@@ -394,6 +394,6 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         diagnostics while no data comes."""
         for listening in list(self._listening.values()):
             listening.adapt()
-        for look in self._looks:
-            look()
+        for monitor in self._monitors:
+            monitor()
         self._heartbeat.beat()

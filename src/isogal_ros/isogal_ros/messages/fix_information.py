@@ -28,7 +28,7 @@ from isogal_ros.messages.stamps import to_ns, to_seconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WholeFix:
+class FixMessage:
     """A fix and the navigator's estimate that its information is relative to."""
 
     fix: Fix
@@ -36,9 +36,9 @@ class WholeFix:
     """None = the navigator's estimate of that stamp, as it is when the fix comes."""
 
 
-def fill_whole_fix(message: PointCloud2, ns: int, whole: WholeFix) -> None:
+def fill_fix_information(message: PointCloud2, ns: int, content: FixMessage) -> None:
     """Write a fix, or that there is none, into a PointCloud2."""
-    fix = whole.fix
+    fix = content.fix
     values: dict[str, ArrayLike] = {
         "published": fix.published,
         "lost": fix.reset,
@@ -52,16 +52,16 @@ def fill_whole_fix(message: PointCloud2, ns: int, whole: WholeFix) -> None:
         values["map_error"] = fix.map_error
     if fix.information is not None:
         values |= {"vector": fix.information.vector, "matrix": fix.information.matrix}
-    if whole.relative_to is not None:
-        position, velocity, attitude = whole.relative_to
+    if content.relative_to is not None:
+        position, velocity, attitude = content.relative_to
         values["from_position"] = np.array([*np.degrees(position[:2]), position[2]])
         values |= {"from_velocity": velocity, "from_attitude": attitude}
     message.header.frame_id = BASE
     fill_point(message, ns, values)
 
 
-def read_whole_fix(message: PointCloud2) -> WholeFix:
-    """Return what a message of `fill_whole_fix` says.
+def read_fix_information(message: PointCloud2) -> FixMessage:
+    """Return what a message of `fill_fix_information` says.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def read_whole_fix(message: PointCloud2) -> WholeFix:
         widened=_widening(values) if "widening" in values else None,
         map_error=_map_error(values) if "map_error" in values else None,
     )
-    return WholeFix(fix, _estimate(values) if "from_position" in values else None)
+    return FixMessage(fix, _estimate(values) if "from_position" in values else None)
 
 
 def _flag(values: Mapping[str, Array], name: str) -> bool:
