@@ -11,7 +11,7 @@ from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
-from isogal_ros.messages.imu import declared_variance, read_imu
+from isogal_ros.messages.imu import read_imu
 from isogal_ros.messages.stamps import peek_ns, to_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
@@ -94,11 +94,11 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         if self._solutions is not None:
             self._take_solution(ns, message, self._solutions)
             return
-        force, rate = read_imu(message, self.settings.imu_frame)
+        force, rate, declared = read_imu(message, self.settings.imu_frame)
         # before anything is concluded from it: an old sample says nothing of those of now
         self._navigation.require_later(ns)
-        declared = declared_variance(message) if self.scenario.imu.declared_noise else None
-        self._take_sample(ns, force, rate, declared=declared)
+        used = declared if self.scenario.imu.declared_noise else None
+        self._take_sample(ns, force, rate, declared=used)
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
         """Take what an INS felt since its last solution for samples."""

@@ -227,7 +227,7 @@ def test_the_sensors_of_an_autopilot(scenario) -> None:
         )  # fmt: skip
         imu, fixes = autopilot.heard(topics.IMU), autopilot.heard(topics.GNSS_FIX)
         (pressure,), (velocity,) = map(autopilot.heard, (topics.BAROMETER, topics.GNSS_VELOCITY))
-    force, rate = read_imu(serialize_message(imu[0]))
+    force, rate, _ = read_imu(serialize_message(imu[0]))
     np.testing.assert_allclose(force, (0.1, 0.2, -9.8), rtol=1e-6)
     np.testing.assert_allclose(rate, (1e-3, 2e-3, 3e-3), rtol=1e-6)
     stamps = [to_ns(one.header.stamp) for one in imu]
@@ -254,7 +254,7 @@ def test_ardupilots_units_and_a_velocity(scenario) -> None:
         )  # fmt: skip
         autopilot.send(raw, moved)
         (imu,), (velocity,) = map(autopilot.heard, (topics.IMU, topics.VELOCITY))
-    force, rate = read_imu(serialize_message(imu))
+    force, rate, _ = read_imu(serialize_message(imu))
     assert force == pytest.approx([0.0980665, 0.196133, -9.80665])
     assert rate == pytest.approx([1e-3, 2e-3, 3e-3])
     found, covariance = read_velocity(velocity)

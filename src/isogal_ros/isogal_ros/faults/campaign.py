@@ -2,7 +2,6 @@
 interrupted and goes on; in the end each fault is judged by all of its trials, in a table."""
 
 import json
-import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
@@ -34,16 +33,24 @@ most.
 
 | fault | trials | reported | after, s | during | after | without | ratio | lost | passed |
 |---|---|---|---|---|---|---|---|---|---|"""
-COLUMNS = {
-    "fault": "", "trials": "", "reported": "", "reported_after_s": ".0f", "error_during_m": ".0f",
-    "error_after_m": ".0f", "error_without_m": ".0f", "ratio": ".2f", "lost": "",
-}  # fmt: skip
-"""Of a row in the table, and how their numbers are written."""
 
 
-Row = dict[str, str | bool | float | list[str] | None]
-"""What became of all trials of a fault: an entry of ``faults.json``; None = not known, or it did
-not happen."""
+class Row(TypedDict):
+    """What became of all trials of a fault: an entry of ``faults.json``."""
+
+    fault: str
+    trials: int
+    matters: bool
+    reported: int
+    reported_after_s: float | None
+    report: str | None
+    error_during_m: float
+    error_after_m: float | None
+    error_without_m: float | None
+    ratio: float | None
+    lost: int
+    failures: list[str]
+    """What it has not passed for; empty = it has."""
 
 
 class Table(TypedDict):
@@ -118,8 +125,8 @@ def _read(path: Path) -> dict[tuple[str, int], Outcome]:
 
 def _words(outcome: Outcome) -> str:
     after, error = outcome.reported_after, outcome.error_after
-    reported = "not reported" if math.isnan(after) else f"reported after {after:.0f} s"
-    left = f"error of {error:.0f} m after it"
+    reported = "not reported" if after is None else f"reported after {after:.0f} s"
+    left = f"error {'unknown' if error is None else f'{error:.0f} m'} after it"
     return ", ".join(
         [f"{outcome.fault}, trial {outcome.trial}: {reported}", left, *outcome.errors]
     )
@@ -133,62 +140,63 @@ def two_batches(scenario: Scenario) -> float:
 def table_of(scenario: Scenario, faults: Iterable[Fault], outcomes: Iterable[Outcome]) -> Table:
     """Return the table of those faults of which there are outcomes."""
     known, limit = list(outcomes), two_batches(scenario)
-    own = [(fault, [one for one in known if one.fault == fault.name]) for fault in faults]
+    own = ((fault, [one for one in known if one.fault == fault.name]) for fault in faults)
     rows = [_row(fault, found, limit) for fault, found in own if found]
     return {
         "faults": rows,
-        "trials": sum(len(found) for _, found in own),
-        "failed": [str(row["fault"]) for row in rows if row["failures"]],
+        "trials": sum(row["trials"] for row in rows),
+        "failed": [row["fault"] for row in rows if row["failures"]],
     }
 
 
 def _row(fault: Fault, outcomes: Sequence[Outcome], limit: float) -> Row:
     """Judge a fault, which is reported in time within a limit (s), by all of its trials."""
-    after = np.array([one.reported_after for one in outcomes])
-    errors = np.array([(one.error_after, one.error_without) for one in outcomes])
-    rms, plain = np.sqrt(np.mean(errors**2, axis=0)).tolist()
-    allowed = RECOVERED * plain + ALLOWANCE / len(outcomes) ** 0.5
+    after = [o.reported_after for o in outcomes if o.reported_after is not None]
+    late = len(outcomes) - sum(one <= limit for one in after) if fault.matters else 0
+    rms, plain = _rms(o.error_after for o in outcomes), _rms(o.error_without for o in outcomes)
+    allowed = RECOVERED * (plain or 0.0) + ALLOWANCE / len(outcomes) ** 0.5
     wrong = {
-        "state not finite": sum(one.not_finite for one in outcomes),
-        "not reported in time": int((~(after <= limit)).sum()) if fault.matters else 0,
-        "not recovered from": int(not rms <= allowed),
+        "state not finite": sum(o.not_finite for o in outcomes),
+        "not reported in time": late,
+        "not recovered from": int(rms is None or plain is None or rms > allowed),
     }
     failures = [f"{count} x {what}" for what, count in wrong.items() if count]
-    failures += sorted({text.splitlines()[-1] for one in outcomes for text in one.errors})
-    reported = after[np.isfinite(after)]
-    numbers = {
-        "reported_after_s": float(np.median(reported)) if reported.size else math.nan,
-        "error_during_m": max(one.error_during for one in outcomes),
-        "error_after_m": rms,
-        "error_without_m": plain,
-        "ratio": rms / plain if plain else math.nan,
-    }
+    failures += sorted({text.splitlines()[-1] for o in outcomes for text in o.errors})
     return {
         "fault": fault.name,
         "trials": len(outcomes),
         "matters": fault.matters,
-        "reported": reported.size,
-        "report": next((one.report for one in outcomes if one.report), None),
-        **{name: None if math.isnan(value) else value for name, value in numbers.items()},
-        "lost": max(one.lost for one in outcomes),
+        "reported": len(after),
+        "reported_after_s": float(np.median(after)) if after else None,
+        "report": next((o.report for o in outcomes if o.report), None),
+        "error_during_m": max(o.error_during for o in outcomes),
+        "error_after_m": rms,
+        "error_without_m": plain,
+        "ratio": rms / plain if rms is not None and plain else None,
+        "lost": max(o.lost for o in outcomes),
         "failures": failures,
     }
 
 
+def _rms(values: Iterable[float | None]) -> float | None:
+    """Return the root mean square; None where a value is missing."""
+    found = np.array(list(values), dtype=float)
+    return None if np.isnan(found).any() else float(np.sqrt(np.mean(found**2)))
+
+
 def page_of(table: Table) -> str:
     """Return a table as a page."""
-    failed = ", ".join(table["failed"])
-    passed = f"passed: all but {failed}" if failed else "all passed"
+    failed = table["failed"]
+    passed = f"passed: all but {', '.join(failed)}" if failed else "all passed"
     summary = f"{len(table['faults'])} faults, {table['trials']} trials; {passed}."
     lines = ["# Faults", "", summary, "", HEAD]
     for row in table["faults"]:
-        cells = [
-            "–" if row[name] is None else f"{row[name]:{digits}}"
-            for name, digits in COLUMNS.items()
-        ]
-        if not row["matters"]:
-            cells[2] = f"({cells[2]})"
-        failures = row["failures"]
-        wrong = isinstance(failures, list) and "; ".join(failures)
-        lines.append(f"| {' | '.join(cells)} | {f'**no**: {wrong}' if wrong else 'yes'} |")
+        numbers = [row["reported_after_s"], row["error_during_m"]]
+        numbers += [row["error_after_m"], row["error_without_m"]]
+        reported = f"{row['reported']}" if row["matters"] else f"({row['reported']})"
+        cells = [row["fault"], str(row["trials"]), reported]
+        cells += ["–" if number is None else f"{number:.0f}" for number in numbers]
+        cells += ["–" if row["ratio"] is None else f"{row['ratio']:.2f}", str(row["lost"])]
+        passed = f"**no**: {'; '.join(row['failures'])}" if row["failures"] else "yes"
+        lines.append(f"| {' | '.join(cells)} | {passed} |")
     return "\n".join(lines) + "\n"

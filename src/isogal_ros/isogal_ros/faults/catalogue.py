@@ -52,13 +52,19 @@ class Fault:
         return within and not (self.effect == "slow" and elapsed // turn % 2)
 
 
-SOURCES: dict[str, tuple[Topic, ...]] = {
-    "imu": (topics.IMU,),
-    "fix": (topics.FIX, topics.INFORMATION),
-    "information": (topics.INFORMATION,),
-    "nav": (topics.NAV_FIX, topics.NAV_ODOM),
-}
-"""Topics by source of messages; those of ``reading`` are the instruments'."""
+def topics_of(source: str, readings: tuple[Topic, ...]) -> tuple[Topic, ...]:
+    """Return the topics of a source of messages (none of a node); `readings` are those of the
+    instruments."""
+    found = {
+        "imu": (topics.IMU,),
+        "reading": readings,
+        "fix": (topics.FIX, topics.INFORMATION),
+        "information": (topics.INFORMATION,),
+        "nav": (topics.NAV_FIX, topics.NAV_ODOM),
+    }
+    return found.get(source, ())
+
+
 _VALUES = {
     Imu: "linear_acceleration.x",
     AccelWithCovarianceStamped: "accel.accel.linear.z",

@@ -1,11 +1,12 @@
 """Trials: a run without fault, and the same with one fault from a time on, played to fresh
 nodes."""
 
-import math
 import re
 import signal
 import tempfile
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +22,7 @@ from isogal.seeds import generator
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.faults.catalogue import SOURCES, Fault, Moment
+from isogal_ros.faults.catalogue import Fault, Moment, topics_of
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.player import TICK, Player
 from isogal_ros.graph.recorded import load
@@ -48,7 +49,7 @@ STORES = ("truth", "last_nav", "readings", "fixes")
 @dataclass(frozen=True)
 class Outcome:
     """What became of the navigator in a run with a fault: a line of ``outcomes.jsonl``. Times in
-    s, errors in m; NaN = not known, or it did not happen."""
+    s, errors in m; None = not known, or it did not happen."""
 
     fault: str
     trial: int
@@ -56,42 +57,44 @@ class Outcome:
     """What ended a node, that the trial hung, and exceptions that were not foreseen."""
     not_finite: int
     """States that were not finite."""
-    reported_after: float
-    report: str
+    reported_after: float | None
+    report: str | None
     error_during: float
     """The largest."""
-    error_after: float
+    error_after: float | None
     """RMS, as the error of the run without fault."""
-    error_without: float
+    error_without: float | None
     lost: int
 
 
 class Track(NamedTuple):
-    """The navigator's horizontal error and 1-sigma (N,), m, at times (N,), s; NaN where a state
-    was not finite."""
+    """The navigator's horizontal error and 1-sigma (N,), m, at times (N,), s."""
 
     time: Array
     error: Array
     sigma: Array
+    not_finite: int
 
-    def rms(self, begin: float, end: float) -> float:
-        """Return the RMS error between two times (s); NaN where there is no state."""
-        within = self.error[(self.time > begin) & (self.time <= end) & np.isfinite(self.error)]
-        return float(np.sqrt(np.mean(within**2))) if within.size else math.nan
+    def rms(self, begin: float, end: float) -> float | None:
+        """Return the RMS error between two times (s); None where there is no state."""
+        within = self.error[(self.time > begin) & (self.time <= end)]
+        return float(np.sqrt(np.mean(within**2))) if within.size else None
 
 
 def track_of(collector: Collector) -> Track:
     """Return the navigator's error against the recorded truth."""
-    rows = np.full((3, len(collector.last_nav.keys() & collector.truth.keys())), np.nan)
-    for k, ns in enumerate(sorted(collector.last_nav.keys() & collector.truth.keys())):
-        rows[0, k] = to_seconds(ns)
+    rows, bad = [], 0
+    for ns in sorted(collector.last_nav.keys() & collector.truth.keys()):
         fix = deserialize_message(collector.last_nav[ns], topics.NAV_FIX.type)
-        if np.isfinite([fix.latitude, fix.longitude, *fix.position_covariance]).all():
-            truth = deserialize_message(collector.truth[ns], topics.TRUTH_FIX.type)
-            off = horizontal_difference(*read_position(fix)[:2], *read_position(truth)[:2])
-            variance = fix.position_covariance[0] + fix.position_covariance[4]
-            rows[1:, k] = np.hypot(*off), np.sqrt(variance)
-    return Track(*rows)
+        if not np.isfinite([fix.latitude, fix.longitude, *fix.position_covariance]).all():
+            bad += 1
+            continue
+        truth = deserialize_message(collector.truth[ns], topics.TRUTH_FIX.type)
+        off = horizontal_difference(*read_position(fix)[:2], *read_position(truth)[:2])
+        sigma = np.sqrt(fix.position_covariance[0] + fix.position_covariance[4])
+        rows.append((to_seconds(ns), float(np.hypot(*off)), float(sigma)))
+    time, error, sigma = np.array(rows).reshape(-1, 3).T
+    return Track(time, error, sigma, bad)
 
 
 class Feed:
@@ -140,6 +143,23 @@ class Feed:
         return Player(replace(self.recorded, scenario=self.scenario), own, {})
 
 
+@contextmanager
+def _limited() -> Iterator[None]:
+    """Raise SystemExit, which no node takes for what is wrong with a message, where the block
+    lasts for `LIMIT`; in the main thread."""
+
+    def end(*_: object) -> None:
+        raise SystemExit(f"nothing came within {LIMIT:g} s")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def run_trial(feed: Feed, fault: Fault) -> Outcome:
     """Play a run with a fault, which begins at a time drawn from seed, run and its name, and
     return what became of it."""
@@ -155,24 +175,28 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
             player.play(begin - 1e-9)
             known = len(player.reports)
             try:
-                _play(player, fault, begin, until, rng)
+                with _limited():
+                    _play(player, fault, begin, until, rng)
             except (Exception, SystemExit):
                 errors.append(traceback.format_exc(limit=-3))
     track = track_of(player.collector)
     during = track.error[(track.time >= begin) & (track.time <= begin + fault.lasts + 1.0)]
     new = (one for one in player.reports[known:] if without_numbers(one[1]) not in feed.reports)
-    first, text = next(new, (math.nan, ""))
+    first, text = next(new, (None, None))
     errors += [without_numbers(one) for one in player.bus.errors if UNEXPECTED.search(one)]
-    stores = [(getattr(feed.collector, name), getattr(player.collector, name)) for name in STORES]
-    lost = [ns for before, now in stores for ns in before.keys() - now.keys()]
+    lost = [
+        ns
+        for name in STORES
+        for ns in getattr(feed.collector, name).keys() - getattr(player.collector, name).keys()
+    ]
     return Outcome(
         fault.name,
         feed.run,
         list(dict.fromkeys(errors)),
-        int(np.isnan(track.error).sum()),
-        max(first - begin, 0.0),
+        track.not_finite,
+        None if first is None else max(first - begin, 0.0),
         text,
-        float(np.nan_to_num(during).max(initial=0.0)),
+        float(during.max(initial=0.0)),
         track.rms(after, until),
         feed.track.rms(after, until),
         sum(to_seconds(ns) <= until for ns in lost),
@@ -182,41 +206,31 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
 def _play(
     player: Player, fault: Fault, begin: float, until: float, rng: np.random.Generator
 ) -> None:
-    """Play a run from where a player is, with a fault that begins now (s), up to a time (s); in
-    the main thread. Raises SystemExit, which no node takes for what is wrong with a message, where
-    that lasts for `LIMIT`."""
-    source, effect = fault.targets[0], fault.effect
-    of_source = SOURCES.get(source, player.recorded.readings if source == "reading" else ())
+    """Play a run from where a player is, with a fault that begins now (s), up to a time (s)."""
+    of_source = topics_of(fault.targets[0], player.recorded.readings)
     types = {topic.name: topic.type for topic in of_source}
     moments: dict[str, Moment] = {}
 
     def change(topic: str, data: bytes) -> list[bytes]:
         """Return what comes instead of a serialised message."""
-        since = player.bus.now - begin
+        effect, since = fault.effect, player.bus.now - begin
         if isinstance(effect, str) or topic not in types or not fault.is_on(since):
             return [data]
         moment = moments.setdefault(topic, Moment(rng))
         moment.since = since
         moment.came.append(deserialize_message(data, types[topic]))
-        changed = effect(deserialize_message(data, types[topic]), moment)
-        return [serialize_message(one) for one in changed]
-
-    def end(*_: object) -> None:
-        raise SystemExit(f"nothing came within {LIMIT:g} s")
+        return [
+            serialize_message(one)
+            for one in effect(deserialize_message(data, types[topic]), moment)
+        ]
 
     acts, player.bus.change = False, change
-    before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, LIMIT)
-    try:
-        for ns in player.steps(until):
-            is_on = fault.is_on(to_seconds(ns) - begin, TURN)
-            if isinstance(effect, str) and acts != is_on:
-                acts = is_on
-                for name in fault.targets:
-                    _act(player, effect, name, acts)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+    for ns in player.steps(until):
+        is_on = fault.is_on(to_seconds(ns) - begin, TURN)
+        if isinstance(fault.effect, str) and acts != is_on:
+            acts = is_on
+            for name in fault.targets:
+                _act(player, fault.effect, name, acts)
 
 
 def _act(player: Player, effect: str, name: str, begins: bool) -> None:
