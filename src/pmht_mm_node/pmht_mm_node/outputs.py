@@ -29,7 +29,16 @@ class Outputs:
         self._m_pose.header.frame_id, self._frame = MAP, map_frame(node.scenario)
 
     def publish(self, ns: int, batch: Batch, fix: Fix, nav: NavSample) -> None:
-        """Publish what a batch has given with the navigator's estimate at its end."""
+        """Publish what a batch has given.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp of its end.
+        batch, fix : Batch, Fix
+        nav : NavSample
+            The navigator's estimate there.
+        """
         self._candidates.publish(candidates_cloud(ns, fix.candidates))
         height = nav.position[2]
         if fix.published and self._retrodict and not fix.reset and fix.scan_position is not None:

@@ -51,9 +51,21 @@ class Outputs:
         since: AidedSince | Passage | None = None,
         aligned: bool = True,
     ) -> None:
-        """Publish a state, the angular rate (3,) FRD that the gyroscopes measured, and what there
-        is to say of the time since the last fix. One that is not aligned promises nothing: it is
-        no fix, and has no protection level, path or transforms."""
+        """Publish a state.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp.
+        state : FilterState
+        angular_rate : (3,) array
+            As the gyroscopes measured it, FRD, rad/s.
+        since : AidedSince or Passage, optional
+            What there is to say of the time since the last fix.
+        aligned : bool
+            A state that is not promises nothing: it is no fix, and has no protection level, path
+            or transforms.
+        """
         covariance = state.covariance
         latitude, longitude, height = state.position.tolist()
         # odometry first: a lock-step simulation goes on with it while the rest is made

@@ -319,8 +319,22 @@ class SampleChecks:
         node.watch("silent", lambda: self._monitor.silent, ERROR)
 
     def take(self, ns: int, force: Array, rate: Array, stepped: bool) -> None:
-        """Check a sample of a stamp (ns); `stepped`: its interval is known otherwise. Raises
-        BadMessageError where it cannot be true."""
+        """Check a sample.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp.
+        force, rate : (3,) arrays
+            FRD, m/s² and rad/s.
+        stepped : bool
+            Whether its interval is known otherwise than by its stamp.
+
+        Raises
+        ------
+        BadMessageError
+            It cannot be true.
+        """
         try:
             self._monitor.take(force, rate)
         except StuckError as error:

@@ -68,8 +68,19 @@ class SampleReport:
         self._health.state(level, f"{samples} IMU samples missing before {end:.3f} s, bridged")
 
     def step(self, ns: int, force: Array, attitude: Array | None, missing: float) -> None:
-        """Look at what has led to the state of a stamp: a specific force (3,), the attitude (4,)
-        it belongs to (None = not known yet), and the time (s) without samples before it."""
+        """Tell of what has led to a state.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp of the state.
+        force : (3,) array
+            Specific force, FRD, m/s².
+        attitude : (4,) array, optional
+            Quaternion FRD to NED that it belongs to; None = not known yet.
+        missing : float
+            s without samples before it.
+        """
         if attitude is not None:
             said = self._gravity.take(to_seconds(ns), force, attitude)
             self._health.concern("upright", said, ERROR)

@@ -114,8 +114,22 @@ class Solutions:
     def samples(
         self, ns: int, message: Solution, navigation: Navigation, time_jumps: TimeJumps
     ) -> list[Sample]:
-        """Return what the INS felt since its last solution; raises BadMessageError where a message
-        (its stamp) cannot be used, or does not say that."""
+        """Return what the INS felt since its last solution.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp of the message.
+        message : Odometry or Joined
+        navigation : Navigation
+            Whose newest stamp the message's must be later than.
+        time_jumps : TimeJumps
+
+        Raises
+        ------
+        BadMessageError
+            The message cannot be used, or does not say that.
+        """
         solution = self.read(message)
         navigation.require_later(ns)
         if navigation.navigator is not None:

@@ -115,8 +115,17 @@ def read_pressure(message: FluidPressure, settings: Height) -> tuple[float, floa
 def fill_twist(
     message: TwistWithCovarianceStamped, ns: int, velocity: Array, variance: ArrayLike = 0.0
 ) -> None:
-    """Write a velocity (3,), m/s, on the message's own axes into a TwistWithCovarianceStamped, and
-    the variance of each axis, 0 = unknown; one that is not measured (NaN) has the variance -1."""
+    """Write a velocity into a TwistWithCovarianceStamped.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    velocity : (3,) array
+        m/s, on the message's axes; NaN = not measured, which has the variance -1.
+    variance : (3,) array or float
+        Of each axis, (m/s)²; 0 = unknown.
+    """
     set_stamp(message.header.stamp, ns)
     linear = message.twist.twist.linear
     linear.x, linear.y, linear.z = np.nan_to_num(velocity).tolist()
@@ -215,8 +224,18 @@ def read_pose_position(
 
 
 def fill_heading(message: Imu, ns: int, heading: float, aid: HeadingAid) -> None:
-    """Write a heading (rad) into an Imu message that has an orientation only: level, east-north-up
-    to forward-left-up; the aid's variance, mounting not included."""
+    """Write a heading into an Imu message that has an orientation only: level, east-north-up to
+    forward-left-up.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    heading : float
+        rad from north over east.
+    aid : scenario.HeadingAid
+        What it believes of its errors; those of its mounting are not in the message's variance.
+    """
     set_stamp(message.header.stamp, ns)
     half = 0.5 * (0.5 * math.pi - heading)
     message.orientation = Quaternion(w=math.cos(half), z=math.sin(half))

@@ -94,8 +94,18 @@ def read_range(message: Range) -> tuple[float, float | None]:
 def terrain_message(
     topic: topics.Topic, ns: int, value: Reading, variance: Reading, place: Place
 ) -> NavSatFix:
-    """Return a message of a terrain height, m; NaN = no altitude, as the definition of the message
-    has it."""
+    """Return a message of a terrain height.
+
+    Parameters
+    ----------
+    topic : Topic
+    ns : int
+        Stamp.
+    value, variance : float
+        m and m²; NaN = no altitude, as the definition of the message has it.
+    place : (latitude rad, longitude rad), optional
+        None = not known.
+    """
     message, height = framed(topic, GROUND), float(value)
     code = NavSatStatus.STATUS_NO_FIX if math.isnan(height) else NavSatStatus.STATUS_FIX
     covariance = np.diag([NOT_MEASURED, NOT_MEASURED, float(variance)])

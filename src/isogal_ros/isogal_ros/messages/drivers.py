@@ -266,7 +266,17 @@ class Entrance:
         return message
 
     def take_serialised(self, topic: Topic, data: bytes, kind: str, received: int) -> bytes:
-        """Return what `take` returns, serialised; `kind` is the ROS name of the message's type."""
+        """Return what `take` returns, serialised.
+
+        Parameters
+        ----------
+        data : bytes
+            The message, serialised.
+        kind : str
+            ROS name of its type.
+        received : int
+            As of `take`.
+        """
         taken = type_taken(topic, (kind,)) or topic.type
         if taken is topic.type and not self.changes(topic):
             return data

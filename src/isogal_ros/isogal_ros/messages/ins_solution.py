@@ -109,9 +109,18 @@ def read_position_and_velocity(
 def fill_error(
     message: Odometry, ns: int, solution: Array, state: Array, covariance: Array
 ) -> None:
-    """Write what is wrong with a solution (10,) if the vehicle is in a state (10,) of a covariance
-    (9+, 9+; position, velocity, attitude, NED): solution less state, the attitude as the rotation
-    from the state's to the solution's, all on axes east, north, up."""
+    """Write what is wrong with a solution: solution less state, the attitude as the rotation from
+    the state's to the solution's, all on axes east, north, up.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp of both.
+    solution, state : (10,) arrays
+        As `read_solution` returns it; the state is where the vehicle is taken to be.
+    covariance : (9+, 9+) array
+        Of the state: position, velocity, attitude, NED.
+    """
     set_stamp(message.header.stamp, ns)
     message.header.frame_id = message.child_frame_id = ENU
     north, east = horizontal_difference(*solution[:2], *state[:2])

@@ -68,10 +68,18 @@ def fill_nav_covariance(
     covariance: Array,
     since: AidedSince | Passage | None = None,
 ) -> None:
-    """Write the covariance (7, 7) of a batch's states at a stamp and, where there is something to
-    say of the time since the last fix, the stamp of that and: what satellites have told, as the
-    covariance without them (7, 7) and what they have changed the estimate by (7,); or a passage,
-    its arrays in their order."""
+    """Write the covariance of the navigator's errors.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    covariance : (7, 7) array
+        Of a batch's states (`isogal.inertial.error_state`).
+    since : AidedSince or Passage, optional
+        What there is to say of the time since the last fix; its stamp and its arrays follow the
+        covariance.
+    """
     if since is None:
         fill_numbers(message, ns, covariance)
         return
