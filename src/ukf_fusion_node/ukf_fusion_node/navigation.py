@@ -16,12 +16,9 @@ from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import batch_difference
-from isogal.matching.interfaces import Aided
-from isogal.passage import Passage
+from isogal.passage import Since
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
-from isogal_ros.messages.stamped_numbers import AidedSince
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
@@ -107,23 +104,14 @@ class Navigation:
         self._fixed = max(ns, self._fixed)
 
     @property
-    def since(self) -> AidedSince | Passage | None:
-        """What has become of the error since the last fix, at the newest stamp published, where
-        the heading is not known well; else what satellites have told."""
+    def since(self) -> Since | None:
+        """What there is to say of the time since the last fix, at the newest stamp published."""
         if self.navigator is None or self._published > self.ns or not self.aligned:
             return None
         try:
-            without = self.navigator.unaided(to_seconds(self._fixed))
-            if without is None or not self.navigator.model.judges_satellites:
-                passage = self.navigator.passage(to_seconds(self._fixed))
-                if passage is not None:
-                    return passage
+            return self.navigator.since(to_seconds(self._fixed))
         except FilterDivergenceError:
             return None
-        if without is None:
-            return None
-        jump = batch_difference(self.state.estimate, without.estimate)
-        return AidedSince(self._fixed, Aided(without.batch_prior, jump))
 
     def _state_at(self, ns: int) -> FilterState:
         assert self.navigator is not None

@@ -3,15 +3,13 @@ errors. Why this type: `isogal_ros.topics`."""
 
 import math
 import struct
-from typing import NamedTuple
 
 import numpy as np
 from std_msgs.msg import Float64MultiArray
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
-from isogal.matching.interfaces import Aided
-from isogal.passage import Passage
+from isogal.passage import Aided, Passage, Since
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
@@ -19,24 +17,6 @@ from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 _HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
 """By whether the byte order is little-endian: the length of layout.dim, then, after
 layout.data_offset and the length of data, the first two numbers."""
-
-
-class AidedSince(NamedTuple):
-    """What satellites have told the navigator since a fix."""
-
-    since: int
-    """Stamp of the fix, ns."""
-    told: Aided
-
-    @property
-    def begin(self) -> float:
-        """Time of the fix, s."""
-        return to_seconds(self.since)
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """All but the time."""
-        return self.told.covariance, self.told.jump
 
 
 def fill_numbers(message: Float64MultiArray | Prepared, ns: int, *arrays: Array) -> None:
@@ -66,7 +46,7 @@ def fill_nav_covariance(
     message: Float64MultiArray | Prepared,
     ns: int,
     covariance: Array,
-    since: AidedSince | Passage | None = None,
+    since: Since | None = None,
 ) -> None:
     """Write the covariance of the navigator's errors.
 
@@ -76,7 +56,7 @@ def fill_nav_covariance(
         Stamp.
     covariance : (7, 7) array
         Of a batch's states (`isogal.inertial.error_state`).
-    since : AidedSince or Passage, optional
+    since : Aided or Passage, optional
         What there is to say of the time since the last fix; its stamp and its arrays follow the
         covariance.
     """
@@ -89,7 +69,7 @@ def fill_nav_covariance(
 
 def read_nav_covariance(
     message: Float64MultiArray,
-) -> tuple[Array, AidedSince | Passage | None]:
+) -> tuple[Array, Since | None]:
     """Return the covariance of a batch's states (`isogal.inertial.error_state`): (7, 7), or (4, 4)
     without the attitude; and what there is to say of the time since the last fix, if anything.
 
@@ -116,12 +96,12 @@ def read_nav_covariance(
     return covariance, since
 
 
-def _read_since(ns: int, values: Array) -> AidedSince | Passage:
+def _read_since(ns: int, values: Array) -> Since:
     """Return what numbers say of the time since a stamp (ns)."""
     n = BATCH_STATES
     if len(values) == n * n + n:
-        aided = AidedSince(ns, Aided(values[: n * n].reshape(n, n), values[n * n :]))
-        require_covariance(aided.told.covariance)
+        aided = Aided(to_seconds(ns), values[: n * n].reshape(n, n), values[n * n :])
+        require_covariance(aided.covariance)
         return aided
     try:
         passage = Passage.of_numbers(to_seconds(ns), values)

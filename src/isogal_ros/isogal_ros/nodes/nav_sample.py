@@ -11,11 +11,10 @@ from isogal.earth.frames import LocalFrame
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
-from isogal.passage import Passage
+from isogal.passage import Since
 from isogal_ros.messages.frames import FRD_FLU
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
-from isogal_ros.messages.stamped_numbers import AidedSince
 from isogal_ros.messages.stamps import to_ns, to_seconds
 
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
@@ -37,7 +36,7 @@ class NavSample:
     not known."""
     height_variance: float
     """m²."""
-    since: AidedSince | Passage | None = None
+    since: Since | None = None
     """What satellites have told the navigator since a fix, or what has become of its error; None =
     nothing is said."""
     turn: Array | None = None
