@@ -18,7 +18,6 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator
 from isogal.scenario import Scenario
-from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.scans import Thinning
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -147,15 +146,10 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
         for reduction, adapter, publisher in self._outputs:
             value, total, place = math.nan * sensed, variance, None
             if nav is not None and not repeated:
-                latitude, longitude, height = nav.position
-                place = latitude, longitude
-                north, east = nav.velocity[:2]
-                estimate = State(*place, height, north, east, nav.attitude, nav.turn)
-                value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
-                by_navigator = reduction_variance(
-                    reduction, estimate, nav.covariance[:4, :4], nav.height_variance
-                )
-                total = variance + float(by_navigator)
+                dated = reduction.dated(to_seconds(ns))
+                value = dated.reduce(sensed, nav.sensor)[()]
+                total = variance + nav.variance_by(dated)
+                place = nav.position[0], nav.position[1]
             publisher.publish(adapter.write_reduced(ns, value, total, place))
         self.health.count("readings")
         self.health.figures["last reading"] = to_seconds(ns)

@@ -116,7 +116,7 @@ class Navigator:
     @property
     def aligned(self) -> bool:
         """Whether the state may be trusted: not while it is still being aligned."""
-        return not isinstance(self.inertial, Alignment) or self.inertial.aligned
+        return self.inertial.aligned
 
     @property
     def state(self) -> FilterState:

@@ -13,7 +13,6 @@ from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import each_map
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
-from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
@@ -129,14 +128,7 @@ class PmhtMmNode(GraphNode):
         navigator's error adds by the reduction, which the batch has of its own; 0 = not known."""
         if isinstance(variance, np.ndarray):
             return 0.0  # of several channels the scenario says it
-        latitude, longitude, height = nav.position
-        north, east, _ = nav.velocity
-        at = State(latitude, longitude, height, north, east, nav.attitude)
-        reduction = self._reductions[field].dated(to_seconds(nav.ns))
-        by_navigator = reduction_variance(
-            reduction, at, nav.covariance[:4, :4], nav.height_variance
-        )
-        own = variance - float(by_navigator)
+        own = variance - nav.variance_by(self._reductions[field].dated(to_seconds(nav.ns)))
         return own if own > 0.0 else float(variance)
 
     def _match(self, nav: NavSample) -> None:

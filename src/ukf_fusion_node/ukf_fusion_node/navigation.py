@@ -246,7 +246,7 @@ class Navigation:
     @property
     def aligned(self) -> bool:
         """Whether the state may be trusted: not while it is still being aligned."""
-        return not isinstance(self.navigator, Alignment) or self.navigator.aligned
+        return self.navigator is None or self.navigator.aligned
 
     def back(self, samples: int) -> bool:
         """Forget the newest samples, which were not true, and return whether they are forgotten;

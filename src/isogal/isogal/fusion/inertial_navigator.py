@@ -54,6 +54,10 @@ class InertialNavigator:
         that moves steadily.
     """
 
+    aligned: bool = True
+    """Whether the state may be trusted; not while it is being aligned
+    (`isogal.fusion.alignment`)."""
+
     def __init__(
         self,
         model: FilterModel,

@@ -12,6 +12,7 @@ from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
 from isogal.passage import Since
+from isogal.sensors.reduction import Reduction, State, reduction_variance
 from isogal_ros.messages.frames import FRD_FLU
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
@@ -44,6 +45,19 @@ class NavSample:
     aligned: bool = True
     """Whether the navigator is aligned: one that is not says where it may be, and promises
     nothing."""
+
+    @property
+    def sensor(self) -> State:
+        """Where a sensor is, and how it moves."""
+        latitude, longitude, height = self.position
+        north, east, _ = self.velocity
+        return State(latitude, longitude, height, north, east, self.attitude, self.turn)
+
+    def variance_by(self, reduction: Reduction) -> float:
+        """Return the variance that the navigator's uncertainty puts into a reading by its
+        reduction, in the unit of the map squared."""
+        covariance = self.covariance[:4, :4]
+        return float(reduction_variance(reduction, self.sensor, covariance, self.height_variance))
 
 
 def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:
