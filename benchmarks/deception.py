@@ -182,7 +182,8 @@ def main() -> None:
                 cells = closed_loop.cells_of(found, COLUMNS)
                 lines.append(closed_loop.line_of([grade, name, *cells]))
                 print(lines[-1], flush=True)
-    closed_loop.write_between(asked.page, closed_loop.marks_of(__file__), "\n".join(lines))
+    text = f"{asked.runs} runs a row.\n\n" + "\n".join(lines)
+    closed_loop.write_between(asked.page, closed_loop.marks_of(__file__), text, seed=asked.seed)
 
 
 if __name__ == "__main__":
