@@ -14,6 +14,7 @@ from acceptance_rows import AUSTRALIA, GOOD, MAPS, READINGS
 
 from isogal.scenario import Scenario, load_scenario
 
+MARKS = closed_loop.marks_of(__file__)
 SATELLITES = ["gnss.available=[[0, 3600]]"]
 LEARNT = {
     "low-pass of 30 s": ["truth.gravimeter.filter_time=30"],
@@ -56,7 +57,7 @@ def main() -> None:
     }
     table = closed_loop.study(["readings", "told"], wanted, COLUMNS, asked)
     text = f"{asked.runs} runs a row.\n\n{table}"
-    closed_loop.write_between(asked.page, closed_loop.marks_of(__file__), text, seed=asked.seed)
+    closed_loop.write_between(asked.page, MARKS, text, seed=asked.seed)
 
 
 if __name__ == "__main__":

@@ -81,7 +81,10 @@ def test_a_page_gets_the_table_and_its_date_between_its_marks(tmp_path):
 
 @pytest.mark.parametrize(
     "script",
-    ["felt_gravity", "integrity", "mismatch", "navigability", "several_fields"],
+    [
+        *("alignment", "black_box", "deception", "felt_gravity", "integrity", "mismatch"),
+        *("navigability", "several_fields", "smoothing", "voyage"),
+    ],
 )
 def test_the_page_that_a_script_names_has_its_marks(script):
     module = importlib.import_module(script)
