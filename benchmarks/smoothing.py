@@ -12,7 +12,8 @@ computed again; after a change of the library, begin with an empty folder.
 
 What runs differ by is mostly chance that no estimator can help. So some are smoothed by the
 readings as well, with the errors of map and instrument told: a linear smoother, whose error is the
-bound in the mean and has the same chance in it (not where the start is not as told)."""
+bound in the mean and has the same chance in it. Not so where the start is uncertain by kilometres,
+over which readings are not linear."""
 
 import argparse
 import math
@@ -44,6 +45,8 @@ from isogal.sensors.trajectory import build_trajectory
 MARKS = closed_loop.marks_of(__file__)
 LAG = 300.0
 """s, the other lag."""
+NOT_LINEAR = 1000.0
+"""m; starts of the rows are known to 50 m, or uncertain by 5 km and more."""
 SEED = 0
 CHUNK = 2
 """Runs to a job."""
@@ -106,15 +109,14 @@ def figures_of(
     scenario: Scenario, options: argparse.Namespace, pool: Executor
 ) -> closed_loop.Figures:
     """Return the figures of runs of a scenario; see `COLUMNS`."""
-    as_told = _unsure(scenario)
-    compared = options.compared_runs if as_told is scenario else 0
+    compared = 0 if _unsure_of_start(scenario) else options.compared_runs
     parts = closed_loop.parts_of(scenario, options.runs, options.out, CHUNK, math.inf)
     compute = partial(some_runs, scenario, compared=compared)
     records, told = zip(*pool.map(compute, *zip(*parts, strict=True)), strict=True)
     record = Runs.concatenate(records)
     trajectory = build_trajectory(scenario)
     maps = maps_for_scenario(scenario, trajectory)
-    limit = posterior_cramer_rao(as_told, trajectory, maps, smoothed=True)
+    limit = posterior_cramer_rao(_unsure(scenario), trajectory, maps, smoothed=True)
     bound = closed_loop.rms(limit.smoothed_rms_at(record.time))
     states = record.smoothed
     assert states is not None
@@ -128,7 +130,7 @@ def figures_of(
         "bound": bound,
         "ratio": rms / bound,
         "ratio_error": float(squared.std() / np.sqrt(len(record)) / (2.0 * rms) / bound),
-        **_paired(squared, np.concatenate(told)),
+        **_paired(squared, np.concatenate(told)[:compared]),
         "nees": float(np.mean(nees_per_axis(states.error, states.covariance))),
         "nees_causal": float(np.mean(nees_per_axis(record.error, record.covariance))),
     }
@@ -157,6 +159,12 @@ def _of_causal_late(scenario: Scenario, options: argparse.Namespace, pool: Execu
     late = closed_loop.kept_runs(scenario, options.late_runs, options.out, pool, CHUNK, LAG)
     assert late.smoothed is not None
     return closed_loop.rms(late.smoothed.horizontal_error) / closed_loop.rms(late.horizontal_error)
+
+
+def _unsure_of_start(scenario: Scenario) -> bool:
+    """Whether readings are not linear about a start that is as wrong as this one may be."""
+    initial = scenario.initial_error
+    return math.hypot(initial.position, initial.hidden_position) > NOT_LINEAR
 
 
 def _unsure(scenario: Scenario) -> Scenario:
