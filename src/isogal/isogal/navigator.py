@@ -223,9 +223,13 @@ class Navigator:
             raise ValueError("the navigator is not aligned yet")
         if not self._whole:
             return self.inertial.smoothed(time)
-        sensed = [Sensed.joined(parts) if parts else None for parts in self._sensed]
-        voyage = self._scenario, self._maps, sensed, self._figures
+        voyage = self._scenario, self._maps, self.sensed, self._figures
         return smoothed_voyage(self.inertial, time, *voyage)
+
+    @property
+    def sensed(self) -> list[Sensed | None]:
+        """All readings of each field; None = there are none, or the horizon is finite."""
+        return [Sensed.joined(parts) if parts else None for parts in self._sensed]
 
     def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:
         """Apply a fix of any time within the horizon, and carry what it changes back to the

@@ -40,6 +40,8 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 Revised = Callable[[int, Integers, Array], None]
 """Called with a run's place in the list of runs, the indices of past states that retrodiction has
 changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
+Finished = Callable[[int, Navigator], None]
+"""Called with a run's place in the list of runs, and its navigator at the end."""
 Arrivals = dict[int, list[tuple[float, Measurement]]]
 """Measurements, each with its time (s), by the number of IMU intervals before they come."""
 
@@ -59,6 +61,7 @@ def simulate(
     revised: Revised | None = None,
     *,
     lag: float = 0.0,
+    finished: Finished | None = None,
 ) -> Runs:
     """Run the closed loop and return its record, at the start and at every scan.
 
@@ -77,6 +80,8 @@ def simulate(
     lag : float
         Record besides what all data until so much later say of each state, s; infinite = all data
         of the run, 0 = nothing.
+    finished : callable, optional
+        Called with each navigator at the end of its run.
 
     Raises
     ------
@@ -105,6 +110,8 @@ def simulate(
                     scans = np.arange(before + 1, scan + 1)
                     revised(run, scans, simulation.track(navigator, before, scan))
             simulation.look_back(navigator, run, scan, recorder)
+        if finished is not None:
+            finished(run, navigator)
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
