@@ -17,11 +17,11 @@ from helpers.magnetics import (
     spread,
 )
 from isogal.errors import InputError
+from isogal.evaluation.calibration_report import by_heading
 from isogal.magnetics.band_pass import Band
 from isogal.magnetics.calibration import Settings, calibrate
 from isogal.magnetics.manoeuvres import Flight, calibration_flight, ordinary_flight
 from isogal.magnetics.readings import BaseStation, Readings
-from isogal.tracks.magnetic_report import by_heading
 
 NO_LAG = Settings(lag=0.0)
 

@@ -128,9 +128,20 @@ def test_a_gridded_map_may_be_displaced():
     north, east = np.diag(displacement(short))
     assert north == pytest.approx(east) and abs(displacement(short)[0, 1]) < 1e-6 * north
     assert SIZE * 1e3 * 0.02 < np.sqrt(north) < SIZE * 4e3 * 0.4
-    # a long track is displaced as a short one; how its fixes scatter is of other maps
-    assert 0.3 < displacement(long)[0, 0] / north < 3.0
-    assert not excess(short).any()
+    # of one model, however long the track is
+    for shifts in (short, long):
+        one = replace(shifts, which=(shifts.which[0][:1],), parts=(shifts.parts[0][:1],))
+        seen, model = one.seen[0], one.which[0]
+        error, length = seen.map_sigma(model)[0] ** 2, seen.models.length[model[0]]
+        share = error / (error + seen.shown(one.likeliest))
+        expected = (SIZE * length) ** 2 * share * np.eye(2)
+        np.testing.assert_allclose(displacement(one), expected, rtol=1e-6, atol=1e-3)
+
+
+def test_how_fixes_scatter_counts_on_maps_that_do_not_say_their_error(monkeypatch):
+    monkeypatch.setattr("isogal.tracks.jackknife._fixes", lambda *_: 1e5 * np.eye(2))
+    assert excess(_shifts(DISTURBANCE)).any()
+    assert not excess(_shifts(_gridded(2e-5))).any()
 
 
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():

@@ -12,8 +12,8 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.arrays import Array
+    from isogal.inertial.ins_file import InsFile
     from isogal.scenario import Scenario
-    from isogal.tracks.ins_file import InsFile
 
 
 @with_groups
@@ -47,7 +47,7 @@ def bag(
     Times are seconds or ISO 8601; velocity is in m/s, angles in deg. Where the scenario has no
     route of its own, that is the straight line from the first to the last place."""
     from isogal.cli.run import require_ros
-    from isogal.tracks.ins_file import read_ins_file
+    from isogal.inertial.ins_file import read_ins_file
 
     require_ros("a recording")
     from isogal_ros.bags.from_ins import write_ins_bag

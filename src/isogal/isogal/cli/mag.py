@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from isogal.arrays import Array
     from isogal.magnetics.calibration import Settings
-    from isogal.tracks.magnetic_flight import MagneticFlight
+    from isogal.magnetics.flight import MagneticFlight
 
 
 app = typer.Typer(
@@ -59,7 +59,7 @@ class FlightChoice:
 
     def read(self) -> "MagneticFlight":
         """Return the flight, less the daily variation; raises InputError."""
-        from isogal.tracks.magnetic_flight import read_magnetic_flight
+        from isogal.magnetics.flight import read_magnetic_flight
 
         return read_magnetic_flight(self.flight, self.base)
 
@@ -118,12 +118,12 @@ def calibrate(
 
     The coefficients are those of Tolles and Lawson: 3 of permanent magnetisation, 6 of induced, 9
     of eddy currents, and 3 for each current that is measured."""
+    from isogal.evaluation.calibration_report import in_words, summary, write_calibration_report
     from isogal.magnetics.calibration import calibrate as learn
-    from isogal.tracks.magnetic_report import in_words, summary, write_calibration_report
 
     settings, flight = fitting.settings(), chosen.read()
     known = flight.reference
-    if known is None and flight.track is not None:
+    if known is None and flight.places is not None:
         known = _main_field_or_height(chosen, flight)
     found = learn(flight.readings, known, settings, flight.reference is not None)
     found.compensation.write(out)
@@ -182,7 +182,7 @@ def compensate(
     anomaly, a track for isogal match --reduction main-field."""
     import numpy as np
 
-    from isogal.tracks.magnetic_flight import write_compensated
+    from isogal.magnetics.flight import write_compensated
 
     flight = chosen.read()
     main_field = chosen.main_field(flight)

@@ -13,6 +13,7 @@ planning           which route lets the navigator arrive with the least error?
 ins_error_model    the navigator's linear error model along a trajectory
 figures            figures of runs
 run_report         the report of `isogal run` and of `isogal montecarlo`
+calibration_report the report of `isogal mag calibrate`
 view               the page of `isogal view`
 comparison         runs or studies side by side: `isogal compare`
 html_report        HTML reports in general: sections, tables, figures, numbers as text

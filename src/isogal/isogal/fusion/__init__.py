@@ -4,6 +4,7 @@ inertial_navigator  strapdown and filter of one navigator, with a history: late 
 measurements        what the filter is updated with, a measurement model in each file
 prediction          a state through IMU intervals
 state               mean and covariance
+smoothed_track      a smoothed voyage as CSV, GeoJSON and GPX
 mixture             several states of which one is true
 alignment           the first state of a navigator that is told no attitude
 coarse              first attitudes: levelling, gyrocompassing, a bank of headings

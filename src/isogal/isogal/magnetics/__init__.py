@@ -4,6 +4,7 @@ Model
 
 - `terms`: which terms has the Tolles-Lawson model?
 - `readings`: what do a scalar and a vector magnetometer give, and a base station?
+- `flight`: how are they read from text files, and a compensated track written?
 - `compensation`: the coefficients, their file, and how they are applied.
 - `stream`: how are they applied to readings as they come?
 

@@ -6,9 +6,6 @@ Reading
 - `csv_file`: how is one read from a text file?
 - `averaging`: how does a dense one become a sparse one?
 - `recording`: how is one read from a bag?
-- `ins_file`: what has an INS said, by a text file?
-- `magnetic_flight`: how is a flight with two magnetometers read, and its compensated track
-  written?
 
 Matching
 
@@ -29,6 +26,5 @@ Results
 
 - `results`: how are fixes written as JSON, CSV and GeoJSON?
 - `figures`: how do track, fixes and readings look, and how likely is each shift?
-- `magnetic_report`: what did a calibration flight find?
 - `match_report`: how is all this shown on one page?
 """

@@ -9,9 +9,9 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.errors import InputError
+from isogal.inertial.ins_file import ANGLES, VELOCITY
 from isogal.maps.gridding.reading import geographic
 from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, TIME, Column, Rows, read_rows
-from isogal.tracks.ins_file import ANGLES, VELOCITY
 from isogal.tracks.track import Track
 
 REQUIRED = ("latitude", "longitude", "value")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from isogal.inertial.ins_file import InsFile
 from isogal.scenario import Scenario
-from isogal.tracks.ins_file import InsFile
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.ins_solution import SolutionMessages

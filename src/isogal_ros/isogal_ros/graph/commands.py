@@ -22,10 +22,10 @@ from isogal.evaluation.run_report import key_figures, run_report
 from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
+from isogal.fusion.smoothed_track import write_smoothed
 from isogal.maps.several import RunMap, first_map
 from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
-from isogal.tracks.smoothed import write_smoothed
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader

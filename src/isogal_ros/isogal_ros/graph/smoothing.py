@@ -17,11 +17,11 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.smoothed_track import SmoothedTrack
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import each_map
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
-from isogal.tracks.smoothed import SmoothedTrack
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader

@@ -234,8 +234,8 @@ def _of_map(map_: MapChoice, tracks: "Sequence[Track]") -> MapChoice:
 
 def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
     """Return the track for each line of a file; of a bag one for each quantity."""
+    from isogal.magnetics.flight import read_base_station
     from isogal.tracks.csv_file import read_csv_tracks
-    from isogal.tracks.magnetic_flight import read_base_station
     from isogal.tracks.recording import is_recording, read_recording
 
     if not chosen.track.exists():
@@ -265,12 +265,16 @@ def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
 def _compensated(path: Path, coefficients: Path) -> "Track":
     """Return a flight's anomaly, nT, without the vehicle's own field."""
     from isogal.magnetics.compensation import read_compensation
+    from isogal.magnetics.flight import read_magnetic_flight
     from isogal.scenario import Magnetometer
-    from isogal.tracks.magnetic_flight import read_magnetic_flight
+    from isogal.tracks.track import Track
 
     compensation, flight = read_compensation(coefficients), read_magnetic_flight(path)
-    total = compensation.clean(flight.readings)
-    return replace(flight.placed, value=total - flight.main_field(Magnetometer().epoch))
+    readings, (latitude, longitude) = flight.readings, flight.placed
+    value = compensation.clean(readings) - flight.main_field(Magnetometer().epoch)
+    none = 0.0 * readings.time
+    where = readings.where
+    return Track(readings.time, latitude, longitude, value, none + math.nan, none, where)
 
 
 def _unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:

@@ -10,8 +10,8 @@ from isogal.arrays import Array
 from isogal.evaluation.figures import style
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.magnetics.calibration import Calibration
+from isogal.magnetics.flight import MagneticFlight
 from isogal.magnetics.terms import names
-from isogal.tracks.magnetic_flight import MagneticFlight
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,9 +49,8 @@ def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:
         "offset": compensation.offset,
         "currents": list(compensation.currents),
     }
-    if flight.track is not None:
-        north, east = flight.track.velocity.T
-        means = by_heading(np.arctan2(east, north), own)
+    if flight.places is not None:
+        means = by_heading(flight.course, own)
         result["own_field_by_heading"] = {
             name: None if np.isnan(mean) else float(mean - np.nanmean(means))
             for name, mean in zip(_SECTORS, means, strict=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from helpers.navigators import fly
-from isogal.tracks.smoothed import SmoothedTrack, as_csv, as_geojson, as_gpx, write_smoothed
+from isogal.fusion.smoothed_track import SmoothedTrack, as_csv, as_geojson, as_gpx, write_smoothed
 
 FLIGHT = fly()
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.files import write_atomic
 from isogal.magnetics.readings import BaseStation, Readings
 from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, Column, read_rows
 from isogal.sensors.magnetometer import MainField, decimal_year, is_absolute
-from isogal.tracks.track import Track
 
 _VECTOR = ("vector_x", "vector_y", "vector_z")
 _REQUIRED = ("time", "scalar", *_VECTOR)
@@ -36,8 +36,8 @@ class MagneticFlight:
     """N readings of both magnetometers, and where they were taken."""
 
     readings: Readings
-    track: Track | None
-    """Times and places; None = no places are recorded."""
+    places: tuple[Array, Array] | None
+    """(N,) latitude and longitude, rad; None = no places are recorded."""
     height: Array | None
     """(N,) m above the ellipsoid."""
     reference: Array | None
@@ -58,19 +58,28 @@ class MagneticFlight:
         InputError
             The file has no positions or no heights.
         """
-        track, up = self.placed, self.height if self.height is not None else height
+        (latitude, longitude), up = self.placed, self.height if self.height is not None else height
         if up is None:
-            raise InputError(f"{track.where}: has no column height, nor is one given")
-        field = MainField(track.latitude, track.longitude, float(np.median(up)), epoch)
-        year = decimal_year(track.time) if is_absolute(track.time) else None
-        return field.value(track.latitude, track.longitude, up, year)
+            raise InputError(f"{self.readings.where}: has no column height, nor is one given")
+        field = MainField(latitude, longitude, float(np.median(up)), epoch)
+        time = self.readings.time
+        year = decimal_year(time) if is_absolute(time) else None
+        return field.value(latitude, longitude, up, year)
 
     @property
-    def placed(self) -> Track:
-        """The track; raises InputError where no places are recorded."""
-        if self.track is None:
+    def placed(self) -> tuple[Array, Array]:
+        """The places; raises InputError where none are recorded."""
+        if self.places is None:
             raise InputError(f"{self.readings.where}: {_NO_PLACES}")
-        return self.track
+        return self.places
+
+    @property
+    def course(self) -> Array:
+        """(N,) rad, from differences of the places; raises InputError where none are recorded."""
+        latitude, longitude = self.placed
+        north, east = metres_per_radian(latitude)
+        north, east = np.gradient(latitude) * north, np.gradient(np.unwrap(longitude)) * east
+        return np.arctan2(east, north)
 
 
 def read_magnetic_flight(path: str | Path, base: Path | None = None) -> MagneticFlight:
@@ -100,14 +109,11 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
     if base is not None:
         variation = read_base_station(base).variation(time, readings.where)
         readings = replace(readings, total=total - variation)
-    track, places = None, [columns[name] for name in _PLACES if name in columns]
-    if len(places) == 1:
+    there = [name for name in _PLACES if name in columns]
+    if len(there) == 1:
         raise InputError(f"{readings.where}: {_NO_PLACES}")
-    if places:
-        latitude, longitude = np.radians(places)
-        unknown, none = np.full(time.size, np.nan), np.zeros(time.size)
-        track = Track(time, latitude, longitude, readings.total, unknown, none, readings.where)
-    return MagneticFlight(readings, track, columns.get("height"), columns.get("reference"))
+    places = (np.radians(columns[_PLACES[0]]), np.radians(columns[_PLACES[1]])) if there else None
+    return MagneticFlight(readings, places, columns.get("height"), columns.get("reference"))
 
 
 def read_base_station(path: str | Path) -> BaseStation:
@@ -136,10 +142,9 @@ def write_compensated(
     InputError
         The file cannot be written, or the flight has no positions.
     """
-    track = flight.placed
     lines = ["time,latitude,longitude,value,total"]
     for time, *place, value, own in zip(
-        track.time, *np.degrees([track.latitude, track.longitude]), anomaly, total, strict=True
+        flight.readings.time, *np.degrees(flight.placed), anomaly, total, strict=True
     ):
         cells = ["" if math.isnan(one) else f"{one:.3f}" for one in (value, own)]
         lines.append(",".join([f"{time:.4f}", *(f"{one:.8f}" for one in place), *cells]))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from isogal.errors import InputError
+from isogal.inertial.ins_file import read_ins_file
 from isogal.inertial.rotations import from_angles, from_heading
-from isogal.tracks.ins_file import read_ins_file
 
 PLACES = [(0.0, 10.0, 179.9999), (1.0, 10.0, -180.0), (3.0, 10.0, -179.9998)]
 METRES = 109_639.4
