@@ -41,7 +41,8 @@ Revised = Callable[[int, Integers, Array], None]
 """Called with a run's place in the list of runs, the indices of past states that retrodiction has
 changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
 Finished = Callable[[int, Navigator], None]
-"""Called with a run's place in the list of runs, and its navigator at the end."""
+"""Called with a run's place in the list of runs, and its navigator at the end, with its whole
+history."""
 Arrivals = dict[int, list[tuple[float, Measurement]]]
 """Measurements, each with its time (s), by the number of IMU intervals before they come."""
 
@@ -81,7 +82,7 @@ def simulate(
         Record besides what all data until so much later say of each state, s; infinite = all data
         of the run, 0 = nothing.
     finished : callable, optional
-        Called with each navigator at the end of its run.
+        Called with each navigator at the end of its run, with its whole history.
 
     Raises
     ------
@@ -91,7 +92,8 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
-    simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag)
+    whole = finished is not None
+    simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag, whole=whole)
     recorder = Recorder(trajectory, simulation.index, simulation.ends, len(runs))
     for run in range(len(runs)):
         navigator = simulation.navigator(run, matcher)
@@ -126,10 +128,12 @@ class Simulation:
         field_map: RunMap,
         *,
         lag: float = 0.0,
+        whole: bool = False,
     ) -> None:
         self.scenario, self.trajectory, self.runs = scenario, trajectory, runs
         self._lag, self._looked_back = lag, 0
         """s, and how many states of the run being simulated have been smoothed."""
+        self._whole = whole
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
@@ -186,7 +190,7 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=self._lag + self._longest,
+            horizon=math.inf if self._whole else self._lag + self._longest,
         )
 
     @property
