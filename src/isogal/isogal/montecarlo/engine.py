@@ -96,25 +96,38 @@ def simulate(
     simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag, whole=whole)
     recorder = Recorder(trajectory, simulation.index, simulation.ends, len(runs))
     for run in range(len(runs)):
-        navigator = simulation.navigator(run, matcher)
-        recorder.write_track(run, 0, navigator.inertial.track(trajectory.time[:1]))
-        aids = simulation.measurements(run)
-        for batch, (before, scan) in enumerate(pairwise(simulation.stops)):
-            for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
-                simulation.advance(navigator, run, begin, end, aids)
-                recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
-                simulation.read(navigator, run, begin, end, recorder)
-            applied = navigator.fix()
-            if applied is not None:
-                recorder.write_fix(run, batch, applied)
-                recorder.write_track(run, scan, track_row(navigator.state)[None])
-                if revised is not None and applied.innovations:
-                    scans = np.arange(before + 1, scan + 1)
-                    revised(run, scans, simulation.track(navigator, before, scan))
-            simulation.look_back(navigator, run, scan, recorder)
+        navigator = _navigated(simulation, run, matcher, recorder, revised)
         if finished is not None:
             finished(run, navigator)
     return recorder.record(simulation.unaided, first_map(field_map))
+
+
+def _navigated(
+    simulation: "Simulation",
+    run: int,
+    matcher: Matcher,
+    recorder: Recorder,
+    revised: Revised | None,
+) -> Navigator:
+    """Navigate a run, by its place, from start to end, and record it; return its navigator."""
+    navigator = simulation.navigator(run, matcher)
+    start = simulation.trajectory.time[:1]
+    recorder.write_track(run, 0, navigator.inertial.track(start))
+    aids = simulation.measurements(run)
+    for batch, (before, scan) in enumerate(pairwise(simulation.stops)):
+        for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
+            simulation.advance(navigator, run, begin, end, aids)
+            recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
+            simulation.read(navigator, run, begin, end, recorder)
+        applied = navigator.fix()
+        if applied is not None:
+            recorder.write_fix(run, batch, applied)
+            recorder.write_track(run, scan, track_row(navigator.state)[None])
+            if revised is not None and applied.innovations:
+                scans = np.arange(before + 1, scan + 1)
+                revised(run, scans, simulation.track(navigator, before, scan))
+        simulation.look_back(navigator, run, scan, recorder)
+    return navigator
 
 
 class Simulation:
