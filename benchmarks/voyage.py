@@ -44,7 +44,7 @@ COLUMNS = {
     "ratio": "{ratio:.2f} ± {ratio_error:.2f}",
     "linear navigator, m": "{linear:.1f}",
     "ratio to that": "{paired:.3f} ± {paired_error:.3f}",
-    "NEES": "{nees:.2f}",
+    "NEES": "{nees_settled:.2f}",
     "unaided INS, m": "{unaided:.0f}",
     "ms a fix": "{fix_ms:.1f}",
 }
