@@ -151,6 +151,7 @@ class Simulation:
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
         truth, of_gravity = scenario.true, scenario.gravity_field
+        self._delay = truth.longest_delay
         self._known = known_gravity(of_gravity, trajectory)
         sensed = sensed_gravity(of_gravity.true, trajectory, runs)
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
@@ -229,7 +230,7 @@ class Simulation:
     def _longest(self) -> float:
         """s from one batch end to the next, at most, and how late satellites are."""
         batches = np.diff(self._time([0, *self.ends, self.scans]))
-        return float(batches.max()) + self.scenario.true.longest_delay
+        return float(batches.max()) + self._delay
 
     def measurements(self, run: int) -> Arrivals:
         """Return the readings of aids, with their times (s), by the number of IMU intervals before
@@ -249,7 +250,7 @@ class Simulation:
         measurements come late, which change the state of a scan after its reading has been taken.
         """
         aligns = self.scenario.fusion.start == "align"  # that it was at rest is confirmed late
-        return 1 if aligns or self.scenario.true.longest_delay > 0.0 else scan - before
+        return 1 if aligns or self._delay > 0.0 else scan - before
 
     def advance(
         self, navigator: Navigator, run: int, before: int, scan: int, aids: Arrivals
