@@ -11,9 +11,7 @@ beginning included. Ratios have the standard error over runs. Runs that are in `
 computed again; after a change of the library, begin with an empty folder.
 
 What runs differ by is mostly chance that no estimator can help. So some are smoothed by the
-readings as well, with the errors of map and instrument told: a linear smoother, whose error is the
-bound in the mean and has the same chance in it. Not so where the start is uncertain by kilometres,
-over which readings are not linear."""
+readings as well (`linear_navigator`). Not where the start is uncertain by kilometres."""
 
 import argparse
 import math
@@ -25,8 +23,8 @@ import acceptance_rows
 import closed_loop
 import numpy as np
 from acceptance_rows import Place, Row
+from linear_navigator import linear_navigator, paired
 
-from isogal.afterwards import readings_of
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao
@@ -34,9 +32,6 @@ from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.records import Runs
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import atomic_path
-from isogal.fusion.relinearised import smoothed_by_readings
-from isogal.inertial.error_state import BATCH
-from isogal.maps.several import each_map
 from isogal.montecarlo.engine import simulate
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario
@@ -57,7 +52,7 @@ COLUMNS = {
     "300 s later, of that": "{of_causal_late:.2f}",
     "bound of smoothing (m)": "{bound:.1f}",
     "ratio to it": "{ratio:.2f} ± {ratio_error:.2f}",
-    "by readings, all told (m)": "{by_readings:.1f}",
+    "linear smoother (m)": "{linear:.1f}",
     "ratio to that": "{paired:.3f} ± {paired_error:.3f}",
     "NEES": "{nees:.2f}",
     "NEES at the time": "{nees_causal:.2f}",
@@ -77,24 +72,18 @@ def some_runs(scenario: Scenario, part: range, path: Path, compared: int) -> tup
     told = path.with_suffix(".told.npy")
     if path.exists() and told.exists():
         return Runs.load(path), np.load(told)
-    world, trajectory = scenario.informed, build_trajectory(scenario)
+    trajectory = build_trajectory(scenario)
     maps = maps_for_scenario(scenario, trajectory)
-    errors = {
-        "map_sigma": world.map_error.sigma,
-        "map_correlation_length_m": world.map_error.correlation_length,
-    }
     index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
     time, truth = trajectory.time[index], (trajectory.latitude[index], trajectory.longitude[index])
-    squared = []
+    squared: list[float] = []
 
     def compare(run: int, navigator: Navigator) -> None:
         if part[run] >= compared:
             return
-        readings = readings_of(world, each_map(maps), navigator.sensed, errors)
-        assert readings is not None
-        at_start = np.zeros((len(BATCH), len(BATCH)))
-        voyage = navigator.inertial, readings, time, at_start
-        states = smoothed_by_readings(*voyage, since=-math.inf)
+        linear = linear_navigator(scenario, trajectory, maps, navigator)
+        assert linear is not None
+        states = linear.smoothed(time)
         place = np.array([state.position[:2] for state in states]).T
         squared.append(2.0 * closed_loop.rms(np.array(horizontal_difference(*place, *truth))) ** 2)
 
@@ -130,24 +119,9 @@ def figures_of(
         "bound": bound,
         "ratio": rms / bound,
         "ratio_error": float(squared.std() / np.sqrt(len(record)) / (2.0 * rms) / bound),
-        **_paired(squared, np.concatenate(told)[:compared]),
+        **paired(squared, np.concatenate(told)[:compared]),
         "nees": float(np.mean(nees_per_axis(states.error, states.covariance))),
         "nees_causal": float(np.mean(nees_per_axis(record.error, record.covariance))),
-    }
-
-
-def _paired(squared: Array, told: Array) -> closed_loop.Figures:
-    """Return figures of the first runs beside the same by readings, both as squared errors (R,);
-    NaN where there are none."""
-    if len(told) == 0:
-        return dict.fromkeys(("by_readings", "paired", "paired_error"), math.nan)
-    paired, paired_error = closed_loop.jackknife(
-        lambda one, other: math.sqrt(one.mean() / other.mean()), squared[: len(told)], told
-    )
-    return {
-        "by_readings": math.sqrt(told.mean()),
-        "paired": paired,
-        "paired_error": paired_error,
     }
 
 
@@ -162,7 +136,7 @@ def _of_causal_late(scenario: Scenario, options: argparse.Namespace, pool: Execu
 
 
 def _unsure_of_start(scenario: Scenario) -> bool:
-    """Whether readings are not linear about a start that is as wrong as this one may be."""
+    """Whether the start may be wrong by kilometres."""
     initial = scenario.initial_error
     return math.hypot(initial.position, initial.hidden_position) > NOT_LINEAR
 
@@ -198,13 +172,13 @@ def main() -> None:
     """Make the table."""
     names = ("data", "workers", "rows", "page")
     parser = closed_loop.parser(__doc__, *names, runs=12, out=Path("out/smoothing"))
-    parser.add_argument("--compared-runs", type=int, default=4, help="by readings, too")
+    parser.add_argument("--compared-runs", type=int, default=4, help="with the linear smoother")
     parser.add_argument("--late-runs", type=int, default=4, help="runs of the other lag")
     options = parser.parse_args()
     made = table(options)
     text = (
         f"{options.runs} runs a row, {options.late_runs} of the column *300 s later*,"
-        f" {options.compared_runs} of those by readings.\n\n{made}"
+        f" {options.compared_runs} compared with the linear smoother.\n\n{made}"
     )
     closed_loop.write_between(options.page, MARKS, text, seed=SEED)
 

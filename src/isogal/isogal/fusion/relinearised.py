@@ -115,14 +115,35 @@ def smoothed_by_readings(
     track, known = navigator.smoothed(every), every >= since
     for _ in range(ITERATIONS):
         measured = _by_time(readings, every, track, known)
-        again = _again(navigator, readings, lost)
-        _navigate(navigator, again, measured)
-        new = again.smoothed(every)
+        new = _navigated(navigator, readings, measured, lost).smoothed(every)
         settled = known.all() and _moved(new, track) < SETTLED
         track, known = new, np.ones_like(known)
         if settled:
             break
     return [track[k] for k in np.searchsorted(every, time).tolist()]
+
+
+def navigated_by_readings(
+    navigator: InertialNavigator,
+    readings: Sequence[Readings],
+    time: Array,
+    track: Sequence[FilterState],
+) -> InertialNavigator:
+    """Return a navigator that has had what another one has had, but all readings instead of fixes.
+
+    Parameters
+    ----------
+    navigator : InertialNavigator
+        With the whole history; it is not changed.
+    readings : sequence of Readings
+        Of each field.
+    time : (K,) array
+        s, rising, with the times of all readings.
+    track : sequence of K FilterState
+        States about which readings are linear.
+    """
+    measured = _by_time(readings, time, track, np.ones(len(time), dtype=bool))
+    return _navigated(navigator, readings, measured, np.zeros((len(BATCH), len(BATCH))))
 
 
 def _by_time(
@@ -172,13 +193,16 @@ def _again(
     return InertialNavigator(with_errors, start, first.end, np.inf, navigator.motion, sample)
 
 
-def _navigate(
+def _navigated(
     navigator: InertialNavigator,
-    again: InertialNavigator,
+    readings: Sequence[Readings],
     measured: Mapping[float, Sequence[Measurement]],
-) -> None:
-    """Give a navigator what another one has been given, with readings in place of fixes."""
-    segments = navigator.history(np.empty(0))
+    lost: Array,
+) -> InertialNavigator:
+    """Return a navigator that has been given what another one has been, with readings, of which
+    measurements at their times are made, in place of fixes."""
+    again = _again(navigator, readings, lost)
+    segments = navigator.history(np.array(sorted(measured)))
     ends = [segment.end for segment in segments]
     of_segment: dict[int, Sequence[Measurement]] = {
         bisect_left(ends, time - AT_ONCE): those for time, those in measured.items()
@@ -189,6 +213,7 @@ def _navigate(
         others = [one for one in segment.measurements if not isinstance(one, OF_FIXES)]
         for one in (*others, *of_segment.get(index, ())):
             again.measure(segment.end, one)
+    return again
 
 
 def _moved(states: Sequence[FilterState], before: Sequence[FilterState]) -> float:

@@ -41,7 +41,8 @@ Revised = Callable[[int, Integers, Array], None]
 """Called with a run's place in the list of runs, the indices of past states that retrodiction has
 changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
 Finished = Callable[[int, Navigator], None]
-"""Called with a run's place in the list of runs, and its navigator at the end."""
+"""Called with a run's place in the list of runs, and its navigator at the end, with its whole
+history."""
 Arrivals = dict[int, list[tuple[float, Measurement]]]
 """Measurements, each with its time (s), by the number of IMU intervals before they come."""
 
@@ -81,7 +82,7 @@ def simulate(
         Record besides what all data until so much later say of each state, s; infinite = all data
         of the run, 0 = nothing.
     finished : callable, optional
-        Called with each navigator at the end of its run.
+        Called with each navigator at the end of its run, with its whole history.
 
     Raises
     ------
@@ -91,28 +92,42 @@ def simulate(
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)
-    simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag)
+    whole = finished is not None
+    simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag, whole=whole)
     recorder = Recorder(trajectory, simulation.index, simulation.ends, len(runs))
     for run in range(len(runs)):
-        navigator = simulation.navigator(run, matcher)
-        recorder.write_track(run, 0, navigator.inertial.track(trajectory.time[:1]))
-        aids = simulation.measurements(run)
-        for batch, (before, scan) in enumerate(pairwise(simulation.stops)):
-            for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
-                simulation.advance(navigator, run, begin, end, aids)
-                recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
-                simulation.read(navigator, run, begin, end, recorder)
-            applied = navigator.fix()
-            if applied is not None:
-                recorder.write_fix(run, batch, applied)
-                recorder.write_track(run, scan, track_row(navigator.state)[None])
-                if revised is not None and applied.innovations:
-                    scans = np.arange(before + 1, scan + 1)
-                    revised(run, scans, simulation.track(navigator, before, scan))
-            simulation.look_back(navigator, run, scan, recorder)
+        navigator = _navigated(simulation, run, matcher, recorder, revised)
         if finished is not None:
             finished(run, navigator)
     return recorder.record(simulation.unaided, first_map(field_map))
+
+
+def _navigated(
+    simulation: "Simulation",
+    run: int,
+    matcher: Matcher,
+    recorder: Recorder,
+    revised: Revised | None,
+) -> Navigator:
+    """Navigate a run, by its place, from start to end, and record it; return its navigator."""
+    navigator = simulation.navigator(run, matcher)
+    start = simulation.trajectory.time[:1]
+    recorder.write_track(run, 0, navigator.inertial.track(start))
+    aids = simulation.measurements(run)
+    for batch, (before, scan) in enumerate(pairwise(simulation.stops)):
+        for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
+            simulation.advance(navigator, run, begin, end, aids)
+            recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
+            simulation.read(navigator, run, begin, end, recorder)
+        applied = navigator.fix()
+        if applied is not None:
+            recorder.write_fix(run, batch, applied)
+            recorder.write_track(run, scan, track_row(navigator.state)[None])
+            if revised is not None and applied.innovations:
+                scans = np.arange(before + 1, scan + 1)
+                revised(run, scans, simulation.track(navigator, before, scan))
+        simulation.look_back(navigator, run, scan, recorder)
+    return navigator
 
 
 class Simulation:
@@ -126,10 +141,12 @@ class Simulation:
         field_map: RunMap,
         *,
         lag: float = 0.0,
+        whole: bool = False,
     ) -> None:
         self.scenario, self.trajectory, self.runs = scenario, trajectory, runs
         self._lag, self._looked_back = lag, 0
         """s, and how many states of the run being simulated have been smoothed."""
+        self._whole = whole
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
@@ -187,7 +204,7 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=self._lag + self._longest,
+            horizon=math.inf if self._whole else self._lag + self._longest,
         )
 
     @property

@@ -1,0 +1,46 @@
+"""The linear navigator that others are measured beside is that of the bound."""
+
+import numpy as np
+from linear_navigator import linear_navigator, paired
+
+from isogal.evaluation.bound import posterior_cramer_rao
+from isogal.fields.scenario_map import maps_for_scenario
+from isogal.fusion.measurements.map_reading import MapReading
+from isogal.montecarlo.engine import simulate
+from isogal.scenario import load_scenario
+from isogal.sensors.trajectory import build_trajectory
+
+
+def test_its_covariance_is_the_bound():
+    scenario = load_scenario(None, ["route.duration=900", "map_error.sigma=3e-5"])
+    trajectory = build_trajectory(scenario)
+    maps, found = maps_for_scenario(scenario, trajectory), []
+
+    def keep(_run, navigator):
+        found.append(linear_navigator(scenario, trajectory, maps, navigator))
+
+    simulate(scenario, [0], maps, finished=keep)
+    history = found[0].history(np.empty(0))
+    readings = [one for part in history for one in part.measurements]
+    assert len([one for one in readings if isinstance(one, MapReading)]) == 90
+    limit = posterior_cramer_rao(scenario, trajectory, maps).rms[-1]
+    claimed = np.sqrt(np.trace(found[0].state.covariance[:2, :2]))
+    np.testing.assert_allclose(claimed, limit, rtol=0.02)
+
+
+def test_readings_that_it_does_not_model_have_none():
+    scenario = load_scenario(None, ["route.duration=60", "gravimeter.delay=20"])
+    trajectory = build_trajectory(scenario)
+    maps, found = maps_for_scenario(scenario, trajectory), []
+
+    def keep(_run, navigator):
+        found.append(linear_navigator(scenario, trajectory, maps, navigator))
+
+    simulate(scenario, [0], maps, finished=keep)
+    assert found == [None]
+
+
+def test_the_ratio_to_it_is_of_the_same_runs():
+    figures = paired(np.array([4.0, 16.0, 900.0]), np.array([1.0, 4.0]))
+    assert figures["paired"] == 2.0 and figures["paired_error"] == 0.0
+    assert np.isnan(paired(np.ones(3), np.empty(0))["paired"])
