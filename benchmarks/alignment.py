@@ -1,17 +1,16 @@
 """Alignment by grade of the IMU: how long it takes until the heading is known to 1 mrad, against a
 linear covariance analysis of the same model.
 
-    python benchmarks/alignment.py [--runs 8] [--quick] [--out docs/evidence/alignment.md]
+    python benchmarks/alignment.py [--runs 8] [--quick] [--page docs/evidence/alignment.md]
 
 At rest, on the move with satellites and on the move with an odometer. Times are when the filter's
 1-sigma falls below 1 mrad, errors and NEES are those at the end, over all runs."""
 
-import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
+import closed_loop  # first: it asks NumPy for one thread
 import numpy as np
 
 from isogal.arrays import Array
@@ -32,6 +31,7 @@ from isogal.montecarlo.engine import Simulation
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
+MARKS = closed_loop.marks_of(__file__)
 PHONE = {
     "grade": "tactical",
     "accelerometer": {
@@ -265,32 +265,33 @@ def _angle(size: float) -> str:
     return f"{1e3 * size:.2g} mrad" if size < 0.1 else f"{math.degrees(min(size, UNKNOWN)):.0f}°"
 
 
-HEAD = """| IMU | how | latitude | gyroscopes find north to | aligned | 1 mrad | bound of it | \
-1-sigma at the end | bound of it | RMS error | NEES of attitude | of heading |
-|---|---|---|---|---|---|---|---|---|---|---|---|"""
+HEAD = closed_loop.head_of(
+    [
+        *("IMU", "how", "latitude", "gyroscopes find north to", "aligned", "1 mrad"),
+        *("bound of it", "1-sigma at the end", "bound of it", "RMS error"),
+        *("NEES of attitude", "of heading"),
+    ]
+)
 
 
 def main() -> None:
     """Write the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--runs", type=int, default=8)
+    parser = closed_loop.parser(__doc__, "page", runs=8)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--quick", action="store_true", help="latitude 45 and 4 runs")
     parser.add_argument("--modes", nargs="*", default=list(MODES), choices=MODES)
     parser.add_argument("--grades", nargs="*", default=list(GRADES), choices=list(GRADES))
-    parser.add_argument("--out", type=Path, help="append the lines to this file")
     options = parser.parse_args()
+    runs = 4 if options.quick else options.runs
     lines = [HEAD]
     print(HEAD, flush=True)
     for mode in options.modes:
         for grade in options.grades:
             for latitude in (45.0,) if options.quick else (0.0, 60.0, 80.0):
-                runs = 4 if options.quick else options.runs
                 lines.append(row_of(grade, mode, latitude, runs, options.seed))
                 print(lines[-1], flush=True)
-    if options.out is not None:
-        with options.out.open("a") as file:
-            file.write("\n".join(lines) + "\n")
+    text = f"{runs} runs a row.\n\n" + "\n".join(lines)
+    closed_loop.write_between(options.page, MARKS, text, seed=options.seed)
 
 
 if __name__ == "__main__":

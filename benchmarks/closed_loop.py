@@ -14,6 +14,7 @@ import argparse
 import hashlib
 import json
 import re
+import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from datetime import UTC, datetime
@@ -91,29 +92,39 @@ def containing(name: str, texts: Sequence[str] | None) -> bool:
 
 
 def parts_of(
-    scenario: Scenario, count: int, folder: Path, chunk: int = CHUNK
+    scenario: Scenario, count: int, folder: Path, chunk: int = CHUNK, lag: float = 0.0
 ) -> Iterator[tuple[range, Path]]:
-    """Yield the runs of a scenario in parts, each with the file that keeps it."""
+    """Yield the runs of a scenario in parts, each with the file that keeps it; `lag` as in
+    `isogal.montecarlo.engine.simulate`."""
     text = json.dumps(scenario.model_dump(mode="json", exclude_defaults=True), sort_keys=True)
     name = hashlib.sha256(text.encode()).hexdigest()[:16]
     for first in range(0, count, chunk):
         last = min(first + chunk, count)
-        yield range(first, last), folder / f"{name}-{first}-{last}.npz"
+        smoothed = f"-smoothed-{lag:g}" if lag else ""
+        yield range(first, last), folder / f"{name}{smoothed}-{first}-{last}.npz"
 
 
-def some_runs(scenario: Scenario, runs: range, path: Path) -> Runs:
+def some_runs(scenario: Scenario, runs: range, path: Path, lag: float = 0.0) -> Runs:
     """Return some runs, from the file where it is."""
     if path.exists():
         return Runs.load(path)
-    result = simulate(scenario, runs)
+    result = simulate(scenario, runs, lag=lag)
     result.save(path)
     return result
 
 
-def kept_runs(scenario: Scenario, count: int, folder: Path, pool: Executor) -> Runs:
+def kept_runs(
+    scenario: Scenario,
+    count: int,
+    folder: Path,
+    pool: Executor,
+    chunk: int = CHUNK,
+    lag: float = 0.0,
+) -> Runs:
     """Return runs of a scenario; those that are in the folder are not computed again."""
-    ranges, paths = zip(*parts_of(scenario, count, folder), strict=True)
-    return Runs.concatenate(list(pool.map(partial(some_runs, scenario), ranges, paths)))
+    ranges, paths = zip(*parts_of(scenario, count, folder, chunk, lag), strict=True)
+    compute = partial(some_runs, scenario, lag=lag)
+    return Runs.concatenate(list(pool.map(compute, ranges, paths)))
 
 
 def new_runs(scenario: Scenario, runs: range, pool: Executor, chunk: int = CHUNK) -> Runs:
@@ -195,8 +206,9 @@ def figures_of(
 
 
 def cells_of(figures: Figures, columns: Mapping[str, str]) -> list[str]:
-    """Return a row's cells; each column has a pattern such as ``{rms:.1f}``."""
-    return [pattern.format(**figures) for pattern in columns.values()]
+    """Return a row's cells; each column has a pattern such as ``{rms:.1f}``. NaN is a dash."""
+    cells = [pattern.format(**figures) for pattern in columns.values()]
+    return [cell.replace("nan ± nan", "nan").replace("nan", "–") for cell in cells]
 
 
 def line_of(cells: Iterable[str]) -> str:
@@ -265,8 +277,22 @@ def marks_of(script: str, end: str = END) -> tuple[str, str]:
     return f"<!-- table of benchmarks/{Path(script).name} -->", end
 
 
-def write_between(page: Path | None, marks: tuple[str, str], text: str) -> None:
-    """Put a text, with today's date at its head, between two marks of a page, if there is a page.
+def revision() -> str:
+    """Return the revision of the code that measures, with a plus sign where files of its packages
+    differ from it; empty outside of a repository."""
+    git = ["git", "-C", str(Path(__file__).parent.parent)]
+    head = subprocess.run(
+        [*git, "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True, check=False
+    )
+    changed = subprocess.run([*git, "diff", "--quiet", "HEAD", "--", "src"], check=False)
+    return head.stdout.strip() + ("+" if head.returncode == 0 and changed.returncode else "")
+
+
+def write_between(
+    page: Path | None, marks: tuple[str, str], text: str, *, seed: int | None = None
+) -> None:
+    """Put a text between two marks of a page, if there is a page; at its head today's date, the
+    revision of the code, and the seed of the scenarios, where it is given.
 
     Raises
     ------
@@ -277,7 +303,12 @@ def write_between(page: Path | None, marks: tuple[str, str], text: str) -> None:
         return
     before = page.read_text(encoding="utf-8")
     pattern = re.escape(marks[0]) + ".*?" + re.escape(marks[1])
-    new = f"{marks[0]}\nOf {datetime.now(UTC):%Y-%m-%d}.\n\n{text}\n{marks[1]}"
+    head = f"Of {datetime.now(UTC):%Y-%m-%d}"
+    if code := revision():
+        head += f", revision `{code}`"
+    if seed is not None:
+        head += f", seed {seed}"
+    new = f"{marks[0]}\n{head}.\n\n{text}\n{marks[1]}"
     after, found = re.subn(pattern, lambda _: new, before, flags=re.DOTALL)
     if not found:
         raise SystemExit(f"{page}: has no '{marks[0]}' followed by '{marks[1]}'")

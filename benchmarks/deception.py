@@ -1,13 +1,14 @@
 """How soon false satellites are found out, and what they have done by then.
 
-    python benchmarks/deception.py --data DIR [--runs 8] [--rows TEXT ...] [--page FILE]
+    python benchmarks/deception.py --data DIR [--runs 8] [--rows TEXT ...]
+        [--page docs/evidence/deception.md]
     python benchmarks/deception.py --data DIR --false-alarms HOURS
 
-A voyage with satellites all the time, which are deceived from 45 minutes on, or from the first
-minute. For each grade of the inertial sensors: time until the navigator says so, its largest error
-meanwhile, its error at the end beside that of the same runs without satellites, and how many were
-missed. Without deception, false alarms, also with errors of satellites three times as large as
-told (other paths of their signals), and with outages.
+A voyage with satellites all the time, which are deceived from 45 minutes on, for good or for 3 or
+15 minutes, or from the first minute. For each grade of the inertial sensors: time until the
+navigator says so, its largest error meanwhile, its error at the end beside that of the same runs
+without satellites, and how many were missed. Without deception, false alarms, also with errors of
+satellites three times as large as told (other paths of their signals), and with outages.
 
 With --false-alarms honest satellites alone, in so many hours altogether, without matching: there
 the monitor judges by inertial data, and what the map says is not asked."""
@@ -29,18 +30,26 @@ from isogal.montecarlo.engine import Simulation
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
+MARKS = closed_loop.marks_of(__file__)
 START, DURATION = 2700.0, 7200.0
 WITHIN = "gnss.available=[[0, 7200]]"
 GRADES = "precision", "quantum", "navigation", "tactical"
 KINDS = {
-    "walk, 0.3 m/s": ("walk", START, "rate=0.3"),
-    "walk, 1 m/s": ("walk", START, "rate=1"),
-    "walk, 3 m/s": ("walk", START, "rate=3"),
-    "jump of 100 m": ("jump", START, "size=100"),
-    "jump of 1 km": ("jump", START, "size=1000"),
-    "4 s late": ("delay", START, "size=4"),
-    "200 m off from the first minute": ("jump", 0.0, "size=200"),
+    "walk, 0.3 m/s": (START, "kind=walk", "rate=0.3"),
+    "walk, 1 m/s": (START, "kind=walk", "rate=1"),
+    "walk, 3 m/s": (START, "kind=walk", "rate=3"),
+    "jump of 100 m": (START, "kind=jump", "size=100"),
+    "jump of 1 km": (START, "kind=jump", "size=1000"),
+    "4 s late": (START, "kind=delay", "size=4"),
+    "walk, 1 m/s, for 180 s": (START, "kind=walk", "rate=1", f"end={START + 180.0}"),
+    "walk, 1 m/s, for 900 s": (START, "kind=walk", "rate=1", f"end={START + 900.0}"),
+    "jump of 100 m, for 180 s": (START, "kind=jump", "size=100", f"end={START + 180.0}"),
+    "jump of 100 m, for 900 s": (START, "kind=jump", "size=100", f"end={START + 900.0}"),
+    "200 m off from the first minute": (0.0, "kind=jump", "size=200"),
 }
+"""When it begins (s), and keys of `gnss.deception`."""
+SLOW = "walk, 0.3 m/s", "200 m off from the first minute"
+"""Kinds that need not be found: slower than 1 m/s, or nothing to compare with."""
 HONEST = {
     "honest": (),
     "honest, errors 3 x": ("truth.gnss.correlated_sigma=3x", "truth.gnss.position_sigma=3x"),
@@ -124,10 +133,9 @@ def row_of(
 
 def rows_of(base: list[str]) -> dict[str, tuple[Scenario, float]]:
     """Return scenarios by their names, and the time (s) from when on satellites are wrong."""
-    deception = "gnss.deception"
     rows: dict[str, tuple[Scenario, float]] = {}
-    for name, (kind, start, more) in KINDS.items():
-        keys = [f"{deception}.kind={kind}", f"{deception}.start={start}", f"{deception}.{more}"]
+    for name, (start, *more) in KINDS.items():
+        keys = [f"gnss.deception.{key}" for key in (f"start={start}", *more)]
         rows[name] = load_scenario(None, [*base, WITHIN, *keys]), start
     for name, keys in HONEST.items():
         rows[name] = load_scenario(None, [*base, WITHIN, *keys]), 0.0
@@ -161,6 +169,7 @@ def main() -> None:
         return
     lines = [closed_loop.head_of(["inertial sensors", "satellites", *COLUMNS])]
     print(lines[0], flush=True)
+    deceived = found_out = 0
     with ProcessPoolExecutor(asked.workers) as pool:
         for grade in GRADES:
             base = [
@@ -182,7 +191,15 @@ def main() -> None:
                 cells = closed_loop.cells_of(found, COLUMNS)
                 lines.append(closed_loop.line_of([grade, name, *cells]))
                 print(lines[-1], flush=True)
-    closed_loop.write_between(asked.page, closed_loop.marks_of(__file__), "\n".join(lines))
+                if name not in (*HONEST, *SLOW):
+                    deceived += asked.runs
+                    found_out += int(found["found"])
+    text = f"{asked.runs} runs a row.\n\n" + "\n".join(lines)
+    text += (
+        f"\n\nOf {deceived} runs that were deceived by 1 m/s or more, or at once,"
+        f" {deceived - found_out} were not found."
+    )
+    closed_loop.write_between(asked.page, MARKS, text, seed=asked.seed)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,14 @@ show while it does of an instrument that is late or has a filter, which nobody h
 bound of a navigator that knows it. Errors are of the time without satellites, which is that after
 the first hour."""
 
+from pathlib import Path
+
 import closed_loop  # first: it asks NumPy for one thread
 from acceptance_rows import AUSTRALIA, GOOD, MAPS, READINGS
 
 from isogal.scenario import Scenario, load_scenario
 
+MARKS = closed_loop.marks_of(__file__)
 SATELLITES = ["gnss.available=[[0, 3600]]"]
 LEARNT = {
     "low-pass of 30 s": ["truth.gravimeter.filter_time=30"],
@@ -46,14 +49,15 @@ def main() -> None:
     """Run it."""
     options = closed_loop.parser(__doc__, "data", "page", "rows", "workers", runs=40)
     options.add_argument("--seed", type=int, default=20261)
-    options.add_argument("--out", help="folder of the results")
+    options.add_argument("--out", type=Path, help="folder of the results")
     asked = options.parse_args()
     rows = cases(str(asked.data / AUSTRALIA), asked.seed)
     wanted = {
         names: one for names, one in rows.items() if closed_loop.containing(names[0], asked.rows)
     }
     table = closed_loop.study(["readings", "told"], wanted, COLUMNS, asked)
-    closed_loop.write_between(asked.page, closed_loop.marks_of(__file__), table)
+    text = f"{asked.runs} runs a row.\n\n{table}"
+    closed_loop.write_between(asked.page, MARKS, text, seed=asked.seed)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,17 @@
 """Lines that were kept from the map: of every measured set, matched with nothing told on a map by
 `isogal map grid`."""
 
+import hashlib
+import pickle
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from closed_loop import containing
 
 from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
@@ -18,7 +23,7 @@ from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.track import fit_to_map
-from measured_data.lines import MGAL, Line, clear_lake, scotland, variables_of
+from measured_data.lines import MGAL, Line, Shift, clear_lake, scotland, variables_of
 from measured_data.matches import WHOLE, Row, Summary, row_of, summary_of
 from measured_data.reference import reference_row
 
@@ -38,9 +43,18 @@ SAILED = {
 REGION = 5.0
 """deg from the middle, where a voyage is longer than one map."""
 SEED = 20251126
+KEPT = Path(__file__).parents[2] / "build" / "real_data"
+"""Folder of maps that were made."""
+NAMES = (
+    *("Clear Lake", "Scotland", "Scotland, kept lines"),
+    *("Wisconsin, kept lines", "Wisconsin, every second line"),
+    *(f"{ship}, {variable}" for ship, variable in product(("EW0007", "EW0114"), SAILED)),
+)
+"""Of surveys and what is kept of them: of each there is one map."""
 
 
-class KeptSet(NamedTuple):
+@dataclass(frozen=True)
+class KeptSet:
     """Lines and the map that they are not in."""
 
     name: str
@@ -49,22 +63,67 @@ class KeptSet(NamedTuple):
     sigma: float
     """Of the readings."""
     away: float
-    """m, 1-sigma of the prior, from which errors are drawn."""
+    """m, 1-sigma of the prior."""
+
+    @cached_property
+    def shifts(self) -> list[Shift]:
+        """Errors of the lines, drawn from the prior."""
+        rng = generator(SEED, 0, self.name)
+        drawn = self.away * rng.standard_normal((len(self.lines), 2))
+        return [(north, east) for north, east in drawn.tolist()]
+
+    @cached_property
+    def reference(self) -> list[Row]:
+        """Rows of the lines by the reference."""
+        return [
+            reference_row(line, self.field_map, self.sigma, shift, self.away)
+            for line, shift in zip(self.lines, self.shifts, strict=True)
+        ]
 
 
 def study_kept(
-    data: Path, only: Sequence[str] | None = None, *, reference: bool = False
+    data: Path, only: Sequence[str] | None, workers: int
 ) -> Iterator[tuple[str, Summary]]:
-    """Yield summaries of all sets (or of those whose names begin with one of some texts), and of
-    all together, by the matcher and, if asked for, by the reference."""
-    pooled: dict[str, list[Row]] = {}
-    for one in sets(data, tuple(only or ("",))):
-        for kind, rows in matched(one, reference).items():
-            yield f"{one.name}{kind}", summary_of(rows) | {"nis": nis_of(one)}
-            named = ({**row, "line": f"{one.name}, {row['line']}"} for row in rows)
-            pooled.setdefault(kind, []).extend(named)
+    """Yield summaries of all sets of which the map's name has one of some texts in it, by the
+    matcher and by the reference, and of all together."""
+    names = [name for name in NAMES if containing(name, only)]
+    pooled: dict[str, list[Row]] = {"": [], ", reference": []}
+    with ProcessPoolExecutor(workers) as pool:
+        for found in pool.map(partial(_matched_sets, data), names):
+            for name, (rows, beside, nis) in found.items():
+                yield name, summary_of(rows) | {"nis": nis}
+                yield f"{name}, reference", summary_of(beside)
+                for kind, each in zip(pooled, (rows, beside), strict=True):
+                    pooled[kind] += [{**row, "line": f"{name}, {row['line']}"} for row in each]
     for kind, rows in pooled.items():
         yield f"all{kind}", summary_of(rows)
+
+
+def _matched_sets(data: Path, name: str) -> dict[str, tuple[list[Row], list[Row], float]]:
+    """Return of the sets of a map, by their names, the rows by the matcher and by the reference,
+    and `nis_of`."""
+    return {one.name: (matched(one), one.reference, nis_of(one)) for one in prepared(data, name)}
+
+
+def prepared(data: Path, name: str) -> list[KeptSet]:
+    """Return the sets of one of `NAMES` with their reference, from the file where it is: neither
+    depends on the matcher."""
+    import isogal
+
+    library, own = Path(isogal.__file__).parent, Path(__file__).parent
+    found = hashlib.sha256(name.encode())
+    for folder in (library / "earth", library / "maps", own):
+        for path in sorted(folder.rglob("*.py")):
+            found.update(path.read_bytes())
+    path = KEPT / f"{found.hexdigest()[:16]}.pickle"
+    if path.exists():
+        return list(pickle.loads(path.read_bytes()))
+    made = list(sets(data, name))
+    for one in made:
+        one.reference  # noqa: B018 - is kept with the map
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(pickle.dumps(made))
+    return made
 
 
 def nis_of(one: KeptSet) -> float:
@@ -80,21 +139,12 @@ def nis_of(one: KeptSet) -> float:
     return float(np.nanmean(np.concatenate(ratios)))
 
 
-def matched(one: KeptSet, reference: bool) -> dict[str, list[Row]]:
-    """Return the rows of a set by the matcher and, if asked for, by the reference."""
-    rng = generator(SEED, 0, one.name)
-    rows: dict[str, list[Row]] = {"": []} | ({", reference": []} if reference else {})
-    for line in one.lines:
-        north, east = one.away * rng.standard_normal(2)
-        shift = float(north), float(east)
-        rows[""].append(_matched(line, one, shift))
-        if reference:
-            beside = reference_row(line, one.field_map, one.sigma, shift, one.away)
-            rows[", reference"].append(beside)
-    return rows
+def matched(one: KeptSet) -> list[Row]:
+    """Return the rows of a set by the matcher."""
+    return [_matched(*line, one) for line in zip(one.lines, one.shifts, strict=True)]
 
 
-def _matched(line: Line, one: KeptSet, shift: tuple[float, float]) -> Row:
+def _matched(line: Line, shift: Shift, one: KeptSet) -> Row:
     try:
         track, _ = fit_to_map(line.track(one.sigma, shift), one.field_map)
     except InputError as error:
@@ -103,30 +153,31 @@ def _matched(line: Line, one: KeptSet, shift: tuple[float, float]) -> Row:
     return row_of(line, match_track(track, one.field_map, settings, Uncertainty(one.away))[0])
 
 
-def sets(data: Path, only: tuple[str, ...]) -> Iterator[KeptSet]:
-    """Yield every measured set whose name begins with one of some texts."""
-    lake, ties, flights = "Clear Lake, lines", "Scotland, ties", "Scotland, flight lines"
-    if lake.startswith(only):
+def sets(data: Path, name: str) -> Iterator[KeptSet]:
+    """Yield the sets of one of `NAMES`."""
+    if name == "Clear Lake":
         survey = read_survey(data / "clear_lake_gravity_survey.nc", "bouguer_disturbance")
-        yield KeptSet(lake, _gridded(survey), clear_lake(data)[1], GRAVITY, 3000.0)
-    survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
-    if ties.startswith(only) or flights.startswith(only):
+        yield KeptSet("Clear Lake, lines", _gridded(survey), clear_lake(data)[1], GRAVITY, 3000.0)
+    elif name.startswith("Scotland"):
+        survey = read_survey(data / "scotland_magnetic_survey.nc", "magnetic_anomaly")
+        if name == "Scotland, kept lines":
+            yield from _by_lot(name, survey, MAGNETIC, 3000.0)
+            return
         midland = _gridded(survey)
         _, along, across = scotland(data)
-        yield KeptSet(ties, midland, across, MAGNETIC, 3000.0)
-        yield KeptSet(flights, midland, along, MAGNETIC, 3000.0)
-    if (name := "Scotland, kept lines").startswith(only):
-        yield from _by_lot(name, survey, MAGNETIC, 3000.0)
-    survey = read_survey(data / "surveys" / "wisconsin_magnetics.nc", "magnetic_anomaly")
-    if (name := "Wisconsin, kept lines").startswith(only):
-        yield from _by_lot(name, survey, MAGNETIC, 1000.0)
-    if (name := "Wisconsin, every second line").startswith(only):
+        yield KeptSet("Scotland, ties", midland, across, MAGNETIC, 3000.0)
+        yield KeptSet("Scotland, flight lines", midland, along, MAGNETIC, 3000.0)
+    elif name.startswith("Wisconsin"):
+        survey = read_survey(data / "surveys" / "wisconsin_magnetics.nc", "magnetic_anomaly")
+        if name == "Wisconsin, kept lines":
+            yield from _by_lot(name, survey, MAGNETIC, 1000.0)
+            return
         second = np.isin(survey.line, np.unique(survey.line)[1::2])
         yield from _kept(name, survey, second, MAGNETIC, 1000.0)
-    for ship, variable in product(("EW0007", "EW0114"), SAILED):
-        if (name := f"{ship}, {variable}").startswith(only):
-            path = data / "ships" / f"{ship.lower()}_lines.nc"
-            yield from _by_lot(name, _sailed(path, variable), SAILED[variable][2], 3000.0)
+    else:
+        ship, variable = name.split(", ")
+        path = data / "ships" / f"{ship.lower()}_lines.nc"
+        yield from _by_lot(name, _sailed(path, variable), SAILED[variable][2], 3000.0)
 
 
 def _gridded(survey: Survey) -> FieldMap:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from isogal.sensors.scans import Thinning
 
@@ -24,6 +24,9 @@ turns, is the telephone in somebody's hand, then and so long before and after. O
 springs 90 % of the seconds have less than 0.06."""
 REST = 3e-3
 """rad/s: what reads less where the wheels stand and no hand is at it is the gyroscope's bias."""
+BRIEF = 2
+"""s: where the wheels stand that long before and after, what turns for no longer is a telephone
+that was touched, or a door; what carries a car turns for longer."""
 LATEST = 0.1
 """Share of the newest sample in what the gyroscope reads at rest."""
 SAMPLED = 0.6 / math.sqrt(12.0)
@@ -189,12 +192,13 @@ def _levelled(force: Array, rate: Array, up: Array) -> tuple[Array, Array, Array
 def _unhandled(turn: Array, tilting: Array, stands: Array) -> Array:
     """Return turn rates (N,) in which those of a telephone in somebody's hand, while the wheels
     stand, are what the gyroscope has read at rest before: its bias. A hand also tilts (N,) it,
-    which a car that is carried, and turns, does not."""
+    which a car that is carried, and turns, does not; or it turns it briefly."""
     shaken = tilting > np.maximum(HANDLED, np.abs(turn))
-    held = maximum_filter1d(shaken, 2 * NEAR + 1)
+    held, size = maximum_filter1d(shaken, 2 * NEAR + 1), 2 * BRIEF + 1
+    still = minimum_filter1d(stands, size) & (median_filter(np.abs(turn), size) < REST)
     found, bias = turn.copy(), 0.0
     for k in np.flatnonzero(stands):
-        if held[k]:
+        if held[k] or (still[k] and abs(turn[k]) >= REST):
             found[k] = bias
         elif abs(turn[k]) < REST:
             bias += LATEST * (turn[k] - bias)

@@ -1,17 +1,19 @@
-"""Say on a map of the terrain how far a road may be off it.
+"""Make a map of how high roads are of one of the terrain, and say how far they may be off it.
 
     isogal-python examples/phone_drive/road_heights.py TERRAIN ROADS
 
 TERRAIN is a file that Isogal reads as heights (NetCDF, GeoTIFF, ...), ROADS a NetCDF file. Roads
-run in cuttings and on embankments, and a map of coarse cells smooths what lies within one: both
-are larger where heights differ between neighbouring cells."""
+run in cuttings and on embankments, and nodes far apart say little of what lies between them: a
+road is smoother than the terrain at the nodes, and may be off it by more where heights differ
+between neighbouring nodes."""
 
 import argparse
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
 
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -20,16 +22,29 @@ from isogal.maps.load import load_map
 LEAST, SHARE, MOST = 5.0, 0.6, 12.0
 """m, share of the relief, m: what a road is off a map of 30 arcsec by where it is flat, where it
 is not, and at most."""
+SMOOTH = 0.5
+"""Cells, 1-sigma of the Gaussian that makes roads of terrain (docs/evidence/drives.md)."""
 
 
 def with_sigma(terrain: FieldMap) -> FieldMap:
-    """Return a map that says its error: a share of the relief between a node and its neighbours,
-    and what is left where there is none."""
-    heights = np.asarray(terrain.values, dtype=float)
-    mean, square = uniform_filter(heights, 3), uniform_filter(heights**2, 3)
-    relief = np.sqrt(np.maximum(square - mean**2, 0.0))
+    """Return a map of roads that says its error: a share of the relief between a node and its
+    neighbours, and what is left where there is none."""
+    terrain_heights = np.asarray(terrain.values, dtype=float)
+    known = np.isfinite(terrain_heights)
+
+    def mean(values: np.ndarray, smoother: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return local means of what is known."""
+        share = smoother(known.astype(float))
+        total = smoother(np.where(known, values, 0.0))
+        return np.where(known, total / np.where(known, share, 1.0), np.nan)
+
+    heights = mean(terrain_heights, lambda one: gaussian_filter(one, SMOOTH, mode="nearest"))
+    near, square = (
+        mean(one, lambda part: uniform_filter(part, 3)) for one in (heights, heights**2)
+    )
+    relief = np.sqrt(np.maximum(square - near**2, 0.0))
     sigma = np.hypot(LEAST, np.minimum(SHARE * relief, MOST))
-    return replace(terrain, sigma=sigma, error_stated=True)
+    return replace(terrain, values=heights, sigma=sigma, error_stated=True)
 
 
 def main() -> None:

@@ -72,9 +72,8 @@ def test_a_page_gets_the_table_and_its_date_between_its_marks(tmp_path):
     page.write_text(f"before\n{first}\nold\n{last}\nafter\n")
     write_between(page, mismatch.MARKS, "| new \\1 |")
     text = page.read_text()
-    assert re.fullmatch(
-        rf"before\n{first}\nOf \d{{4}}-\d\d-\d\d\.\n\n\| new \\1 \|\n{last}\nafter\n", text
-    )
+    head = r"Of \d{4}-\d\d-\d\d(, revision `[0-9a-f]{8}\+?`)?\."
+    assert re.fullmatch(rf"before\n{first}\n{head}\n\n\| new \\1 \|\n{last}\nafter\n", text)
     page.write_text("no marks")
     with pytest.raises(SystemExit, match="has no"):
         write_between(page, mismatch.MARKS, "new")
@@ -82,7 +81,10 @@ def test_a_page_gets_the_table_and_its_date_between_its_marks(tmp_path):
 
 @pytest.mark.parametrize(
     "script",
-    ["felt_gravity", "integrity", "mismatch", "navigability", "several_fields"],
+    [
+        *("alignment", "black_box", "deception", "felt_gravity", "integrity", "mismatch"),
+        *("navigability", "several_fields", "smoothing", "voyage"),
+    ],
 )
 def test_the_page_that_a_script_names_has_its_marks(script):
     module = importlib.import_module(script)

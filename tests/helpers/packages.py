@@ -23,6 +23,7 @@ APT = {
     "PIL": "python3-pil",
     "pyproj": "python3-pyproj",
     "yaml": "python3-yaml",
+    "typing_extensions": "python3-typing-extensions",
     "psutil": "python3-psutil",
     "pytest": "python3-pytest",
     "setuptools": "python3-setuptools",

@@ -349,6 +349,16 @@ def test_a_fixed_lag_lies_between_nothing_and_all():
     np.testing.assert_allclose(traces[1][:, last], traces[0][:, last], rtol=1e-6)
 
 
+def test_navigators_are_handed_over_at_the_end_of_their_runs():
+    it, found = scenario(duration=400.0, stride=5), {}
+    simulate(it, [3, 5], MAP, lag=np.inf, finished=found.__setitem__)
+    assert list(found) == [0, 1]
+    for navigator in found.values():
+        (sensed,) = navigator.sensed
+        assert navigator.time == pytest.approx(400.0)
+        assert sensed.time[-1] == pytest.approx(400.0) and np.isfinite(sensed.readings).all()
+
+
 def test_a_navigator_that_was_lost_knows_its_past_afterwards():
     """It believes to know its start, and is some km away: fixes of the first part of the voyage
     are of wrong places, and what it says of them at the time is far from the truth."""

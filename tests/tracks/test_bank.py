@@ -21,7 +21,7 @@ from isogal.seeds import generator
 from isogal.tracks import bank
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
-from isogal.tracks.displacement import LASTING, SIZE, displacement
+from isogal.tracks.displacement import SIZE, displacement
 from isogal.tracks.evidence import correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.jackknife import excess
@@ -128,10 +128,9 @@ def test_a_gridded_map_may_be_displaced():
     north, east = np.diag(displacement(short))
     assert north == pytest.approx(east) and abs(displacement(short)[0, 1]) < 1e-6 * north
     assert SIZE * 1e3 * 0.02 < np.sqrt(north) < SIZE * 4e3 * 0.4
-    # its mean over the track: twice as long a one has less of it
-    weight = 1.0 + 8.6e3 / (2.0 * LASTING * 2e3), 1.0 + 17.4e3 / (2.0 * LASTING * 2e3)
-    ratio = displacement(long)[0, 0] / north * weight[1] / weight[0]
-    assert 0.3 < ratio < 3.0 and displacement(long)[0, 0] < north
+    # a long track is displaced as a short one; how its fixes scatter is of other maps
+    assert 0.3 < displacement(long)[0, 0] / north < 3.0
+    assert not excess(short).any()
 
 
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():
@@ -273,7 +272,7 @@ def test_a_spike_is_left_out():
 def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells():
     match, _ = _match(3)
     shifts = match.shifts
-    assert np.linalg.eigvalsh(excess(shifts, np.zeros((2, 2)))).min() >= -1e-9
+    assert np.linalg.eigvalsh(excess(shifts)).min() >= -1e-9
     mean, covariance = shifts.moments
     np.testing.assert_allclose(shifts.weight @ shifts.centres, mean)
     apart = shifts.centres - mean

@@ -18,7 +18,6 @@ from isogal.fields.measured import measured_field, of_instrument
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import ReadingSimulator
 from isogal.scenario import Scenario
-from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.scans import Thinning
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -26,17 +25,18 @@ from isogal_ros.messages.adapter import Reading, adapter_of
 from isogal_ros.messages.checks import require_later
 from isogal_ros.messages.magnetometer import read_scalar
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.nav_queue import NavQueue
 from isogal_ros.nodes.nav_sample import NavSample
-from isogal_ros.nodes.resting import Resting
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
+from isogal_ros.nodes.stuck import Repetitions
 
 STUCK = 6
 """Readings of exactly the same value, one after the other, after which the instrument of a vehicle
-that moves counts as stuck, at least (`Resting`): where steps are coarse, or the land is flat, the
-same value comes again and again."""
+that moves counts as stuck, at least (`Repetitions`): where steps are coarse, or the land is flat,
+the same value comes again and again."""
 MOVES = 0.5
 """m/s: what a slower vehicle reads may well be the same once more."""
 
@@ -53,7 +53,7 @@ class GravimeterSettings(NodeSettings):
     )
 
 
-class GravimeterNode(GraphNode):
+class GravimeterNode(GraphNode[GravimeterSettings]):
     """Publishes the raw reading of each scan, then its reductions once the navigator's state of
     that stamp is there. The graph waits for the reduction that is matched only."""
 
@@ -62,7 +62,6 @@ class GravimeterNode(GraphNode):
         "readings", "height", "map", "map_error", "fusion", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = GravimeterSettings
-    settings: GravimeterSettings
 
     def setup(self) -> None:
         """Draw the readings and make publishers and subscriptions."""
@@ -71,7 +70,7 @@ class GravimeterNode(GraphNode):
         self._variance: Reading = (
             self.scenario.gravimeter.sigma**2 if covariance is None else covariance
         )
-        self._newest, self._resting = -1, Resting(STUCK)
+        self._newest, self._resting = -1, Repetitions(STUCK)
         self._adapter = adapter_of(self.scenario)
         is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
         self._vehicle = Vehicle(self, self._enqueue) if is_magnetic else None
@@ -147,15 +146,10 @@ class GravimeterNode(GraphNode):
         for reduction, adapter, publisher in self._outputs:
             value, total, place = math.nan * sensed, variance, None
             if nav is not None and not repeated:
-                latitude, longitude, height = nav.position
-                place = latitude, longitude
-                north, east = nav.velocity[:2]
-                estimate = State(*place, height, north, east, nav.attitude, nav.turn)
-                value = reduction.dated(to_seconds(ns)).reduce(sensed, estimate)[()]
-                by_navigator = reduction_variance(
-                    reduction, estimate, nav.covariance[:4, :4], nav.height_variance
-                )
-                total = variance + float(by_navigator)
+                dated = reduction.dated(to_seconds(ns))
+                value = dated.reduce(sensed, nav.sensor)[()]
+                total = variance + nav.variance_by(dated)
+                place = nav.position[0], nav.position[1]
             publisher.publish(adapter.write_reduced(ns, value, total, place))
         self.health.count("readings")
         self.health.figures["last reading"] = to_seconds(ns)

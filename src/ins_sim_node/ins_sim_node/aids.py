@@ -7,16 +7,16 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
 from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid
+from isogal.scenario.aids import VERTICAL
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
     aid_of,
-    fill_ground_velocity,
     fill_heading,
     fill_position,
     fill_pressure,
     fill_twist,
 )
-from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, framed
+from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, NED_ENU, framed
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message
@@ -29,7 +29,8 @@ def _fill(message: Message, ns: int, value: Array, aid: AnyAid, really: AnyAid) 
         case Height(), Height():
             fill_pressure(message, ns, float(value), really)
         case Gnss(), _:
-            fill_ground_velocity(message, ns, value, float(aid.velocity_sigma or 0.0))
+            sigma = np.array([1.0, 1.0, VERTICAL]) * (aid.velocity_sigma or 0.0)
+            fill_twist(message, ns, NED_ENU @ value, sigma**2)
         case PositionAid(), _:
             fill_position(message, ns, value, aid)
         case HeadingAid(), _:

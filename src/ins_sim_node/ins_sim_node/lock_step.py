@@ -6,6 +6,7 @@ from functools import partial
 
 from rclpy.serialization import deserialize_message
 
+from ins_sim_node.settings import InsSimSettings
 from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal_ros import topics
@@ -47,7 +48,10 @@ class LockStep:
     """
 
     def __init__(
-        self, node: GraphNode, compare: Callable[[bytes], None], go_on: Callable[[], None]
+        self,
+        node: GraphNode[InsSimSettings],
+        compare: Callable[[bytes], None],
+        go_on: Callable[[], None],
     ) -> None:
         self._node, self._compare, self._go_on = node, compare, go_on
         each = node.scenario.each_field

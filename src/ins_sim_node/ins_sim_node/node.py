@@ -5,19 +5,20 @@ import time
 from collections.abc import Sequence
 from typing import ClassVar
 
-from pydantic import Field
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 
 from ins_sim_node.lock_step import LockStep
 from ins_sim_node.outputs import Outputs
+from ins_sim_node.settings import InsSimSettings
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.parameters.values import Values
 
@@ -25,38 +26,7 @@ UNLOCKED_START = 2.0
 """s of wall time that a simulation without lock-step leaves others to come up."""
 
 
-class InsSimSettings(NodeSettings):
-    """How the simulation keeps time."""
-
-    rate: float = Field(
-        1.0,
-        ge=0.0,
-        le=10000.0,
-        description="simulated seconds per second; 0 = as fast as the graph can",
-    )
-    lock_step: bool = Field(
-        True,
-        description=(
-            "wait at each step until the graph has answered it, so that no message is lost"
-        ),
-    )
-    ahead: int = Field(
-        10,
-        ge=1,
-        le=1000,
-        description=(
-            "in lock-step at rate 0: IMU samples that are published at once where no reading comes"
-            " until the last of them"
-        ),
-    )
-    start_timeout: float = Field(
-        300.0, gt=0.0, description="s to wait for the other nodes before the first step"
-    )
-    reply_timeout: float = Field(120.0, gt=0.0, description="s to wait for the answers to a step")
-    exit_at_end: bool = Field(True, description="end the process after the last step")
-
-
-class InsSimNode(GraphNode):
+class InsSimNode(GraphNode[InsSimSettings]):
     """Publishes one step after the other; with lock_step the next one only when the graph has
     answered, or with the last where no answer can change what the filter does with it."""
 
@@ -68,7 +38,6 @@ class InsSimNode(GraphNode):
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = InsSimSettings
     mutable: ClassVar[Sequence[str]] = ("rate",)
-    settings: InsSimSettings
 
     def setup(self) -> None:
         """Simulate the run and make publishers and subscriptions."""

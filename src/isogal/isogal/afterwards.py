@@ -69,7 +69,7 @@ def smoothed_voyage(
         What the last fix has said of map and readings (`isogal.fix.Fix.diagnostics`).
     """
     found_at = _lost(navigator)
-    readings = None if found_at is None else _readings(scenario, maps, sensed, figures)
+    readings = None if found_at is None else readings_of(scenario, maps, sensed, figures)
     if found_at is None or readings is None:
         return navigator.smoothed(time)
     return smoothed_by_readings(navigator, readings, time, LOST_COVARIANCE, found_at)
@@ -85,14 +85,14 @@ def _lost(navigator: InertialNavigator) -> float | None:
     return found
 
 
-def _readings(
+def readings_of(
     scenario: Scenario,
     maps: Sequence[RouteMap],
     sensed: Sequence[Sensed | None],
     figures: Mapping[str, float],
 ) -> list[Readings] | None:
     """Return the readings of all fields with their errors; None where these are not such as a
-    measurement models, or readings have several channels."""
+    measurement models, or readings have several channels. Parameters as of `smoothed_voyage`."""
     found = []
     each = scenario.each_field
     for one, name, field_map, read in zip(each, scenario.field_names, maps, sensed, strict=True):

@@ -28,7 +28,7 @@ from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
-from isogal.matching.interfaces import Aided, Matcher
+from isogal.matching.interfaces import Matcher
 from isogal.matching.map_matching import MapMatching, Matched
 from isogal.scenario import Scenario
 from isogal.sensors.reduction import State
@@ -116,7 +116,7 @@ class Navigator:
     @property
     def aligned(self) -> bool:
         """Whether the state may be trusted: not while it is still being aligned."""
-        return not isinstance(self.inertial, Alignment) or self.inertial.aligned
+        return self.inertial.aligned
 
     @property
     def state(self) -> FilterState:
@@ -204,11 +204,9 @@ class Navigator:
         """Match the batch that the newest readings end; None where they end none."""
         if not self.matching.ready:
             return None
-        aided, passage = self._aided(), None
-        if aided is None or not self._scenario.gnss.judged:
-            passage = self.inertial.passage(self._ends[1])
+        since = self.inertial.since(self._ends[1])
         self._ends = self._ends[1], self.time
-        matched = self.matching.match(self.state.batch_prior, aided=aided, passage=passage)
+        matched = self.matching.match(self.state.batch_prior, since=since)
         self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched
 
@@ -225,17 +223,13 @@ class Navigator:
             raise ValueError("the navigator is not aligned yet")
         if not self._whole:
             return self.inertial.smoothed(time)
-        sensed = [Sensed.joined(parts) if parts else None for parts in self._sensed]
-        voyage = self._scenario, self._maps, sensed, self._figures
+        voyage = self._scenario, self._maps, self.sensed, self._figures
         return smoothed_voyage(self.inertial, time, *voyage)
 
-    def _aided(self) -> Aided | None:
-        """Return what satellites have told since the last batch."""
-        without = self.inertial.unaided(self._ends[1])
-        if without is None:
-            return None
-        jump = batch_difference(self.state.estimate, without.estimate)
-        return Aided(without.batch_prior, jump)
+    @property
+    def sensed(self) -> list[Sensed | None]:
+        """All readings of each field; None = there are none, or the horizon is finite."""
+        return [Sensed.joined(parts) if parts else None for parts in self._sensed]
 
     def apply(self, fix: Fix, relative_to: Estimate | None = None) -> tuple[Innovation, ...]:
         """Apply a fix of any time within the horizon, and carry what it changes back to the

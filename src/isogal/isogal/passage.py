@@ -8,6 +8,7 @@ times (docs/mathematics.md, section 6.2)."""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,3 +93,33 @@ class Passage:
         unit = self.smoothed / np.outer(scale, scale)
         forward = np.linalg.solve(unit, self.cross / scale[:, None]).T / scale
         return forward, symmetric(self.after - forward @ self.cross)
+
+
+class Aided(NamedTuple):
+    """What other aids than the map have told the navigator since a time, where its heading is
+    known well."""
+
+    begin: float
+    """s."""
+    covariance: Array
+    """(7, 7) of the navigator's error now without them."""
+    jump: Array
+    """(7,) of its estimate: with them minus without them."""
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """All but the time."""
+        return self.covariance, self.jump
+
+    def information(self, prior: Array) -> Information:
+        """Return what they say of the error now: that which turns N(jump, covariance) into
+        N(0, prior), with the navigator's covariance `prior` (7, 7)."""
+        scale = np.sqrt(np.diag(self.covariance))
+        unit = np.outer(scale, scale)
+        before, after = (np.linalg.inv(one / unit) for one in (self.covariance, prior))
+        vector = -before @ (self.jump / scale) / scale
+        return Information(vector, symmetric(after - before) / unit)
+
+
+Since = Aided | Passage
+"""What there is to say of the time since a fix."""

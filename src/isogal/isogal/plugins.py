@@ -68,19 +68,23 @@ def load(group: str, name: str, kind: type = object) -> Any:
     InputError
         There is no such name, its package cannot be imported, or the object is not of a kind.
     """
-    entry = _registered(group)[check(group, name)]
-    try:
-        found = entry.load()
-    except Exception as error:
-        raise InputError(
-            f"{_NOUNS[group]} '{name}' of the package {_package(entry)} cannot be imported:"
-            f" {type(error).__name__}: {error}"
-        ) from error
+    found = _imported(_registered(group)[check(group, name)])
     if not isinstance(found, kind):
         raise InputError(
             f"{_NOUNS[group]} '{name}': its package gives no {kind.__module__}.{kind.__qualname__}"
         )
     return found
+
+
+@cache
+def _imported(entry: EntryPoint) -> object:
+    try:
+        return entry.load()
+    except Exception as error:
+        raise InputError(
+            f"{_NOUNS[entry.group]} '{entry.name}' of the package {_package(entry)} cannot be"
+            f" imported: {type(error).__name__}: {error}"
+        ) from error
 
 
 @cache

@@ -10,9 +10,9 @@ content:
 - A reading of several channels is a PointCloud2 of one point, whose fields have names
   (`isogal_ros.messages.gradiometer`): stamp, frame, and numbers that are found by name. So is one
   with the terms of what a magnetic vehicle adds (`isogal_ros.messages.magnetometer`).
-- So is all that a fix says, on ``pmht_mm/information`` (`isogal_ros.messages.whole_fix`):
+- So is all that a fix says, on ``pmht_mm/information`` (`isogal_ros.messages.fix_information`):
   position, covariance and information arrive together or not at all. ``pmht_mm/fix`` is the
-  position once more, for all others; the filter takes it where nobody publishes the whole.
+  position once more, for all others; the filter takes it where nobody publishes the information.
 - ``nav/covariance`` is a Float64MultiArray, which has neither stamp nor names
   (`isogal_ros.messages.stamped_numbers`): the weaker choice, for a topic of every step."""
 
@@ -180,7 +180,7 @@ OF_INSTRUMENTS = (
 """Of which a graph has those of its own instrument only."""
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM), single=False)
 INFORMATION = Topic("pmht_mm/information", PointCloud2, (UKF_FUSION,), single=False)
-"""Before each fix: all of it, as `isogal_ros.messages.whole_fix` describes."""
+"""Before each fix: all of it, as `isogal_ros.messages.fix_information` describes."""
 POSE = Topic("pmht_mm/pose", PoseWithCovarianceStamped, single=False)
 """After each fix the same in the frame ``map``, for filters that take poses; none where a batch
 gave no fix."""

@@ -4,7 +4,7 @@ node      subscriptions: reduced readings, the navigator's states
 scans     scans in order of time
 warm_up   one batch before the first
 verdict   what batches say, one after the other
-survival  what a restarted node goes on from
+restart   what a restarted node goes on from
 outputs   messages on pmht_mm/*
 """
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,21 +13,23 @@ from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import each_map
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
-from isogal.passage import Passage
-from isogal.sensors.reduction import State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.spin import main_of
-from isogal_ros.parameters.values import scenario_from
+from isogal_ros.parameters.values import Values, scenario_from
 from pmht_mm_node.outputs import Outputs
+from pmht_mm_node.restart import are_scans, checkpoint_of
 from pmht_mm_node.scans import Scans
-from pmht_mm_node.survival import are_scans, checkpoint_of
 from pmht_mm_node.verdict import Report
 from pmht_mm_node.warm_up import warm_up
+
+SAME = 1e-6
+"""s; what is said of the time since another fix than the last does not follow on its batch. Of
+stamps of our time doubles leave a quarter of that."""
 
 
 class PmhtMmNode(GraphNode):
@@ -67,7 +69,7 @@ class PmhtMmNode(GraphNode):
             adapter = adapter_of(one)
             self.listen(adapter.reduced, partial(self._take, field, adapter))
 
-    def changed(self, values: dict[str, Any]) -> None:
+    def changed(self, values: Values) -> None:
         """Take new matcher settings from the next batch on; raises InputError where they cannot be
         used."""
         document = self.scenario.model_dump()
@@ -79,7 +81,7 @@ class PmhtMmNode(GraphNode):
             self._matching.use(build_run_matcher(scenario))
             self.scenario = scenario
 
-    def _take(self, field: int, adapter: Adapter, message: Any) -> None:
+    def _take(self, field: int, adapter: Adapter, message: topics.Message) -> None:
         self.taken += 1
         ns = to_ns(message.header.stamp)
         self.scans.begin(ns, field)
@@ -126,31 +128,20 @@ class PmhtMmNode(GraphNode):
         navigator's error adds by the reduction, which the batch has of its own; 0 = not known."""
         if isinstance(variance, np.ndarray):
             return 0.0  # of several channels the scenario says it
-        latitude, longitude, height = nav.position
-        north, east, _ = nav.velocity
-        at = State(latitude, longitude, height, north, east, nav.attitude)
-        reduction = self._reductions[field].dated(to_seconds(nav.ns))
-        by_navigator = reduction_variance(
-            reduction, at, nav.covariance[:4, :4], nav.height_variance
-        )
-        own = variance - float(by_navigator)
+        own = variance - nav.variance_by(self._reductions[field].dated(to_seconds(nav.ns)))
         return own if own > 0.0 else float(variance)
 
     def _match(self, nav: NavSample) -> None:
-        # of another fix than the last it does not follow on its batch
-        told = nav.since
-        begun = self._matching.memory is not None
-        aided = passage = None
-        if isinstance(told, Passage):
-            passage = told if from_seconds(told.begin) == self.scans.ended or not begun else None
-        elif told is not None and (told.since == self.scans.ended or not begun):
-            aided = told.told
+        since, ended = nav.since, self.scans.ended
+        if since is not None and self._matching.memory is not None:
+            follows = ended >= 0 and abs(since.begin - to_seconds(ended)) < SAME
+            since = since if follows else None
         self.scans.ended = nav.ns
         # the next batch is to use the readings of one whose end is not known
         why = "the navigator said nothing of the batch's end" if self.scans.guessed else None
         if not nav.aligned:
             why = "the navigator is not aligned"
-        batch, fix, seconds = self._matching.match(nav.covariance, why, aided, passage)
+        batch, fix, seconds = self._matching.match(nav.covariance, why, since)
         self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)
 

@@ -15,7 +15,7 @@ from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.nav_queue import NavQueue
+from isogal_ros.nodes.nav_queue import Jump, NavQueue
 from isogal_ros.nodes.nav_sample import NavSample, moved
 
 Reading = tuple[Array | float, Array | float]
@@ -154,16 +154,14 @@ class Scans:
     def correct(self, builder: JointBatches, until: int) -> None:
         """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
         states that ended by then."""
-        for before, after in self._queue.take_gaps(until):
-            self._carry_jumps(builder, after.ns)
+        for change in self._queue.take_changes(until):
+            if isinstance(change, Jump):
+                builder.correct(to_seconds(change.ns), change.change)
+                continue
+            before, after = change
             if len(before.covariance) == len(after.covariance) == BATCH_STATES:
                 times = to_seconds(before.ns), to_seconds(after.ns)
                 builder.bridge(times[0], before.covariance, times[1], after.covariance)
-        self._carry_jumps(builder, until)
-
-    def _carry_jumps(self, builder: JointBatches, before: int) -> None:
-        for ns, change in self._queue.take_jumps(before):
-            builder.correct(to_seconds(ns), change)
 
     def _process(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
         if nav is None:

@@ -1,17 +1,19 @@
 """Unscented Kalman filter that fuses inertial data with map matching fixes.
 
-node        subscriptions: IMU samples, fixes and the information that belongs to them
-settings    the node's own parameters
-start       the filter's first state, or one that a user gives
-navigation  the filter from its start on: gaps, and what survives a restart
-watch       what is wrong with IMU samples that could each be right
-solution    an INS in place of the samples
-aids        sensors beside the IMU
-fixes       fixes applied to the filter, each once
-measuring   what became of measurements, counted by topic
-outputs     messages on nav/*
-track       the way so far on nav/path
-transforms  frames of the vehicle
+node           subscriptions: IMU samples, fixes and the information that belongs to them
+settings       the node's own parameters
+start          the filter's first state, or one that a user gives
+beginning      from which of several states a navigator begins
+navigation     the filter from its start on, and what survives a restart
+sample_checks  what is wrong with IMU samples that could each be right
+sample_report  what is said of samples that are missing, and of an alignment
+solution       an INS in place of the samples
+aids           sensors beside the IMU
+fixes          fixes applied to the filter, each once
+measuring      what became of measurements, counted by topic
+outputs        messages on nav/*
+track          the way so far on nav/path
+transforms     frames of the vehicle
 """
 
 from isogal.threads import one_thread

@@ -24,18 +24,18 @@ from isogal.sensors.barometer import height_of
 from isogal_ros.messages.aids import (
     Aid,
     each_aid,
-    read_ground_velocity,
     read_heading,
     read_pose_position,
     read_position_fix,
     read_pressure,
     read_velocity,
 )
-from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.frames import NED_ENU, map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message, Topic
 from ukf_fusion_node.measuring import AidReport, Measured
+from ukf_fusion_node.settings import UkfFusionSettings
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
@@ -83,7 +83,7 @@ class Aids:
         Called when a reading has come.
     """
 
-    def __init__(self, node: GraphNode, advance: Callable[[], None]) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings], advance: Callable[[], None]) -> None:
         self._scenario, self._advance = node.scenario, advance
         self._frame, self._map = node.settings.velocity_frame, map_frame(node.scenario)
         self._sources: dict[str, _Source] = {}
@@ -95,7 +95,7 @@ class Aids:
         every = {name: source.measured for name, source in self._sources.items()}
         self._report = AidReport(node, every)
 
-    def _add(self, node: GraphNode, topic: Topic, aid: Aid) -> None:
+    def _add(self, node: GraphNode[UkfFusionSettings], topic: Topic, aid: Aid) -> None:
         """Listen to a topic of an aid, and offer the service toggle/<topic>, which says whether it
         is used."""
 
@@ -157,7 +157,7 @@ class Aids:
                 velocity[[axis for axis in range(3) if axis not in sensor.axes]] = np.nan
                 found, describe = (velocity, covariance), _unlikely_velocity
             case Gnss(), TwistWithCovarianceStamped():
-                found, describe = read_ground_velocity(message), _unlikely_velocity
+                found, describe = read_velocity(message, "", NED_ENU), _unlikely_velocity
             case HeadingAid(), Imu():
                 found, describe = read_heading(message), _turned
             case PositionAid(), NavSatFix():

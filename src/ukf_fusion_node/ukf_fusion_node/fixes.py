@@ -1,7 +1,7 @@
 """The matcher's fixes: each is used once, when it is its turn.
 
-A fix comes whole on pmht_mm/information. Its position on pmht_mm/fix is for all others, and is
-used only where nobody publishes the whole."""
+A fix comes with its information on pmht_mm/information. Its position on pmht_mm/fix is for all
+others, and is used only where nobody publishes the information."""
 
 from collections.abc import Callable
 
@@ -11,13 +11,14 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 from isogal.fix import Fix
 from isogal.fusion.measurements import Innovation, Outcome, measurements_of
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.fix_information import FixMessage, read_fix_information
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
-from isogal_ros.messages.whole_fix import WholeFix, read_whole_fix
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import FIX, INFORMATION, Message
 from ukf_fusion_node.measuring import Measured
 from ukf_fusion_node.navigation import Navigation
+from ukf_fusion_node.settings import UkfFusionSettings
 
 KEPT = 8192
 """Fixes that wait at most, and stamps kept of those that have come: hours of them, more than the
@@ -40,12 +41,12 @@ class FixQueue:
     def __init__(self, ahead: int = 0) -> None:
         self._ahead = ahead
         self._known: dict[int, None] = {}
-        self._waiting: dict[int, WholeFix] = {}
+        self._waiting: dict[int, FixMessage] = {}
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def add(self, ns: int, whole: WholeFix) -> None:
+    def add(self, ns: int, message: FixMessage) -> None:
         """Take a fix of a stamp; raises BadMessageError where there has been one of it, or too
         many wait."""
         if ns == 0:  # within the horizon at a run's beginning, and a position of much later
@@ -56,23 +57,23 @@ class FixQueue:
             raise BadMessageError(f"more than {KEPT} fixes wait")
         if len(self._known) >= KEPT:
             del self._known[next(iter(self._known))]
-        self._known[ns], self._waiting[ns] = None, whole
+        self._known[ns], self._waiting[ns] = None, message
 
-    def due(self, now: int) -> list[tuple[int, WholeFix]]:
+    def due(self, now: int) -> list[tuple[int, FixMessage]]:
         """Take out stamps and fixes that need not wait any longer for the navigator, which is at a
         time (ns)."""
         found = [ns for ns in self._waiting if not 0 < ns - now <= self._ahead]
         return [(ns, self._waiting.pop(ns)) for ns in found]
 
 
-def read_fix(message: NavSatFix) -> WholeFix:
+def read_fix(message: NavSatFix) -> FixMessage:
     """Return the fix of a NavSatFix; raises BadMessageError where it cannot be used."""
     time = to_seconds(to_ns(message.header.stamp))
     if message.status.status == NavSatStatus.STATUS_NO_FIX:
         nothing = np.full((2, 2), np.nan)
-        return WholeFix(Fix(time, np.nan, np.nan, nothing, reason="no fix"))
+        return FixMessage(Fix(time, np.nan, np.nan, nothing, reason="no fix"))
     latitude, longitude, _ = read_position(message)
-    return WholeFix(Fix(time, latitude, longitude, read_covariance(message)[:2, :2]))
+    return FixMessage(Fix(time, latitude, longitude, read_covariance(message)[:2, :2]))
 
 
 class Fixes:
@@ -92,7 +93,7 @@ class Fixes:
 
     def __init__(
         self,
-        node: GraphNode,
+        node: GraphNode[UkfFusionSettings],
         navigation: Navigation,
         within: Callable[[], bool],
         answer: Callable[[], None],
@@ -102,13 +103,17 @@ class Fixes:
         self._measured, self._odd = Measured(FIX.name, node.health), 0
         self._queue = FixQueue(from_seconds(node.settings.max_gap))
         node.listen(FIX, self._take_position)
-        self._whole = node.listen(INFORMATION, lambda one: self._take(one, read_whole_fix))
+        self._information = node.listen(
+            INFORMATION, lambda one: self._take(one, read_fix_information)
+        )
 
     def _take_position(self, message: NavSatFix) -> None:
-        if not self._whole.get_publisher_count():
+        if not self._information.get_publisher_count():
             self._take(message, read_fix)
 
-    def _take(self, message: NavSatFix | PointCloud2, read: Callable[[Message], WholeFix]) -> None:
+    def _take(
+        self, message: NavSatFix | PointCloud2, read: Callable[[Message], FixMessage]
+    ) -> None:
         try:
             self._queue.add(to_ns(message.header.stamp), read(message))
         except BadMessageError:
@@ -120,18 +125,18 @@ class Fixes:
         """Apply the fixes that need not wait, and answer each, even one that is dropped."""
         if self._within() or not self._queue:
             return
-        for ns, whole in self._queue.due(self._navigation.ns):
-            self._guard(FIX, self._apply, whole)
+        for ns, message in self._queue.due(self._navigation.ns):
+            self._guard(FIX, self._apply, message)
             self._navigation.matched(ns)
             self._answer()
 
-    def _apply(self, whole: WholeFix) -> None:
+    def _apply(self, message: FixMessage) -> None:
         """Correct the filter; raises BadMessageError where the fix cannot be used, or the filter
         refuses it."""
-        fix, navigator = whole.fix, self._navigation.navigator
+        fix, navigator = message.fix, self._navigation.navigator
         if fix.reset:
             self._navigation.unfit()
-        parts = [(fix.time, part) for part in measurements_of(fix, whole.relative_to)]
+        parts = [(fix.time, part) for part in measurements_of(fix, message.relative_to)]
         if navigator is None and (fix.published or fix.widening is not None):
             raise BadMessageError("came before the first IMU sample")
         if navigator is None or not parts:

@@ -1,8 +1,8 @@
-"""The filter of a node from its start on: where it begins, gaps, and what survives a restart."""
+"""The filter of a node from its start on: samples, what is published of them, and what survives a
+restart."""
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -12,30 +12,23 @@ from isogal.fusion.alignment import Alignment
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import PositionFix, SampleNoise
-from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import Estimate, batch_difference
-from isogal.matching.interfaces import Aided
-from isogal.passage import Passage
+from isogal.passage import Since
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
-from isogal_ros.messages.stamped_numbers import AidedSince
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
-from isogal_ros.nodes.health import ERROR, OK, WARN
-from ukf_fusion_node.start import initial_state, with_given
-from ukf_fusion_node.watch import UnresolvedGap, Upright
+from isogal_ros.nodes.health import ERROR, WARN
+from ukf_fusion_node.beginning import Beginning
+from ukf_fusion_node.sample_report import SampleReport
+from ukf_fusion_node.settings import UkfFusionSettings
 
-REACH = 1.2
-"""Lags that the history goes back where states are smoothed, which is done by a tenth of it."""
 ROUNDED = 0.05
 """By which the samples may come faster than a multiple of the rate of odometry."""
-SAID_NS = 1_000_000_000
-"""How long missing samples of a fast IMU are the node's state, in the time of the stamps."""
 
 
 class Navigation:
@@ -47,33 +40,19 @@ class Navigation:
         Its scenario and settings; its health is told.
     """
 
-    def __init__(self, node: GraphNode) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings]) -> None:
         self._settings, self._health, self._scenario = node.settings, node.health, node.scenario
-        self._horizon = max(node.settings.horizon, REACH * node.scenario.fusion.lag)
         measured = node.scenario.height.measured
         self._height = math.nan if measured else node.scenario.route.height
-        self._log = node.get_logger()
         known = known_gravity(node.scenario.gravity_field, build_trajectory(node.scenario))
         self.model = filter_model(node.scenario, known)
-        self._sample = 1.0 / node.scenario.imu.rate
         of_step = node.scenario.samples_per_step
         self._has_imu = not node.scenario.ins.gives_solution
         streams = of_step > 1 and self._has_imu
         self._stream = SampleStream(node.scenario.imu.rate, of_step) if streams else None
-        self._start = FilterState.start(initial_state(node.scenario, node.settings), self.model)
-        self._motion = UnknownMotion(
-            node.settings.outage_acceleration,
-            node.settings.outage_turn_rate,
-            node.settings.manoeuvre_interval,
-        ).of_vehicle(node.scenario)
         self._checkpoint = Checkpoint(node)
-        self._from_start, self._why_not = True, ""
-        self._placed: FilterState | None = None
-        matcher = node.scenario.matcher
-        batch = matcher.batch_length * node.scenario.gravimeter.interval
-        self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
-        self._noted = -SAID_NS
-        self._upright = Upright()
+        self._beginning = Beginning(node, self.model, self._checkpoint)
+        self._report = SampleReport(node, self.model.dt)
         self.navigator: InertialNavigator | None = None
         """None = it has no start yet."""
         self.ns = -1
@@ -88,8 +67,9 @@ class Navigation:
 
     def _warm_up(self) -> None:
         """Compile, or load, the filter's kernels before the first sample comes."""
-        navigator, dt = InertialNavigator(self.model, self._start), self.model.dt
-        latitude, longitude, height = self._start.position.tolist()
+        start, dt = self._beginning.start, self.model.dt
+        navigator = InertialNavigator(self.model, start)
+        latitude, longitude, height = start.position.tolist()
         navigator.imu(dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
         navigator.measure(dt, PositionFix(latitude, longitude, np.eye(2) * 1e6))
 
@@ -124,23 +104,14 @@ class Navigation:
         self._fixed = max(ns, self._fixed)
 
     @property
-    def since(self) -> AidedSince | Passage | None:
-        """What has become of the error since the last fix, at the newest stamp published, where
-        the heading is not known well; else what satellites have told."""
+    def since(self) -> Since | None:
+        """What there is to say of the time since the last fix, at the newest stamp published."""
         if self.navigator is None or self._published > self.ns or not self.aligned:
             return None
         try:
-            without = self.navigator.unaided(to_seconds(self._fixed))
-            if without is None or not self.navigator.model.judges_satellites:
-                passage = self.navigator.passage(to_seconds(self._fixed))
-                if passage is not None:
-                    return passage
+            return self.navigator.since(to_seconds(self._fixed))
         except FilterDivergenceError:
             return None
-        if without is None:
-            return None
-        jump = batch_difference(self.state.estimate, without.estimate)
-        return AidedSince(self._fixed, Aided(without.batch_prior, jump))
 
     def _state_at(self, ns: int) -> FilterState:
         assert self.navigator is not None
@@ -159,83 +130,17 @@ class Navigation:
         """Begin with the first sample (its stamp), or with the first solution (10,) of an INS, if
         there is something to begin with; return whether it has begun at the start itself, which is
         then to be published."""
-        first = ns - (from_seconds(self._sample) if solution is None else 0)
-        fresh = False
-        if self._placed is not None:
-            if solution is not None:  # a pose says less of both, and they must be those of the INS
-                self._placed.velocity[:], self._placed.attitude[:] = solution[3:6], solution[6:]
-            self._set(first, self._placed)
-        elif (saved := self._checkpoint.take(first)) is not None and self._fits(saved.content):
-            self._set(saved.time, *saved.content)
-        elif solution is not None:
-            start_of = with_given(self._settings, Estimate(*np.split(solution, [3, 6])))
-            self._set(ns, FilterState.start(start_of, self.model))
-            fresh = True
-        elif self._scenario.fusion.start == "align":
-            self.navigator = Alignment(
-                self.model,
-                self._start.position,
-                to_seconds(first),
-                measured=self._scenario.gnss.used,
-                aim=self._scenario.fusion.align_to,
-                horizon=self._settings.horizon,
-                motion=self._motion,
-            )
-            self.ns = self._fixed = first
-            fresh = True
-        elif self._from_start:
-            given = self._settings.start_time
-            start = from_seconds(given) if math.isfinite(given) else first
-            margin = from_seconds(min(0.5 * self.model.dt, 1.0))
-            if start - margin <= first <= start + from_seconds(self._settings.max_gap):
-                # of a sample or two less than a millisecond apart the stamps are the same
-                self._set(first if abs(first - start) <= margin else start, self._start)
-                fresh = True
-            else:
-                self._wait(first, start)
-        else:
-            self._health.state(ERROR, self._why_not)
+        begun = self._beginning.find(ns, solution)
+        if begun is not None:
+            self._use(begun.ns, begun.navigator)
         if self._stream is not None:
             self._stream.begin(self.ns)
-        return fresh
+        return begun is not None and begun.fresh
 
-    def _wait(self, first: int, start: int) -> None:
-        if first < start:
-            text = f"waits for the start at {to_seconds(start):.3f} s (start_time)"
-            self._health.state(WARN, text)
-            return
-        self._from_start = False
-        text = (
-            f"waits for a pose on initialpose: the data begin at {to_seconds(first):.3f} s, the"
-            f" scenario's start is true at {to_seconds(start):.3f} s (start_time), and there is"
-            f" nothing to go on from ({self._checkpoint.reason})"
-        )
-        self._why_not = text
-        self._log.error(text)
-        self._health.state(ERROR, text)
-
-    def _fits(self, content: Any) -> bool:
-        """Whether a checkpoint's content is a state of this filter."""
-        try:
-            state, (force, rate) = content
-            arrays, now = state.arrays(), self._start.arrays()
-            same = [a.shape == b.shape for a, b in zip(arrays, now, strict=True)]
-            same += [force.shape == (3,), rate.shape == (3,)]
-            finite = all(np.isfinite(array).all() for array in (*arrays, force, rate))
-            np.linalg.cholesky(state.covariance)
-        except (TypeError, AttributeError, ValueError, np.linalg.LinAlgError):
-            return False
-        return all(same) and finite
-
-    def _set(self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None) -> None:
-        self._health.concern("aligning", None)
-        self.navigator = InertialNavigator(
-            self.model, state, to_seconds(ns), self._horizon, self._motion, sample
-        )
-        self.ns, self._placed, self._upright = ns, None, Upright()
-        self._fixed = ns
-        sigma = float(np.sqrt(np.trace(state.covariance[:2, :2])))
-        self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
+    def _use(self, ns: int, navigator: InertialNavigator) -> None:
+        """Go on with another navigator, whose state is of a stamp."""
+        self.navigator, self.ns, self._fixed = navigator, ns, ns
+        self._report.begin()
 
     def place(self, state: FilterState) -> None:
         """Navigate from a state on: from now, or from the first sample if there was none. By the
@@ -247,23 +152,21 @@ class Navigation:
             state.covariance[:3, :3] = placed.covariance[:3, :3]
         self.rate = np.zeros(3)
         if self.navigator is None:
-            self._placed = state
-            self._health.state(OK, "placed; waits for IMU samples")
+            self._beginning.place(state)
         else:
-            self._set(self.ns, state)
+            self._use(self.ns, self._beginning.navigator(self.ns, state))
 
     def reset(self) -> str:
         """Forget all: navigate from the scenario's start where it fits the next sample, else from
         a pose that is to come; return what it does next."""
-        self._checkpoint.forget()
-        self._published = -1
-        self.navigator, self._placed, self._from_start = None, None, True
+        self._beginning.reset()
+        self.navigator, self._published = None, -1
         self._health.state(WARN, "reset; waits for IMU samples")
         return "waits for a start"
 
     def start_state(self) -> FilterState:
         """Return a state to be changed: the newest, or where there is none that of the start."""
-        return (self._start if self.navigator is None else self.state).copy()
+        return (self._beginning.start if self.navigator is None else self.state).copy()
 
     def sample(
         self,
@@ -289,22 +192,23 @@ class Navigation:
         """
         if interval is not None:
             missing = to_seconds(ns - self.ns) - interval
-            self._note_gap(missing + self.model.dt)
+            self._report.gap(self.ns, missing + self.model.dt)
             self._advance(ns, force, rate, missing if missing > AT_ONCE else 0.0)
             yield
             return
         if self._stream is None:
-            self._advance(ns, force, rate, self._note_gap(to_seconds(ns - self.ns)))
+            missing = self._report.gap(self.ns, to_seconds(ns - self.ns))
+            self._advance(ns, force, rate, missing)
             if declared is not None and self.navigator is not None:
                 self.navigator.measure(to_seconds(ns), SampleNoise(declared, self.model.dt))
             yield
             return
-        missing = self._stream.missing
+        before = self._stream.missing
         for step in self._stream.take(ns, force, rate):
             self._advance(step.ns, step.force, step.rate, step.missing)
             self.rate = rate
             yield
-        self._note_samples(self._stream, self._stream.missing - missing)
+        self._report.stream(self._stream, self._stream.missing - before)
 
     def between(self) -> tuple[int, FilterState, Array] | None:
         """Return stamp, state and angular rate of the newest sample of a fast IMU where that is
@@ -336,27 +240,13 @@ class Navigation:
             raise BadMessageError(str(error)) from None
         self.ns, self.rate = ns, rate
         if isinstance(self.navigator, Alignment):
-            self._follow(self.navigator)
-        if self.aligned:
-            said = self._upright.take(to_seconds(ns), force, self.state.attitude)
-            self._health.concern("upright", said, ERROR)
-        if missing > HELD:
-            self._unresolved.begin(ns)
-
-    def _follow(self, alignment: Alignment) -> None:
-        """Tell how far an alignment is."""
-        progress = alignment.progress
-        self._health.figures |= {
-            "aligned": progress.aligned,
-            "aligned, %": round(100.0 * progress.share),
-            "heading 1-sigma, mrad": 1e3 * progress.heading,
-        }
-        self._health.concern("aligning", None if progress.aligned else progress.text)
+            self._report.alignment(self.navigator)
+        self._report.step(ns, force, self.state.attitude if self.aligned else None, missing)
 
     @property
     def aligned(self) -> bool:
         """Whether the state may be trusted: not while it is still being aligned."""
-        return not isinstance(self.navigator, Alignment) or self.navigator.aligned
+        return self.navigator is None or self.navigator.aligned
 
     def back(self, samples: int) -> bool:
         """Forget the newest samples, which were not true, and return whether they are forgotten;
@@ -368,15 +258,14 @@ class Navigation:
         self.keep()
         return True
 
-    @property
-    def unresolved(self) -> str | None:
-        """What is not known of the last long gap; None = nothing."""
+    def tell_unresolved(self) -> None:
+        """Tell what is not known of the last long gap."""
         undecided = self.navigator is not None and self.aligned and self.navigator.undecided
-        return self._unresolved.text(self.ns, undecided)
+        self._report.unresolved(self.ns, undecided)
 
     def unfit(self) -> None:
         """Note that a fix did not agree with the filter."""
-        self._unresolved.renew(self.ns)
+        self._report.unfit(self.ns)
 
     def keep(self) -> None:
         """Write a checkpoint of the newest state and the sample that led to it, unless it is still
@@ -385,31 +274,3 @@ class Navigation:
         if not self.aligned:
             return
         self._checkpoint.save(self.ns, (self.state, self.navigator.sample))
-
-    def _note_gap(self, interval: float) -> float:
-        """Tell of missing samples; return the time that they leave uncovered, s."""
-        samples = round(interval / self.model.dt) - 1
-        if samples < 1:
-            self._health.state(OK, "navigating")
-            return 0.0
-        self._health.count("IMU samples missing", samples)
-        end = to_seconds(self.ns) + interval
-        level = ERROR if interval > self._settings.max_gap else WARN
-        self._health.state(level, f"{samples} IMU samples missing before {end:.3f} s, bridged")
-        return interval - self.model.dt
-
-    def _note_samples(self, stream: SampleStream, missing: int) -> None:
-        """Tell of samples of a fast IMU that are missing, and of a rate that is not as told."""
-        if not stream.known:
-            return
-        if stream.missing or "IMU samples missing" in self._health.figures:
-            self._health.figures["IMU samples missing"] = stream.missing
-        if missing > 0:
-            self._noted = stream.ns
-            long = missing * self._sample > self._settings.max_gap
-            text = f"{missing} IMU samples missing before {to_seconds(stream.ns):.3f} s, bridged"
-            self._health.state(ERROR if long else WARN, text)
-        elif stream.ns - self._noted > SAID_NS:
-            told, rate = 1.0 / self._sample, stream.measured_rate
-            text = f"IMU samples come at {rate:.0f} Hz, imu.rate says {told:g}: taken as they come"
-            self._health.state(*((OK, "navigating") if stream.as_told else (WARN, text)))

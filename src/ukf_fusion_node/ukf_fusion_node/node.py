@@ -11,21 +11,22 @@ from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
-from isogal_ros.messages.imu import declared_variance, read_imu
+from isogal_ros.messages.imu import read_imu
 from isogal_ros.messages.stamps import peek_ns, to_ns
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
 from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs, Smoothed
+from ukf_fusion_node.sample_checks import SampleChecks
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.solution import Solution, Solutions
 from ukf_fusion_node.start import placed
-from ukf_fusion_node.watch import SampleChecks
 
 
-class UkfFusionNode(GraphNode):
+class UkfFusionNode(GraphNode[UkfFusionSettings]):
     """Advances with each IMU sample, or with each step that the samples of a fast IMU make, and
     publishes nav/* of its newest stamp after each and after each fix; within such a step nav/odom
     alone. What would change the state of a step already left behind so waits for the next."""
@@ -37,7 +38,6 @@ class UkfFusionNode(GraphNode):
         "magnetometer", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
-    settings: UkfFusionSettings
 
     def setup(self) -> None:
         """Start the filter and make publishers and subscriptions."""
@@ -94,15 +94,15 @@ class UkfFusionNode(GraphNode):
         if self._solutions is not None:
             self._take_solution(ns, message, self._solutions)
             return
-        force, rate = read_imu(message, self.settings.imu_frame)
+        force, rate, declared = read_imu(message, self.settings.imu_frame)
         # before anything is concluded from it: an old sample says nothing of those of now
         self._navigation.require_later(ns)
-        declared = declared_variance(message) if self.scenario.imu.declared_noise else None
-        self._take_sample(ns, force, rate, declared=declared)
+        used = declared if self.scenario.imu.declared_noise else None
+        self._take_sample(ns, force, rate, declared=used)
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
         """Take what an INS felt since its last solution for samples."""
-        found = solutions.samples(ns, message, self._navigation, self._checks.leaps)
+        found = solutions.samples(ns, message, self._navigation, self._checks.time_jumps)
         if self._navigation.navigator is not None:
             for sample in found:
                 self._take_sample(*sample)
@@ -130,7 +130,7 @@ class UkfFusionNode(GraphNode):
             self._step()
         if (between := self._navigation.between()) is not None:
             self.outputs.publish_odometry(*between)
-        self.health.concern("gap", self._navigation.unresolved)
+        self._navigation.tell_unresolved()
         self.health.tick(ns)
 
     def _step(self) -> None:

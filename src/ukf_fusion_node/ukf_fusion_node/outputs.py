@@ -8,13 +8,13 @@ from isogal.earth.frames import LocalFrame
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
-from isogal.passage import Passage
+from isogal.passage import Since
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, framed, map_frame
 from isogal_ros.messages.odometry import POSE, empty_odometry, fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.prepared import Prepared, write
-from isogal_ros.messages.stamped_numbers import AidedSince, fill_nav_covariance
+from isogal_ros.messages.stamped_numbers import fill_nav_covariance
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.track import Track
@@ -48,12 +48,24 @@ class Outputs:
         ns: int,
         state: FilterState,
         angular_rate: Array,
-        since: AidedSince | Passage | None = None,
+        since: Since | None = None,
         aligned: bool = True,
     ) -> None:
-        """Publish a state, the angular rate (3,) FRD that the gyroscopes measured, and what there
-        is to say of the time since the last fix. One that is not aligned promises nothing: it is
-        no fix, and has no protection level, path or transforms."""
+        """Publish a state.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp.
+        state : FilterState
+        angular_rate : (3,) array
+            As the gyroscopes measured it, FRD, rad/s.
+        since : Aided or Passage, optional
+            What there is to say of the time since the last fix.
+        aligned : bool
+            A state that is not promises nothing: it is no fix, and has no protection level, path
+            or transforms.
+        """
         covariance = state.covariance
         latitude, longitude, height = state.position.tolist()
         # odometry first: a lock-step simulation goes on with it while the rest is made

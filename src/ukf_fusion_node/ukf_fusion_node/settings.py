@@ -8,7 +8,7 @@ from isogal_ros.messages.altimeter import ALTIMETER
 from isogal_ros.messages.frames import BASE
 from isogal_ros.messages.gravimeter import PLATFORM
 from isogal_ros.messages.magnetometer import MAGNETOMETER
-from isogal_ros.nodes.base import NodeSettings
+from isogal_ros.nodes.settings import NodeSettings
 
 Triple = tuple[float, float, float]
 _FROM_SCENARIO = (math.nan, math.nan, math.nan)

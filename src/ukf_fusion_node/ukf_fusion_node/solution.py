@@ -27,7 +27,7 @@ from isogal_ros.messages.ins_solution import (
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.navigation import Navigation
-from ukf_fusion_node.watch import Leaps
+from ukf_fusion_node.sample_checks import TimeJumps
 
 LONGEST = 600.0
 """s without solutions that are filled in; after longer it may be another INS, or one that was
@@ -112,14 +112,28 @@ class Solutions:
         return self._inverse.last
 
     def samples(
-        self, ns: int, message: Solution, navigation: Navigation, leaps: Leaps
+        self, ns: int, message: Solution, navigation: Navigation, time_jumps: TimeJumps
     ) -> list[Sample]:
-        """Return what the INS felt since its last solution; raises BadMessageError where a message
-        (its stamp) cannot be used, or does not say that."""
+        """Return what the INS felt since its last solution.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp of the message.
+        message : Odometry or Joined
+        navigation : Navigation
+            Whose newest stamp the message's must be later than.
+        time_jumps : TimeJumps
+
+        Raises
+        ------
+        BadMessageError
+            The message cannot be used, or does not say that.
+        """
         solution = self.read(message)
         navigation.require_later(ns)
         if navigation.navigator is not None:
-            leaps.check(ns, navigation.ns)
+            time_jumps.check(ns, navigation.ns)
         try:
             found = self._inverse.take(to_seconds(ns), solution)
         except NothingFeltError as error:

@@ -73,6 +73,16 @@ def placed(
     The velocity, which a pose does not say, is a speed (m/s) straight ahead. Where the variances
     of the orientation are zero, those of the other state stand.
 
+    Parameters
+    ----------
+    state : FilterState
+        The other.
+    message : PoseWithCovarianceStamped
+    frame : LocalFrame
+        The frame ``map``.
+    speed : float
+        m/s.
+
     Raises
     ------
     BadMessageError

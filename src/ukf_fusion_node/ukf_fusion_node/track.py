@@ -11,6 +11,7 @@ from isogal_ros.messages.frames import MAP
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
+from ukf_fusion_node.settings import UkfFusionSettings
 
 PATH_POSES = 200
 """Kept at most; then every other one is left out, and they come half as often. All go into each
@@ -34,7 +35,7 @@ class Track:
     node : GraphNode
     """
 
-    def __init__(self, node: GraphNode) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings]) -> None:
         self._interval = from_seconds(node.settings.path_interval)
         self._publisher, pose = node.advertise(topics.NAV_PATH), PoseStamped()
         pose.header.frame_id = MAP

@@ -1,16 +1,18 @@
 """Frames of the vehicle as transforms (REP-105): ``odom`` to ``base_link``, which never jumps, and
 ``map`` to ``odom``, which takes the jumps of fixes; and where the instruments are."""
 
+import numpy as np
 from geometry_msgs.msg import TransformStamped
 
 from isogal.arrays import Array
 from isogal.inertial.rotations import from_matrix, matrix
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, ODOM
-from isogal_ros.messages.mounting import HERE, Pose, compose, inverse
+from isogal_ros.messages.mounting import Pose, pose_of
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.publishing import Publishing
+from ukf_fusion_node.settings import UkfFusionSettings
 
 
 class DeadReckoning:
@@ -23,28 +25,27 @@ class DeadReckoning:
 
     def __init__(self) -> None:
         self._ns: int | None = None
-        self._in_map: Pose = HERE
-        self._in_odom: Pose = HERE
+        self._in_map: Pose = np.eye(4)
+        self._in_odom: Pose = np.eye(4)
 
     def take(self, ns: int, position: Array, quaternion: Array) -> tuple[Pose, Pose]:
         """Take the pose of ``base_link`` in ``map`` (quaternion w first) at a stamp, a second time
         where it was corrected; return (``map`` to ``odom``, ``odom`` to ``base_link``)."""
-        now = position.copy(), matrix(quaternion)
+        now = pose_of(position, matrix(quaternion))
         if self._ns is None:
             self._in_odom = now
         elif ns > self._ns:
-            moved = compose(inverse(self._in_map), now)
-            self._in_odom = compose(self._in_odom, moved)
-            self._in_odom = self._in_odom[0], matrix(from_matrix(self._in_odom[1]))
+            self._in_odom = self._in_odom @ np.linalg.inv(self._in_map) @ now
+            self._in_odom[:3, :3] = matrix(from_matrix(self._in_odom[:3, :3].copy()))
         self._ns, self._in_map = ns, now
-        return compose(now, inverse(self._in_odom)), self._in_odom
+        return now @ np.linalg.inv(self._in_odom), self._in_odom
 
 
 class Transforms:
     """Publishes them on /tf and /tf_static; nothing where tf2_msgs is not installed, or where the
     parameter publish_tf says so."""
 
-    def __init__(self, node: GraphNode) -> None:
+    def __init__(self, node: GraphNode[UkfFusionSettings]) -> None:
         self._publisher: Publishing | None = None
         if topics.TF is None or topics.TF_STATIC is None or not node.settings.publish_tf:
             return
@@ -65,8 +66,8 @@ class Transforms:
         if self._publisher is None:
             return
         poses = self._track.take(ns, pose[:3], pose[[6, 3, 4, 5]])
-        for message, (position, rotation) in zip(self._messages, poses, strict=True):
-            fill(message, ns, position, rotation)
+        for message, own in zip(self._messages, poses, strict=True):
+            fill(message, ns, own)
         self._publisher.publish(self._type(transforms=list(self._messages[self._first :])))
 
 
@@ -78,9 +79,9 @@ def transform(parent: str, child: str) -> TransformStamped:
     return message
 
 
-def fill(message: TransformStamped, ns: int, position: Array, rotation: Array) -> None:
+def fill(message: TransformStamped, ns: int, pose: Pose) -> None:
     """Write a pose of the child in its parent."""
     set_stamp(message.header.stamp, ns)
     translation, q = message.transform.translation, message.transform.rotation
-    translation.x, translation.y, translation.z = position.tolist()
-    q.w, q.x, q.y, q.z = from_matrix(rotation).tolist()
+    translation.x, translation.y, translation.z = pose[:3, 3].tolist()
+    q.w, q.x, q.y, q.z = from_matrix(pose[:3, :3].copy()).tolist()

@@ -16,11 +16,11 @@ from isogal_ros.mavlink.decoding import SenderClock
 from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
 from isogal_ros.mavlink.node import MAVLINK
 from isogal_ros.mavlink.silence import Silence
-from isogal_ros.messages.aids import read_ground_velocity, read_position_fix, read_velocity
-from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.aids import read_position_fix, read_velocity
+from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
+from isogal_ros.messages.frames import NED_ENU, map_frame
 from isogal_ros.messages.imu import read_imu
 from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.health import WARN
 
 common = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is an extra")
@@ -55,7 +55,7 @@ def node(receiver, scenario, message: str, **own):
 def batch(made: Bench, seconds: float, lost: bool, published: bool) -> None:
     fix = Fix(seconds, *PLACE, np.eye(2), None if published else "no", reset=lost)
     message = topics.INFORMATION.type()
-    fill_whole_fix(message, from_seconds(seconds), WholeFix(fix))
+    fill_fix_information(message, from_seconds(seconds), FixMessage(fix))
     made.publish(topics.INFORMATION, message)
 
 
@@ -227,7 +227,7 @@ def test_the_sensors_of_an_autopilot(scenario) -> None:
         )  # fmt: skip
         imu, fixes = autopilot.heard(topics.IMU), autopilot.heard(topics.GNSS_FIX)
         (pressure,), (velocity,) = map(autopilot.heard, (topics.BAROMETER, topics.GNSS_VELOCITY))
-    force, rate = read_imu(serialize_message(imu[0]))
+    force, rate, _ = read_imu(serialize_message(imu[0]))
     np.testing.assert_allclose(force, (0.1, 0.2, -9.8), rtol=1e-6)
     np.testing.assert_allclose(rate, (1e-3, 2e-3, 3e-3), rtol=1e-6)
     stamps = [to_ns(one.header.stamp) for one in imu]
@@ -238,7 +238,7 @@ def test_the_sensors_of_an_autopilot(scenario) -> None:
     place, covariance = read_position_fix(fixes[0])
     assert place == pytest.approx([*PLACE, 60.0])
     assert np.sqrt(np.diag(covariance)) == pytest.approx([1.5, 1.5, 2.5])
-    speed, of_speed = read_ground_velocity(velocity)
+    speed, of_speed = read_velocity(velocity, "", NED_ENU)
     np.testing.assert_allclose(speed, [0.0, 10.0, np.nan], atol=1e-12)
     assert of_speed[0, 0] == pytest.approx(0.04)
 
@@ -254,7 +254,7 @@ def test_ardupilots_units_and_a_velocity(scenario) -> None:
         )  # fmt: skip
         autopilot.send(raw, moved)
         (imu,), (velocity,) = map(autopilot.heard, (topics.IMU, topics.VELOCITY))
-    force, rate = read_imu(serialize_message(imu))
+    force, rate, _ = read_imu(serialize_message(imu))
     assert force == pytest.approx([0.0980665, 0.196133, -9.80665])
     assert rate == pytest.approx([1e-3, 2e-3, 3e-3])
     found, covariance = read_velocity(velocity)

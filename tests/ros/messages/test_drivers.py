@@ -63,7 +63,7 @@ def test_an_imu_in_its_own_frame_and_axes() -> None:
     force, rate = np.array([0.1, 0.2, -9.8]), np.array([0.01, -0.02, 0.03])
     fill_imu(message, NS, np.array([-0.1, 0.2, 9.8]), np.array([-0.01, -0.02, -0.03]))
     found = taken(topics.IMU, message, frame="imu_link", rotation=(180.0, 0.0, 180.0))
-    for given_, wanted in zip(read_imu(serialize_message(found)), (force, rate), strict=True):
+    for given_, wanted in zip(read_imu(serialize_message(found))[:2], (force, rate), strict=True):
         np.testing.assert_allclose(given_, wanted, atol=1e-12)
 
 

@@ -11,7 +11,7 @@ from sensor_msgs.msg import Imu
 
 from isogal.scenario import load_scenario
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.imu import declared_variance, fill_imu, fill_noise, read_imu
+from isogal_ros.messages.imu import fill_imu, fill_noise, read_imu
 
 finite = st.floats(-50.0, 50.0)
 vectors = st.tuples(finite, finite, finite).map(np.array)
@@ -24,8 +24,8 @@ def test_both_ways(force, rate, frame) -> None:
     fill_imu(message, 5, force, rate)
     message.angular_velocity_covariance = np.diag([0.0, 2.0, 0.0]).ravel()
     got = read_imu(serialize_message(message), frame)
-    assert declared_variance(serialize_message(message)).tolist() == [0.0, 2.0, 0.0]
-    np.testing.assert_array_equal(got, [force, rate])
+    assert got[2].tolist() == [0.0, 2.0, 0.0]
+    np.testing.assert_array_equal(got[:2], [force, rate])
 
 
 def test_axes() -> None:

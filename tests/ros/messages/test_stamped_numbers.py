@@ -8,11 +8,9 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
 from helpers.navigators import random_covariance
-from isogal.matching.interfaces import Aided
-from isogal.passage import Passage
+from isogal.passage import Aided, Passage
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamped_numbers import (
-    AidedSince,
     fill_nav_covariance,
     fill_numbers,
     peek_numbers_ns,
@@ -47,15 +45,15 @@ def test_nav_covariance(size) -> None:
 def test_nav_covariance_with_what_satellites_have_told() -> None:
     message = Float64MultiArray()
     cov, without = (random_covariance(np.ones(7), seed) for seed in (1, 2))
-    told = AidedSince(7_250_000_000, Aided(without, np.arange(7.0)))
+    told = Aided(7.25, without, np.arange(7.0))
     fill_nav_covariance(message, 12_500_000_000, cov, told)
     assert peek_numbers_ns(serialize_message(message)) == 12_500_000_000
     found, aided = read_nav_covariance(message)
     np.testing.assert_array_equal(found, cov)
-    assert isinstance(aided, AidedSince)
-    assert aided.since == told.since
-    np.testing.assert_array_equal(aided.told.covariance, without)
-    np.testing.assert_array_equal(aided.told.jump, told.told.jump)
+    assert isinstance(aided, Aided)
+    assert aided.begin == told.begin
+    np.testing.assert_array_equal(aided.covariance, without)
+    np.testing.assert_array_equal(aided.jump, told.jump)
     message.data[-1] = float("nan")
     with pytest.raises(BadMessageError, match="not finite"):
         read_nav_covariance(message)

@@ -11,8 +11,8 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.nodes import heartbeat
+from isogal_ros.nodes.base import FAILURE, SUCCESS
 from isogal_ros.nodes.health import WARN
-from isogal_ros.nodes.managed import FAILURE, SUCCESS
 
 
 def test_every_transition(scenario) -> None:

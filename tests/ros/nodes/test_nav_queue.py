@@ -69,12 +69,23 @@ def test_a_second_message_of_a_stamp_is_a_jump() -> None:
     buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1], velocity=(10.5, 10.0))
     buffer.feed(5 * S, PLACE[0] + 1e-5, PLACE[1] - 1e-5, velocity=(10.5, 9.0))
     buffer.feed(6 * S, *PLACE)
-    (begin, first), (end, second) = buffer.buffer.take_jumps(6 * S)
+    (begin, first), (end, second) = buffer.buffer.take_changes(6 * S)
     assert begin == end == 5 * S
     assert first == pytest.approx([63.6, 0.0, 0.5, 0.0, 0, 0, 0], abs=0.1)
     assert second == pytest.approx([0.0, -50.3, 0.0, -1.0, 0, 0, 0], abs=0.1)
     assert buffer.buffer.at(5 * S).velocity[0] == pytest.approx(10.0)  # the state before any fix
-    assert buffer.buffer.take_jumps(6 * S) == []
+    assert not buffer.buffer.changes
+
+
+def test_changes_come_in_order_of_time() -> None:
+    """A gap before what a fix did at its end; a jump at the stamp itself comes after its scan."""
+    buffer = Buffer()
+    for second in (5, 80):
+        buffer.feed(second * S, *PLACE)
+        buffer.feed(second * S, PLACE[0] + 1e-5, PLACE[1])
+    first, (before, after) = buffer.buffer.take_changes(80 * S)
+    assert (first.ns, before.ns, after.ns) == (5 * S, 5 * S, 80 * S)
+    assert [ns for ns, _ in buffer.buffer.take_changes(81 * S)] == [80 * S]
 
 
 def test_old_states_are_dropped() -> None:
@@ -97,7 +108,7 @@ def test_a_flood_is_not_kept(monkeypatch) -> None:
     for k in range(6, 20):
         buffer.feed(k * S, *PLACE)
         buffer.feed(k * S, PLACE[0] + 1e-6, PLACE[1])
-    assert [ns for ns, _ in buffer.buffer.jumps] == [k * S for k in range(12, 20)]
+    assert [ns for ns, _ in buffer.buffer.changes] == [k * S for k in range(12, 20)]
 
 
 def test_a_gap_has_the_states_at_either_side() -> None:
@@ -105,11 +116,11 @@ def test_a_gap_has_the_states_at_either_side() -> None:
     buffer = Buffer()
     for second in (5, 6, 16, 11, 80, 81):
         buffer.feed(second * S, *PLACE, variance=float(second))
-    assert buffer.buffer.take_gaps(79 * S) == []
-    ((before, after),) = buffer.buffer.take_gaps(80 * S)
+    assert list(buffer.buffer.take_changes(79 * S)) == []
+    ((before, after),) = buffer.buffer.take_changes(80 * S)
     assert (before.ns, after.ns) == (16 * S, 80 * S)
     assert after.covariance.shape == (7, 7)
-    assert buffer.buffer.take_gaps(90 * S) == []
+    assert list(buffer.buffer.take_changes(90 * S)) == []
 
 
 def test_odometry_within_steps_does_not_crowd_out_the_steps() -> None:
@@ -120,5 +131,4 @@ def test_odometry_within_steps_does_not_crowd_out_the_steps() -> None:
             _, (topic, odom) = nav_messages(SCENARIO, k * S + j * S // 50, *PLACE)[1:]
             buffer.handlers[topic.name](serialize_message(odom))
     assert buffer.buffer.at(2 * S).ns == 2 * S
-    assert not buffer.buffer.jumps
-    assert not buffer.buffer.take_gaps(60 * S)
+    assert not buffer.buffer.changes

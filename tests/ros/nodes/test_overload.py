@@ -14,8 +14,8 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER, RecorderNode
 from isogal_ros.graph.domain import local_context
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.fix_information import FixMessage
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.messages.whole_fix import WholeFix
 from isogal_ros.nodes import nav_queue
 from isogal_ros.nodes.health import WARN
 from isogal_ros.nodes.spin import make_executor
@@ -39,14 +39,14 @@ def test_a_burst_of_fixes_is_bounded_and_told(monkeypatch) -> None:
     """Those that wait are kept, those that were used are forgotten first."""
     monkeypatch.setattr(fixes, "KEPT", 10)
     queue = FixQueue(from_seconds(1000.0))
-    queue.add(1, WholeFix(None))
+    queue.add(1, FixMessage(None))
     assert [ns for ns, _ in queue.due(10)] == [1]
     for second in range(100, 110):
-        queue.add(from_seconds(second), WholeFix(None))
+        queue.add(from_seconds(second), FixMessage(None))
     with pytest.raises(BadMessageError, match="more than 10 fixes wait"):
-        queue.add(from_seconds(110.0), WholeFix(None))
+        queue.add(from_seconds(110.0), FixMessage(None))
     assert len(queue.due(from_seconds(109.0))) == 10
-    queue.add(from_seconds(110.0), WholeFix(None))
+    queue.add(from_seconds(110.0), FixMessage(None))
 
 
 def test_a_hundred_topics_of_strangers_are_not_recorded(scenario, tmp_path) -> None:

@@ -10,12 +10,14 @@ from sensor_msgs.msg import NavSatStatus, PointCloud2
 
 from helpers.node_bench import bench, vector_reading
 from isogal.matching.interfaces import declined
+from isogal.passage import Aided
 from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.gradiometer import GRADIOMETER
-from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns, to_seconds
 from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.nav_sample import NavSample
 
 
 @pytest.fixture
@@ -71,6 +73,27 @@ def test_stamps_must_increase(matcher_bench, drive) -> None:
     drive(1)
     drive(2)
     assert matcher_bench.node.health.dropped == {"gravimeter/disturbance": 2}
+
+
+@pytest.mark.parametrize(("later", "used"), [(0, True), (10**9, False)])
+def test_what_is_said_since_the_last_fix_counts_at_stamps_of_our_time(
+    matcher_bench, monkeypatch, later, used
+) -> None:
+    """Of another fix than the last it does not; seconds in double precision are not exact."""
+    node, seen, end = matcher_bench.node, [], 1_764_187_200_123_456_789
+    begin = to_seconds(from_seconds(to_seconds(end + later)))
+    since = Aided(begin, np.eye(7), np.zeros(7))
+    node.scans.ended, node._matching.memory = end, "something"
+
+    def match(_prior, _why, told):
+        seen.append(told)
+        raise StopIteration
+
+    monkeypatch.setattr(node._matching, "match", match)
+    nav = NavSample(end + 10**10, np.zeros(3), np.zeros(3), np.eye(3), np.eye(7), 1.0, since=since)
+    with pytest.raises(StopIteration):
+        node._match(nav)
+    assert len(seen) == 1 and (seen[0] is since) == used
 
 
 def test_what_a_message_says_of_its_noise_is_used(matcher_bench, drive, monkeypatch) -> None:

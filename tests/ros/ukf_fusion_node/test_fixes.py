@@ -13,14 +13,14 @@ from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.matching.interfaces import Fix
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.health import ERROR, WARN
 from isogal_ros.topics import INFORMATION, UKF_FUSION
 from ukf_fusion_node.fixes import FixQueue
 
-WHOLE = WholeFix(Fix(10.0, -0.6, 2.5, np.eye(2)))
+WHOLE = FixMessage(Fix(10.0, -0.6, 2.5, np.eye(2)))
 
 
 def test_a_stamp_that_nobody_has_set_is_refused() -> None:
@@ -79,7 +79,7 @@ def send(made, seconds: float, place, bare: bool = False, **keys) -> None:
     else:
         message = topics.INFORMATION.type()
         fix = Fix(seconds, *place, np.eye(2), **keys)
-        fill_whole_fix(message, from_seconds(seconds), WholeFix(fix))
+        fill_fix_information(message, from_seconds(seconds), FixMessage(fix))
         made.publish(topics.INFORMATION, message)
     assert made.node.answered == before + 1
 

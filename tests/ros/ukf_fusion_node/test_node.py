@@ -10,9 +10,9 @@ from isogal.earth.frames import horizontal_difference
 from isogal.fusion.protection_level import protection_level
 from isogal.matching.interfaces import Fix
 from isogal_ros import topics
+from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix
 from isogal_ros.nodes.health import ERROR, OK, WARN
 
 
@@ -124,7 +124,7 @@ def test_what_a_fix_says_and_its_position_are_used_once_in_either_order(scenario
     whole = topics.INFORMATION.type()
     covariance = np.diag([100.0, 100.0])
     one = Fix(8.0, start[0] + 1e-5, start[1] - 1e-5, covariance)
-    fill_whole_fix(whole, from_seconds(8.0), WholeFix(one))
+    fill_fix_information(whole, from_seconds(8.0), FixMessage(one))
     results = []
     for position_first in (True, False):
         with bench(topics.UKF_FUSION, scenario()) as made:

@@ -13,9 +13,9 @@ from isogal.sensors.imu import simulate_imu
 from isogal.sensors.ins_solution import simulate_solution
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.messages.aids import fill_ground_velocity
+from isogal_ros.messages.aids import fill_twist
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.frames import BASE, MAP, NED_ENU, map_frame
 from isogal_ros.messages.ins_solution import (
     fill_error,
     inertial_topics,
@@ -134,7 +134,7 @@ def test_position_and_velocity_are_enough(scenario, rows) -> None:
             fix, twist = topics.INS_SOLUTION_FIX.type(), topics.INS_SOLUTION_VELOCITY.type()
             fix.header.frame_id = twist.header.frame_id = BASE
             fill_fix(fix, from_seconds(k), *rows[k, :3].tolist())
-            fill_ground_velocity(twist, from_seconds(k), rows[k, 3:6])
+            fill_twist(twist, from_seconds(k), NED_ENU @ rows[k, 3:6])
             each = [(topics.INS_SOLUTION_FIX, fix), (topics.INS_SOLUTION_VELOCITY, twist)]
             for topic, message in each[:: (-1) ** k]:  # in either order
                 made.publish(topic, message)

@@ -14,7 +14,7 @@ from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
 from isogal_ros.messages.odometry import POSE
 from isogal_ros.messages.prepared import numbers_of
 from isogal_ros.messages.stamps import to_ns
-from ukf_fusion_node.transforms import DeadReckoning, Transforms, compose
+from ukf_fusion_node.transforms import DeadReckoning, Transforms
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +34,16 @@ def test_dead_reckoning_is_continuous_and_the_chain_is_the_navigator(poses) -> N
     for ns, pose in poses:
         position, quaternion = pose[:3], np.roll(pose[3:], 1)
         map_odom, odom_base = track.take(ns, position, quaternion)
-        whole = compose(map_odom, odom_base)
-        np.testing.assert_allclose(whole[0], position, atol=1e-6)
-        np.testing.assert_allclose(whole[1], matrix(quaternion), atol=1e-9)
+        whole = map_odom @ odom_base
+        np.testing.assert_allclose(whole[:3, 3], position, atol=1e-6)
+        np.testing.assert_allclose(whole[:3, :3], matrix(quaternion), atol=1e-9)
         if ns == last_ns:
             jumps += 1
-            np.testing.assert_array_equal(odom_base[0], last)
+            np.testing.assert_array_equal(odom_base[:3, 3], last)
         elif last is not None:
-            assert 21.0 < np.linalg.norm(odom_base[0] - last) < 23.0  # 22 m/s, 1 s
-        last, last_ns = odom_base[0], ns
-        shifts.append(map_odom[0])
+            assert 21.0 < np.linalg.norm(odom_base[:3, 3] - last) < 23.0  # 22 m/s, 1 s
+        last, last_ns = odom_base[:3, 3], ns
+        shifts.append(map_odom[:3, 3])
     assert jumps == 6
     moved = np.linalg.norm(np.diff(shifts, axis=0), axis=1)
     # what fixes have told is between map and odom, and nothing else
@@ -58,12 +58,12 @@ def test_a_correction_of_the_heading_turns_odom_about_the_vehicle() -> None:
     track.take(1, np.array([10.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
     turned = from_angles(0.0, 0.0, 0.5)
     map_odom, odom_base = track.take(1, np.array([10.0, 0.0, 0.0]), turned)
-    np.testing.assert_allclose(odom_base[0], [10.0, 0.0, 0.0])
-    np.testing.assert_allclose(map_odom[1], matrix(turned))
+    np.testing.assert_allclose(odom_base[:3, 3], [10.0, 0.0, 0.0])
+    np.testing.assert_allclose(map_odom[:3, :3], matrix(turned))
     # one metre on along the new heading is one metre along x of odom
     ahead = np.array([10.0, 0.0, 0.0]) + matrix(turned)[:, 0]
     _, odom_base = track.take(2, ahead, turned)
-    np.testing.assert_allclose(odom_base[0], [11.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(odom_base[:3, 3], [11.0, 0.0, 0.0], atol=1e-12)
 
 
 class StandIn(SimpleNamespace):

@@ -25,7 +25,8 @@ from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
 from isogal.fusion.smoothing import Way, smoothed, way_over
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
-from isogal.passage import Passage
+from isogal.inertial.error_state import batch_difference
+from isogal.passage import Aided, Passage, Since
 
 
 def track_row(state: FilterState) -> Array:
@@ -52,6 +53,10 @@ class InertialNavigator:
         Specific force and angular rate of the sample that ended at `time`; None = of a vehicle
         that moves steadily.
     """
+
+    aligned: bool = True
+    """Whether the state may be trusted; not while it is being aligned
+    (`isogal.fusion.alignment`)."""
 
     def __init__(
         self,
@@ -305,6 +310,18 @@ class InertialNavigator:
             At one of the times there is no state, or it is older than the history.
         """
         return smoothed(self.history(time), self.model, self.motion, time)
+
+    def since(self, time: float) -> Since | None:
+        """Return what has become of the error since a time (s) of the history, where the heading
+        is not known well; else what satellites have told since then; None = there is nothing to
+        say."""
+        without = self.unaided(time)
+        if without is None or not self.model.judges_satellites:
+            passage = self.passage(time)
+            if passage is not None or without is None:
+                return passage
+        jump = batch_difference(self.state.estimate, without.estimate)
+        return Aided(time, without.batch_prior, jump)
 
     def passage(self, since: float) -> Passage | None:
         """Return what has become of the error since a time (s) of the history; None where the

@@ -62,14 +62,16 @@ class Segment:
         vehicle may have moved meanwhile, by which it is still to grow; `before` may be changed.
         `traces` receives those of the steps, as of `keep_going`."""
         assert self.change is not None
-        motions = motion.possible(self.missing, self.change)
+        rate = float(self.rate[0, 2])
+        motions = motion.possible(self.missing, self.change, rate)
         if model.unsure_heading:
             # hypotheses of the matcher go on by `Passage`, which is of one state
             motions = [(0.0, motions[-1][1])]
         if self.missing <= HELD:
             return before, [motions[0][1]] * len(before.states)
         one = before.merged.copy()
-        keep_going(one, model, self.missing, float(self.height[0]), traces)
+        rates = rate - float(self.change[1][2]), rate
+        keep_going(one, model, self.missing, float(self.height[0]), traces, motion.turns, rates)
         after = Mixture.of(one)
         if len(motions) > 1:
             after = after.divided([probability for probability, _ in motions])

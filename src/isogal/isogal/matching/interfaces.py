@@ -17,7 +17,7 @@ navigator's prior."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -28,12 +28,12 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import Parameters
 from isogal.matching.path import FilterPath
 from isogal.matching.transitions import given_position_and_velocity
-from isogal.matrices import symmetric
-from isogal.passage import Passage
+from isogal.passage import Aided, Passage
 
 __all__ = [
     "LOST_COVARIANCE",
     "LOST_SIGMA",
+    "Aided",
     "Batch",
     "Candidates",
     "Fix",
@@ -45,24 +45,6 @@ __all__ = [
     "located",
     "with_scans",
 ]
-
-
-class Aided(NamedTuple):
-    """What other aids than the map have told the navigator since the last batch."""
-
-    covariance: Array
-    """(7, 7) of the navigator's error at the batch end without them."""
-    jump: Array
-    """(7,) of its estimate there: with them minus without them."""
-
-    def information(self, prior: Array) -> Information:
-        """Return what they say of the error at the batch end: that which turns N(jump, covariance)
-        into N(0, prior), with the navigator's covariance `prior` (7, 7)."""
-        scale = np.sqrt(np.diag(self.covariance))
-        unit = np.outer(scale, scale)
-        before, after = (np.linalg.inv(one / unit) for one in (self.covariance, prior))
-        vector = -before @ (self.jump / scale) / scale
-        return Information(vector, symmetric(after - before) / unit)
 
 
 SATELLITES = "satellites say more than the map"

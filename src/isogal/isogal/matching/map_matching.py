@@ -13,12 +13,12 @@ from isogal.fields.known_gravity import KnownGravity
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import RouteMap
 from isogal.matching.failures import match_or_decline
-from isogal.matching.interfaces import Aided, Batch, Fix, Matcher, declined
+from isogal.matching.interfaces import Batch, Fix, Matcher, declined
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.passage import Passage
+from isogal.passage import Aided, Passage, Since
 from isogal.scenario import Scenario
 
 
@@ -131,8 +131,7 @@ class MapMatching:
         self,
         prior: Array,
         declined_for: str | None = None,
-        aided: Aided | None = None,
-        passage: Passage | None = None,
+        since: Since | None = None,
     ) -> Matched:
         """Return the batch that the newest readings end, and its fix.
 
@@ -142,20 +141,20 @@ class MapMatching:
             The navigator's covariance, of a batch's states (`isogal.inertial.error_state`).
         declined_for : str, optional
             Why there can be no fix; the readings then belong to the next batch, too.
-        aided : Aided, optional
-            What satellites have told the navigator since the last batch.
-        passage : Passage, optional
-            What has become of the navigator's error since then, where its heading is not known
-            well; says what satellites have told, too.
+        since : Aided or Passage, optional
+            What satellites have told the navigator since the last batch; or what has become of its
+            error, where its heading is not known well, which says what satellites have told, too.
         """
         collected = None if declined_for is None else self.batches.collected
         batch = self.batches.build(prior, self._near)
         if declined_for is not None and collected is not None:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
+        passage = since if isinstance(since, Passage) else None
         if passage is not None:
-            batch, aided = replace(batch, passage=passage), None
+            batch = replace(batch, passage=passage)
         if self._satellites and (passage is None or self._judged):
+            aided = since if isinstance(since, Aided) else None
             batch = replace(batch, satellites=True, aided=aided)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)

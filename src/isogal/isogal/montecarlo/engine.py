@@ -40,6 +40,8 @@ from isogal.sensors.trajectory import Trajectory, build_trajectory
 Revised = Callable[[int, Integers, Array], None]
 """Called with a run's place in the list of runs, the indices of past states that retrodiction has
 changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
+Finished = Callable[[int, Navigator], None]
+"""Called with a run's place in the list of runs, and its navigator at the end."""
 Arrivals = dict[int, list[tuple[float, Measurement]]]
 """Measurements, each with its time (s), by the number of IMU intervals before they come."""
 
@@ -59,6 +61,7 @@ def simulate(
     revised: Revised | None = None,
     *,
     lag: float = 0.0,
+    finished: Finished | None = None,
 ) -> Runs:
     """Run the closed loop and return its record, at the start and at every scan.
 
@@ -77,6 +80,8 @@ def simulate(
     lag : float
         Record besides what all data until so much later say of each state, s; infinite = all data
         of the run, 0 = nothing.
+    finished : callable, optional
+        Called with each navigator at the end of its run.
 
     Raises
     ------
@@ -105,6 +110,8 @@ def simulate(
                     scans = np.arange(before + 1, scan + 1)
                     revised(run, scans, simulation.track(navigator, before, scan))
             simulation.look_back(navigator, run, scan, recorder)
+        if finished is not None:
+            finished(run, navigator)
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
@@ -127,6 +134,7 @@ class Simulation:
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
         truth, of_gravity = scenario.true, scenario.gravity_field
+        self._delay = truth.longest_delay
         self._known = known_gravity(of_gravity, trajectory)
         sensed = sensed_gravity(of_gravity.true, trajectory, runs)
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
@@ -205,7 +213,7 @@ class Simulation:
     def _longest(self) -> float:
         """s from one batch end to the next, at most, and how late satellites are."""
         batches = np.diff(self._time([0, *self.ends, self.scans]))
-        return float(batches.max()) + self.scenario.true.longest_delay
+        return float(batches.max()) + self._delay
 
     def measurements(self, run: int) -> Arrivals:
         """Return the readings of aids, with their times (s), by the number of IMU intervals before
@@ -225,7 +233,7 @@ class Simulation:
         measurements come late, which change the state of a scan after its reading has been taken.
         """
         aligns = self.scenario.fusion.start == "align"  # that it was at rest is confirmed late
-        return 1 if aligns or self.scenario.true.longest_delay > 0.0 else scan - before
+        return 1 if aligns or self._delay > 0.0 else scan - before
 
     def advance(
         self, navigator: Navigator, run: int, before: int, scan: int, aids: Arrivals

@@ -3,8 +3,9 @@
 No navigator says how wrong a track is, so that it may be anywhere within a prior of kilometres.
 Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
 impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
-do on a vehicle. How far the fix moves without half of the readings widens it (`jackknife`), and
-that a gridded map may be displaced (`displacement`)."""
+do on a vehicle. That a gridded map may be displaced widens the fix (`displacement`); of a map that
+does not say over which lengths its errors hold together, how far the fix moves without half of the
+readings (`jackknife`)."""
 
 import math
 from collections.abc import Sequence
@@ -141,8 +142,7 @@ def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) 
         reason = "the batch tells nothing that the navigator does not know"
         return declined(batch, reason, **numbers)
     place, spread = measurement_only(mean, covariance, prior)
-    displaced = displacement(shifts)
-    more = displaced + excess(shifts, displaced)
+    more = displacement(shifts) + excess(shifts)
     if more.any():
         information = widened(information, more)
     known = {"diagnostics": numbers, "information": information}

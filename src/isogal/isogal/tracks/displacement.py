@@ -3,20 +3,18 @@
 
 Between a survey's lines a map repeats what is known beside them: anomalies that run aslant, in
 directions that change from place to place, are found there, but not in their place. Along a track
-this looks like a shift, of the size that turns the map's own variation into its error, and it
-lasts as long as the anomalies keep their direction: far longer than the map's errors hold
-together. No reading tells it from a shift of the track. So it is a state of which nothing is
-learnt, with a prior by the models of the map's error."""
+this looks like a shift, of the size that turns the map's own variation into its error. No reading
+tells it from a shift of the track. So it is a state of which nothing is learnt, with a prior by
+the models of the map's error."""
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.maps.corridor import along_track
 from isogal.tracks.places import Shifts
 
-SIZE, LASTING = 0.4, 12.0
-"""1-sigma of the displacement where a map tells nothing, and over how much of the track it lasts,
-both in correlation lengths of the map's error: measured (docs/evidence/real-data.md)."""
+SIZE = 0.35
+"""1-sigma of the displacement where a map tells nothing, in correlation lengths of the map's
+error: measured (docs/evidence/real-data.md)."""
 
 
 def displacement(shifts: Shifts) -> Array:
@@ -31,12 +29,10 @@ def displacement(shifts: Shifts) -> Array:
 
 
 def _variance(shifts: Shifts, field: int) -> float:
-    """Return the variance per axis by a field's models, m²: of the mean over the track of a
-    displacement that is correlated as exp(-distance / lasting)."""
+    """Return the variance per axis by a field's models, m²."""
     seen, which = shifts.seen[field], shifts.which[field]
     if not seen.gridded:
         return 0.0
     error, length = seen.map_sigma(which) ** 2, seen.models.length[which]
-    way = along_track(seen.readings.latitude, seen.readings.longitude)[-1]
     size = (SIZE * length) ** 2 * error / np.maximum(error + seen.shown(shifts.likeliest), 1e-300)
-    return float(shifts.of_models(field) @ (size / (1.0 + way / (2.0 * LASTING * length))))
+    return float(shifts.of_models(field) @ size)

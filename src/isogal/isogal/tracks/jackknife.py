@@ -1,5 +1,6 @@
-"""Error bars of a track's fix that do not rest on the models alone: the fix made again without
-each half of the track (docs/mathematics.md, section 10.2).
+"""Error bars of a track's fix that do not rest on the models alone, where the map does not say
+over which lengths its errors hold together: the fix made again without each half of the track
+(docs/mathematics.md, section 10.3).
 
 Models are never quite right: errors of a map differ from place to place, are not Gaussian, and
 depend on the field. How far the fix then really moves is seen by leaving out parts of the track.
@@ -7,8 +8,7 @@ One block at a time (the usual jackknife) shows how a peak moves, but not whethe
 right one: with few left out the others still outvote the truth. So d = 4 of 8 blocks are left
 out, in all 70 ways (delete-d jackknife: Shao & Wu 1989, Ann. Stat. 17(3):1176-1197); with half
 left out, (8 - d) / d = 1, and the variance of the fixes is that of the fix itself. Where it
-exceeds what the models say, the posterior's covariance and that of displaced maps, which scatters
-fixes as well, the excess is added to the covariance. Nothing makes a fix narrower."""
+exceeds the posterior's covariance the excess is added. Nothing makes a fix narrower."""
 
 from itertools import combinations
 
@@ -24,17 +24,16 @@ FEWEST = 16
 """Rows; with fewer the blocks are too small to say anything."""
 
 
-def excess(shifts: Shifts, displaced: Array) -> Array:
-    """Return (2, 2) m², what must be added to the posterior's covariance and that of displaced
-    maps (2, 2); of several fields each without the halves of its own readings, whose errors are
-    independent."""
+def excess(shifts: Shifts) -> Array:
+    """Return (2, 2) m², what must be added to the posterior's covariance; of several fields each
+    without the halves of its own readings, whose errors are independent."""
     mean, covariance = shifts.moments
     scatter = np.zeros((2, 2))
     for field, seen in enumerate(shifts.seen):
-        if len(seen.white) - seen.old_rows >= FEWEST:
+        if not seen.gridded and len(seen.white) - seen.old_rows >= FEWEST:
             apart = _fixes(shifts, field) - mean
             scatter += apart.T @ apart / len(apart)
-    factor, values, vectors = relative(scatter, covariance + displaced)
+    factor, values, vectors = relative(scatter, covariance)
     axes = factor @ vectors
     return np.asarray((axes * np.maximum(values - 1.0, 0.0)) @ axes.T)
 

@@ -7,7 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
+
+from pydantic import JsonValue
 
 from isogal.errors import InputError
 from isogal.mcap_damage import is_damage, unpacked
@@ -66,7 +68,7 @@ class BagReader:
     """Message type by topic; filled while reading."""
     remapping: Remapping = field(default_factory=Remapping)
     """Names that topics have instead of those recorded."""
-    drivers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    drivers: Mapping[str, Mapping[str, JsonValue]] = field(default_factory=dict)
     """How messages of sensors come, by topic, where the recording does not say it."""
 
     def __post_init__(self) -> None:

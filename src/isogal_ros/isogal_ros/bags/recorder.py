@@ -17,8 +17,9 @@ from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import topics_in_use
 from isogal_ros.messages.stamps import peek_ns
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.topics import Topic
 
@@ -39,7 +40,7 @@ class RecorderSettings(NodeSettings):
     )
 
 
-class RecorderNode(GraphNode):
+class RecorderNode(GraphNode[RecorderSettings]):
     """Writes messages as they come, serialised; the bag also keeps the scenario.
 
     Log time is the simulation's clock, never earlier than the message's own stamp, as with ``ros2
@@ -50,7 +51,6 @@ class RecorderNode(GraphNode):
 
     sections: ClassVar[Sequence[str]] = tuple(Scenario.model_fields)
     settings_model: ClassVar[type[NodeSettings]] = RecorderSettings
-    settings: RecorderSettings
 
     def setup(self) -> None:
         """Open the bag and subscribe to everything."""

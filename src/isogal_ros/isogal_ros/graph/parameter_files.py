@@ -13,7 +13,8 @@ from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 from isogal_ros.graph.plan import node_class
-from isogal_ros.nodes.base import KEYS, NodeSettings
+from isogal_ros.nodes.base import KEYS
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.parameters.declaration import OF_RCLPY, known_values
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs, yaml_line
 from isogal_ros.parameters.values import scenario_from, settings_from

@@ -8,12 +8,10 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from pydantic import Field
 from sensor_msgs.msg import NavSatFix, PointCloud2
 
 from isogal.errors import InputError
 from isogal_ros import topics
-from isogal_ros.mavlink.decoding import ROWS
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
     SENT,
@@ -23,54 +21,24 @@ from isogal_ros.mavlink.encoding import (
     vision_position_estimate,
 )
 from isogal_ros.mavlink.receiving import Receiver
+from isogal_ros.mavlink.settings import MavlinkSettings
 from isogal_ros.mavlink.silence import Silence
+from isogal_ros.messages.fix_information import read_fix_information
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.messages.whole_fix import read_whole_fix
-from isogal_ros.nodes.base import GraphNode, NodeSettings
+from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK, WARN, figures_of
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 
 MAVLINK = "isogal_mavlink"
 
 
-class MavlinkSettings(NodeSettings):
-    """Own parameters of isogal_mavlink."""
-
-    address: str = Field(
-        "127.0.0.1:14550",
-        description="host:port that takes MAVLink 2 by UDP, a router or autopilot",
-    )
-    message: str = Field(
-        GPS_INPUT, description=f"what is sent: {', '.join(SENT)}; empty = nothing but heartbeats"
-    )
-    receive: str = Field(
-        "",
-        description=(
-            "host:port at which messages of the vehicle's sensors are taken, and published on the"
-            " graph's topics; empty = none"
-        ),
-    )
-    sensors: tuple[str, ...] = Field(
-        ("HIGHRES_IMU", "SCALED_PRESSURE", "GPS_RAW_INT"),
-        description=f"messages that are taken, one for each topic; of {', '.join(ROWS)}",
-    )
-    rate: float = Field(5.0, gt=0.0, le=50.0, description="most messages a second, Hz")
-    system_id: int = Field(1, ge=1, le=255, description="of the vehicle")
-    component_id: int = Field(
-        197, ge=1, le=255, description="of this node; 197 = visual inertial odometry"
-    )
-    satellites: int = Field(
-        10, ge=0, le=255, description="satellites_visible of GPS_INPUT, as the autopilot wants it"
-    )
-
-
-class MavlinkNode(GraphNode):
+class MavlinkNode(GraphNode[MavlinkSettings]):
     """Sends each nav/odom, up to a rate; nothing while the navigator is lost."""
 
     sections: ClassVar[Sequence[str]] = ("seed", "route", "field", "gravimeter")
     settings_model: ClassVar[type[NodeSettings]] = MavlinkSettings
-    settings: MavlinkSettings
 
     def setup(self) -> None:
         """Open the socket and make subscriptions."""
@@ -99,7 +67,7 @@ class MavlinkNode(GraphNode):
         self.listen(topics.NAV_ODOM, self._take_odometry)
 
     def _take_information(self, message: PointCloud2) -> None:
-        fix = read_whole_fix(message).fix
+        fix = read_fix_information(message).fix
         self._silence.batch(fix.reset, fix.published)
 
     def _take_diagnostics(self, array: DiagnosticArray) -> None:

@@ -9,6 +9,7 @@ from isogal_ros.mavlink.decoding import ROWS, Received, Row, SenderClock, time_o
 from isogal_ros.messages.checks import BadMessageError
 
 if TYPE_CHECKING:
+    from isogal_ros.mavlink.settings import MavlinkSettings
     from isogal_ros.nodes.base import GraphNode
 
 PERIOD = 0.005
@@ -35,7 +36,9 @@ class Receiver:
         A message is not known, two are for one topic, or the port cannot be had.
     """
 
-    def __init__(self, node: "GraphNode", dialect: ModuleType, at: tuple[str, int]) -> None:
+    def __init__(
+        self, node: "GraphNode[MavlinkSettings]", dialect: ModuleType, at: tuple[str, int]
+    ) -> None:
         self._node, self._system = node, node.settings.system_id
         self._decoder = dialect.MAVLink(None)
         self._decoder.robust_parsing = True  # what is damaged is left out, and raises nothing

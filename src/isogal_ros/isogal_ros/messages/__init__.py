@@ -11,7 +11,7 @@ aids             how are height, velocity, position and heading of sensors besid
 stamped_numbers  how is the covariance of the navigator's errors?
 mounting         where do static transforms say that sensors are?
 point            how are named numbers with a stamp?
-whole_fix        how is all that a fix says?
+fix_information  how is all that a fix says?
 candidates       how are a matcher's candidates?
 adapter          what do the messages of any field do, and which adapter has a field?
 gravimeter       what are the messages of a gravimeter?

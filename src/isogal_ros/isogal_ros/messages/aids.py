@@ -14,7 +14,7 @@ from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix
 from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
-from isogal.scenario.aids import VERTICAL, SatellitePosition
+from isogal.scenario.aids import SatellitePosition
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import (
@@ -24,7 +24,7 @@ from isogal_ros.messages.checks import (
     require_reading,
     unit_quaternion,
 )
-from isogal_ros.messages.frames import BASE, FRD_FLU, NED_ENU
+from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.position import fill_fix, read_covariance, read_pose, read_position
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
@@ -35,6 +35,7 @@ _STEEPEST = 0.1
 """Horizontal part of the bow below which it has no heading."""
 _NOT_MEASURED = -1.0
 """Variance of an axis that a sensor does not measure."""
+_TO_FRD = np.diag(FRD_FLU)
 OTHER_DATUMS = (
     "nad27", "nad83", "ed50", "osgb", "pz90", "gcj02", "bd09", "sk42", "pulkovo", "tokyo", "agd",
     "epsg",
@@ -114,8 +115,17 @@ def read_pressure(message: FluidPressure, settings: Height) -> tuple[float, floa
 def fill_twist(
     message: TwistWithCovarianceStamped, ns: int, velocity: Array, variance: ArrayLike = 0.0
 ) -> None:
-    """Write a velocity (3,), m/s, on the message's own axes into a TwistWithCovarianceStamped, and
-    the variance of each axis, 0 = unknown; one that is not measured (NaN) has the variance -1."""
+    """Write a velocity into a TwistWithCovarianceStamped.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    velocity : (3,) array
+        m/s, on the message's axes; NaN = not measured, which has the variance -1.
+    variance : (3,) array or float
+        Of each axis, (m/s)²; 0 = unknown.
+    """
     set_stamp(message.header.stamp, ns)
     linear = message.twist.twist.linear
     linear.x, linear.y, linear.z = np.nan_to_num(velocity).tolist()
@@ -124,9 +134,18 @@ def fill_twist(
         message.twist.covariance[7 * axis] = value
 
 
-def read_velocity(message: TwistWithCovarianceStamped, frame: str = BASE) -> tuple[Array, Array]:
-    """Return velocity (3,) FRD, m/s, NaN in axes of variance -1, and covariance (3, 3), zero where
-    it is unknown.
+def read_velocity(
+    message: TwistWithCovarianceStamped, frame: str = BASE, turn: Array = _TO_FRD
+) -> tuple[Array, Array]:
+    """Return velocity (3,), m/s, NaN in axes of variance -1, and covariance (3, 3), zero where it
+    is unknown.
+
+    Parameters
+    ----------
+    frame : str
+        Of the message; empty = any.
+    turn : (3, 3) array
+        From its axes to those of the result: forward, left, up to FRD, or `NED_ENU`.
 
     Raises
     ------
@@ -134,12 +153,6 @@ def read_velocity(message: TwistWithCovarianceStamped, frame: str = BASE) -> tup
         Of another frame, not finite, or of a negative variance.
     """
     require_frame(message, frame, "velocity_frame")
-    return _linear(message, np.diag(FRD_FLU))
-
-
-def _linear(message: TwistWithCovarianceStamped, turn: Array) -> tuple[Array, Array]:
-    """Return velocity (3,), NaN in axes of variance -1, and covariance (3, 3), zero where it is
-    unknown, in axes that `turn` (3, 3) leads to."""
     linear = message.twist.twist.linear
     velocity = turn @ np.array([linear.x, linear.y, linear.z])
     if not np.isfinite(velocity).all():
@@ -210,30 +223,19 @@ def read_pose_position(
     return place, to_ned @ of_place @ to_ned.T if of_place.any() else None
 
 
-def fill_ground_velocity(
-    message: TwistWithCovarianceStamped, ns: int, velocity: Array, sigma: float = 0.0
-) -> None:
-    """Write a velocity (3,) NED, m/s, with its horizontal 1-sigma (0 = unknown), on axes east,
-    north, up, see `fill_twist`."""
-    variance = np.square([sigma, sigma, VERTICAL * sigma])
-    fill_twist(message, ns, NED_ENU @ velocity, variance)
-
-
-def read_ground_velocity(message: TwistWithCovarianceStamped) -> tuple[Array, Array]:
-    """Return velocity (3,) NED, m/s, NaN in axes of variance -1, and covariance (3, 3), zero where
-    it is unknown, of a message whose axes are east, north, up.
-
-    Raises
-    ------
-    BadMessageError
-        Not finite, or of a negative variance.
-    """
-    return _linear(message, NED_ENU)
-
-
 def fill_heading(message: Imu, ns: int, heading: float, aid: HeadingAid) -> None:
-    """Write a heading (rad) into an Imu message that has an orientation only: level, east-north-up
-    to forward-left-up; the aid's variance, mounting not included."""
+    """Write a heading into an Imu message that has an orientation only: level, east-north-up to
+    forward-left-up.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    heading : float
+        rad from north over east.
+    aid : scenario.HeadingAid
+        What it believes of its errors; those of its mounting are not in the message's variance.
+    """
     set_stamp(message.header.stamp, ns)
     half = 0.5 * (0.5 * math.pi - heading)
     message.orientation = Quaternion(w=math.cos(half), z=math.sin(half))

@@ -18,14 +18,16 @@ from isogal.scenario import Altimeter, Scenario
 from isogal.sensors.beams import PARTS, beam_directions, thinned
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place, Reading
-from isogal_ros.messages.checks import (
-    BadMessageError,
-    require_covariance,
-    require_frame,
-    require_reading,
-)
+from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
 from isogal_ros.messages.frames import BASE, FRD_FLU, framed
-from isogal_ros.messages.point import fill_cloud, fill_point, numbers, read_cloud, read_point
+from isogal_ros.messages.point import (
+    fill_cloud,
+    fill_point,
+    number,
+    numbers,
+    read_cloud,
+    read_point,
+)
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix
 
 ALTIMETER, GROUND = "altimeter_link", "ground"
@@ -92,8 +94,18 @@ def read_range(message: Range) -> tuple[float, float | None]:
 def terrain_message(
     topic: topics.Topic, ns: int, value: Reading, variance: Reading, place: Place
 ) -> NavSatFix:
-    """Return a message of a terrain height, m; NaN = no altitude, as the definition of the message
-    has it."""
+    """Return a message of a terrain height.
+
+    Parameters
+    ----------
+    topic : Topic
+    ns : int
+        Stamp.
+    value, variance : float
+        m and m²; NaN = no altitude, as the definition of the message has it.
+    place : (latitude rad, longitude rad), optional
+        None = not known.
+    """
     message, height = framed(topic, GROUND), float(value)
     code = NavSatStatus.STATUS_NO_FIX if math.isnan(height) else NavSatStatus.STATUS_FIX
     covariance = np.diag([NOT_MEASURED, NOT_MEASURED, float(variance)])
@@ -124,11 +136,12 @@ def _read_footprints(count: int, message: PointCloud2) -> tuple[Array, float]:
     """Return terrain heights with footprints (count, 4), NaN = none, and their variance."""
     require_frame(message, BASE)
     content = read_point(message)
-    heights, variance = numbers(content, "terrain", count * PARTS), numbers(content, "variance", 1)
+    heights = numbers(content, "terrain", count, PARTS, finite=False)
     if np.isinf(heights).any():
         raise BadMessageError("a terrain height is not finite")
-    require_covariance(variance[:, None])
-    return heights.reshape(-1, PARTS), float(variance[0])
+    variance = number(content, "variance")
+    require_reading(0.0, variance)
+    return heights, variance
 
 
 def _write_points(ns: int, value: Reading, variance: Reading, place: Place) -> PointCloud2:

@@ -28,7 +28,7 @@ from geometry_msgs.msg import (
     Vector3Stamped,
 )
 from nav_msgs.msg import Odometry
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import FluidPressure, Imu, LaserScan, MagneticField, PointCloud2, Range
 from std_msgs.msg import Float32, Float64
@@ -117,7 +117,7 @@ UNITS: Mapping[type[Message], Mapping[str, float]] = {
 }
 """SI in each unit, by type of the graph."""
 
-Copy = Callable[[Any, Any], None]
+Copy = Callable[[Message, Message], None]
 """Copies a message of another type into one of the graph."""
 
 
@@ -228,7 +228,7 @@ class Entrance:
         return json.dumps({"drivers": drivers, "names": asdict(self.names)})
 
     @classmethod
-    def of(cls, text: str, others: Mapping[str, Mapping[str, Any]]) -> "Entrance":
+    def of(cls, text: str, others: Mapping[str, Mapping[str, JsonValue]]) -> "Entrance":
         """Return what a text of a recording says, with other entries in place of its own; raises
         InputError where it is damaged, or an entry cannot be used."""
         try:
@@ -266,7 +266,17 @@ class Entrance:
         return message
 
     def take_serialised(self, topic: Topic, data: bytes, kind: str, received: int) -> bytes:
-        """Return what `take` returns, serialised; `kind` is the ROS name of the message's type."""
+        """Return what `take` returns, serialised.
+
+        Parameters
+        ----------
+        data : bytes
+            The message, serialised.
+        kind : str
+            ROS name of its type.
+        received : int
+            As of `take`.
+        """
         taken = type_taken(topic, (kind,)) or topic.type
         if taken is topic.type and not self.changes(topic):
             return data

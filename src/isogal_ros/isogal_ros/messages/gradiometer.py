@@ -62,11 +62,11 @@ def read_gradient(message: PointCloud2, names: Sequence[str]) -> tuple[Array, Ar
     covariance (C, C)."""
     require_frame(message, GRADIOMETER)
     content = read_point(message, lambda name: name.startswith(PREFIX) or name == COVARIANCE)
-    value = np.concatenate([numbers(content, name, 1) for name in names])
+    value = np.array([numbers(content, name, finite=False) for name in names])
     # the covariance has a row for each component in the message, in its order
     order = [name for name in content if name != COVARIANCE]
     rows = [order.index(name) for name in names]
-    whole = numbers(content, COVARIANCE, len(order) ** 2).reshape(len(order), len(order))
+    whole = numbers(content, COVARIANCE, len(order), len(order), finite=False)
     covariance = whole[np.ix_(rows, rows)]
     if np.isinf(value).any() or np.nanmax(np.abs(value), initial=0.0) > _LARGEST:
         raise BadMessageError(

@@ -44,18 +44,10 @@ def fill_noise(message: Imu, errors: ImuErrors, interval: float) -> None:
     message.angular_velocity_covariance = np.diag(variance[3:]).ravel()
 
 
-def declared_variance(data: bytes) -> Array | None:
-    """Return the variance of the angular rate (3,), (rad/s)², that a serialised Imu message
-    declares; None where it declares none."""
-    numbers = _content(data)[1]
-    variance = [numbers[k] for k in _VARIANCES[3:]]
-    return np.array(variance) if max(variance) > 0.0 else None
-
-
-def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array]:
-    """Return (specific force m/s², angular rate rad/s), each (3,) FRD, of a serialised Imu
-    message: of hundreds a second, rclpy takes longer to make objects than the filter takes for
-    what they say.
+def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array, Array | None]:
+    """Return (specific force m/s², angular rate rad/s, the variance of the rate that is declared,
+    (rad/s)², or None), each (3,) FRD, of a serialised Imu message: of hundreds a second, rclpy
+    takes longer to make objects than the filter takes for what they say.
 
     Raises
     ------
@@ -79,7 +71,8 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array]:
         raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
     if min(variances) < 0.0:
         raise BadMessageError("negative variance")
-    return np.array(force) * FRD_FLU, np.array(rate) * FRD_FLU
+    declared = np.array(variances[3:]) if max(variances[3:]) > 0.0 else None
+    return np.array(force) * FRD_FLU, np.array(rate) * FRD_FLU, declared
 
 
 def _content(data: bytes) -> tuple[str, tuple[float, ...]]:

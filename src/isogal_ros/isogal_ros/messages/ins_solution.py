@@ -21,8 +21,9 @@ from isogal.inertial.rotations import (
 )
 from isogal.scenario import Ins, Scenario
 from isogal_ros import topics
-from isogal_ros.messages.aids import fill_ground_velocity, read_ground_velocity
-from isogal_ros.messages.checks import BadMessageError, require_frame
+from isogal_ros.messages.aids import fill_twist
+from isogal_ros.messages.aids import read_velocity as read_twist
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
 from isogal_ros.messages.odometry import FASTEST, empty_odometry, fill_odom, read_velocity
 from isogal_ros.messages.position import fill_fix, read_point, read_position
@@ -71,7 +72,7 @@ class SolutionMessages:
         if self._whole:
             fill_odom(self._messages[0], ns, self._frame, solution, turn_rate)
         else:
-            fill_ground_velocity(self._messages[0], ns, solution[3:6])
+            fill_twist(self._messages[0], ns, NED_ENU @ solution[3:6])
             fill_fix(self._messages[1], ns, *solution[:3].tolist())
         return self._messages
 
@@ -99,8 +100,7 @@ def read_position_and_velocity(
     """Return (3,) latitude rad, longitude rad, height m, and (3,) velocity NED, m/s; raises
     BadMessageError where one is of another frame, not finite, or impossible."""
     place = read_position(fix)
-    require_frame(twist, BASE)
-    velocity, _ = read_ground_velocity(twist)
+    velocity, _ = read_twist(twist, turn=NED_ENU)
     if not np.isfinite(velocity).all() or np.abs(velocity).max() > FASTEST:
         raise BadMessageError(f"velocity is not finite, or above {FASTEST:g} m/s")
     return np.array(place), velocity
@@ -109,9 +109,18 @@ def read_position_and_velocity(
 def fill_error(
     message: Odometry, ns: int, solution: Array, state: Array, covariance: Array
 ) -> None:
-    """Write what is wrong with a solution (10,) if the vehicle is in a state (10,) of a covariance
-    (9+, 9+; position, velocity, attitude, NED): solution less state, the attitude as the rotation
-    from the state's to the solution's, all on axes east, north, up."""
+    """Write what is wrong with a solution: solution less state, the attitude as the rotation from
+    the state's to the solution's, all on axes east, north, up.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp of both.
+    solution, state : (10,) arrays
+        As `read_solution` returns it; the state is where the vehicle is taken to be.
+    covariance : (9+, 9+) array
+        Of the state: position, velocity, attitude, NED.
+    """
     set_stamp(message.header.stamp, ns)
     message.header.frame_id = message.child_frame_id = ENU
     north, east = horizontal_difference(*solution[:2], *state[:2])

@@ -29,7 +29,7 @@ from isogal_ros.messages.checks import (
     require_reading,
 )
 from isogal_ros.messages.frames import framed
-from isogal_ros.messages.point import fill_point, numbers, read_point
+from isogal_ros.messages.point import fill_point, number, numbers, read_point
 
 MAGNETOMETER, MAIN_FIELD = "magnetometer_link", "main_field"
 """Frame names. `main_field` has its z axis along the main field, the direction in which an anomaly
@@ -125,12 +125,9 @@ def _read_terms(message: PointCloud2) -> tuple[Array, float]:
     """Return the anomaly with its terms (1 + C,), and its variance (nT²)."""
     require_frame(message, MAIN_FIELD)
     content = read_point(message)
-    anomaly, variance = (float(numbers(content, name, 1)[0]) for name in FIELDS[:2])
+    anomaly, variance = (number(content, name) for name in FIELDS[:2])
     require_reading(anomaly, variance)
-    terms = numbers(content, FIELDS[2], COUNT)
-    if not np.isfinite(terms).all():
-        raise BadMessageError("a term is not finite")
-    return np.concatenate([[anomaly], terms]), variance
+    return np.concatenate([[anomaly], numbers(content, FIELDS[2], COUNT)]), variance
 
 
 def _require_earths(total: float) -> None:

@@ -21,10 +21,10 @@ from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.position import FARTHEST
 
-Pose = tuple[Array, Array]
-"""Position (3,) m and rotation (3, 3) of a child frame in its parent."""
+Pose = Array
+"""Homogeneous transform (4, 4) of a child frame's points, m, into its parent: rotation, and the
+child's place in the last column. One follows another by `@`."""
 TF_STATIC = "/tf_static"
-HERE: Pose = (np.zeros(3), np.eye(3))
 _INERTIAL = topics.IMU, topics.INS_SOLUTION, topics.INS_SOLUTION_FIX
 """What the navigator's place is that of."""
 _ON_GROUND = ("gnss/", "position/")
@@ -42,14 +42,11 @@ Tree = Mapping[str, Link]
 """Transforms by child frame."""
 
 
-def compose(first: Pose, second: Pose) -> Pose:
-    """Return a pose given in a frame whose own pose is `first`."""
-    return first[0] + first[1] @ second[0], first[1] @ second[1]
-
-
-def inverse(pose: Pose) -> Pose:
-    """Return the pose of the parent in the child."""
-    return -(pose[1].T @ pose[0]), pose[1].T
+def pose_of(place: Array, rotation: Array) -> Pose:
+    """Return the pose of a place (3,) and a rotation (3, 3)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, place
+    return pose
 
 
 def read_transforms(data: bytes) -> dict[str, Link]:
@@ -79,7 +76,7 @@ def read_transforms(data: bytes) -> dict[str, Link]:
             turn = np.roll(numbers[3:], 1)  # w first
             if not (np.abs(numbers) < FARTHEST).all() or abs(turn @ turn - 1.0) > 1e-3:
                 raise BadMessageError(f"transform to {child!r}: not finite, or no rotation")
-            found[child] = Link(parent, (numbers[:3], matrix(turn)))
+            found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
     except (struct.error, UnicodeDecodeError):
         raise BadMessageError("no transforms") from None
     return found
@@ -88,16 +85,16 @@ def read_transforms(data: bytes) -> dict[str, Link]:
 def pose_in(tree: Tree, base: str, frame: str) -> Pose | None:
     """Return the pose of a frame in another; None where they are not connected."""
     (root, of_base), (other, pose) = _to_root(tree, base), _to_root(tree, frame)
-    return compose(inverse(of_base), pose) if root == other else None
+    return np.linalg.inv(of_base) @ pose if root == other else None
 
 
 def _to_root(tree: Tree, frame: str) -> tuple[str, Pose]:
     """Return the last of a frame's parents, and the frame's pose in it."""
-    pose = HERE
+    pose = np.eye(4)
     for _ in range(len(tree)):  # which ends where transforms go in a circle
         if frame not in tree:
             break
-        frame, pose = tree[frame].parent, compose(tree[frame].pose, pose)
+        frame, pose = tree[frame].parent, tree[frame].pose @ pose
     return frame, pose
 
 
@@ -133,12 +130,12 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
                 f"drivers.{name}.from_tf: no transform from {base!r} to {one.frame!r} on"
                 f" {TF_STATIC}, which has {there}"
             )
-        angles = np.degrees(to_angles(pose[1])).tolist()
+        angles = np.degrees(to_angles(pose[:3, :3])).tolist()
         turn = (0.0, 0.0, 0.0) if name.startswith(_ON_GROUND) else tuple(angles)
         update = {
             "from_tf": False,
             "rotation": one.rotation or turn,
-            "translation": one.translation or tuple(pose[0].tolist()),
+            "translation": one.translation or tuple(pose[:3, 3].tolist()),
         }
         found[name] = one.model_copy(update=update)
     return replace(entrance, drivers={**entrance.drivers, **found})

@@ -1,6 +1,7 @@
 """Named numbers as a PointCloud2: a message with a stamp that describes its own content. What no
 standard message holds is one point, whose fields are arrays of float64."""
 
+import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -116,11 +117,19 @@ def read_point(
     return {name: rows[0] for name, rows in read_cloud(message, wanted, ("f8",)).items()}
 
 
-def numbers(values: Mapping[str, Array], name: str, size: int) -> Array:
-    """Return the numbers of a field; raises BadMessageError where it is missing or of another
-    size."""
+def numbers(values: Mapping[str, Array], name: str, *shape: int, finite: bool = True) -> Array:
+    """Return the numbers of a field in a shape; raises BadMessageError where it is missing, of
+    another size or, unless it may be, not finite."""
     if name not in values:
         raise BadMessageError(f"no field {name}; fields are {', '.join(values) or '(none)'}")
+    size = math.prod(shape)
     if len(values[name]) != size:
         raise BadMessageError(f"field {name} must be {size} x float64, has {len(values[name])}")
-    return values[name]
+    if finite and not np.isfinite(values[name]).all():
+        raise BadMessageError(f"field {name} is not finite")
+    return values[name].reshape(shape)
+
+
+def number(values: Mapping[str, Array], name: str) -> float:
+    """Return the only number of a field; raises as `numbers`."""
+    return float(numbers(values, name))

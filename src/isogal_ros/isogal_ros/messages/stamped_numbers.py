@@ -3,15 +3,13 @@ errors. Why this type: `isogal_ros.topics`."""
 
 import math
 import struct
-from typing import NamedTuple
 
 import numpy as np
 from std_msgs.msg import Float64MultiArray
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
-from isogal.matching.interfaces import Aided
-from isogal.passage import Passage
+from isogal.passage import Aided, Passage, Since
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
@@ -19,14 +17,6 @@ from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 _HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
 """By whether the byte order is little-endian: the length of layout.dim, then, after
 layout.data_offset and the length of data, the first two numbers."""
-
-
-class AidedSince(NamedTuple):
-    """What satellites have told the navigator since a fix."""
-
-    since: int
-    """Stamp of the fix, ns."""
-    told: Aided
 
 
 def fill_numbers(message: Float64MultiArray | Prepared, ns: int, *arrays: Array) -> None:
@@ -56,26 +46,30 @@ def fill_nav_covariance(
     message: Float64MultiArray | Prepared,
     ns: int,
     covariance: Array,
-    since: AidedSince | Passage | None = None,
+    since: Since | None = None,
 ) -> None:
-    """Write the covariance (7, 7) of a batch's states at a stamp and, where there is something to
-    say of the time since the last fix, the stamp of that and: what satellites have told, as the
-    covariance without them (7, 7) and what they have changed the estimate by (7,); or a passage,
-    its arrays in their order."""
+    """Write the covariance of the navigator's errors.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    covariance : (7, 7) array
+        Of a batch's states (`isogal.inertial.error_state`).
+    since : Aided or Passage, optional
+        What there is to say of the time since the last fix; its stamp and its arrays follow the
+        covariance.
+    """
     if since is None:
         fill_numbers(message, ns, covariance)
         return
-    if isinstance(since, Passage):
-        begin = from_seconds(since.begin)
-        arrays: tuple[Array, ...] = since.arrays
-    else:
-        begin, arrays = since.since, (since.told.covariance, since.told.jump)
-    fill_numbers(message, ns, covariance, np.array(divmod(begin, SECOND), dtype=float), *arrays)
+    begin = np.array(divmod(from_seconds(since.begin), SECOND), dtype=float)
+    fill_numbers(message, ns, covariance, begin, *since.arrays)
 
 
 def read_nav_covariance(
     message: Float64MultiArray,
-) -> tuple[Array, AidedSince | Passage | None]:
+) -> tuple[Array, Since | None]:
     """Return the covariance of a batch's states (`isogal.inertial.error_state`): (7, 7), or (4, 4)
     without the attitude; and what there is to say of the time since the last fix, if anything.
 
@@ -102,12 +96,12 @@ def read_nav_covariance(
     return covariance, since
 
 
-def _read_since(ns: int, values: Array) -> AidedSince | Passage:
+def _read_since(ns: int, values: Array) -> Since:
     """Return what numbers say of the time since a stamp (ns)."""
     n = BATCH_STATES
     if len(values) == n * n + n:
-        aided = AidedSince(ns, Aided(values[: n * n].reshape(n, n), values[n * n :]))
-        require_covariance(aided.told.covariance)
+        aided = Aided(to_seconds(ns), values[: n * n].reshape(n, n), values[n * n :])
+        require_covariance(aided.covariance)
         return aided
     try:
         passage = Passage.of_numbers(to_seconds(ns), values)

@@ -1,15 +1,15 @@
 """What the nodes of the graph are made of.
 
-base        what does every node have?
-managed     which states has a node?
-publishing  who has to listen, and what becomes of what cannot be published?
-heartbeat   what does a node do once a second?
-checkpoint  what does a node go on from when it is started again?
-health      what does a node report of itself on /diagnostics?
-nav_sample  what is a state of the navigator?
-nav_queue   what was the navigator's state of a stamp, and which readings wait for it?
-listening   how are drivers heard that may lose messages, and which of several?
-resting     has a value that should have noise stopped moving?
-taking      who has published a message?
-signals     how does a process end when it is asked to?
-spin        how is a node run until its end?"""
+base                what does every node have?
+settings            which parameters has every node?
+publishing          who has to listen, and what becomes of what cannot be published?
+heartbeat           what does a node do once a second?
+checkpoint          what does a node go on from when it is started again?
+health              what does a node report of itself on /diagnostics?
+nav_sample          what is a state of the navigator?
+nav_queue           what was the navigator's state of a stamp, and which readings wait for it?
+listening           how are drivers heard that may lose messages, and which of several?
+stuck               has a value that should have noise stopped moving?
+publisher_identity  who has published a message?
+signals             how does a process end when it is asked to?
+spin                how is a node run until its end?"""

@@ -1,105 +1,69 @@
-"""The base of every node of the graph: parameters, guarded subscriptions, diagnostics, readiness.
+"""The base of every node of the graph: parameters, states, guarded subscriptions, diagnostics,
+readiness.
 
-One that starts by itself (the parameter `autostart`, the default) is active once it is made."""
+A node is a managed one (REP-2002): unconfigured, inactive, active. Configured, it has its
+publishers and subscriptions; messages that come while it is not active are let go; cleaned up, it
+can be configured anew. One that starts by itself (the parameter `autostart`, the default) is
+active once it is made."""
 
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import JsonValue
+from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
+from typing_extensions import TypeVar
 
+from isogal.errors import InputError
 from isogal.scenario import Scenario, truth_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.drivers import Driver, Entrance
-from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
+from isogal_ros.messages.drivers import Entrance
 from isogal_ros.messages.mounting import mounted, placed
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.heartbeat import Heartbeat
 from isogal_ros.nodes.listening import Listening, Take
-from isogal_ros.nodes.managed import ManagedNode
 from isogal_ros.nodes.publishing import Publishing
+from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.static_transforms import static_transforms
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import Values, scenario_from, settings_from
 from isogal_ros.topics import Topic
 
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+Settings_co = TypeVar("Settings_co", bound=NodeSettings, covariant=True, default=NodeSettings)
+Entity: TypeAlias = Publisher | Subscription | Timer | Service | Client
 KEYS = frozenset(spec.name for spec in parameter_specs(Scenario))
 """Of a scenario, which a file that all nodes share may say to each."""
 _UNKNOWN = "NODE_NAME_UNKNOWN"
 """In the name of a node of which the middleware knows the publisher first."""
 
 
-class NodeSettings(BaseModel):
-    """Parameters that every node of the graph has besides its sections of the scenario."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    autostart: bool = Field(
-        True, description="activate the node when it is made; false: by its lifecycle services"
-    )
-    run: int = Field(0, ge=0, description="index of the run: which random numbers of the seed")
-    recorders: int = Field(
-        0, ge=0, le=100, description="recorders that must listen before the node is ready"
-    )
-    peers: tuple[str, ...] = Field(
-        topics.NODES, description="nodes of the graph that must listen before the node is ready"
-    )
-    closing_time: float = Field(
-        2.0,
-        gt=0.0,
-        le=60.0,
-        description="s of wall time in which the node ends when it is asked to",
-    )
-    checkpoint: str = Field(
-        "",
-        description=(
-            "folder of checkpoints, from which a node that is started again goes on; empty = none"
-        ),
-    )
-    checkpoint_age: float = Field(
-        3600.0, gt=0.0, description="how much older than the data a checkpoint may be, s"
-    )
-    diagnostics_period: float = Field(1.0, gt=0.0, description="wall time between diagnostics, s")
-    drivers: dict[str, Driver] = Field(
-        default_factory=dict,
-        description=(
-            "how messages of sensors come, by topic, where that is not as the graph has them:"
-            " {TOPIC: {frame: of its messages, rotation: [roll, pitch, yaw] deg, translation:"
-            " [x, y, z] m, from_tf: whether these are those of /tf_static, unit: mGal}}"
-        ),
-    )
-    tf_timeout: float = Field(
-        10.0, gt=0.0, description="how long transforms that `drivers` asks for are waited for, s"
-    )
-    map_frame: str = Field(MAP, min_length=1, description="what the frame map is called outside")
-    odom_frame: str = Field(ODOM, min_length=1, description="what the frame odom is called")
-    base_frame: str = Field(BASE, min_length=1, description="what the frame base_link is called")
-    tf_prefix: str = Field(
-        "", description="put before the names of all frames, with a slash between"
-    )
-
-    @property
-    def frame_names(self) -> FrameNames:
-        """What frames are called outside."""
-        prefix = self.tf_prefix.strip("/")
-        return FrameNames(self.map_frame, self.odom_frame, self.base_frame, prefix)
-
-
-class GraphNode(ManagedNode):
-    """A node with the parameters of some sections of the scenario and its own.
+class GraphNode(LifecycleNode, Generic[Settings_co]):
+    """A node with the parameters of some sections of the scenario and its own. It makes what it
+    has when it is configured, and destroys it when it is cleaned up.
 
     Parameters
     ----------
-    name, values, context : optional but for the name
-        As of `ManagedNode`.
+    name : str
+        Node name.
+    values : mapping, optional
+        Parameter values by dotted name. None = from the command line and parameter files, as `ros2
+        run` gives them.
+    context : Context, optional
+        None = the default context.
 
     Raises
     ------
@@ -109,12 +73,20 @@ class GraphNode(ManagedNode):
 
     sections: ClassVar[Collection[str]] = ()
     """Sections of the scenario that the node declares."""
-    settings_model: ClassVar[type[NodeSettings]] = NodeSettings
+    settings_model: ClassVar[Any] = NodeSettings
+    """Class of its own parameters, a `NodeSettings`; a class variable cannot say that it is that
+    of `settings`."""
     mutable: ClassVar[Collection[str]] = ()
     """Parameters that may change at run time."""
+    entities: ClassVar[tuple[str, ...]] = (
+        "publishers", "subscriptions", "timers", "services", "clients",
+    )  # fmt: skip
+    """What a node is made of, and destroys in the end."""
+    process_ends = False
+    """Whether nothing comes after the node in its process."""
 
-    settings: Any
-    """Own parameters, a `settings_model`, as each class says."""
+    settings: Settings_co
+    """Own parameters, a `settings_model`."""
     scenario: Scenario
 
     def __init__(
@@ -123,7 +95,20 @@ class GraphNode(ManagedNode):
         values: Mapping[str, JsonValue] | None = None,
         context: Context | None = None,
     ) -> None:
-        super().__init__(name, values, context)
+        self.active = self.configured = False
+        """Whether messages are dealt with, and whether there is what deals with them."""
+        self.finished = False
+        """Whether the node has nothing left to do, so that its process may end."""
+        self._failed: BaseException | None = None
+        self._before: dict[str, set[Entity]] = {}
+        overrides = [Parameter(key, value=value) for key, value in (values or {}).items()]
+        super().__init__(
+            name,
+            context=context,
+            use_global_arguments=values is None,
+            parameter_overrides=overrides,
+            automatically_declare_parameters_from_overrides=True,
+        )
         clock = getattr(context, "monotonic", None)  # of nodes that are alone on a bus
         self.monotonic: Callable[[], float] = clock or time.monotonic
         self.exit_code = 0
@@ -132,7 +117,7 @@ class GraphNode(ManagedNode):
         self._publishing: list[Publishing] = []
         """The first is of the diagnostics."""
         self._listening: dict[str, Listening] = {}
-        self._looks: list[Callable[[], None]] = []
+        self._monitors: list[Callable[[], None]] = []
         self.ready = False
         """Whether every publisher has had the listeners that the graph needs."""
         try:
@@ -173,7 +158,7 @@ class GraphNode(ManagedNode):
         return own + parameter_specs(Scenario, sections=cls.sections, mutable=cls.mutable)
 
     @classmethod
-    def read(cls, name: str, values: Values) -> tuple[NodeSettings, Scenario]:
+    def read(cls, name: str, values: Values) -> tuple[Settings_co, Scenario]:
         """Return settings and scenario of the values of all parameters; raises InputError, which
         begins with a name."""
         fields = cls.settings_model.model_fields
@@ -247,9 +232,9 @@ class GraphNode(ManagedNode):
                 f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0
             )
 
-    def watch(self, name: str, look: Callable[[], str | None], level: bytes = WARN) -> None:
-        """Look every second for something that no message tells of; None = all is well."""
-        self._looks.append(lambda: self.health.concern(name, look(), level))
+    def watch(self, name: str, check: Callable[[], str | None], level: bytes = WARN) -> None:
+        """Check every second something that no message tells of; None = all is well."""
+        self._monitors.append(lambda: self.health.concern(name, check(), level))
 
     def publishers_of(self, topic: str) -> dict[bytes, str]:
         """Return which nodes publish a topic, by what identifies each publisher: names with their
@@ -297,6 +282,31 @@ class GraphNode(ManagedNode):
         ends."""
         return None
 
+    def setup(self) -> None:
+        """Make publishers and subscriptions; scenario, settings and health are there by then."""
+
+    def start(self) -> None:
+        """Configure and activate; raises what `setup` raises."""
+        self.trigger_configure()
+        if self._failed is not None:
+            raise self._failed
+        self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Make what the node has; a failure leaves it unconfigured."""
+        self._before = {kind: set(getattr(self, kind)) for kind in self.entities}
+        self._failed = None
+        try:
+            self.setup()
+        except BaseException as error:
+            self._failed = error
+            self._destroy_made(self._before)
+            if not isinstance(error, InputError | KeyboardInterrupt):
+                self.get_logger().error(f"{type(error).__name__}: {error}")
+            return FAILURE
+        self.configured = True
+        return SUCCESS
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deal with messages from now on."""
         if "active" in self.health.figures:  # it has been deactivated before
@@ -304,22 +314,35 @@ class GraphNode(ManagedNode):
         if self.ready:
             self.health.figures["ready"] = True
         self.health.concern("inactive", None)
-        return super().on_activate(state)
+        self.active = True
+        return SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let messages go from now on, and say so."""
         self.health.figures |= {"ready": False, "active": False}
         self.health.concern("inactive", "inactive: messages are let go until it is activated")
-        return super().on_deactivate(state)
+        self.active = False
+        return SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what `setup` made."""
         del self._publishing[1:]
-        self._looks.clear()
+        self._monitors.clear()
         self._listening.clear()
-        self.ready = False
+        self.active = self.configured = self.ready = False
         self._readiness.reset()
-        return super().on_cleanup(state)
+        self._destroy_made(self._before)
+        return SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to unconfigured."""
+        return self.on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the node's process."""
+        self.active = False
+        self.finished = True
+        return SUCCESS
 
     def close(self, timeout: float = 1.0) -> None:
         """Let listeners have what was published, for `timeout` s of wall time at most, then
@@ -330,6 +353,25 @@ class GraphNode(ManagedNode):
         for publishing in self._publishing if self.context.ok() else ():
             publishing.wait(deadline)
         self.destroy_node()
+
+    def _destroy_made(self, but: Mapping[str, set[Entity]]) -> None:
+        for kind in self.entities:
+            destroy = getattr(self, f"destroy_{kind[:-1]}")
+            for entity in set(getattr(self, kind)) - but.get(kind, set()):
+                destroy(entity)
+
+    def destroy_node(self) -> None:
+        """Destroy the node, and its states, which rclpy leaves to the search for garbage: until
+        then others see the node and what it publishes.
+
+        At the end of its process, only what it publishes and listens to: Fast DDS 2.14 waits for
+        ever, with Python's lock, where it takes itself down while it hears of others that do so
+        (`DomainParticipant::set_listener` and a discovery callback wait for each other)."""
+        if self.process_ends:
+            self._destroy_made({})
+            return
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
 
     def _check_ready(self) -> None:
         if not self.active:
@@ -352,6 +394,6 @@ class GraphNode(ManagedNode):
         diagnostics while no data comes."""
         for listening in list(self._listening.values()):
             listening.adapt()
-        for look in self._looks:
-            look()
+        for monitor in self._monitors:
+            monitor()
         self._heartbeat.beat()

@@ -24,7 +24,7 @@ from rclpy.subscription import Subscription
 
 from isogal_ros import topics
 from isogal_ros.messages.drivers import takes_others, type_taken
-from isogal_ros.nodes.taking import foretell, take_next
+from isogal_ros.nodes.publisher_identity import foretell, take_next
 from isogal_ros.topics import LOSSLESS, Topic
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Listening:
             foretell(made, self._sort)
         return made
 
-    def _look(self) -> None:
+    def _refresh(self) -> None:
         """See anew who publishes."""
         there = self._node.publishers_of(self.topic_name)
         self._there = {gid: name or _NAMELESS for gid, name in there.items()}
@@ -98,7 +98,7 @@ class Listening:
         connected = self.get_publisher_count()
         if connected != self._connected:
             self._connected, self._settled = connected, False
-            self._look()
+            self._refresh()
         if self._settled:
             return
         while (taken := take_next(self._subscription)) is not None:
@@ -114,7 +114,7 @@ class Listening:
         """Return why a message of a publisher, which may be the only one now, is not to be used
         (None = it is)."""
         if gid not in self._there or (gid != self._used and not self._succeeds(gid)):
-            self._look()
+            self._refresh()
         if gid == self._used:
             self._beside |= self._there.keys() - {gid}
         elif gid == self._before and self._used is not None:
@@ -176,7 +176,7 @@ class Listening:
         if self._is_down and not self._is_up_again():
             return
         if self._single:
-            self._look()
+            self._refresh()
             self._node.health.concern(f"publishers of {self._topic.name}", self._several())
         if self._retyped():
             return

@@ -2,9 +2,9 @@
 wait for them."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from rclpy.serialization import deserialize_message
@@ -28,7 +28,7 @@ LATE = 5
 """Steps of the navigator after which nothing of a stamp is expected any more."""
 REPEATED = 1024
 """Messages of one topic kept of one stamp: in retrodiction one for each fix of a batch. Also the
-number of jumps kept where nobody takes them out."""
+number of changes kept where nobody takes them out."""
 ROUNDING = 1e-7
 """m; what degrees and back may leave where nothing moved."""
 
@@ -36,9 +36,21 @@ ROUNDING = 1e-7
 Item = TypeVar("Item")
 
 
-Jump = tuple[int, Array]
-"""Stamp (ns) of a fix, and what it did to the navigator: after minus before, (7,) in a batch's
-states (`isogal.inertial.error_state`)."""
+class Jump(NamedTuple):
+    """What a fix did to the navigator."""
+
+    ns: int
+    """Stamp."""
+    change: Array
+    """After minus before, (7,) in a batch's states (`isogal.inertial.error_state`)."""
+
+
+class Gap(NamedTuple):
+    """A time of which the navigator said nothing, longer than `HELD`."""
+
+    begin: int
+    """Stamps of the states before and after it, ns."""
+    ns: int
 
 
 @dataclass(slots=True)
@@ -83,9 +95,8 @@ class NavQueue(Generic[Item]):
         self.waiting: list[tuple[int, Item]] = []
         """Stamps and items."""
         self._health, self._handle, self._arrived = node.health, handle, arrived
-        self.jumps: deque[Jump] = deque(maxlen=REPEATED)
-        """Jumps seen, oldest first; whoever uses them takes them out."""
-        self._gaps: deque[tuple[int, int]] = deque(maxlen=REPEATED)
+        self.changes: deque[Jump | Gap] = deque(maxlen=REPEATED)
+        """Jumps and gaps seen, oldest first; whoever uses them takes them out."""
         self.newest = -1
         """Stamp of the newest state, ns; -1 = none."""
         self._newest_covariance = -1
@@ -148,19 +159,19 @@ class NavQueue(Generic[Item]):
             raise BadMessageError(f"the navigator said nothing about {to_seconds(ns):.3f} s")
         return moved(self._decode(self._stamps[before]), ns)
 
-    def take_jumps(self, before: int) -> list[Jump]:
-        """Take out the jumps with stamps earlier than `before` (ns), oldest first."""
-        return _taken(self.jumps, lambda jump: jump[0] < before)
-
-    def take_gaps(self, until: int) -> list[tuple[NavSample, NavSample]]:
-        """Take out the gaps longer than `HELD` that end at `until` (ns) at the latest, oldest
-        first: the states before each and after it."""
-        ended = _taken(self._gaps, lambda gap: gap[1] <= until)
-        kept = [gap for gap in ended if all(ns in self._stamps for ns in gap)]
-        return [
-            (self._decode(self._stamps[begin]), self._decode(self._stamps[end]))
-            for begin, end in kept
-        ]
+    def take_changes(self, until: int) -> Iterator[Jump | tuple[NavSample, NavSample]]:
+        """Take out the jumps with stamps earlier than `until` (ns) and the gaps that end by then,
+        oldest first: of a gap the states before and after it, where they are still there."""
+        while self.changes:
+            change = self.changes[0]
+            if change.ns > until or (change.ns == until and isinstance(change, Jump)):
+                return
+            self.changes.popleft()
+            if isinstance(change, Jump):
+                yield change
+            elif all(ns in self._stamps for ns in change):
+                before, after = (self._decode(self._stamps[ns]) for ns in change)
+                yield before, after
 
     def _stamp(self, ns: int) -> _Stamp:
         found = self._stamps.get(ns)
@@ -192,7 +203,7 @@ class NavQueue(Generic[Item]):
                 self._note_jump(ns, stamp)
         if stamp.pairs == 1 and ns > self.newest:
             if 0 <= self.newest < ns - self._interval - from_seconds(HELD):
-                self._gaps.append((self.newest, ns))
+                self.changes.append(Gap(self.newest, ns))
             self.newest = ns
             self._arrived()
         if self.waiting:
@@ -218,7 +229,7 @@ class NavQueue(Generic[Item]):
         after, before = self._state(stamp, stamp.pairs - 1), self._state(stamp, stamp.pairs - 2)
         change = difference(after, before)
         if np.abs(change[:2]).max() > ROUNDING:
-            self.jumps.append((ns, change))
+            self.changes.append(Jump(ns, change))
 
     def _state(self, stamp: _Stamp, index: int) -> NavSample:
         fix = deserialize_message(stamp.fix[index], topics.NAV_FIX.type)
@@ -232,12 +243,3 @@ class NavQueue(Generic[Item]):
         message = deserialize_message(stamp.covariance, topics.NAV_COVARIANCE.type)
         covariance, since = read_nav_covariance(message)
         return replace(sample, covariance=covariance, since=since)
-
-
-def _taken(items: deque[Item], done: Callable[[Item], bool]) -> list[Item]:
-    """Take out the items of which something is true, and return them."""
-    taken = [item for item in items if done(item)]
-    kept = [item for item in items if not done(item)]
-    items.clear()
-    items.extend(kept)
-    return taken

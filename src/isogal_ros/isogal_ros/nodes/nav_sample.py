@@ -11,11 +11,11 @@ from isogal.earth.frames import LocalFrame
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
-from isogal.passage import Passage
+from isogal.passage import Since
+from isogal.sensors.reduction import Reduction, State, reduction_variance
 from isogal_ros.messages.frames import FRD_FLU
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
-from isogal_ros.messages.stamped_numbers import AidedSince
 from isogal_ros.messages.stamps import to_ns, to_seconds
 
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
@@ -37,7 +37,7 @@ class NavSample:
     not known."""
     height_variance: float
     """m²."""
-    since: AidedSince | Passage | None = None
+    since: Since | None = None
     """What satellites have told the navigator since a fix, or what has become of its error; None =
     nothing is said."""
     turn: Array | None = None
@@ -45,6 +45,19 @@ class NavSample:
     aligned: bool = True
     """Whether the navigator is aligned: one that is not says where it may be, and promises
     nothing."""
+
+    @property
+    def sensor(self) -> State:
+        """Where a sensor is, and how it moves."""
+        latitude, longitude, height = self.position
+        north, east, _ = self.velocity
+        return State(latitude, longitude, height, north, east, self.attitude, self.turn)
+
+    def variance_by(self, reduction: Reduction) -> float:
+        """Return the variance that the navigator's uncertainty puts into a reading by its
+        reduction, in the unit of the map squared."""
+        covariance = self.covariance[:4, :4]
+        return float(reduction_variance(reduction, self.sensor, covariance, self.height_variance))
 
 
 def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:

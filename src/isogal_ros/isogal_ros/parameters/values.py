@@ -66,11 +66,12 @@ def node_values(
     return values | dict(own)
 
 
-class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """Writes what is there twice twice: neither parameter files nor rosbag2 know aliases."""
-
-    def ignore_aliases(self, data: JsonValue) -> bool:
-        return True
+_Dumper = type(
+    "_Dumper",
+    (getattr(yaml, "CSafeDumper", yaml.SafeDumper),),
+    {"ignore_aliases": lambda _self, _data: True},
+)
+"""Writes what is there twice twice: neither parameter files nor rosbag2 know aliases."""
 
 
 def yaml_text(value: JsonValue) -> str:

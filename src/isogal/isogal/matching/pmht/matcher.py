@@ -86,9 +86,10 @@ class Pmht:
         each = (SecondaryBatch(self.lead, batch, field_map), *batch.secondary)
         whys = (unusable(one.batch) or _unlike(one) for one in each)
         reason = next((why for why in whys if why is not None), None)
-        silent = replace(batch, reading=np.full(len(batch), np.nan))
-        if reason is not None and (memory is None or unusable(silent) is not None):
-            return declined(batch, reason), memory
+        if reason is not None:
+            silent = replace(batch, reading=np.full(len(batch), np.nan))
+            if memory is None or unusable(silent) is not None:
+                return declined(batch, reason), memory
         prior = batch.covariance
         if memory is None:
             slow = None if batch.passage is None else batch.passage.slow[1]

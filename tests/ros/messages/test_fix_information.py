@@ -14,8 +14,12 @@ from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_heading
 from isogal.matching.interfaces import Fix, Information
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.fix_information import (
+    FixMessage,
+    fill_fix_information,
+    read_fix_information,
+)
 from isogal_ros.messages.point import fill_point, read_point
-from isogal_ros.messages.whole_fix import WholeFix, fill_whole_fix, read_whole_fix
 
 COVARIANCE = np.array([[400.0, 30.0], [30.0, 900.0]])
 ESTIMATE = Estimate(
@@ -27,9 +31,9 @@ def information(size: int) -> Information:
     return Information(np.arange(float(size)), random_covariance(np.ones(size), size))
 
 
-def message_of(whole: WholeFix) -> PointCloud2:
+def message_of(whole: FixMessage) -> PointCloud2:
     message = PointCloud2()
-    fill_whole_fix(message, 12_500_000_000, whole)
+    fill_fix_information(message, 12_500_000_000, whole)
     return deserialize_message(serialize_message(message), PointCloud2)
 
 
@@ -39,7 +43,7 @@ def message_of(whole: WholeFix) -> PointCloud2:
 def test_there_and_back(size, lost, estimate) -> None:
     what = None if size is None else information(size)
     sent = Fix(12.5, -0.6, 2.5, COVARIANCE, information=what, reset=lost)
-    got = read_whole_fix(message_of(WholeFix(sent, estimate)))
+    got = read_fix_information(message_of(FixMessage(sent, estimate)))
     assert (got.fix.time, got.fix.published, got.fix.reset) == (12.5, True, lost)
     assert (got.fix.latitude, got.fix.longitude) == pytest.approx((-0.6, 2.5), abs=1e-15)
     if what is None:
@@ -56,20 +60,20 @@ def test_there_and_back(size, lost, estimate) -> None:
 def test_a_navigator_that_is_to_become_less_certain() -> None:
     wide = random_covariance(np.array([50.0, 50.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4]), 3)
     sent = Fix(12.5, -0.6, 2.5, COVARIANCE, widened=wide)
-    got = read_whole_fix(message_of(WholeFix(sent, ESTIMATE)))
+    got = read_fix_information(message_of(FixMessage(sent, ESTIMATE)))
     np.testing.assert_allclose(got.fix.widening, wide, rtol=1e-12)
 
 
 @pytest.mark.parametrize("reason", [None, "nothing"])
 def test_how_wrong_the_map_is(reason) -> None:
     sent = Fix(12.5, -0.6, 2.5, COVARIANCE, reason, map_error=(8e-5, 3000.0))
-    got = read_whole_fix(message_of(WholeFix(sent, ESTIMATE)))
+    got = read_fix_information(message_of(FixMessage(sent, ESTIMATE)))
     assert got.fix.map_error == (8e-5, 3000.0)
 
 
 def test_no_fix() -> None:
     none = Fix(12.5, -0.6, 2.5, np.full((2, 2), np.nan), "nothing", reset=True)
-    got = read_whole_fix(message_of(WholeFix(none, ESTIMATE))).fix
+    got = read_fix_information(message_of(FixMessage(none, ESTIMATE))).fix
     assert (got.published, got.reset) == (False, True)
 
 
@@ -88,7 +92,7 @@ def test_named_numbers(ns, values) -> None:
 
 def broken(**changes) -> PointCloud2:
     """A message with some numbers replaced, or fields left out (None)."""
-    message = message_of(WholeFix(Fix(1.0, -0.6, 2.5, COVARIANCE, information=information(7))))
+    message = message_of(FixMessage(Fix(1.0, -0.6, 2.5, COVARIANCE, information=information(7))))
     values = read_point(message) | {name: np.atleast_1d(v) for name, v in changes.items()}
     fill_point(message, 10**9, {k: v for k, v in values.items() if v[0] is not None})
     return message
@@ -109,7 +113,7 @@ def broken(**changes) -> PointCloud2:
 ])  # fmt: skip
 def test_what_cannot_be_used(changes, words) -> None:
     with pytest.raises(BadMessageError, match=words):
-        read_whole_fix(broken(**changes))
+        read_fix_information(broken(**changes))
 
 
 def test_another_frame_or_layout() -> None:
@@ -122,7 +126,7 @@ def test_another_frame_or_layout() -> None:
         bad = copy.deepcopy(good)
         setattr(bad, attribute, value)
         with pytest.raises(BadMessageError, match=words):
-            read_whole_fix(bad)
+            read_fix_information(bad)
     good.header.frame_id = "map"
     with pytest.raises(BadMessageError, match="frame_id"):
-        read_whole_fix(good)
+        read_fix_information(good)

@@ -5,7 +5,7 @@ coarse that a value is repeated with probability p, the longest of 60 rests was 
 log 60 / log(1/p) values, and one rest in 60**4 is four times as long."""
 
 
-class Resting:
+class Repetitions:
     """Counts how often a value comes again.
 
     Parameters

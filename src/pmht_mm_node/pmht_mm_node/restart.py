@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from isogal.maps.channels import ChannelMap
+from isogal.maps.channels import ChannelMap, RouteMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap
 from isogal.matching.interfaces import Batch, Matcher
@@ -15,7 +15,7 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 
 
-def checkpoint_of(node: GraphNode, field_map: Any, matcher: Matcher) -> Checkpoint:
+def checkpoint_of(node: GraphNode, field_map: RouteMap, matcher: Matcher) -> Checkpoint:
     """Return the checkpoint of a node with a map; the matcher's package may have dataclasses in
     its memory."""
 

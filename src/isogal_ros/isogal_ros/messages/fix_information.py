@@ -23,12 +23,12 @@ from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES, Estimat
 from isogal.matching.interfaces import Fix, Information
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
 from isogal_ros.messages.frames import BASE
-from isogal_ros.messages.point import fill_point, numbers, read_point
+from isogal_ros.messages.point import fill_point, number, numbers, read_point
 from isogal_ros.messages.stamps import to_ns, to_seconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WholeFix:
+class FixMessage:
     """A fix and the navigator's estimate that its information is relative to."""
 
     fix: Fix
@@ -36,9 +36,9 @@ class WholeFix:
     """None = the navigator's estimate of that stamp, as it is when the fix comes."""
 
 
-def fill_whole_fix(message: PointCloud2, ns: int, whole: WholeFix) -> None:
+def fill_fix_information(message: PointCloud2, ns: int, content: FixMessage) -> None:
     """Write a fix, or that there is none, into a PointCloud2."""
-    fix = whole.fix
+    fix = content.fix
     values: dict[str, ArrayLike] = {
         "published": fix.published,
         "lost": fix.reset,
@@ -52,16 +52,16 @@ def fill_whole_fix(message: PointCloud2, ns: int, whole: WholeFix) -> None:
         values["map_error"] = fix.map_error
     if fix.information is not None:
         values |= {"vector": fix.information.vector, "matrix": fix.information.matrix}
-    if whole.relative_to is not None:
-        position, velocity, attitude = whole.relative_to
+    if content.relative_to is not None:
+        position, velocity, attitude = content.relative_to
         values["from_position"] = np.array([*np.degrees(position[:2]), position[2]])
         values |= {"from_velocity": velocity, "from_attitude": attitude}
     message.header.frame_id = BASE
     fill_point(message, ns, values)
 
 
-def read_whole_fix(message: PointCloud2) -> WholeFix:
-    """Return what a message of `fill_whole_fix` says.
+def read_fix_information(message: PointCloud2) -> FixMessage:
+    """Return what a message of `fill_fix_information` says.
 
     Raises
     ------
@@ -74,10 +74,10 @@ def read_whole_fix(message: PointCloud2) -> WholeFix:
     covariance, latitude, longitude = np.full((2, 2), np.nan), math.nan, math.nan
     information = _information(values)
     if published:
-        degrees = np.array([_numbers(values, name)[0] for name in ("latitude", "longitude")])
+        degrees = np.array([number(values, name) for name in ("latitude", "longitude")])
         latitude, longitude = _place(degrees, "latitude or longitude")
         if information is None:
-            covariance = _numbers(values, "covariance", 2, 2)
+            covariance = numbers(values, "covariance", 2, 2)
             require_covariance(covariance)
     fix = Fix(
         to_seconds(to_ns(message.header.stamp)),
@@ -90,20 +90,11 @@ def read_whole_fix(message: PointCloud2) -> WholeFix:
         widened=_widening(values) if "widening" in values else None,
         map_error=_map_error(values) if "map_error" in values else None,
     )
-    return WholeFix(fix, _estimate(values) if "from_position" in values else None)
-
-
-def _numbers(values: Mapping[str, Array], name: str, *shape: int) -> Array:
-    """Return a field of a shape, by default one number; raises BadMessageError where it is missing
-    or not finite."""
-    found = numbers(values, name, math.prod(shape))
-    if not np.isfinite(found).all():
-        raise BadMessageError(f"field {name} is not finite")
-    return found.reshape(shape or 1)
+    return FixMessage(fix, _estimate(values) if "from_position" in values else None)
 
 
 def _flag(values: Mapping[str, Array], name: str) -> bool:
-    value = _numbers(values, name)[0]
+    value = number(values, name)
     if value not in (0.0, 1.0):
         raise BadMessageError(f"field {name} must be 0 or 1, is {value:g}")
     return bool(value)
@@ -122,12 +113,12 @@ def _information(values: Mapping[str, Array]) -> Information | None:
     size = len(values.get("vector", ()))
     if size not in (HORIZONTAL_STATES, BATCH_STATES):
         raise BadMessageError(f"field vector must have 4 or 7 numbers, has {size}")
-    matrix = _numbers(values, "matrix", size, size)
-    return Information(_numbers(values, "vector", size), matrix)
+    matrix = numbers(values, "matrix", size, size)
+    return Information(numbers(values, "vector", size), matrix)
 
 
 def _map_error(values: Mapping[str, Array]) -> tuple[float, float]:
-    sigma, length = _numbers(values, "map_error", 2).tolist()
+    sigma, length = numbers(values, "map_error", 2).tolist()
     if not (sigma > 0.0 and length > 0.0):
         raise BadMessageError("field map_error must be positive")
     return sigma, length
@@ -135,7 +126,7 @@ def _map_error(values: Mapping[str, Array]) -> tuple[float, float]:
 
 def _widening(values: Mapping[str, Array]) -> Array:
     """Return the field widening (7, 7); no variance may shrink by it."""
-    found = _numbers(values, "widening", BATCH_STATES, BATCH_STATES)
+    found = numbers(values, "widening", BATCH_STATES, BATCH_STATES)
     widening = 0.5 * (found + found.T)
     scale = np.sqrt(np.maximum(np.diag(widening), 1e-30))
     if np.linalg.eigvalsh(widening / scale / scale[:, None])[0] < -1e-6:
@@ -144,10 +135,10 @@ def _widening(values: Mapping[str, Array]) -> Array:
 
 
 def _estimate(values: Mapping[str, Array]) -> Estimate:
-    position = _numbers(values, "from_position", 3)
-    attitude = _numbers(values, "from_attitude", 4)
+    position = numbers(values, "from_position", 3)
+    attitude = numbers(values, "from_attitude", 4)
     place = _place(position[:2], "field from_position")
     if abs(attitude @ attitude - 1.0) > 1e-3:
         raise BadMessageError("field from_attitude is not a unit quaternion")
-    velocity = _numbers(values, "from_velocity", 3)
+    velocity = numbers(values, "from_velocity", 3)
     return Estimate(np.array([*place, position[2]]), velocity, attitude)

@@ -12,12 +12,13 @@ from isogal.inertial.rotations import rotate
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR
-from isogal_ros.nodes.resting import Resting
+from isogal_ros.nodes.stuck import Repetitions
 from isogal_ros.topics import Topic
 
 if TYPE_CHECKING:
     from isogal_ros.nodes.base import GraphNode
     from ukf_fusion_node.navigation import Navigation
+    from ukf_fusion_node.settings import UkfFusionSettings
 
 AXES = (
     "accelerometer x", "accelerometer y", "accelerometer z",
@@ -29,7 +30,7 @@ LEARNT = 60
 """Changes of an axis after which it is known how long it rests: of one that counts in coarse steps
 the same value may come several times."""
 LEAST = 5
-"""Repetitions that are taken for noise of coarse steps at any rate (`Resting`)."""
+"""Repetitions that are taken for noise of coarse steps at any rate (`stuck.Repetitions`)."""
 SILENT = 10.0
 """s of wall time without a sample that are an error."""
 GRAVITY = 9.81
@@ -76,7 +77,7 @@ class StuckError(BadMessageError):
         self.samples = samples
 
 
-class Watch:
+class SampleMonitor:
     """Looks at samples one after the other.
 
     Parameters
@@ -98,7 +99,7 @@ class Watch:
     ) -> None:
         self._acceleration, self._turn_rate, self._clock = acceleration, turn_rate, clock
         self._noisy = [True] * 6 if noisy is None else noisy.tolist()
-        self._axes = [Resting(LEAST, LEARNT) for _ in AXES]
+        self._axes = [Repetitions(LEAST, LEARNT) for _ in AXES]
         self._heard: float | None = None
 
     def take(self, force: Array, rate: Array) -> None:
@@ -146,8 +147,8 @@ class Watch:
         return f"no IMU samples for {gone:.0f} s of wall time" if gone > SILENT else None
 
 
-class Leaps:
-    """Holds a sample whose stamp leaps ahead back until the next one says that time has passed: a
+class TimeJumps:
+    """Holds a sample whose stamp jumps ahead back until the next one says that time has passed: a
     single wrong stamp would make the filter bridge hours, and refuse all samples after it.
 
     Parameters
@@ -179,7 +180,7 @@ _Pair = tuple[float, float]
 """Of both, m/s² and rad/s."""
 
 
-class LoneSamples:
+class Spikes:
     """Finds a sample that differs from both its neighbours by much more than samples have differed
     for a while: a fault, not a motion. That shows when the next one comes.
 
@@ -197,7 +198,7 @@ class LoneSamples:
         if len(self._samples) == 2:
             before, last = self._samples
             away = _distance(last, before)
-            if (which := self._lone(away, _distance(new, before))) is not None:
+            if (which := self._spike(away, _distance(new, before))) is not None:
                 self._samples[-1] = new
                 unit = ("m/s²", "rad/s")[which]
                 return f"{SENSORS[which]} of one sample {away[which]:.2g} {unit} out of line"
@@ -205,7 +206,7 @@ class LoneSamples:
         self._samples.append(new)
         return None
 
-    def _lone(self, away: _Pair, missed: _Pair) -> int | None:
+    def _spike(self, away: _Pair, missed: _Pair) -> int | None:
         """Return which of `SENSORS` alone has felt something of which the next sample knows
         nothing; None = neither."""
         both = range(2)
@@ -214,8 +215,8 @@ class LoneSamples:
         usual = [max(change[k] for change in self._changes) for k in both]
         felt = [k for k in both if away[k] > FELT * usual[k]]
         beyond = (max(BEYOND * usual[k], LEAST_DISTANCE[k]) for k in both)
-        lone = [k for k, far in enumerate(beyond) if away[k] > far and missed[k] < BACK * away[k]]
-        return lone[0] if lone and len(felt) == 1 else None
+        found = [k for k, far in enumerate(beyond) if away[k] > far and missed[k] < BACK * away[k]]
+        return found[0] if found and len(felt) == 1 else None
 
 
 def _distance(one: _Sample, other: _Sample) -> _Pair:
@@ -223,7 +224,7 @@ def _distance(one: _Sample, other: _Sample) -> _Pair:
     return math.dist(one[0], other[0]), math.dist(one[1], other[1])
 
 
-class Upright:
+class GravityDirection:
     """Averages the upward specific force, minute by minute: wrong axes or units of an IMU, or a
     lost attitude, show there even where nothing else measures the height."""
 
@@ -307,25 +308,41 @@ class SampleChecks:
         Of the samples.
     """
 
-    def __init__(self, node: "GraphNode", navigation: "Navigation", topic: Topic) -> None:
-        self.leaps = Leaps(from_seconds(node.settings.max_gap))
+    def __init__(
+        self, node: "GraphNode[UkfFusionSettings]", navigation: "Navigation", topic: Topic
+    ) -> None:
+        self.time_jumps = TimeJumps(from_seconds(node.settings.max_gap))
         limits = node.settings.max_acceleration, node.settings.max_turn_rate
-        self._watch = Watch(*limits, node.monotonic, navigation.noisy)
-        self._lone = LoneSamples()
+        self._monitor = SampleMonitor(*limits, node.monotonic, navigation.noisy)
+        self._spikes = Spikes()
         self._health, self._navigation, self._topic = node.health, navigation, topic
-        node.watch("silent", lambda: self._watch.silent, ERROR)
+        node.watch("silent", lambda: self._monitor.silent, ERROR)
 
     def take(self, ns: int, force: Array, rate: Array, stepped: bool) -> None:
-        """Check a sample of a stamp (ns); `stepped`: its interval is known otherwise. Raises
-        BadMessageError where it cannot be true."""
+        """Check a sample.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp.
+        force, rate : (3,) arrays
+            FRD, m/s² and rad/s.
+        stepped : bool
+            Whether its interval is known otherwise than by its stamp.
+
+        Raises
+        ------
+        BadMessageError
+            It cannot be true.
+        """
         try:
-            self._watch.take(force, rate)
+            self._monitor.take(force, rate)
         except StuckError as error:
             self._navigation.back(error.samples)
             raise
-        self._health.concern("stuck", self._watch.stuck)
-        untrue = self._lone.take(force, rate)
+        self._health.concern("stuck", self._monitor.stuck)
+        untrue = self._spikes.take(force, rate)
         if untrue and self._navigation.back(1):
             self._health.drop(self._topic.name, untrue)
         if self._navigation.navigator is not None and not stepped:
-            self.leaps.check(ns, self._navigation.ns)
+            self.time_jumps.check(ns, self._navigation.ns)

@@ -11,18 +11,18 @@ from isogal_ros import topics
 from isogal_ros.faults.trials import Feed
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.nodes.health import OK, WARN
-from ukf_fusion_node.watch import (
+from ukf_fusion_node.sample_checks import (
     LASTS,
     LEARNT,
     LEAST,
     REMEMBERED,
     SILENT,
     STUCK,
-    LoneSamples,
+    GravityDirection,
+    SampleMonitor,
+    Spikes,
     StuckError,
     UnresolvedGap,
-    Upright,
-    Watch,
 )
 
 LEVEL = np.array([0.0, 0.0, -9.8])
@@ -30,7 +30,7 @@ NOISE = np.random.default_rng(1).normal(0.0, 1e-5, (500, 6))
 
 
 def test_a_stuck_axis_is_named_and_forgotten_when_it_moves() -> None:
-    watch = Watch(30.0, 3.0)
+    watch = SampleMonitor(30.0, 3.0)
     for k in range(STUCK + 1):
         force, rate = LEVEL + NOISE[k, :3], NOISE[k, 3:].copy()
         rate[1] = 1e-4
@@ -49,7 +49,7 @@ def test_a_stuck_axis_is_named_and_forgotten_when_it_moves() -> None:
 )
 def test_a_spike_is_dropped_and_does_no_harm(scenario, force, rate, words) -> None:
     with pytest.raises(BadMessageError, match=words):
-        Watch(30.0, 3.0).take(np.array(force), np.array(rate))
+        SampleMonitor(30.0, 3.0).take(np.array(force), np.array(rate))
     with bench(topics.UKF_FUSION, scenario()) as made:
         for k in range(1, 20):
             made.imu(k, *((force, rate) if k == 10 else ()))
@@ -62,7 +62,7 @@ def test_a_spike_is_dropped_and_does_no_harm(scenario, force, rate, words) -> No
 
 def test_silence() -> None:
     now = [0.0]
-    watch = Watch(30.0, 3.0, lambda: now[0])
+    watch = SampleMonitor(30.0, 3.0, lambda: now[0])
     now[0] = 100.0
     assert watch.silent is None  # nothing has begun
     watch.take(LEVEL, np.zeros(3))
@@ -83,7 +83,7 @@ def test_a_concern_stays_until_it_is_over(scenario) -> None:
         made.wait(lambda: made.says()[-1][:2] == (OK, "navigating"))
 
 
-def noisy(watch: Watch, count: int, step: float = 0.0) -> None:
+def noisy(watch: SampleMonitor, count: int, step: float = 0.0) -> None:
     """Samples of an IMU at rest; it counts in steps where that is not zero."""
     for sample in NOISE[:count]:
         seen = sample if step == 0.0 else step * np.round(sample / step)
@@ -91,7 +91,7 @@ def noisy(watch: Watch, count: int, step: float = 0.0) -> None:
 
 
 def test_an_axis_that_stops_moving_is_stuck_after_a_few_samples() -> None:
-    watch = Watch(30.0, 3.0)
+    watch = SampleMonitor(30.0, 3.0)
     noisy(watch, LEARNT + 1)
     dead = NOISE[:, 3:] * [1.0, 1.0, 0.0]
     for k in range(LEAST):
@@ -105,8 +105,8 @@ def test_an_axis_that_stops_moving_is_stuck_after_a_few_samples() -> None:
 
 def test_coarse_steps_and_an_imu_without_noise_are_not_stuck() -> None:
     """Steps of five times the noise: four of five samples repeat the value before."""
-    noisy(Watch(30.0, 3.0), 500, step=5e-5)
-    perfect = Watch(30.0, 3.0, noisy=np.zeros(6, bool))
+    noisy(SampleMonitor(30.0, 3.0), 500, step=5e-5)
+    perfect = SampleMonitor(30.0, 3.0, noisy=np.zeros(6, bool))
     noisy(perfect, LEARNT + 1)
     for _ in range(2 * STUCK):
         perfect.take(LEVEL, np.zeros(3))
@@ -136,7 +136,7 @@ def found(*changes: tuple[int, int, float]) -> list[int]:
     samples = NOISE.copy()
     for index, axis, value in changes:
         samples[index, axis] += value
-    lone = LoneSamples()
+    lone = Spikes()
     return [k for k, each in enumerate(samples) if lone.take(LEVEL + each[:3], each[3:])]
 
 
@@ -188,7 +188,7 @@ NO_TURN = Rotation.identity()
 
 def told(force: np.ndarray, turn: Rotation = NO_TURN, minutes: float = 1.0) -> str:
     """Return what is said of a minute or more of the same sample."""
-    upright, said = Upright(), None
+    upright, said = GravityDirection(), None
     attitude = turn.as_quat()[[3, 0, 1, 2]]
     for time in np.arange(0.0, minutes * LASTS + 0.1):
         said = upright.take(time, force, attitude)
@@ -214,7 +214,7 @@ def test_what_is_not_gravity_is_said_after_a_minute(force, turn) -> None:
 
 def test_a_wave_is_not_a_fault() -> None:
     """Half a minute of each: what counts is the mean."""
-    upright, wave = Upright(), np.array([0.0, 0.0, 5.0])
+    upright, wave = GravityDirection(), np.array([0.0, 0.0, 5.0])
     for time in np.arange(0.0, 300.0):
         force = LEVEL + wave * np.sin(2.0 * np.pi * time / 10.0)
         assert upright.take(time, force, np.array([1.0, 0.0, 0.0, 0.0])) is None

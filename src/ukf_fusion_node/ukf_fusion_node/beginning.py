@@ -1,0 +1,154 @@
+"""Where a navigator begins: at a pose that was given, its checkpoint, the solution of an INS, the
+scenario's start, or with an alignment."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from isogal.arrays import Array
+from isogal.fusion.alignment import Alignment
+from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.fusion.model import FilterModel
+from isogal.fusion.outage import UnknownMotion
+from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import Estimate
+from isogal_ros.messages.stamps import from_seconds, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.checkpoint import Checkpoint
+from isogal_ros.nodes.health import ERROR, OK, WARN
+from ukf_fusion_node.settings import UkfFusionSettings
+from ukf_fusion_node.start import initial_state, with_given
+
+REACH = 1.2
+"""Lags that the history goes back where states are smoothed, which is done by a tenth of it."""
+
+
+class Begun(NamedTuple):
+    """A navigator that has begun."""
+
+    ns: int
+    """Stamp of its state."""
+    navigator: InertialNavigator
+    fresh: bool = False
+    """Whether it has begun at the start itself, which is then to be published."""
+
+
+class Beginning:
+    """Makes navigators; says in the diagnostics why there is none yet.
+
+    Parameters
+    ----------
+    node : GraphNode
+        Its scenario and settings; its health is told.
+    model : FilterModel
+    checkpoint : Checkpoint
+        Of the node.
+    """
+
+    def __init__(
+        self, node: GraphNode[UkfFusionSettings], model: FilterModel, checkpoint: Checkpoint
+    ) -> None:
+        self._settings, self._health, self._scenario = node.settings, node.health, node.scenario
+        self._log, self._model, self._checkpoint = node.get_logger(), model, checkpoint
+        self._horizon = max(node.settings.horizon, REACH * node.scenario.fusion.lag)
+        self._motion = UnknownMotion(
+            node.settings.outage_acceleration,
+            node.settings.outage_turn_rate,
+            node.settings.manoeuvre_interval,
+        ).of_vehicle(node.scenario)
+        self.start = FilterState.start(initial_state(node.scenario, node.settings), model)
+        """The scenario's."""
+        self._placed: FilterState | None = None
+        self._why_not = ""
+        """Why it is too late for the scenario's start, where it is."""
+
+    def navigator(
+        self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None
+    ) -> InertialNavigator:
+        """Return a navigator that goes on from a state at a stamp, with the sample that has led to
+        it (specific force and angular rate) where that is known."""
+        sigma = float(np.sqrt(np.trace(state.covariance[:2, :2])))
+        self._log.info(f"navigates from {to_seconds(ns):.0f} s on; 1-sigma {sigma:.0f} m")
+        self._placed = None
+        return InertialNavigator(
+            self._model, state, to_seconds(ns), self._horizon, self._motion, sample
+        )
+
+    def place(self, state: FilterState) -> None:
+        """Begin at a state, with the first sample."""
+        self._placed = state
+        self._health.state(OK, "placed; waits for IMU samples")
+
+    def reset(self) -> None:
+        """Forget all but the scenario's start."""
+        self._checkpoint.forget()
+        self._placed, self._why_not = None, ""
+
+    def find(self, ns: int, solution: Array | None = None) -> Begun | None:
+        """Begin with the first sample (its stamp), or with the first solution (10,) of an INS;
+        None = there is nothing to begin with."""
+        first = ns if solution is not None else ns - from_seconds(1.0 / self._scenario.imu.rate)
+        if (state := self._placed) is not None:
+            if solution is not None:  # a pose says less of both, and they must be those of the INS
+                state.velocity[:], state.attitude[:] = solution[3:6], solution[6:]
+            return Begun(first, self.navigator(first, state))
+        saved = self._checkpoint.take(first)
+        if saved is not None and self._fits(saved.content):
+            return Begun(saved.time, self.navigator(saved.time, *saved.content))
+        if solution is not None:
+            start = with_given(self._settings, Estimate(*np.split(solution, [3, 6])))
+            return Begun(ns, self.navigator(ns, FilterState.start(start, self._model)), True)
+        if self._scenario.fusion.start == "align":
+            return Begun(first, self._alignment(first), True)
+        return self._at_the_start(first)
+
+    def _fits(self, content: Any) -> bool:
+        """Whether a checkpoint's content is a state of this filter."""
+        try:
+            state, (force, rate) = content
+            arrays, now = state.arrays(), self.start.arrays()
+            same = [a.shape == b.shape for a, b in zip(arrays, now, strict=True)]
+            same += [force.shape == (3,), rate.shape == (3,)]
+            finite = all(np.isfinite(array).all() for array in (*arrays, force, rate))
+            np.linalg.cholesky(state.covariance)
+        except (TypeError, AttributeError, ValueError, np.linalg.LinAlgError):
+            return False
+        return all(same) and finite
+
+    def _alignment(self, ns: int) -> Alignment:
+        return Alignment(
+            self._model,
+            self.start.position,
+            to_seconds(ns),
+            measured=self._scenario.gnss.used,
+            aim=self._scenario.fusion.align_to,
+            horizon=self._settings.horizon,
+            motion=self._motion,
+        )
+
+    def _at_the_start(self, first: int) -> Begun | None:
+        """Begin at the scenario's start if that is true at a stamp; else say what is waited
+        for."""
+        if self._why_not:
+            self._health.state(ERROR, self._why_not)
+            return None
+        given = self._settings.start_time
+        start = from_seconds(given) if math.isfinite(given) else first
+        margin = from_seconds(min(0.5 * self._model.dt, 1.0))
+        if first < start - margin:
+            text = f"waits for the start at {to_seconds(start):.3f} s (start_time)"
+            self._health.state(WARN, text)
+            return None
+        if first <= start + from_seconds(self._settings.max_gap):
+            # of a sample or two less than a millisecond apart the stamps are the same
+            ns = first if abs(first - start) <= margin else start
+            return Begun(ns, self.navigator(ns, self.start), True)
+        self._why_not = (
+            f"waits for a pose on initialpose: the data begin at {to_seconds(first):.3f} s, the"
+            f" scenario's start is true at {to_seconds(start):.3f} s (start_time), and there is"
+            f" nothing to go on from ({self._checkpoint.reason})"
+        )
+        self._log.error(self._why_not)
+        self._health.state(ERROR, self._why_not)
+        return None

@@ -1,0 +1,107 @@
+"""What is said of inertial samples: which are missing, what is not known since, whether they point
+upwards, and how far an alignment by them is."""
+
+from isogal.arrays import Array
+from isogal.fusion.alignment import Alignment
+from isogal.fusion.outage import HELD
+from isogal.fusion.sample_stream import SampleStream
+from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
+from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import ERROR, OK, WARN
+from ukf_fusion_node.sample_checks import GravityDirection, UnresolvedGap
+from ukf_fusion_node.settings import UkfFusionSettings
+
+
+class SampleReport:
+    """Tells a node's health.
+
+    Parameters
+    ----------
+    node : GraphNode
+    dt : float
+        s between the filter's steps.
+    """
+
+    def __init__(self, node: GraphNode[UkfFusionSettings], dt: float) -> None:
+        self._health, self._max_gap, self._dt = node.health, node.settings.max_gap, dt
+        self._sample = 1.0 / node.scenario.imu.rate
+        batch = node.scenario.matcher.batch_length * node.scenario.gravimeter.interval
+        self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
+        self._noted = -SECOND
+        """When samples of a fast IMU were missing, ns."""
+        self._gravity = GravityDirection()
+
+    def begin(self) -> None:
+        """Begin with another navigator."""
+        self._gravity = GravityDirection()
+        self._health.concern("aligning", None)
+
+    def gap(self, ns: int, interval: float) -> float:
+        """Tell of samples that are missing in an interval (s) since the newest state (its stamp);
+        return the time that they leave uncovered, s."""
+        samples = round(interval / self._dt) - 1
+        if samples < 1:
+            self._health.state(OK, "navigating")
+            return 0.0
+        self._health.count("IMU samples missing", samples)
+        self._missing(samples, to_seconds(ns) + interval, interval)
+        return interval - self._dt
+
+    def stream(self, stream: SampleStream, missing: int) -> None:
+        """Tell of samples of a fast IMU that are missing since the last step, for a second by the
+        stamps, and of a rate that is not as told."""
+        if not stream.known:
+            return
+        if stream.missing or "IMU samples missing" in self._health.figures:
+            self._health.figures["IMU samples missing"] = stream.missing
+        if missing > 0:
+            self._noted = stream.ns
+            self._missing(missing, to_seconds(stream.ns), missing * self._sample)
+        elif stream.ns - self._noted > SECOND:
+            told, rate = 1.0 / self._sample, stream.measured_rate
+            text = f"IMU samples come at {rate:.0f} Hz, imu.rate says {told:g}: taken as they come"
+            self._health.state(*((OK, "navigating") if stream.as_told else (WARN, text)))
+
+    def _missing(self, samples: int, end: float, lasted: float) -> None:
+        """Say that samples are missing before a time, which lasted for another (s)."""
+        level = ERROR if lasted > self._max_gap else WARN
+        self._health.state(level, f"{samples} IMU samples missing before {end:.3f} s, bridged")
+
+    def step(self, ns: int, force: Array, attitude: Array | None, missing: float) -> None:
+        """Tell of what has led to a state.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp of the state.
+        force : (3,) array
+            Specific force, FRD, m/s².
+        attitude : (4,) array, optional
+            Quaternion FRD to NED that it belongs to; None = not known yet.
+        missing : float
+            s without samples before it.
+        """
+        if attitude is not None:
+            said = self._gravity.take(to_seconds(ns), force, attitude)
+            self._health.concern("upright", said, ERROR)
+        if missing > HELD:
+            self._unresolved.begin(ns)
+
+    def alignment(self, alignment: Alignment) -> None:
+        """Tell how far an alignment is."""
+        progress = alignment.progress
+        self._health.figures |= {
+            "aligned": progress.aligned,
+            "aligned, %": round(100.0 * progress.share),
+            "heading 1-sigma, mrad": 1e3 * progress.heading,
+        }
+        self._health.concern("aligning", None if progress.aligned else progress.text)
+
+    def unfit(self, ns: int) -> None:
+        """Note that a fix did not agree with the filter, at a stamp of that."""
+        self._unresolved.renew(ns)
+
+    def unresolved(self, ns: int, undecided: bool) -> None:
+        """Tell what is not known of the last long gap, at a stamp; `undecided`: the filter itself
+        leaves it open."""
+        self._health.concern("gap", self._unresolved.text(ns, undecided))
