@@ -153,10 +153,13 @@ class Processes:
         For the parameter file and the nodes' output.
     domain : int
         ROS domain.
+    namespace : str
+        Of the nodes; empty = none.
     """
 
-    def __init__(self, plan: Plan, folder: Path, domain: int) -> None:
+    def __init__(self, plan: Plan, folder: Path, domain: int, namespace: str = "") -> None:
         self._folder, self._respawns = folder, plan.checkpoint is not None
+        self._namespace = namespace
         make_folder(folder)
         own = {name: plan.own(name) for name in plan.names}
         text = parameter_file(plan.scenario, own)
@@ -176,6 +179,8 @@ class Processes:
             log.write_bytes(b"")  # in place of an earlier run's
         arguments = ["--ros-args", "--remap", f"__node:={name}"]
         arguments += ["--params-file", str(self._folder / "params.yaml")]
+        if self._namespace:
+            arguments += ["--remap", f"__ns:=/{self._namespace}"]
         # without log files of its own: what a node logs is in its output
         arguments += ["--disable-external-lib-logs"]
         module, _ = CLASSES[topics.kind_of(name)]
