@@ -28,8 +28,8 @@ from pmht_mm_node.verdict import Report
 from pmht_mm_node.warm_up import warm_up
 
 SAME = 1e-6
-"""s; what is said of the time since another fix than the last does not follow on its batch. Of
-stamps of our time doubles leave a quarter of that."""
+"""s, within which two stamps are the same: seconds since 1970 in double precision are good to
+2.4e-7."""
 
 
 class PmhtMmNode(GraphNode):
@@ -132,6 +132,7 @@ class PmhtMmNode(GraphNode):
         return own if own > 0.0 else float(variance)
 
     def _match(self, nav: NavSample) -> None:
+        # of another fix than the last it does not follow on its batch
         since, ended = nav.since, self.scans.ended
         if since is not None and self._matching.memory is not None:
             follows = ended >= 0 and abs(since.begin - to_seconds(ended)) < SAME

@@ -72,7 +72,7 @@ def test_its_messages_are_those_of_the_simulated_vehicle(folder) -> None:
     driver, scenario = import_module("driver"), import_module("make_logs").vehicle_scenario()
     samples = simulate_vehicle(scenario, 0).imu
     read = [
-        read_imu(serialize_message(message))
+        read_imu(serialize_message(message))[:2]
         for _, _, message in driver.imu_samples(folder / "imu.csv")
     ]
     force, rate = (np.array(column) for column in zip(*read, strict=True))

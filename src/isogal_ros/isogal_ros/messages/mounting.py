@@ -121,7 +121,7 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
     def frames(tree: Tree) -> list[Pose | None]:
         return [pose_in(tree, base, one.frame or "") for one in asking.values()]
 
-    tree = look(lambda seen: None not in frames(seen))
+    tree = look(lambda seen: all(pose is not None for pose in frames(seen)))
     found: dict[str, Driver] = {}
     for (name, one), pose in zip(asking.items(), frames(tree), strict=True):
         if pose is None:
