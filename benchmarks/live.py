@@ -1,10 +1,11 @@
 """The graph at real time: processor time, memory and latency of each node, rates of its topics.
 
-    .venv/bin/python benchmarks/live.py [--minutes 20] [--rate 200] [--set KEY=VALUE ...]
-        [--page FILE.md]
+    .venv/bin/python benchmarks/live.py [--minutes 20] [--rate 200] [--graphs 1]
+        [--set KEY=VALUE ...] [--page FILE.md]
 
 Runs the nodes of a real vehicle and a recorder as processes, publishes to them the samples of a
-simulated IMU of `--rate` Hz and gravimeter, each when it is due, and listens beside them. The
+simulated IMU of `--rate` Hz and gravimeter, each when it is due, and listens beside them. With
+`--graphs` there are several of them in one domain, each in a namespace of its own. The
 latency of nav/odom is from when the sample of its stamp was published until the filter has
 published the odometry, both as the middleware has noted it; that of a fix is from its last
 reading. The first minute is not counted. What else the machine does counts: say how busy it
@@ -24,7 +25,8 @@ from typing import Any
 
 import closed_loop
 import numpy as np
-from graph import Usage, nodes_running
+import psutil
+from graph import Usage
 from rclpy.executors import SingleThreadedExecutor
 
 from gravimeter_node.node import simulated_readings
@@ -46,6 +48,8 @@ PATIENCE = 120.0
 """s in which the nodes must listen."""
 WARM = 60.0
 """s that are not counted."""
+Graphs = dict[str, Processes]
+"""Each by its namespace."""
 Times = dict[int, int]
 """When the first message of each stamp was published, ns."""
 
@@ -61,15 +65,19 @@ class Driver:
         self._readings, _ = simulated_readings(scenario, 0)
         self._variance = scenario.gravimeter.sigma**2
 
-    def drive(self, domain: int, processes: Processes, look: Callable[[float], None]) -> None:
+    def drive(self, domain: int, graphs: Graphs, look: Callable[[float], None]) -> None:
         """Publish all; `look` is called with the time (s) after each `WARM` seconds."""
         with quiet_node("isogal_live_driver", domain) as node:
-            pair = topics.IMU, self._adapter.raw
-            imu, raw = (node.create_publisher(one.type, one.name, LOSSLESS) for one in pair)
-            end = time.monotonic() + PATIENCE
+            imu, raw = (
+                [node.create_publisher(one.type, named(space, one), LOSSLESS) for space in graphs]
+                for one in (topics.IMU, self._adapter.raw)
+            )
             # a node and the recorder, and of the IMU this process
-            while imu.get_subscription_count() < 3 or raw.get_subscription_count() < 2:
-                assert not processes.ended() and time.monotonic() < end, processes.ended()
+            needed = dict.fromkeys(imu, 3) | dict.fromkeys(raw, 2)
+            end = time.monotonic() + PATIENCE
+            while any(one.get_subscription_count() < count for one, count in needed.items()):
+                ended = {space: one.ended() for space, one in graphs.items()}
+                assert not any(ended.values()) and time.monotonic() < end, ended
                 time.sleep(0.1)
             time.sleep(5.0)
             message, begun = Prepared(framed(topics.IMU, BASE)), time.monotonic()
@@ -77,29 +85,39 @@ class Driver:
                 time.sleep(max(0.0, begun + seconds - time.monotonic()))
                 ns = from_seconds(seconds)
                 fill_imu(message, ns, force, turn)
-                imu.publish(message.serialised())
+                for publisher in imu:
+                    publisher.publish(message.serialised())
                 if (reading := self._readings.get(ns)) is not None:
-                    raw.publish(self._adapter.write_raw(*reading, self._variance, None))
+                    for publisher in raw:
+                        publisher.publish(self._adapter.write_raw(*reading, self._variance, None))
                 if seconds % WARM == 0.0:
                     look(seconds)
-            assert not processes.ended(), processes.ended()
+            for processes in graphs.values():
+                assert not processes.ended(), processes.ended()
+
+
+def named(space: str, topic: Topic) -> str:
+    """Return the name of a topic of the graph in a namespace."""
+    return f"/{space}/{topic.name}" if space else topic.name
 
 
 class Listener(threading.Thread):
-    """Notes when the messages of some topics have been published."""
+    """Notes when the messages of some topics in some namespaces have been published."""
 
-    def __init__(self, domain: int, heard: tuple[Topic, ...]) -> None:
+    def __init__(self, domain: int, spaces: list[str], heard: tuple[Topic, ...]) -> None:
         super().__init__(daemon=True)
-        self.done, self.domain, self._topics = threading.Event(), domain, heard
-        self.times: dict[Topic, Times] = {topic: {} for topic in heard}
+        self.done, self.domain = threading.Event(), domain
+        self.times: dict[tuple[str, Topic], Times] = {
+            (space, topic): {} for space in spaces for topic in heard
+        }
         self.diagnostics: defaultdict[str, list[int]] = defaultdict(list)
         """When each node has said how it is, ns."""
 
     def run(self) -> None:
         with quiet_node("isogal_live_benchmark", self.domain) as node:
-            for topic in self._topics:
+            for (space, topic), times in self.times.items():
                 node.create_subscription(
-                    topic.type, topic.name, self._noting(topic), LOSSLESS, raw=True
+                    topic.type, named(space, topic), self._noting(times), LOSSLESS, raw=True
                 )
             node.create_subscription(
                 topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, self._note_diagnostics, LOSSLESS
@@ -110,9 +128,9 @@ class Listener(threading.Thread):
                 executor.spin_once(timeout_sec=0.2)
             executor.shutdown()
 
-    def _noting(self, topic: Topic) -> Any:
+    def _noting(self, times: Times) -> Any:
         def note(data: bytes, info: dict[str, int]) -> None:
-            self.times[topic].setdefault(peek_ns(data), info["source_timestamp"])
+            times.setdefault(peek_ns(data), info["source_timestamp"])
 
         return note
 
@@ -144,13 +162,21 @@ def rate(times: Times, seconds: float) -> float:
     return sum(ns > WARM * 1e9 for ns in times) / seconds
 
 
-def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
-    """Run the graph; return what was measured."""
+def measured(minutes: float, hertz: float, keys: list[str], count: int) -> dict[str, Any]:
+    """Run so many graphs; return what was measured."""
+    spaces = [f"vehicle_{k + 1}" for k in range(count)] if count > 1 else [""]
     duration = WARM + 60.0 * minutes
     scenario = load_scenario(None, [f"imu.rate={hertz}", f"route.duration={duration}", *keys])
     reduced = adapter_of(scenario).reduced
     nav = topics.NAV_ODOM, topics.NAV_FIX, topics.NAV_PATH
-    driver, usage, load = Driver(scenario), Usage(nodes_running), []
+    driver, graphs, load = Driver(scenario), Graphs(), []
+    usage = Usage(
+        lambda: {
+            f"{space}/{name}".lstrip("/"): psutil.Process(process.pid)
+            for space, one in graphs.items()
+            for name, process in one.running.items()
+        }
+    )
 
     def look(seconds: float) -> None:
         usage.look(seconds)
@@ -161,18 +187,28 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
         interrupts() as interrupt,
         graph_domain(names_of(scenario)) as domain,
     ):
-        listener = Listener(domain, (topics.IMU, *nav, reduced, topics.FIX))
+        listener = Listener(domain, spaces, (topics.IMU, *nav, reduced, topics.FIX))
         listener.start()
-        plan = Plan(scenario, Path(name) / "bag", real=True)
-        processes = Processes(plan, Path(name) / "log", domain)
         try:
-            driver.drive(domain, processes, look)
+            for space in spaces:
+                plan = Plan(scenario, Path(name) / space / "bag", real=True)
+                graphs[space] = Processes(plan, Path(name) / space / "log", domain, space)
+            driver.drive(domain, graphs, look)
         finally:
-            processes.stop(interrupt)
+            for processes in graphs.values():
+                processes.stop(interrupt)
     listener.done.set()
     listener.join()
-    times = listener.times
     seconds = duration - WARM
+    late: dict[str, dict[str, float] | None] = {}
+    for space in spaces:
+        imu, odom, reading, fix = (
+            listener.times[space, topic]
+            for topic in (topics.IMU, topics.NAV_ODOM, reduced, topics.FIX)
+        )
+        where = f" of {space}" if space else ""
+        late[f"nav/odom after imu/data_raw{where}"] = latency(odom, imu)
+        late[f"pmht_mm/fix after the last reading{where}"] = latency(fix, reading)
     return {
         "minutes": minutes,
         "imu_hz": hertz,
@@ -181,11 +217,11 @@ def measured(minutes: float, hertz: float, keys: list[str]) -> dict[str, Any]:
             name: {"cpu_percent": 0.1 * ms, "memory_mb": usage.peak[name]}
             for name, ms in sorted(usage.per_step.items())  # a step of a second
         },
-        "latency_ms": {
-            "nav/odom after imu/data_raw": latency(times[topics.NAV_ODOM], times[topics.IMU]),
-            "pmht_mm/fix after the last reading": latency(times[topics.FIX], times[reduced]),
+        "latency_ms": late,
+        "rate_hz": {
+            named(space, topic): rate(one, seconds)
+            for (space, topic), one in listener.times.items()
         },
-        "rate_hz": {topic.name: rate(one, seconds) for topic, one in times.items()},
         "diagnostics_hz": {
             name: (len(one) - 1) / (1e-9 * (one[-1] - one[0]))
             for name, one in sorted(listener.diagnostics.items())
@@ -240,10 +276,11 @@ def main() -> None:
     parser = closed_loop.parser(__doc__, "set")
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--rate", type=float, default=200.0, help="of the IMU, Hz")
+    parser.add_argument("--graphs", type=int, default=1, help="in one domain, in namespaces")
     parser.add_argument("--page", type=Path, help="page to write")
     parser.add_argument("--note", default="", help="what else is to be said on the page")
     options = parser.parse_args()
-    found = measured(options.minutes, options.rate, options.set)
+    found = measured(options.minutes, options.rate, options.set, options.graphs)
     print(json.dumps(found, indent=2))
     if options.page is not None:
         options.page.write_text(page(found, options.note), encoding="utf-8")

@@ -23,7 +23,7 @@ SILENT = 10.0
 
 
 class LockStep:
-    """Counts the answers to the step under way.
+    """Counts the answers to the step under way, the last of those that were published at once.
 
     Every step is answered by ``nav/odom`` of its stamp; a scan also by the reduced reading, of
     each field that has one; a batch end also by ``pmht_mm/fix`` of its stamp (a fix, or none). The
@@ -127,6 +127,14 @@ class LockStep:
         self._needs_fix = self._takes_fixes = is_end and not self._absent
         self.complete = step == 0 or "nav" in self._absent
         self._full = not self._absent
+
+    def without_reading(self, step: int, most: int) -> int:
+        """Return how many steps, from one on, may be published at once: no more than `most`, and
+        none after one with a reading, to which the graph may answer with a fix. While not all
+        answer it is one."""
+        if self._absent or self.changed:
+            return 1
+        return min(most, *(steps - (step - 1) % steps for steps in self._per_scan))
 
     def _take_nav(self, data: bytes) -> None:
         if peek_ns(data) == self._ns:

@@ -28,7 +28,7 @@ UNLOCKED_START = 2.0
 
 class InsSimNode(GraphNode[InsSimSettings]):
     """Publishes one step after the other; with lock_step the next one only when the graph has
-    answered."""
+    answered, or with the last where no answer can change what the filter does with it."""
 
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
@@ -55,8 +55,15 @@ class InsSimNode(GraphNode[InsSimSettings]):
         """When the first step was published; when the last one was."""
         self._outputs = Outputs(self, self.vehicle)
         self.lock_step: LockStep | None = None
+        self._ahead = 1
+        """Steps that may be published at once."""
         if self.settings.lock_step:
             self.lock_step = LockStep(self, self._outputs.compare, self._go_on)
+            # the filter does not wait for another sensor's reading once later samples are there,
+            # and a node that is killed loses what is under way
+            aided = self.vehicle.aids or self.scenario.height.measured
+            if not (aided or self._checkpoint.is_kept):
+                self._ahead = max(1, self.settings.ahead // self.vehicle.samples.shape[1])
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer: Timer | None = None
         """Comes at each step that goes by the wall clock."""
@@ -135,19 +142,25 @@ class InsSimNode(GraphNode[InsSimSettings]):
             self.advance()
 
     def advance(self) -> None:
-        """Publish the next step, or end."""
+        """Publish the next step or steps, or end."""
         if self.finished or not self.active:
             return
         if self.step >= len(self.vehicle):
             self._arrive()
             return
-        self.step += 1
+        first = self.step + 1
+        steps = 1
+        if self.lock_step is not None and self.rate == 0.0:
+            steps = self.lock_step.without_reading(first, self._ahead)
+        self.step = min(first + steps - 1, len(self.vehicle))
         self._checkpoint.save(0, self.step)  # before it is published: it is never published twice
         self._moved = time.monotonic()
-        ns = from_seconds(self.vehicle.trajectory.time[self.step])
+        stamps = [from_seconds(t) for t in self.vehicle.trajectory.time[first : self.step + 1]]
+        ns = stamps[-1]
         if self.lock_step is not None:
             self.lock_step.begin(self.step, ns)
-        self._outputs.publish(self.step, ns)
+        for step, stamp in enumerate(stamps, first):
+            self._outputs.publish(step, stamp)
         self.health.figures |= self._outputs.progress(ns, self._moved - self.begun)
         self.health.state(OK, "running")
         self.health.tick(ns)

@@ -20,6 +20,15 @@ class InsSimSettings(NodeSettings):
             "wait at each step until the graph has answered it, so that no message is lost"
         ),
     )
+    ahead: int = Field(
+        10,
+        ge=1,
+        le=1000,
+        description=(
+            "in lock-step at rate 0: IMU samples that are published at once where no reading comes"
+            " until the last of them"
+        ),
+    )
     start_timeout: float = Field(
         300.0, gt=0.0, description="s to wait for the other nodes before the first step"
     )

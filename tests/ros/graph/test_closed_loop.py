@@ -3,6 +3,7 @@ is replayed to the same fixes."""
 
 import re
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,11 @@ from isogal.montecarlo.engine import simulate
 from isogal.scenario import changed_scenario, load_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.graph.plan import Plan
+from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.aids import each_aid
+from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.nodes.signals import Interrupt
 
 ONE_IN_10000 = 18.4
 """Of a chi-square with two degrees of freedom."""
@@ -51,6 +56,37 @@ def test_another_run_has_other_numbers(scenario, tmp_path) -> None:
     run_here(short, tmp_path / "bag", run=5)
     assert_closed_loop(tmp_path / "bag", short, 1e-6, run=5)
     assert BagReader(tmp_path / "bag").texts["run"] == "5"
+
+
+class Ahead(Plan):
+    """Steps without a reading are published at once, as by a simulator in a process of its own."""
+
+    def own(self, name: str) -> dict[str, Any]:
+        return super().own(name) | ({"ahead": 10} if name == topics.INS_SIM else {})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("matcher.mode=retrodiction",),
+        ("imu.rate=4.0", "fusion.rate=2.0"),
+        ("gravimeter.interval=7.0", "gravimeter.delay=12", "gravimeter.missing_fraction=0.3"),
+        ("ins.source=solution",),
+    ],
+)
+def test_steps_that_are_published_at_once_change_nothing(scenario, tmp_path, changes) -> None:
+    varied = scenario("route.duration=240.0", *changes)
+    bags = [tmp_path / "one by one", tmp_path / "at once"]
+    run_in_process(Plan(varied, bags[0]), Interrupt())
+    run_in_process(Ahead(varied, bags[1]), Interrupt())
+    said = topics.NAV_ODOM, topics.NAV_FIX, topics.FIX, topics.CANDIDATES
+    one_by_one, at_once = (messages_of(bag, *said) for bag in bags)
+    assert len(one_by_one[topics.FIX.name]) >= 3
+    assert at_once == one_by_one
+    for bag in bags:  # the clock may be ahead of what the navigator says
+        for item in BagReader(bag).messages():
+            if item.topic == "/nav/odom":
+                assert item.log_ns == peek_ns(item.data)
 
 
 @pytest.mark.parametrize(

@@ -22,14 +22,34 @@ def test_it_names_the_nodes_that_are_not_ready(scenario) -> None:
 def test_it_says_what_it_waits_for_and_ends_where_no_answer_comes(scenario, monkeypatch) -> None:
     monkeypatch.setattr(lock_step, "SILENT", 0.1)
     with bench(topics.INS_SIM, scenario(), rate=0.0, reply_timeout=0.5) as made:
-        made.wait(lambda: made.told("waits for an answer: missing nav/odom (0 of 1) of stamp 1."))
+        missing = "missing nav/odom (0 of 1), the reduced reading of stamp 10.000 s"
+        made.wait(lambda: made.told(f"waits for an answer: {missing}"))
         made.wait(lambda: made.node.finished)
-        assert (
-            "no answer to the step at 1.000 s within 0.5 s: missing nav/odom (0 of 1)"
-            in made.node.failure
-        )
+        assert f"no answer to the step at 10.000 s within 0.5 s: {missing}" in made.node.failure
         assert made.node.exit_code == 1
         assert made.heard["ground_truth/fix"]
+
+
+def begun(scenario, **own) -> list[float]:
+    """The stamps of what is published before any answer."""
+    with bench(topics.INS_SIM, scenario, rate=0.0, reply_timeout=0.2, **own) as made:
+        made.wait(lambda: made.node.finished)
+        return stamps(made, topics.IMU)
+
+
+def test_it_publishes_the_steps_until_a_reading_at_once(scenario) -> None:
+    assert begun(scenario()) == list(range(1, 11))
+    assert begun(scenario("gravimeter.interval=4.0")) == list(range(1, 5))
+    assert begun(scenario(), ahead=3) == [1, 2, 3]
+    assert begun(scenario("imu.rate=4.0", "fusion.rate=1.0")) == [0] * 3 + [1] * 4 + [2]
+
+
+def test_it_publishes_one_step_where_others_could_change_what_is_done_with_it(
+    scenario, tmp_path
+) -> None:
+    assert begun(scenario("height.source=barometer")) == [1]
+    assert begun(scenario("gnss.available=[[0, 60]]")) == [1]
+    assert begun(scenario(), checkpoint=str(tmp_path / "c")) == [1]
 
 
 def test_without_lock_step_it_keeps_its_rate(scenario) -> None:

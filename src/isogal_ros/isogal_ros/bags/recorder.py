@@ -44,8 +44,10 @@ class RecorderNode(GraphNode[RecorderSettings]):
     """Writes messages as they come, serialised; the bag also keeps the scenario.
 
     Log time is the simulation's clock, never earlier than the message's own stamp, as with ``ros2
-    bag record --use-sim-time``. Publish time is the wall clock at reception, as the events
-    executor does not tell when a serialised message was sent."""
+    bag record --use-sim-time``. The simulator may publish some steps at once, and its clock is
+    then ahead of the navigator: what that publishes has the time of its newest stamp. Publish time
+    is the wall clock at reception, as the events executor does not tell when a serialised message
+    was sent."""
 
     sections: ClassVar[Sequence[str]] = tuple(Scenario.model_fields)
     settings_model: ClassVar[type[NodeSettings]] = RecorderSettings
@@ -64,24 +66,28 @@ class RecorderNode(GraphNode[RecorderSettings]):
         except OSError as error:
             raise InputError(f"bag: {own.bag}: cannot be written: {error.strerror}") from None
         self.get_logger().info(f"records into {self.writer.path}")
-        self._now = 0
+        self._now = self._navigated = 0
+        """The clock, and the time of the navigator, ns."""
         self._written = 0
         self.watch("short of disk space", self._disk)
         for topic in topics_in_use(self.scenario):
             self._record(topic)
 
     def _record(self, topic: Topic) -> None:
-        is_clock = topic is topics.CLOCK
+        is_clock, by_navigator = topic is topics.CLOCK, topic.name.startswith("nav/")
 
         def write(data: bytes) -> None:
             if not self.active or self.finished:
                 return
             if is_clock or hasattr(listening.type, "header"):
                 self._now = max(self._now, peek_ns(data))
+                if by_navigator:
+                    self._navigated = max(self._navigated, peek_ns(data))
             try:
                 if not self.writer.knows(name):
                     self._add(name, listening.type)
-                self.writer.write(name, data, self._now, time.time_ns())
+                now = self._navigated if by_navigator else self._now
+                self.writer.write(name, data, now, time.time_ns())
             except OSError as error:
                 self._failed_to_write(error)
 

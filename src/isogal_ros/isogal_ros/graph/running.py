@@ -95,7 +95,9 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report)
         executor = make_executor(bus)
         try:
             for name in plan.names:
-                nodes[name] = bus.add(name, plan.values(name))
+                # nothing runs beside anything: the recording has each step's answers behind it
+                own = {"ahead": 1} if name == topics.INS_SIM else {}
+                nodes[name] = bus.add(name, own | plan.values(name))
                 executor.add_node(nodes[name])
             bus.open()
             wall = _spin(bus, executor, nodes, interrupt, report)
@@ -151,10 +153,13 @@ class Processes:
         For the parameter file and the nodes' output.
     domain : int
         ROS domain.
+    namespace : str
+        Of the nodes; empty = none.
     """
 
-    def __init__(self, plan: Plan, folder: Path, domain: int) -> None:
+    def __init__(self, plan: Plan, folder: Path, domain: int, namespace: str = "") -> None:
         self._folder, self._respawns = folder, plan.checkpoint is not None
+        self._namespace = namespace
         make_folder(folder)
         own = {name: plan.own(name) for name in plan.names}
         text = parameter_file(plan.scenario, own)
@@ -174,6 +179,8 @@ class Processes:
             log.write_bytes(b"")  # in place of an earlier run's
         arguments = ["--ros-args", "--remap", f"__node:={name}"]
         arguments += ["--params-file", str(self._folder / "params.yaml")]
+        if self._namespace:
+            arguments += ["--remap", f"__ns:=/{self._namespace}"]
         # without log files of its own: what a node logs is in its output
         arguments += ["--disable-external-lib-logs"]
         module, _ = CLASSES[topics.kind_of(name)]
