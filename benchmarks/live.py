@@ -200,15 +200,6 @@ def measured(minutes: float, hertz: float, keys: list[str], count: int) -> dict[
     listener.done.set()
     listener.join()
     seconds = duration - WARM
-    late: dict[str, dict[str, float] | None] = {}
-    for space in spaces:
-        imu, odom, reading, fix = (
-            listener.times[space, topic]
-            for topic in (topics.IMU, topics.NAV_ODOM, reduced, topics.FIX)
-        )
-        where = f" of {space}" if space else ""
-        late[f"nav/odom after imu/data_raw{where}"] = latency(odom, imu)
-        late[f"pmht_mm/fix after the last reading{where}"] = latency(fix, reading)
     return {
         "minutes": minutes,
         "imu_hz": hertz,
@@ -217,7 +208,7 @@ def measured(minutes: float, hertz: float, keys: list[str], count: int) -> dict[
             name: {"cpu_percent": 0.1 * ms, "memory_mb": usage.peak[name]}
             for name, ms in sorted(usage.per_step.items())  # a step of a second
         },
-        "latency_ms": late,
+        "latency_ms": latencies(listener.times, spaces, reduced),
         "rate_hz": {
             named(space, topic): rate(one, seconds)
             for (space, topic), one in listener.times.items()
@@ -228,6 +219,21 @@ def measured(minutes: float, hertz: float, keys: list[str], count: int) -> dict[
             if len(one) > 10
         },
     }
+
+
+def latencies(
+    times: dict[tuple[str, Topic], Times], spaces: list[str], reduced: Topic
+) -> dict[str, dict[str, float] | None]:
+    """Return the latencies of odometry and fixes of each graph, whose readings are on a topic."""
+    late: dict[str, dict[str, float] | None] = {}
+    for space in spaces:
+        imu, odom, reading, fix = (
+            times[space, topic] for topic in (topics.IMU, topics.NAV_ODOM, reduced, topics.FIX)
+        )
+        where = f" of {space}" if space else ""
+        late[f"nav/odom after imu/data_raw{where}"] = latency(odom, imu)
+        late[f"pmht_mm/fix after the last reading{where}"] = latency(fix, reading)
+    return late
 
 
 def page(found: dict[str, Any], note: str) -> str:
