@@ -206,9 +206,10 @@ def figures_of(
 
 
 def cells_of(figures: Figures, columns: Mapping[str, str]) -> list[str]:
-    """Return a row's cells; each column has a pattern such as ``{rms:.1f}``. NaN is a dash."""
+    """Return a row's cells; each column has a pattern such as ``{rms:.1f}``. NaN is a dash, and so
+    are two with ± or "to" between them."""
     cells = [pattern.format(**figures) for pattern in columns.values()]
-    return [cell.replace("nan ± nan", "nan").replace("nan", "–") for cell in cells]
+    return [re.sub("nan( (±|to) nan)?", "–", cell) for cell in cells]
 
 
 def line_of(cells: Iterable[str]) -> str:

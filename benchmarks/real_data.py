@@ -67,8 +67,7 @@ def row(name: str, summary: Summary) -> str:
     there = {key: value for key, value in summary.items() if value is not None}
     known = dict.fromkeys(_NAMES, math.nan) | there
     known |= {f"{key[:-2]}_km": known[key] / 1e3 for key in known if key[-2:] == "_m"}
-    cells = ("–" if "nan" in cell else cell for cell in closed_loop.cells_of(known, COLUMNS))
-    return closed_loop.line_of([name, *cells])
+    return closed_loop.line_of([name, *closed_loop.cells_of(known, COLUMNS)])
 
 
 if __name__ == "__main__":
