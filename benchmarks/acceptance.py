@@ -62,11 +62,7 @@ Memory = TypeVar("Memory")
 
 def version() -> str:
     """Return what stands for the library's source."""
-    found = hashlib.sha256(str(FORMAT).encode())
-    source = Path(isogal.__file__).parent
-    for path in sorted([*source.rglob("*.py"), *source.rglob("*.yaml")]):
-        found.update(path.relative_to(source).as_posix().encode() + path.read_bytes())
-    return found.hexdigest()[:12]
+    return closed_loop.of_source(str(FORMAT), [Path(isogal.__file__).parent])[:12]
 
 
 class Counting:

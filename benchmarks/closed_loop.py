@@ -104,6 +104,15 @@ def parts_of(
         yield range(first, last), folder / f"{name}{smoothed}-{first}-{last}.npz"
 
 
+def of_source(text: str, folders: Iterable[Path]) -> str:
+    """Return what stands for a text and the source in some folders: of what is kept by them."""
+    found = hashlib.sha256(text.encode())
+    for folder in folders:
+        for path in sorted([*folder.rglob("*.py"), *folder.rglob("*.yaml")]):
+            found.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
+    return found.hexdigest()[:16]
+
+
 def some_runs(scenario: Scenario, runs: range, path: Path, lag: float = 0.0) -> Runs:
     """Return some runs, from the file where it is."""
     if path.exists():

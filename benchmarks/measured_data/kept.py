@@ -1,7 +1,6 @@
 """Lines that were kept from the map: of every measured set, matched with nothing told on a map by
 `isogal map grid`."""
 
-import hashlib
 import pickle
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -11,10 +10,11 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from closed_loop import containing
+from closed_loop import containing, of_source
 
 from isogal.arrays import Array, Booleans
 from isogal.errors import InputError
+from isogal.files import write_atomic
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.gridder import GridSettings, grid_survey
 from isogal.maps.gridding.reading import read_survey
@@ -111,18 +111,14 @@ def prepared(data: Path, name: str) -> list[KeptSet]:
     import isogal
 
     library, own = Path(isogal.__file__).parent, Path(__file__).parent
-    found = hashlib.sha256(name.encode())
-    for folder in (library / "earth", library / "maps", own):
-        for path in sorted(folder.rglob("*.py")):
-            found.update(path.read_bytes())
-    path = KEPT / f"{found.hexdigest()[:16]}.pickle"
+    path = KEPT / f"{of_source(name, (library / 'earth', library / 'maps', own))}.pickle"
     if path.exists():
         return list(pickle.loads(path.read_bytes()))
     made = list(sets(data, name))
     for one in made:
         one.reference  # noqa: B018 - is kept with the map
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(pickle.dumps(made))
+    write_atomic(path, pickle.dumps(made))
     return made
 
 

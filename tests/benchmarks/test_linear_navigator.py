@@ -11,8 +11,9 @@ from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 
-def test_its_covariance_is_the_bound():
-    scenario = load_scenario(None, ["route.duration=900", "map_error.sigma=3e-5"])
+def beside(*settings):
+    """Return the linear navigator of a run, its scenario, trajectory and maps."""
+    scenario = load_scenario(None, settings)
     trajectory = build_trajectory(scenario)
     maps, found = maps_for_scenario(scenario, trajectory), []
 
@@ -20,24 +21,22 @@ def test_its_covariance_is_the_bound():
         found.append(linear_navigator(scenario, trajectory, maps, navigator))
 
     simulate(scenario, [0], maps, finished=keep)
-    history = found[0].history(np.empty(0))
+    assert len(found) == 1
+    return found[0], scenario, trajectory, maps
+
+
+def test_its_covariance_is_the_bound():
+    linear, scenario, trajectory, maps = beside("route.duration=900", "map_error.sigma=3e-5")
+    history = linear.history(np.empty(0))
     readings = [one for part in history for one in part.measurements]
     assert len([one for one in readings if isinstance(one, MapReading)]) == 90
     limit = posterior_cramer_rao(scenario, trajectory, maps).rms[-1]
-    claimed = np.sqrt(np.trace(found[0].state.covariance[:2, :2]))
+    claimed = np.sqrt(np.trace(linear.state.covariance[:2, :2]))
     np.testing.assert_allclose(claimed, limit, rtol=0.02)
 
 
 def test_readings_that_it_does_not_model_have_none():
-    scenario = load_scenario(None, ["route.duration=60", "gravimeter.delay=20"])
-    trajectory = build_trajectory(scenario)
-    maps, found = maps_for_scenario(scenario, trajectory), []
-
-    def keep(_run, navigator):
-        found.append(linear_navigator(scenario, trajectory, maps, navigator))
-
-    simulate(scenario, [0], maps, finished=keep)
-    assert found == [None]
+    assert beside("route.duration=60", "gravimeter.delay=20")[0] is None
 
 
 def test_the_ratio_to_it_is_of_the_same_runs():

@@ -9,12 +9,13 @@ import pytest
 
 from helpers.navigators import error_between, fly
 from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.fusion.alignment import UNKNOWN
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import AtRest, Outcome, SampleNoise, VelocityReading
 from isogal.fusion.measurements.trust import AGREEING, CONFIRMED
 from isogal.fusion.nominal import move
-from isogal.fusion.outage import ANY_HEADING, Turns, UnknownMotion, grow
+from isogal.fusion.outage import Turns, UnknownMotion, grow
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import cross_matrix, matrix
@@ -118,7 +119,7 @@ def test_a_car_may_have_turned_while_samples_were_missing():
     assert navigator.state.covariance[8, 8] == pytest.approx(straight, rel=0.01)
     # one that is in a turn afterwards may have come round any corner; no filter that takes its
     # heading to be known holds more
-    for heading in (0.5, ANY_HEADING):
+    for heading in (0.5, UNKNOWN):
         motion = replace(motion, heading=heading)
         navigator = InertialNavigator(model, state, motion=motion)
         turning = np.array([0.0, 0.0, 0.3])

@@ -37,7 +37,7 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
-from isogal.fusion.outage import ANY_HEADING, HELD, UnknownMotion
+from isogal.fusion.outage import HELD, UnknownMotion
 from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.standstill import CONFIRMED, REST_SIGMA, Standstill, zero_velocity
 from isogal.fusion.state import FilterState
@@ -180,7 +180,7 @@ class Alignment(InertialNavigator):
         """Whether the means at rest are all that is used."""
         self.aligned = False
         """Whether the state may be trusted."""
-        motion = replace(motion or UnknownMotion(), heading=ANY_HEADING)
+        motion = replace(motion or UnknownMotion(), heading=UNKNOWN)
         super().__init__(model, self._unknown(model), time, horizon, motion)
 
     def _unknown(self, model: FilterModel) -> FilterState:

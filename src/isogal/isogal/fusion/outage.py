@@ -58,8 +58,6 @@ TURN_TIME, TURN_FREEDOM = 4.5, 4.0
 """s over which a car's turn rate changes, and degrees of freedom of its distribution (ibid.)."""
 FINE, SETTLED = 1.0, 5.0
 """s, step over a gap while a turn goes on, and the times of `Turns` after which it is over."""
-ANY_HEADING = math.pi / math.sqrt(3.0)
-"""rad, 1-sigma of a heading of which nothing is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,17 +145,16 @@ class UnknownMotion:
         )
 
     def possible(
-        self, seconds: float, change: tuple[Array, Array], rate: float
+        self, seconds: float, change: tuple[Array, Array], rates: tuple[float, float]
     ) -> "list[tuple[float, UnknownMotion]]":
         """Return what may have happened in a gap, with log probabilities: no manoeuvre, then, if
         it is long enough and that would be another motion, one; see `seen`. Of a vehicle whose
-        turns have a law there is one motion, given its turn rate (rad/s) after the gap."""
+        turns have a law there is one motion, given its turn rates (rad/s) at either side."""
         steady, manoeuvre = (self.seen(change, which) for which in (False, True))
         if self.turns is not None:
-            rates = rate - float(change[1][2]), rate
             variance = self.turns.variance(seconds, rates)
             if seconds <= HELD:  # it is taken to have turned as afterwards
-                variance += (rate * seconds - self.turns.angle(seconds, rates, seconds)) ** 2
+                variance += (rates[1] * seconds - self.turns.angle(seconds, rates, seconds)) ** 2
             one = steady if seconds <= HELD else manoeuvre
             return [(0.0, replace(one, turn_rate=math.sqrt(variance) / seconds))]
         if seconds <= HELD or manoeuvre == steady:

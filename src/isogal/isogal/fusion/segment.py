@@ -63,14 +63,14 @@ class Segment:
         `traces` receives those of the steps, as of `keep_going`."""
         assert self.change is not None
         rate = float(self.rate[0, 2])
-        motions = motion.possible(self.missing, self.change, rate)
+        rates = rate - float(self.change[1][2]), rate
+        motions = motion.possible(self.missing, self.change, rates)
         if model.unsure_heading:
             # hypotheses of the matcher go on by `Passage`, which is of one state
             motions = [(0.0, motions[-1][1])]
         if self.missing <= HELD:
             return before, [motions[0][1]] * len(before.states)
         one = before.merged.copy()
-        rates = rate - float(self.change[1][2]), rate
         keep_going(one, model, self.missing, float(self.height[0]), traces, motion.turns, rates)
         after = Mixture.of(one)
         if len(motions) > 1:
