@@ -184,7 +184,9 @@ def test_the_commands_stay_out_of_a_domain_with_a_driver(
     status, _, err = call(*words)
     assert status == 0, err
     said = rf"isogal: {DOMAIN}={driver}: another node in it publishes \S+; taking domain (\d+)"
-    assert int(re.search(said, err)[1]) != driver
+    other = re.search(said, err)
+    assert other is not None, err
+    assert int(other[1]) != driver
     refused = f"isogal: --domain {driver}: another node in it publishes imu/data_raw; end it"
     status, out, err = call(*words, "--domain", driver)
     assert (status, out) == (2, "")

@@ -5,11 +5,11 @@ import socket
 import sys
 import time
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 
 import rclpy
 from rclpy.context import Context
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.signals import SignalHandlerOptions
 
 from isogal.errors import InputError
@@ -32,11 +32,14 @@ _LAST_PORT = 65535
 _LOOKS, _MOST_LOOKS, _LOOK = 4, 15, 0.3
 """Nodes that look one after the other for publishers in a domain that is in use, looks at most,
 and s of wall time between them. A node finds the others within 0.2 s, but one in eight loses the
-first answer, which comes again only after three seconds."""
+first answer, which comes again only after three seconds. A node's name may come before its
+publishers: two that look must have found the same, and nothing new during a look."""
 _RESERVED, _GRAPH = "isogal-ros-domain", "isogal-ros-graph"
 """Names that are held: of a domain that is set aside, and of one in which a graph runs."""
 _LOOKER = f"isogal_domain_check_{os.getpid()}"
 """Nodes that look for publishers."""
+_Found = list[tuple[str, str, list[str]]]
+"""Of each node its namespace, its name and the topics it publishes."""
 
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
@@ -140,6 +143,7 @@ def _published(domain: int, names: Collection[str]) -> str | None:
         return None
     with ExitStack() as stack:
         nodes: list[Node] = []
+        before: list[_Found] = []
         for look in range(_MOST_LOOKS):
             if look < _LOOKS:
                 nodes.append(stack.enter_context(quiet_node(_LOOKER, domain)))
@@ -149,10 +153,23 @@ def _published(domain: int, names: Collection[str]) -> str | None:
                     if any(node.count_publishers(name) for node in nodes):
                         return name
                 time.sleep(0.01)
-            known = max(sum(n != _LOOKER for n in node.get_node_names()) for node in nodes)
-            if look and known >= present and (here or look >= _LOOKS):
+            complete = [found for found in map(_found, nodes) if len(found) >= present]
+            same = len(complete) >= 2 and all(found == complete[0] for found in complete)
+            if same and complete[0] in before and (here or look >= _LOOKS):
                 break
+            before = complete
     return None
+
+
+def _found(looker: Node) -> _Found:
+    """Return the other nodes that one that looks has found, in order."""
+    found = []
+    for name, namespace in looker.get_node_names_and_namespaces():
+        if name != _LOOKER:
+            with suppress(NodeNameNonExistentError):  # gone meanwhile
+                published = looker.get_publisher_names_and_types_by_node(name, namespace)
+                found.append((namespace, name, sorted(topic for topic, _ in published)))
+    return sorted(found)
 
 
 def _claim(kind: str, domain: int, stack: ExitStack) -> bool:
