@@ -14,6 +14,7 @@ from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.models import Assumed, Models, models_of
 from isogal.matching.pmht.states import UNKNOWN, States
+from isogal.passage import History
 from isogal.scenario import Matcher
 
 SLOPE = np.array([4e-8, -3e-8])
@@ -159,7 +160,7 @@ def flown(
             field_map, error, scans,
             start=np.array(start) + VELOCITY * age * number,
             time=1000.0 + age * number + 10.0 * np.arange(scans),
-            prior=covariance, correction=correction, **({"seed": number} | keys),
+            prior=covariance, history=History(correction), **({"seed": number} | keys),
         )  # fmt: skip
         batch = change(batch, number)
         fix, memory = matcher.match(batch, field_map, memory)

@@ -145,7 +145,8 @@ def by_position_and_velocity(transition: ArrayLike, slope: ArrayLike, prior: Arr
     backward[:, :2, :4] = transition
     return {
         "covariance": level(np.asarray(prior)),
-        "position_by_error": backward[:, :2],
-        "reading_by_error": np.pad(slope, ((0, 0), (0, 3))),
+        "by_error": np.concatenate(
+            [backward[:, :2], np.pad(slope, ((0, 0), (0, 3)))[:, None]], axis=1
+        ),
         "backward": backward,
     }

@@ -113,12 +113,12 @@ def test_transition_is_what_the_strapdown_does(name, trajectory):
     xi = np.concatenate([actual[-1], (velocity - true_velocity)[-1]])
     psi = (attitude[-1] * true_attitude[-1].inv()).as_rotvec()
     batch = builder_of(position, velocity).build(independent_prior())
-    predicted = batch.position_by_error @ np.concatenate([xi, psi])
+    predicted = batch.by_error[:, :2] @ np.concatenate([xi, psi])
     within = 0.1 if trajectory is TRAJECTORY else 0.3 + 0.02 * np.abs(predicted - actual[-1]).max()
     np.testing.assert_allclose(predicted, actual, atol=within)
     moved = np.abs(actual - actual[-1]).max()
     assert name == "position" or moved > 1.0  # staying put would be wrong
-    np.testing.assert_allclose(batch.position_by_error[-1], np.eye(2, 7), atol=1e-12)
+    np.testing.assert_allclose(batch.by_error[-1, :2], np.eye(2, 7), atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -128,11 +128,12 @@ def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance(seed):
     prior = random_covariance(PRIOR_SIGMA, seed)
     builder = builder_of(*flown(TRAJECTORY)[:2])
     batch = builder.build(prior)
-    back = batch.position_by_error
+    back = batch.by_error[:, :2]
     np.testing.assert_array_equal(batch.prior, 0.5 * (prior + prior.T)[:4, :4])
     joint = back @ prior @ back.transpose(0, 2, 1)
     split = batch.transition @ prior[:4, :4] @ batch.transition.transpose(0, 2, 1)
-    split += batch.nuisance_position @ batch.nuisance_position.transpose(0, 2, 1)
+    rest = batch.nuisance[:, :2]
+    split += rest @ rest.transpose(0, 2, 1)
     np.testing.assert_allclose(split, joint, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(
         batch.transition @ prior[:4, :4], back @ prior[:, :4], rtol=1e-9, atol=1e-6
@@ -159,7 +160,7 @@ def test_readings_of_a_wrong_navigator_are_wrong_by_the_jacobian(quantity, reduc
     batch = builder_of(position, velocity, quantity=quantity).build(independent_prior())
     assert np.abs(wrong).max() > 2e-5
     np.testing.assert_allclose(
-        batch.reading_jacobian @ xi + batch.nuisance_reading @ psi, wrong, atol=3e-7
+        batch.reading_jacobian @ xi + batch.nuisance[:, 2] @ psi, wrong, atol=3e-7
     )
 
 
@@ -290,7 +291,7 @@ def test_a_gap_in_the_inertial_data_leaves_the_scans_before_it_what_they_were():
     batch = builder.build(end)
     assert batch.cut == 6
     for scan, (time, expected) in {2: (30.0, before), 7: (80.0, after)}.items():
-        by_xi, rest = batch.transition[scan], batch.nuisance_position[scan]
+        by_xi, rest = batch.transition[scan], batch.nuisance[scan, :2]
         P = by_xi @ batch.prior @ by_xi.T + rest @ rest.T
         at = 42.0 if scan == 2 else 66.0
         turn = carried(expected, (TRAJECTORY.latitude[0], TRAJECTORY.velocity[0, :2], at), time)
@@ -324,7 +325,7 @@ def test_two_sensors_of_the_height_leave_less_of_their_errors():
         builder = BatchBuilder.of(one)
         for t in range(2):
             builder.add_scan(10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0]), 9.8, 1e-5)
-        states = builder.build(np.eye(7)).parameters
+        states = builder.build(np.eye(7)).instrument.parameters
         found.append(dict(zip(states.names, states.sigma, strict=True)))
     assert found[0] == {"height_bias": 3.0, "height_weather": 6.0}
     assert found[1] == {"height_bias": pytest.approx(2.4)}

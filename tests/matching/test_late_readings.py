@@ -93,7 +93,7 @@ def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_t
     ]
     assert np.abs(horizontal_difference(batch.latitude, batch.longitude, *where)).max() < 2.0
     assert batch.end == (trajectory.latitude[600], trajectory.longitude[600])
-    path = batch.filter_path
+    path = batch.instrument.filter_path
     nodes = np.array([[[0.0, 0.0, 1.0]]]) if path is None else path.nodes(batch.latitude)
     along = batch.latitude[:, None] + nodes[..., 0], batch.longitude[:, None] + nodes[..., 1]
     residual = batch.reading - (MAP.value(*along) * nodes[..., 2]).sum(axis=1)
@@ -127,8 +127,8 @@ def test_the_posterior_is_at_the_navigator_s_error():
 def test_without_filter_and_delay_nothing_changes():
     batch, _ = batch_of(scenario())
     assert batch.end_place is None
-    assert batch.filter_path is None
-    assert batch.parameters is None
+    assert batch.instrument.filter_path is None
+    assert batch.instrument.parameters is None
 
 
 def test_map_error_between_scans_is_a_gauss_markov_process():
@@ -166,7 +166,8 @@ def test_missing_readings_leave_the_others_in_place():
 def test_of_some_rows():
     batch, _ = batch_of(scenario(filter_time=30.0, correlated_sigma=1e-5))
     part = batch.part(10)
-    assert part.filter_path.away.shape == (30, *batch.filter_path.away.shape[1:])
-    np.testing.assert_array_equal(part.parameters.reading, batch.parameters.reading[10:])
-    np.testing.assert_array_equal(part.position_by_error, batch.position_by_error[10:])
+    few, every = part.instrument, batch.instrument
+    assert few.filter_path.away.shape == (30, *every.filter_path.away.shape[1:])
+    np.testing.assert_array_equal(few.parameters.reading, every.parameters.reading[10:])
+    np.testing.assert_array_equal(part.by_error, batch.by_error[10:])
     np.testing.assert_array_equal(part.transition, batch.transition[10:])

@@ -60,13 +60,13 @@ def build(sigma: float):
 
 def test_a_batch_has_it_beside_the_attitude() -> None:
     without, batch = build(0.0), build(SIGMA)
-    assert without.nuisance_position.shape[2] == 3
-    count = batch.nuisance_position.shape[2]
+    assert without.nuisance.shape[2] == 3
+    count = batch.nuisance.shape[2]
     assert count > 3
-    np.testing.assert_array_equal(batch.nuisance_position[..., :3], without.nuisance_position)
+    np.testing.assert_array_equal(batch.nuisance[..., :3], without.nuisance)
     # the first scan is 580 s before the end: half of that squared, 34 m, a little less for the
     # process does not stay as it is
-    moved = np.sqrt((batch.nuisance_position[0, :, 3:] ** 2).sum(axis=1))
+    moved = np.sqrt((batch.nuisance[0, :2, 3:] ** 2).sum(axis=1))
     np.testing.assert_allclose(moved, 0.5 * SIGMA * 580.0**2, rtol=0.15)
 
 

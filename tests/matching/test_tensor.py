@@ -23,7 +23,7 @@ def batch_of(readings=None):
     if readings is None:
         readings = MAPS.value(scalar.latitude, scalar.longitude)
     batch = channel_batch(scalar, readings, EOTVOS**2 * np.eye(C))
-    return replace(batch, of_one_potential=COMPONENTS)
+    return replace(batch, layout=replace(batch.layout, of_one_potential=COMPONENTS))
 
 
 def test_a_scenario_says_it():
@@ -40,10 +40,10 @@ def test_a_scenario_says_it():
     for k in range(3):
         builder.add_scan(10.0 * k, -0.6, 2.5 + 1e-5 * k, np.array([0.0, 20.0]), np.ones(2), 1.0)
     batch = builder.build(np.diag([1e4, 1e4, 1.0, 1.0, 1e-8, 1e-8, 1e-8]))
-    assert batch.of_one_potential == ("nd", "ed")
+    assert batch.layout.of_one_potential == ("nd", "ed")
     assert len(batch) == 6
     first, _ = first_channel(batch_of(), MAPS)
-    assert first.of_one_potential is None and len(first) == SCANS
+    assert first.layout is None and len(first) == SCANS
 
 
 def test_truth_can_differ():

@@ -16,6 +16,7 @@ from isogal.sensors.trajectory import build_trajectory
 LATITUDE = -0.64
 ROUTE = build_trajectory(load_scenario(None, ["route.duration=1200"]))
 INDEX = np.arange(10, 1201, 10)
+PRIOR = np.diag([1e4, 1e4, 1.0, 1.0, 1e-8, 1e-8, 1e-8])
 
 
 def errors(run=0, felt=None, **settings):
@@ -102,7 +103,7 @@ def test_a_tilt_is_allowed_for_where_nobody_has_told_of_one():
             count = components.count(",") + 1
             readings = np.ones(count) if count > 1 else 1.0
             builder.add_scan(10.0 * k, LATITUDE, 2.5, np.array([0.0, 20.0]), readings, 1.0)
-        return builder.build(np.diag([1e4, 1e4, 1.0, 1.0, 1e-8, 1e-8, 1e-8])).parameters
+        return builder.build(PRIOR).instrument.parameters
 
     allowed = parameters("nd, ne")
     np.testing.assert_allclose(allowed.sigma, [5e-3, 5e-3])
@@ -119,7 +120,7 @@ def test_a_batch_has_what_is_told_as_parameters():
     builder = BatchBuilder.of(load_scenario(None, items + told))
     for k in range(3):
         builder.add_scan(10.0 * k, LATITUDE, 2.5, np.array([0.0, 20.0]), np.ones(2), 1.0)
-    parameters = builder.build(np.diag([1e4, 1e4, 1.0, 1.0, 1e-8, 1e-8, 1e-8])).parameters
+    parameters = builder.build(PRIOR).instrument.parameters
     assert parameters.names == ("tilt_north", "tilt_east", "bias_nd", "bias_ne")
     np.testing.assert_allclose(parameters.sigma, [1e-4, 1e-4, 0.0, 0.0])
     np.testing.assert_allclose(parameters.walk, [0.0, 0.0, 2e-11, 2e-11])
@@ -131,6 +132,6 @@ def test_a_batch_has_what_is_told_as_parameters():
     builder = BatchBuilder.of(load_scenario(None, [*items, level]))
     for k in range(3):
         builder.add_scan(10.0 * k, LATITUDE, 2.5, np.array([0.0, 20.0]), np.ones(2), 1.0)
-    assert builder.build(np.diag([1e4, 1e4, 1.0, 1.0, 1e-8, 1e-8, 1e-8])).parameters is None
+    assert builder.build(PRIOR).instrument.parameters is None
     with pytest.raises(InputError, match=r"platform_tilt"):
         load_scenario(None, [*items, "gradiometer.platform_tilt=0.2"])

@@ -49,8 +49,7 @@ def batch(field_map, readings=30, seed=0):
         reading=field_map.value(*true) + noise,
         sigma=np.full(readings, SIGMA),
         covariance=np.diag([300.0**2, 300.0**2, *[1e-8] * 5]),
-        position_by_error=same[:, :2],
-        reading_by_error=np.zeros((readings, 7)),
+        by_error=np.concatenate([same[:, :2], np.zeros((readings, 1, 7))], axis=1),
         backward=same,
         new=readings,
     )

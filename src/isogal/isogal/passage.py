@@ -123,3 +123,26 @@ class Aided(NamedTuple):
 
 Since = Aided | Passage
 """What there is to say of the time since a fix."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class History:
+    """What has become of a navigator since the last batch."""
+
+    correction: Array | None = None
+    """(7,) change of its estimate; None = not known."""
+    satellites: bool = False
+    """Whether it may have satellites."""
+    since: Since | None = None
+    """What aids have told it, or, where its heading is not known well, what has become of its
+    error; None = what its dynamics say."""
+
+    @property
+    def aided(self) -> Aided | None:
+        """What aids have told it; None = nothing, or the passage has it."""
+        return self.since if isinstance(self.since, Aided) else None
+
+    @property
+    def passage(self) -> Passage | None:
+        """What has become of its error; None = what its dynamics say, and aids."""
+        return self.since if isinstance(self.since, Passage) else None

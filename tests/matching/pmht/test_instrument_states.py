@@ -12,6 +12,7 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import ChannelMap
 from isogal.maps.error_model import tensor_covariance
 from isogal.matching.expansion import Soundings, channel_batch
+from isogal.matching.parameters import InstrumentErrors
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
 from isogal.matching.pmht.rows import rows_of
@@ -89,7 +90,7 @@ def as_one_covariance(batch, field_map, steps):
 
 
 def covariance_of(batch):
-    return noise_covariance(batch.parameters, batch.sigma, batch.time)
+    return noise_covariance(batch.instrument.parameters, batch.sigma, batch.time)
 
 
 def noisy(batch, seed=3):
@@ -117,7 +118,7 @@ def test_as_one_covariance(keys, height, steps):
     if height:
         told = Height(source="barometer", **{"bias": 0.0, "scale": 0.0, **height})
         states += height_states(told, Slope(), at)
-    batch = noisy(replace(batch, velocity=TURNING, parameters=joined(states)))
+    batch = noisy(replace(batch, velocity=TURNING, instrument=InstrumentErrors(joined(states))))
     field_map = plane(2e-8, -3e-8)
     as_one_covariance(batch, field_map, steps)
 
@@ -147,7 +148,7 @@ def test_map_errors_of_one_potential_are_those_of_the_last_scans(velocity):
     apart = horizontal_difference(
         batch.latitude[:, None], batch.longitude[:, None], batch.latitude, batch.longitude
     )
-    batch = replace(batch, of_one_potential=names)
+    batch = replace(batch, layout=replace(batch.layout, of_one_potential=names))
     states = States.of(batch, maps)
     rows, _ = rows_of(batch, maps, states, np.array([400.0]), None)
     u = np.zeros((states.channels,) * 2)
@@ -181,7 +182,7 @@ def test_map_errors_under_beams_are_those_of_the_places_that_they_meet():
 def test_beams_share_what_is_not_white():
     one, _ = make_batch(plane(2e-8, -3e-8), scans=T)
     noise = joined(noise_states(Gravimeter(correlated_sigma=1e-5), TIME, TURNING))
-    several = replace(one, parameters=noise)
+    several = replace(one, instrument=InstrumentErrors(noise))
     batch = Soundings(3, 0.0).expand(several, np.zeros((T, 3, 4)), np.zeros(T))
     states = States.of(batch, plane(2e-8, -3e-8))
     rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([4000.0]), None)

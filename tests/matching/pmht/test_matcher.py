@@ -15,6 +15,7 @@ from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht import matcher as matcher_of
 from isogal.matching.pmht.matcher import REFUSED, Pmht
 from isogal.matching.pmht.search import WIDE_M, unaided
+from isogal.passage import History
 from isogal.scenario import Matcher
 
 ERROR = (250.0, -300.0, 0.03, 0.02)
@@ -95,13 +96,13 @@ def test_a_fix_taken_twice_is_seen():
     left = forward @ (np.array(error) - 2.0 * mean)
     again, _ = make_batch(
         ROUGH, left, 15, start=(-6000.0 + 2100.0, -6000.0 + 2550.0), seed=9,
-        prior=forward @ covariance @ forward.T, correction=np.r_[-2.0 * mean, 0.0, 0.0, 0.0],
+        prior=forward @ covariance @ forward.T, history=History(np.r_[-2.0 * mean, 0.0, 0.0, 0.0]),
         time=1150.0 + 10.0 * np.arange(15),
     )  # fmt: skip
     _, after = pmht(**LETTER).match(again, ROUGH, memory)
     mean, covariance = after.fields[0].bank.moved(-after.taken).moments()
     assert (np.abs(left - mean[:4]) < 4.0 * np.sqrt(np.diag(covariance)[:4])).all()
-    ignored, _ = pmht(**LETTER).match(replace(again, correction=None), ROUGH, memory)
+    ignored, _ = pmht(**LETTER).match(replace(again, history=History()), ROUGH, memory)
     assert np.hypot(*(left - posterior_of(ignored, again.prior)[0])[:2]) > np.hypot(
         *(left - mean[:4])[:2]
     )
@@ -115,7 +116,7 @@ def test_what_a_navigator_knows_by_a_fix_it_took_otherwise_is_not_counted_twice(
     later = replace(
         batch,
         time=batch.time + batch.time[-1] - batch.time[0],
-        correction=0.3 * memory.taken - 5.0 * np.sqrt(np.diag(memory.covariance)),
+        history=History(0.3 * memory.taken - 5.0 * np.sqrt(np.diag(memory.covariance))),
         covariance=left,
     )
     mean, covariance = memory.propagated(later).fields[0].bank.moments()
@@ -133,7 +134,7 @@ def test_a_fix_that_would_have_widened_and_was_refused_narrows_nothing():
     memory = memory.moved(taken - memory.taken)
     before = memory.fields[0].bank
     later = replace(
-        batch, time=batch.time + batch.time[-1] - batch.time[0], correction=np.zeros(7)
+        batch, time=batch.time + batch.time[-1] - batch.time[0], history=History(np.zeros(7))
     )
     first = len(later) - later.new - 1
     back = later.backward[max(first, 0)].copy()

@@ -7,7 +7,7 @@ import pytest
 
 from helpers.bank import models, states_of
 from helpers.batches import field_map_of, make_batch, wavy
-from isogal.matching.parameters import Parameters
+from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.path import FilterPath
 from isogal.matching.pmht.models import (
     BIASED,
@@ -28,6 +28,7 @@ from isogal.matching.pmht.models import (
     models_of,
 )
 from isogal.matching.pmht.states import BIAS, DELAY, UNKNOWN, States
+from isogal.passage import History
 from isogal.scenario import Matcher
 
 ROUGH = field_map_of(wavy)
@@ -106,13 +107,18 @@ def test_untold_sigmas_are_even_up_to_the_map_s_roughness():
 
 @pytest.mark.parametrize(("changes", "told", "gone"), [
     ({}, {}, set()), ({}, {"bias_sigma": 1e-5}, {BIASED}), ({"bias_walk": 1e-7}, {}, {BIASED}),
-    ({"delay_sigma": 2.0}, {}, {LATE}), ({"satellites": False}, {}, {DECEIVED}),
+    ({"delay_sigma": 2.0}, {}, {LATE}), (None, {}, {DECEIVED}),
     ({"filter_path": FilterPath(30.0, np.zeros((30, 1, 2)), np.ones(1))}, {}, {FILTERED}),
     ({"parameters": Parameters(("coupling_forward",), np.ones(1), np.ones((30, 1)))}, {},
      {SHAKEN}),
 ])  # fmt: skip
 def test_what_is_told_is_no_fault(changes, told, gone):
-    batch = replace(make_batch(ROUGH)[0], **{"satellites": True, **changes})
+    """Changes of the instrument; None = without satellites."""
+    history, instrument = (
+        History(satellites=changes is not None),
+        InstrumentErrors(**changes or {}),
+    )
+    batch, _ = make_batch(ROUGH, instrument=instrument, history=history)
     known = assumed(Matcher(**told), batch, ROUGH)
     which = models_of(known, States.of(batch, ROUGH))
     assert set(which.family) == {fault.family for fault in FAULTS} - gone

@@ -22,7 +22,7 @@ from helpers.bank import (
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.channels import ChannelMap
 from isogal.matching.expansion import channel_batch
-from isogal.matching.parameters import Parameters
+from isogal.matching.parameters import InstrumentErrors, Parameters
 
 ERROR = np.array([250.0, -300.0, 0.03, 0.02])
 ROUGH = field_map_of(wavy)
@@ -62,14 +62,15 @@ def test_an_outlier_says_nothing():
 def test_attitude_is_what_the_readings_say_of_it():
     random, age = np.random.default_rng(5), np.linspace(1.0, 0.0, 30)
     batch, _ = make_batch(PLANE, (200.0, -100.0, 0.03, 0.02))
-    place, reading = batch.position_by_error.copy(), batch.reading_by_error.copy()
+    by_error = batch.by_error.copy()
+    place, reading = by_error[:, :2], by_error[:, 2]
     place[..., 4:] += 1e7 * age[:, None, None] ** 2 * random.standard_normal((1, 2, 3))
     reading[:, 4:] += 0.3 * age[:, None] * random.standard_normal(3)
     turn = np.eye(7)
     turn[4:, :4] = random.standard_normal((3, 4)) * [1e-8, 1e-8, 1e-5, 1e-5]
     turn[4:, 4:] = 3e-5 * random.standard_normal((3, 3))
     prior = turn @ block_diag(batch.prior, np.eye(3)) @ turn.T
-    batch = replace(batch, covariance=prior, position_by_error=place, reading_by_error=reading)
+    batch = replace(batch, covariance=prior, by_error=by_error)
     fix, _ = pmht(**WRONG).match(batch, PLANE, None)
     value, north, east = PLANE.value_and_gradient(batch.latitude, batch.longitude)
     slope = np.stack([north, east], axis=-1)
@@ -214,7 +215,7 @@ def test_a_told_parameter_is_estimated_along():
     """A constant offset with a name: as a bias in closed form; its mean is in the figures."""
     batch, _ = make_batch(PLANE, ERROR)
     told = Parameters(("offset",), np.array([3e-5]), np.ones((30, 1)))
-    batch = replace(batch, parameters=told, reading=batch.reading + 4e-5)
+    batch = replace(batch, instrument=InstrumentErrors(told), reading=batch.reading + 4e-5)
     fix, _ = pmht().match(batch, PLANE, None)
     R = noise_of(batch) + 9e-10
     expected = kalman(batch, R)

@@ -7,7 +7,7 @@ import numpy as np
 from helpers.bank import PLANE
 from helpers.batches import field_map_of, make_batch, wavy
 from isogal.maps.roughness import roughness_at
-from isogal.matching.parameters import Parameters
+from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.pmht.rows import Epoch, rows_of
 from isogal.matching.pmht.states import (
     COUPLING_FORWARD,
@@ -16,6 +16,7 @@ from isogal.matching.pmht.states import (
     UNKNOWN,
     States,
 )
+from isogal.passage import History
 
 ROUGH = field_map_of(wavy)
 LENGTHS = np.array([1000.0, 4000.0])
@@ -88,7 +89,7 @@ def test_accelerations_are_those_since_the_reading_before():
     np.testing.assert_allclose(moving, [[0.0, speed * 2e-3]] * 30, atol=1e-5)
     _, epoch, _ = rows(replace(turning.part(np.arange(10)), new=10), PLANE)
     jump = np.array([0.0, 0.0, 0.5, -0.3, 0.0, 0.0, 0.0])
-    moved = replace(turning, velocity=turning.velocity + jump[2:4], new=20, correction=jump)
+    moved = replace(turning, velocity=turning.velocity + jump[2:4], new=20, history=History(jump))
     later, _, _ = rows(moved, PLANE, epoch)  # a fix is no acceleration
     np.testing.assert_allclose(later.reading[:, 8 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
 
@@ -100,7 +101,7 @@ def test_told_parameters_have_states_before_those_nobody_tells_of():
         ("scale", ""), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
         random.standard_normal((30, 2, 2)), np.array([np.inf, 100.0]), np.array([1e-3, 0.0]),
     )  # fmt: skip
-    made, _, states = rows(replace(batch, parameters=told, bias_walk=1e-7), PLANE)
+    made, _, states = rows(replace(batch, instrument=InstrumentErrors(told, 1e-7)), PLANE)
     assert states.names == ("scale", "", *UNKNOWN)
     assert states.count == 7 + 1 + 2 + len(UNKNOWN)
     np.testing.assert_array_equal(made.reading[:, 8:10], told.reading)

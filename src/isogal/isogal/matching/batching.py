@@ -3,7 +3,6 @@ navigator's error does over it."""
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from isogal.fields.measured import measured_field
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
-from isogal.matching.parameters import Parameters
+from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_states, joined, noise_states
 from isogal.matching.residual_gravity import UNMOVED
@@ -25,6 +24,7 @@ from isogal.matching.transitions import (
     reading_rate,
 )
 from isogal.matrices import symmetric
+from isogal.passage import History
 from isogal.scenario import Assumed, Gravimeter, Height
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
@@ -241,7 +241,7 @@ class BatchBuilder:
         prior = symmetric(prior)
         backward, every, apart = self._errors(latitude, velocity, times, times[-1], prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        effects = _Effects.of(every, apart, at_scan)
+        by_error, beside = (_of_rows(part, at_scan) for part in (every, apart))
         sigma, readings = self._scans.sigmas(scans), self._scans.readings(scans)
         offset = mean_error(self.instrument) + self._scans.offsets(scans)
         new = min(self._unused, len(times))
@@ -255,14 +255,17 @@ class BatchBuilder:
             reading=readings[:, 0, 0] - offset,
             sigma=sigma,
             covariance=prior,
-            **effects._asdict(),
+            by_error=by_error,
             backward=backward,
             new=new,
-            parameters=self._noise(scans, velocity, times),
-            bias_walk=self.instrument.bias_walk,
-            delay_sigma=self.instrument.delay_sigma,
-            reading_rate=reading_rate(at_scan, velocity, times),
-            correction=correction,
+            apart=beside,
+            instrument=InstrumentErrors(
+                self._noise(scans, velocity, times),
+                self.instrument.bias_walk,
+                self.instrument.delay_sigma,
+                reading_rate(at_scan, velocity, times),
+            ),
+            history=History(correction),
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
         )
         if self._lag.mean > 0.0:
@@ -296,16 +299,16 @@ class BatchBuilder:
         end = float(batch.time[-1])
         _, every, apart = self._errors(latitude, velocity, told_of, end, prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        effects = _Effects.of(every, apart, at_scan)
+        rate = reading_rate(at_scan, velocity, batch.time)
         return replace(
             batch,
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
             reading=reading,
-            **effects._asdict(),
-            filter_path=filter_path,
-            reading_rate=reading_rate(at_scan, velocity, batch.time),
+            by_error=_of_rows(every, at_scan),
+            apart=_of_rows(apart, at_scan),
+            instrument=replace(batch.instrument, rate=rate, filter_path=filter_path),
             end_place=batch.end,
         )
 
@@ -333,22 +336,8 @@ class BatchBuilder:
         )
 
 
-class _Effects(NamedTuple):
-    """What the navigator's error x at the batch end, and what is beside it, do to rows: columns of
-    a `Batch`, by its names."""
-
-    position_by_error: Array
-    reading_by_error: Array
-    position_apart: Array
-    reading_apart: Array
-
-    @classmethod
-    def of(cls, every: Array, apart: Array, jacobian: Array) -> "_Effects":
-        """Return those of errors at the scans (T, 7, 7) and (T, 7, K), and of the reduction's
-        Jacobian (T, 4)."""
-        return cls(
-            np.ascontiguousarray(every[:, :2]),
-            np.einsum("ti,tij->tj", jacobian, every[:, :4]),
-            np.ascontiguousarray(apart[:, :2]),
-            np.einsum("ti,tij->tj", jacobian, apart[:, :4]),
-        )
+def _of_rows(errors: Array, jacobian: Array) -> Array:
+    """Return (T, 3, K) position errors and what the reduction adds to readings, of errors at the
+    scans (T, 7, K) and the reduction's Jacobian (T, 4)."""
+    reading = np.einsum("ti,tij->tj", jacobian, errors[:, :4])
+    return np.concatenate([errors[:, :2], reading[:, None]], axis=1)

@@ -18,7 +18,7 @@ from isogal.fields.magnetic_vehicle import prior_sigma
 from isogal.fields.measured import measured_field
 from isogal.maps.channels import ChannelMap, channels_of
 from isogal.maps.field_map import FieldMap
-from isogal.matching.interfaces import Batch
+from isogal.matching.interfaces import Batch, Layout
 from isogal.matching.parameters import Parameters
 from isogal.matching.reading_noise import scan_noise
 from isogal.matching.registry import able, require
@@ -105,8 +105,9 @@ class Channels:
         if assumed is None:
             return whole
         slow = _slow_errors(assumed, whole) if assumed.wanders else None
-        parameters = Parameters.together([whole.parameters, slow])
-        return replace(whole, of_one_potential=assumed.of_one_potential, parameters=parameters)
+        assert whole.layout is not None
+        layout = replace(whole.layout, of_one_potential=assumed.of_one_potential)
+        return replace(whole, layout=layout, instrument=whole.instrument.along(slow))
 
 
 def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> Batch:
@@ -138,15 +139,16 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
     blocks = _of_each_scan(np.asarray(covariance, dtype=np.float64), scans, channels)
     white, common = scan_noise(blocks)
     rows = _repeated(batch, channels)
-    apart = rows.reading_apart
+    not_of_readings = np.array([1.0, 1.0, 0.0])[:, None]
+    apart = rows.apart
     return replace(
         rows,
         reading=readings.reshape(-1),
         sigma=white,
-        reading_by_error=np.zeros_like(rows.reading_by_error),
-        reading_apart=None if apart is None else np.zeros_like(apart),
-        channel=np.tile(np.arange(channels), scans),
-        parameters=common,
+        by_error=rows.by_error * not_of_readings,
+        apart=None if apart is None else apart * not_of_readings,
+        layout=Layout(np.tile(np.arange(channels), scans)),
+        instrument=replace(rows.instrument, parameters=common),
     )
 
 
@@ -154,7 +156,7 @@ def _repeated(batch: Batch, count: int) -> Batch:
     """Return a batch with so many rows for each scan, whose readings were not reduced with the
     scan's own place and velocity alone."""
     rows = batch.part(np.repeat(np.arange(len(batch)), count))
-    return replace(rows, new=batch.new * count, reading_rate=None)
+    return replace(rows, new=batch.new * count, instrument=replace(rows.instrument, rate=None))
 
 
 def _of_each_scan(covariance: Array, scans: int, channels: int) -> Array:
@@ -215,9 +217,8 @@ class OwnField:
         there = np.asarray(np.isfinite(readings[:, 0]).all(axis=1))
         terms = np.where(there[:, None], readings[:, 0, 1:], 0.0)
         own = Parameters(("",) * len(self._sigma), self._sigma, terms)
-        parameters = Parameters.together([batch.parameters, own])
         reading = np.where(there, batch.reading, np.nan)
-        return replace(batch, reading=reading, parameters=parameters)
+        return replace(batch, reading=reading, instrument=batch.instrument.along(own))
 
 
 class Soundings:
@@ -256,8 +257,8 @@ class Soundings:
             latitude=rows.latitude + foot[:, 0] / north,
             longitude=rows.longitude + foot[:, 1] / east,
             reading=height.reshape(-1),
-            beam=np.tile(np.arange(self._beams), len(batch)),
-            parameters=Parameters.together([rows.parameters, scale]),
+            layout=Layout(np.tile(np.arange(self._beams), len(batch)), beams=True),
+            instrument=rows.instrument.along(scale),
             end_place=batch.end,
         )
 
@@ -269,17 +270,14 @@ def first_channel(batch: Batch, field_map: FieldMap | ChannelMap) -> tuple[Batch
     For what is shown of a batch: candidates on contours, the map's variability.
     """
     first = channels_of(field_map)[0]
-    each = batch.channel if batch.beam is None else batch.beam
-    if each is None:
+    if batch.layout is None:
         return batch, first
-    rows = np.flatnonzero(each == 0)
+    rows = np.flatnonzero(batch.layout.index == 0)
     new = int((rows >= len(batch) - batch.new).sum())
     part = replace(
         batch.part(rows),
         new=new,
-        channel=None,
-        beam=None,
-        parameters=None,
-        of_one_potential=None,
+        layout=None,
+        instrument=replace(batch.instrument, parameters=None),
     )
     return part, first

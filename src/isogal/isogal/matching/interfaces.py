@@ -6,16 +6,14 @@ attitude (about north, east, down; rad), estimate minus truth. Over a batch the 
 increments are good to about a metre (docs/mathematics.md, section 4.1), so the position error at a
 scan is linear in x, and so is what the navigator's error does to a reading by its reduction:
 
-    reading = map(place - position_by_error x - position_apart e)
-              + reading_by_error x + reading_apart e + noise,
+    reading = map(place - by_error[:2] x - apart[:2] e) + by_error[2] x + apart[2] e + noise,
     x ~ N(0, covariance), e ~ N(0, I).
 
 Matchers that know of position and velocity only, xi = x[:4], have the same given xi:
-`Batch.prior`, `transition`, `reading_jacobian`, and `nuisance_position` and `nuisance_reading` of
-what xi does not explain. A matcher answers with a fix of the measurements alone, without the
-navigator's prior."""
+`Batch.prior`, `transition`, `reading_jacobian`, and `nuisance` of what xi does not explain. A
+matcher answers with a fix of the measurements alone, without the navigator's prior."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -25,19 +23,18 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fix import LOST_COVARIANCE, LOST_SIGMA, Candidates, Fix, Information, Status
 from isogal.maps.channels import AnyMap
-from isogal.matching.parameters import Parameters
-from isogal.matching.path import FilterPath
+from isogal.matching.parameters import InstrumentErrors
 from isogal.matching.transitions import given_position_and_velocity
-from isogal.passage import Aided, Passage
+from isogal.passage import History
 
 __all__ = [
     "LOST_COVARIANCE",
     "LOST_SIGMA",
-    "Aided",
     "Batch",
     "Candidates",
     "Fix",
     "Information",
+    "Layout",
     "Matcher",
     "SecondaryBatch",
     "Status",
@@ -49,6 +46,30 @@ __all__ = [
 
 SATELLITES = "satellites say more than the map"
 """Why there is no fix where none is wanted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Which number of a scan each row of a batch is: rows are scans times channels or beams, and
+    those of a scan, one after the other, share its stamp."""
+
+    index: Integers
+    """(T,) channel, whose map of a `ChannelMap` the row is compared with; or beam of a sounder,
+    and the row has the place that it has met."""
+    beams: bool = False
+    of_one_potential: tuple[str, ...] | None = None
+    """Components of the gravity gradient tensor, one for each channel, where the errors of their
+    maps come from one wrong potential (`isogal.maps.error_model`): sigma and length of the map's
+    error are then those of dd; None = the channels' errors are independent."""
+
+    @property
+    def rows(self) -> int:
+        """Of a scan."""
+        return int(self.index.max()) + 1
+
+    def part(self, rows: Integers) -> "Layout":
+        """Return that of some rows."""
+        return replace(self, index=self.index[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,49 +90,26 @@ class Batch:
     reading at this scan."""
     sigma: Array
     """(T,) 1-sigma of what of a reading's noise it has in common with no other, map's unit; the
-    rest is among the `parameters`."""
+    rest is among the parameters of the `instrument`."""
     covariance: Array
     """(7, 7) of x according to the navigator; its mean is zero."""
-    position_by_error: Array
-    """(T, 2, 7) position error (north, east; m) at each scan per unit of x."""
-    reading_by_error: Array
-    """(T, 7) what the reduction with the navigator's wrong velocity and latitude adds to a reading
-    per unit of x."""
+    by_error: Array
+    """(T, 3, 7) position error at each scan (north, east; m), and what the reduction with the
+    navigator's wrong velocity and latitude adds to its reading, per unit of x."""
     backward: Array
     """(T, 7, 7) error at each scan's stamp per unit of x, but for what a gap in the inertial data
     adds."""
     new: int
     """How many of the last scans no earlier batch has used (stride of overlapping batches; T where
     they do not overlap)."""
-    position_apart: Array | None = None
-    """(T, 2, K) position error (m) at each scan that x does not explain, per unit-variance
-    component of K: of a gap in the inertial data, of gravity that is not compensated; None = K is
-    0."""
-    reading_apart: Array | None = None
-    """(T, K) what the reduction adds to a reading of the same components."""
-    channel: Integers | None = None
-    """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one map.
-    Rows are then scans times channels, and the rows of a scan, one after the other, share its
-    stamp."""
-    of_one_potential: tuple[str, ...] | None = None
-    """Components of the gravity gradient tensor, one for each channel, where the errors of their
-    maps come from one wrong potential (`isogal.maps.error_model`): sigma and length of the map's
-    error are then those of dd; None = the channels' errors are independent."""
-    beam: Integers | None = None
-    """(T,) which of the beams of a sounder each row is of: rows of a scan share its stamp, and
-    each has the place that its beam has met; None = a scan is one row, or one for each channel."""
-    parameters: Parameters | None = None
-    """What readings have in common and the matcher estimates along: correlated noise, tilt, a
-    vehicle's magnetism; None = nothing."""
-    reading_rate: Array | None = None
-    """(T,) by how much what the reduction adds to a reading changes per s along the path, map's
-    unit; None = not at all."""
-    delay_sigma: float = 0.0
-    """1-sigma of a delay of the readings beyond the specified one, s."""
-    bias_walk: float = 0.0
-    """Random walk of the readings' bias, map's unit per root second."""
-    filter_path: FilterPath | None = None
-    """What of the path each reading is a mean over; None = a point."""
+    apart: Array | None = None
+    """(T, 3, K) what x does not explain of the same, per unit-variance component of K: of a gap in
+    the inertial data, of gravity that is not compensated; None = K is 0."""
+    layout: Layout | None = None
+    """What the rows of a scan are; None = a scan is one row."""
+    instrument: InstrumentErrors = field(default_factory=InstrumentErrors)
+    history: History = field(default_factory=History)
+    """What has become of the navigator since the last batch."""
     cut: int = 0
     """How many of the first rows were taken before a gap in the inertial data: what x says of them
     is not by `backward` alone."""
@@ -119,15 +117,6 @@ class Batch:
     """(rad, rad) latitude and longitude where the navigator believes to be at the stamp of the
     last scan, where readings are late and `latitude`, `longitude`, `velocity` and what x does to
     them are those of when they were sensed; None = those of the last row."""
-    correction: Array | None = None
-    """(7,) change of the navigator's estimate since the last batch; None = not known."""
-    satellites: bool = False
-    """Whether the navigator may have satellites."""
-    aided: Aided | None = None
-    """What satellites have told the navigator since the last batch; None = nothing."""
-    passage: Passage | None = None
-    """What has become of the navigator's error since the last batch, where its heading is not
-    known well; None = what `backward` says."""
     secondary: "tuple[SecondaryBatch, ...]" = ()
     """What other fields have read up to the same end."""
 
@@ -140,16 +129,20 @@ class Batch:
         return self.end_place or (float(self.latitude[-1]), float(self.longitude[-1]))
 
     @property
+    def channel(self) -> Integers | None:
+        """(T,) which of the maps of a `ChannelMap` each row is compared with; None = there is one
+        map."""
+        return None if self.layout is None or self.layout.beams else self.layout.index
+
+    @property
     def scan_time(self) -> Array:
         """Stamps of the scans, each once."""
-        each = self.channel if self.beam is None else self.beam
-        return self.time if each is None else self.time[each == 0]
+        return self.time if self.layout is None else self.time[self.layout.index == 0]
 
     @property
     def rows_per_scan(self) -> int:
         """How many rows share the stamp of a scan."""
-        each = self.channel if self.beam is None else self.beam
-        return 1 if each is None else int(each.max()) + 1
+        return 1 if self.layout is None else self.layout.rows
 
     @property
     def prior(self) -> Array:
@@ -167,27 +160,17 @@ class Batch:
         return self._given_xi[0][:, 2]
 
     @property
-    def nuisance_position(self) -> Array:
-        """(T, 2, M) position error (m) at each scan that xi does not explain, per unit-variance
-        component of M: the navigator's tilt and heading bend its path by metres within a batch."""
-        return self._given_xi[1][:, :2]
-
-    @property
-    def nuisance_reading(self) -> Array:
-        """(T, M) what the reduction adds to a reading of the same components."""
-        return self._given_xi[1][:, 2]
+    def nuisance(self) -> Array:
+        """(T, 3, M) position error (m) at each scan and reading that xi does not explain, per
+        unit-variance component of M: the navigator's tilt and heading bend its path by metres
+        within a batch."""
+        return self._given_xi[1]
 
     @cached_property
     def _given_xi(self) -> tuple[Array, Array]:
         """(T, 3, 4) position error and reading per unit of xi, (T, 3, M) what it leaves."""
-        by_error = np.concatenate([self.position_by_error, self.reading_by_error[:, None]], axis=1)
-        return given_position_and_velocity(by_error, self.covariance, self._apart)
-
-    @property
-    def _apart(self) -> Array:
-        if self.position_apart is None or self.reading_apart is None:
-            return np.zeros((len(self), 3, 0))
-        return np.concatenate([self.position_apart, self.reading_apart[:, None]], axis=1)
+        apart = np.zeros((len(self), 3, 0)) if self.apart is None else self.apart
+        return given_position_and_velocity(self.by_error, self.covariance, apart)
 
     def part(self, rows: int | Integers) -> "Batch":
         """Return the batch with some of its rows only: from a first one on, or those of (K,)
@@ -202,8 +185,8 @@ class Batch:
         return replace(
             self,
             **columns,
-            parameters=None if self.parameters is None else self.parameters.part(which),
-            filter_path=None if self.filter_path is None else self.filter_path.part(which),
+            layout=None if self.layout is None else self.layout.part(which),
+            instrument=self.instrument.part(which),
             cut=int((which < self.cut).sum()),
             secondary=(),
         )
@@ -216,14 +199,9 @@ PER_ROW = (
     "velocity",
     "reading",
     "sigma",
-    "position_by_error",
-    "reading_by_error",
-    "position_apart",
-    "reading_apart",
+    "by_error",
+    "apart",
     "backward",
-    "channel",
-    "beam",
-    "reading_rate",
 )
 """Arrays of a `Batch` that have a row for each scan."""
 

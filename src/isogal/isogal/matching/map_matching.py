@@ -18,7 +18,7 @@ from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.passage import Aided, Passage, Since
+from isogal.passage import Passage, Since
 from isogal.scenario import Scenario
 
 
@@ -150,12 +150,11 @@ class MapMatching:
         if declined_for is not None and collected is not None:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
-        passage = since if isinstance(since, Passage) else None
-        if passage is not None:
-            batch = replace(batch, passage=passage)
-        if self._satellites and (passage is None or self._judged):
-            aided = since if isinstance(since, Aided) else None
-            batch = replace(batch, satellites=True, aided=aided)
+        passed = isinstance(since, Passage)
+        satellites = self._satellites and (self._judged or not passed)
+        told = since if passed or satellites else None
+        history = replace(batch.history, satellites=satellites, since=told)
+        batch = replace(batch, history=history)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)
         seconds = clock.perf_counter() - begun

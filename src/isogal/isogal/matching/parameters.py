@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.matching.path import FilterPath
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,3 +69,34 @@ class Parameters:
     def walks(self) -> Array:
         """`walk`, or zeros."""
         return np.zeros(len(self.sigma)) if self.walk is None else self.walk
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InstrumentErrors:
+    """What is known of the readings of a batch beside the white noise."""
+
+    parameters: Parameters | None = None
+    """What they have in common and the matcher estimates along: correlated noise, tilt, a
+    vehicle's magnetism; None = nothing."""
+    bias_walk: float = 0.0
+    """Random walk of their bias, map's unit per root second."""
+    delay_sigma: float = 0.0
+    """1-sigma of a delay beyond the specified one, s."""
+    rate: Array | None = None
+    """(T,) by how much what the reduction adds to a reading changes per s along the path, map's
+    unit; None = not at all."""
+    filter_path: FilterPath | None = None
+    """What of the path each reading is a mean over; None = a point."""
+
+    def part(self, rows: Integers) -> "InstrumentErrors":
+        """Return those of some rows."""
+        return replace(
+            self,
+            parameters=None if self.parameters is None else self.parameters.part(rows),
+            rate=None if self.rate is None else self.rate[rows],
+            filter_path=None if self.filter_path is None else self.filter_path.part(rows),
+        )
+
+    def along(self, *more: Parameters | None) -> "InstrumentErrors":
+        """Return them with more parameters."""
+        return replace(self, parameters=Parameters.together([self.parameters, *more]))

@@ -9,8 +9,7 @@ _FINITE = (
     "latitude",
     "longitude",
     "velocity",
-    "position_by_error",
-    "reading_by_error",
+    "by_error",
     "covariance",
 )
 

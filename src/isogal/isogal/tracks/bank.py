@@ -129,7 +129,8 @@ def seen_of(batch: Batch, field_map: AnyMap, settings: MatcherSettings) -> Seen 
     if rows is None or len(rows.level) - old < FEWEST:
         return None
     field_map = field_map if around is None else around.field
-    return Seen.of(rows, field_map, around, models, batch.of_one_potential, old)
+    potential = None if batch.layout is None else batch.layout.of_one_potential
+    return Seen.of(rows, field_map, around, models, potential, old)
 
 
 def _fix(batch: Batch, prior: Array, shifts: Shifts, numbers: dict[str, float]) -> Fix:

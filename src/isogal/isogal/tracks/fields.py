@@ -81,8 +81,7 @@ class TrackField:
             reading=track.value[rows] - by_error[:, :4] @ error - track.offset[rows],
             sigma=track.sigma[rows],
             covariance=level(covariance),
-            position_by_error=np.ascontiguousarray(backward[:, :2]),
-            reading_by_error=by_error,
+            by_error=np.concatenate([backward[:, :2], by_error[:, None]], axis=1),
             backward=backward,
             new=min(new, time.size),
         )

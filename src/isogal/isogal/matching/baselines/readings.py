@@ -100,7 +100,7 @@ class UsableReadings:
             noise.map_sigma, np.nan_to_num(field_map.sigma_at(latitude, longitude))
         )
         variance = batch.sigma[row] ** 2 + map_sigma**2 + field_map.quantisation**2 / 12.0
-        variance = variance + (batch.nuisance_reading[row] ** 2).sum(axis=1)
+        variance = variance + (batch.nuisance[row, 2] ** 2).sum(axis=1)
         north, east = metres_per_radian(latitude)
         arrays = ReadingArrays(
             grid=field_map.grid,

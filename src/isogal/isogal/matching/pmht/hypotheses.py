@@ -15,13 +15,13 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.inertial.error_state import BATCH_STATES, HEADING
 from isogal.maps.channels import AnyMap
 from isogal.matching.information import LARGEST_RATIO, positive_part
-from isogal.matching.interfaces import Aided, Information
+from isogal.matching.interfaces import Information
 from isogal.matching.pmht import kernels
 from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
 from isogal.matrices import symmetric
-from isogal.passage import Passage
+from isogal.passage import Aided, Passage
 
 REACH = 2.0
 """1-sigma at which it is looked at how far the map departs from linear (`CURVED`)."""

@@ -92,7 +92,8 @@ class Pmht:
                 return declined(batch, reason), memory
         prior = batch.covariance
         if memory is None:
-            slow = None if batch.passage is None else batch.passage.slow[1]
+            passage = batch.history.passage
+            slow = None if passage is None else passage.slow[1]
             diverged = Diverged.before(prior, float(batch.time[-1]))
             memory = Memory({}, diverged, prior, slow=slow)
         else:
@@ -137,7 +138,7 @@ class Pmht:
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
         wide = math.sqrt(float(np.linalg.eigvalsh(prior[:2, :2])[-1])) > WIDE_M
-        aided = None if memory.fields else each[0].batch.aided
+        aided = None if memory.fields else each[0].batch.history.aided
         begun = prior if aided is None else aided.covariance
         fields, rows = dict(memory.fields), []
         for one in each:
@@ -150,8 +151,8 @@ class Pmht:
                 bank = None
                 if not lost:
                     bank = Hypotheses.before(models, begun).aided(aided, prior)
-                    if one.batch.passage is not None:
-                        bank = bank.correlated(states.moving, one.batch.passage.after)
+                    if (passage := one.batch.history.passage) is not None:
+                        bank = bank.correlated(states.moving, passage.after)
                 field = FieldMemory(
                     states, models, models.shapes, bank, specified=known.sigma or 0.0
                 )

@@ -57,18 +57,19 @@ class Memory:
         """Return it at the end of the next batch, before its readings. What the navigator has
         learnt from other aids makes every hypothesis as much narrower, where no passage says what
         they tell of each."""
-        prior, aided, before, memory = batch.covariance, batch.aided, self.covariance, self
+        prior, before, memory = batch.covariance, self.covariance, self
+        jump, aided, passage = batch.history.correction, batch.history.aided, batch.history.passage
         refused, otherwise, first = False, False, max(len(batch) - batch.new - 1, 0)
         back = batch.backward[first].copy()
         # the last batch ended before that where all scans are new, or one was not matched
         back[:2] -= (batch.time[first] - self.diverged.last.time) * back[2:4]
-        if batch.correction is not None:
-            off = -batch.correction - self.taken
+        if jump is not None:
+            off = -jump - self.taken
             if not _same(off, before):
                 # the fix was not taken as it was: if not at all, the navigator knew what it had
                 # known before; else, where it knows less than by the fix, it knew no more then,
                 # and where it knows more, other aids have informed it since
-                refused = _same(batch.correction, self.untaken)
+                refused = _same(jump, self.untaken)
                 more = grown(before, back @ prior @ back.T)[0]
                 before = self.untaken if refused else before + more
                 otherwise = not refused
@@ -77,14 +78,14 @@ class Memory:
         forward, growth, learnt = steps(before, back, told)
         anew = otherwise and aided is None and not np.array_equal(learnt, np.eye(len(told)))
 
-        passage, slow = batch.passage, self.slow
+        slow = self.slow
         begin = None if passage is None else passage.begin
         if begin is None or not math.isclose(begin, self.diverged.last.time, abs_tol=1e-6):
             passage = None
 
         def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
             if passage is not None:
-                return _passed(one, bank, passage, batch.correction, slow)
+                return _passed(one, bank, passage, jump, slow)
             if anew:
                 # several states of the navigator have taken the fix, each by itself: what it
                 # knows now, it knows from the same readings

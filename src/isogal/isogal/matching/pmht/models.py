@@ -260,13 +260,14 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
     if stated > 0.0:
         specified = max(specified or 0.0, stated)
     drift = options.bias_drift_sigma
-    named = () if batch.parameters is None else batch.parameters.names
+    instrument = batch.instrument
+    named = () if instrument.parameters is None else instrument.parameters.names
     known = (
-        (BIASED, matcher.bias_sigma > 0.0 or batch.bias_walk > 0.0),
-        (LATE, batch.delay_sigma > 0.0),
-        (FILTERED, batch.filter_path is not None),
+        (BIASED, matcher.bias_sigma > 0.0 or instrument.bias_walk > 0.0),
+        (LATE, instrument.delay_sigma > 0.0),
+        (FILTERED, instrument.filter_path is not None),
         (SHAKEN, field_map.quantity not in GRAVITY or "coupling_forward" in named),
-        (DECEIVED, not batch.satellites),
+        (DECEIVED, not batch.history.satellites),
     )
     return Assumed(
         noise=math.hypot(float(np.nanmedian(batch.sigma)), rounding),
@@ -278,7 +279,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
         trust=options.trust,
         bias=matcher.bias_sigma,
         drift=matcher.bias_sigma / DRIFT_TIME if drift is None else drift,
-        delay=batch.delay_sigma,
+        delay=instrument.delay_sigma,
         tails=options.tails or math.inf,
         without=frozenset(family for family, gone in known if gone),
     )

@@ -80,9 +80,10 @@ def published(
     batch = each[0].batch
     figures = _figures(each, memory, names)
     error = _gravity_error(each, memory)
-    reason = SATELLITES if batch.aided is not None else NOTHING_NEW
+    aided = batch.history.aided is not None
+    reason = SATELLITES if aided else NOTHING_NEW
     mean, covariance = informed(prior, information)
-    new = information.matrix.any() and (batch.aided is None or adds(prior, covariance))
+    new = information.matrix.any() and (not aided or adds(prior, covariance))
     if not new:
         fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
@@ -130,7 +131,7 @@ def _candidates(one: SecondaryBatch, bank: Hypotheses) -> Candidates:
     each, _ = first_channel(one.batch, one.field_map)
     best = np.argsort(-bank.log_weight)[:SHOWN]
     weight = np.exp(bank.log_weight[best])
-    moved = np.einsum("tij,kj->tki", each.position_by_error, bank.mean[best, :BATCH_STATES])
+    moved = np.einsum("tij,kj->tki", each.by_error[:, :2], bank.mean[best, :BATCH_STATES])
     north, east = metres_per_radian(each.latitude)
     count = len(each)
     return Candidates(
@@ -148,7 +149,7 @@ def _of_each_scan(
     each, _ = first_channel(one.batch, one.field_map)  # each scan once
     parts: list[Information | None] = [None] * (len(each) - each.new)
     parts += shares(information, prior, each.backward[len(parts) :])
-    fix = with_scans(fix, each, each.position_by_error @ mean)
+    fix = with_scans(fix, each, each.by_error[:, :2] @ mean)
     return replace(fix, scan_information=tuple(parts))
 
 

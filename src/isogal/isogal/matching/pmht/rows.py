@@ -150,10 +150,11 @@ def rows_of(
     keep, fresh = _changes(states, elapsed)
     place, reading = _effects(batch, which, states, first)
     rough = np.zeros(len(lengths)) if rough is None else rough
-    if batch.filter_path is None:
+    instrument = batch.instrument.part(which)
+    if instrument.filter_path is None:
         nodes = np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
     else:
-        nodes = batch.filter_path.part(which).nodes(latitude)
+        nodes = instrument.filter_path.nodes(latitude)
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
@@ -167,7 +168,7 @@ def rows_of(
         fresh,
         step,
         joined,
-        np.zeros(len(which)) if batch.reading_rate is None else batch.reading_rate[which],
+        np.zeros(len(which)) if instrument.rate is None else instrument.rate,
         np.ascontiguousarray(velocity),
         nodes,
         channel.astype(np.int64),
@@ -180,21 +181,20 @@ def _of_map(
 ) -> tuple[Array, Array, Array]:
     """Return how map errors go on; parameters and results as those of `chained`."""
     count = states.channels // states.order
-    if batch.of_one_potential is not None:
-        chain = Chain(states.order, np.zeros((count, 2)), batch.of_one_potential)
-        return chained(chain, moved, before, lengths, begins)
-    if batch.beam is not None:
-        chain = Chain(states.order, footprints(batch, count), None)
-        return chained(chain, moved, before, lengths, begins)
-    return before, *independent(count, np.hypot(*moved.T), lengths)
+    layout = batch.layout
+    if layout is None or not (layout.beams or layout.of_one_potential):
+        return before, *independent(count, np.hypot(*moved.T), lengths)
+    feet = footprints(batch, count) if layout.beams else np.zeros((count, 2))
+    chain = Chain(states.order, feet, layout.of_one_potential)
+    return chained(chain, moved, before, lengths, begins)
 
 
 def _before(batch: Batch, which: Integers, order: int, last: Epoch | None) -> Epoch:
     """Return the epoch before the first reading of a batch, as the navigator believes now; of a
     run, as if one had been there."""
     if last is not None:
-        changed = np.zeros(2) if batch.correction is None else batch.correction[2:4]
-        return replace(last, velocity=last.velocity + changed)
+        jump = batch.history.correction
+        return last if jump is None else replace(last, velocity=last.velocity + jump[2:4])
     begin = float(batch.time[which[0]])
     later = batch.time[which] - begin
     interval = float(later[later > 0.0].min()) if later.any() else 10.0
@@ -218,10 +218,11 @@ def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tu
     """Return `Rows.place` and `Rows.reading`."""
     n, first = len(which), BATCH_STATES + states.channels + states.slow
     place, reading = np.zeros((n, 2, states.count)), np.zeros((n, states.count))
-    place[..., :BATCH_STATES] = batch.position_by_error[which]
-    reading[:, :BATCH_STATES] = batch.reading_by_error[which]
-    if batch.parameters is not None:
-        parameters = batch.parameters.part(which)
+    place[..., :BATCH_STATES] = batch.by_error[which, :2]
+    reading[:, :BATCH_STATES] = batch.by_error[which, 2]
+    parameters, rate = batch.instrument.parameters, batch.instrument.rate
+    if parameters is not None:
+        parameters = parameters.part(which)
         last = first + len(parameters.sigma)
         place[..., first:last], reading[:, first:last] = parameters.moves, parameters.reading
     if states.unknown:
@@ -229,8 +230,8 @@ def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tu
         unknown = reading[:, -states.unknown :]
         unknown[:, BIAS], unknown[:, DRIFT] = 1.0, time - before.start
         place[..., -states.unknown + DELAY] = velocity
-        if batch.reading_rate is not None:
-            unknown[:, DELAY] = batch.reading_rate[which]
+        if rate is not None:
+            unknown[:, DELAY] = rate[which]
         each = np.append(before.time, time)
         later = each[1:] > each[:-1]  # than the row before: another scan
         if later.any():
@@ -261,12 +262,15 @@ def _loads(
     ratio = np.where(
         (usual > 0.0) & np.isfinite(own), own / np.where(usual > 0.0, usual, 1.0), 1.0
     )
-    if batch.of_one_potential is not None:
-        ratio = ratio * np.sqrt(shares(batch.of_one_potential))[channel]
+    layout, of_row = batch.layout, channel
+    if layout is not None:
+        of_row = layout.index[which]
+        if layout.of_one_potential is not None:
+            ratio = ratio * np.sqrt(shares(layout.of_one_potential))[channel]
     ratio = np.tile(ratio, (len(rough), 1))
     for k in np.flatnonzero(rough > 0.0):
         here = by_channel(field_map, channel, roughness_at, *place)
         ratio[k] = np.where(np.isfinite(here), here / rough[k], 1.0)
     load = np.zeros((len(rough), len(which), errors))
-    load[:, np.arange(len(which)), channel if batch.beam is None else batch.beam[which]] = ratio
+    load[:, np.arange(len(which)), of_row] = ratio
     return load

@@ -50,21 +50,22 @@ class States:
     def of(cls, batch: Batch, field_map: AnyMap) -> "States":
         """Return those of the batches of a run, by its first one."""
         more = 0 if batch.channel is not None else len(UNKNOWN)
-        walk = np.array([batch.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
+        walk = np.array([batch.instrument.bias_walk, *(0.0 for _ in UNKNOWN[1:])])[:more]
         none = np.zeros((len(batch), more))
         unknown = Parameters(UNKNOWN[:more], np.zeros(more), none, walk=walk)
         slow = None
-        if batch.passage is not None:
-            sigma = np.sqrt(np.diag(batch.passage.after))[BATCH_STATES:]
+        passage, layout = batch.history.passage, batch.layout
+        if passage is not None:
+            sigma = np.sqrt(np.diag(passage.after))[BATCH_STATES:]
             slow = Parameters(("",) * len(sigma), sigma, np.zeros((len(batch), len(sigma))))
-        every = Parameters.together([slow, batch.parameters, unknown])
+        every = Parameters.together([slow, batch.instrument.parameters, unknown])
         assert every is not None
-        channels = len(channels_of(field_map)) if batch.beam is None else batch.rows_per_scan
-        order = 1
-        if batch.of_one_potential is not None:
-            order = TENSOR_ORDER
-        elif batch.beam is not None:
+        channels, order = len(channels_of(field_map)), 1
+        if layout is not None and layout.beams:
+            channels = layout.rows
             order = _scans_underneath(batch, channels)
+        elif layout is not None and layout.of_one_potential is not None:
+            order = TENSOR_ORDER
         return cls(
             every.names,
             every.sigma,
