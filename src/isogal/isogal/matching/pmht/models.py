@@ -97,11 +97,11 @@ class Fault(NamedTuple):
 
 
 FAULTS = (
-    Fault(NONE, 0.58),
+    Fault(NONE, 0.64),
     # inertial sensors worse than their data sheet are no fault: by the time that readings show it
     # the navigator is sure of biases that are wrong
-    Fault(NONE, 0.1, growth=WORSE),
-    Fault(NONE, 0.02, growth=WORSE**2),
+    Fault(NONE, 0.05, growth=WORSE),
+    Fault(NONE, RARE, growth=WORSE**2),
     Fault(BIASED, 0.1, bias=1.0),
     Fault(BIASED, 0.1, bias=1.0, drift=1.0),
     Fault(NOISIER, 0.05, noise=3.0),
