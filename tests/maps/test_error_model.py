@@ -68,14 +68,6 @@ def test_at_one_place_and_far_away():
         np.testing.assert_allclose(covariance(near), covariance(far), atol=1e-4)
 
 
-def test_first_to_second_is_second_to_first_transposed():
-    there, back = covariance((500.0, 200.0)), covariance((-500.0, -200.0))
-    np.testing.assert_allclose(there, back.T, atol=1e-15)
-    odd = [2, 4]
-    assert np.abs(there[5, odd]).min() > 0.1
-    np.testing.assert_allclose(there[5, odd], -back[5, odd], atol=1e-15)
-
-
 def test_drawn_fields_have_this_covariance():
     """Along a route with a corner. Of 400 runs an element errs by 1-sigma 0.05 of the product of
     two 1-sigmas, and none of the 2,000 by 5.5 of that."""

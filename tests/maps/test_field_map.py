@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.refusals import refusal
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
@@ -120,9 +121,8 @@ def test_bad_maps_are_refused_in_one_line(change, words):
         "quantity": "height",
     }
     FieldMap(**good)
-    with pytest.raises(InputError, match=words) as error:
+    with refusal(words):
         FieldMap(**{**good, **change})
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("away", [(10.0, 11.0, 145.0, 146.0), (-37.0, -36.5, 20.0, 21.0)])
