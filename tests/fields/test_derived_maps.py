@@ -38,23 +38,28 @@ def scenario(path, *more):
     )  # fmt: skip
 
 
-def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance):
+@pytest.fixture(scope="module")
+def there(disturbance):
+    """Maps that another process has computed."""
+    return map_for_scenario(scenario(disturbance), margin=5000.0)
+
+
+def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance, there):
     it = scenario(disturbance)
-    maps = map_for_scenario(it, margin=5000.0)
     expected = derivatives(load_map(disturbance), ("nd", "ee"), height=100.0)
     route = build_trajectory(it)
-    found = maps.value(route.latitude, route.longitude)
+    found = there.value(route.latitude, route.longitude)
     assert found.shape == (len(route) + 1, 2)
     # cut out of the file 25 km away, and float32
     difference = found - expected.value(route.latitude, route.longitude)
     assert np.abs(difference).max() < 0.02 * found.std()
-    assert maps.values.dtype == np.float32
-    assert np.shares_memory(maps.channels[1].values, maps.values)
-    assert maps.channels[0].values.size < 0.3 * expected.channels[0].values.size
-    assert [one.sigma for one in maps.channels] == pytest.approx(
-        [one.sigma for one in expected.channels], rel=1e-3
-    )
-    assert maps.channels[0].sigma > 0.0
+    assert there.values.dtype == np.float32
+    first, second = there.channels
+    assert np.shares_memory(second.values, there.values)
+    assert first.values.size < 0.3 * expected.channels[0].values.size
+    sigma = [one.sigma for one in expected.channels]
+    assert [first.sigma, second.sigma] == pytest.approx(sigma, rel=1e-3)
+    assert first.sigma > 0.0
     window = corridor_of(route.latitude, route.longitude).window
     assert MapSource.of(it)(window=window).quantity == "disturbance"
 
@@ -64,14 +69,12 @@ def none_left(*_, **__):
     raise BlockingIOError
 
 
-def test_maps_computed_here_and_in_another_process_are_equal(disturbance, monkeypatch):
-    it = scenario(disturbance)
-    there, here = derived.derived_maps(it, 5000.0), derived.compute(it, 5000.0)
+def test_maps_computed_here_and_in_another_process_are_equal(disturbance, there, monkeypatch):
+    monkeypatch.setattr(subprocess, "run", none_left)
+    here = derived.derived_maps(scenario(disturbance), 5000.0)
     np.testing.assert_array_equal(there.values, here.values)
     assert there.grid[1:] == here.grid[1:]
     assert there.provenance == here.provenance
-    monkeypatch.setattr(subprocess, "run", none_left)
-    np.testing.assert_array_equal(derived.derived_maps(it, 5000.0).values, here.values)
 
 
 def test_processes_that_share_maps_compute_each_once(disturbance, monkeypatch):

@@ -100,9 +100,8 @@ def test_what_continuing_adds_is_not_what_the_map_says_of_its_error(low, tmp_pat
     told = replace(map_of(attraction(0.0)), sigma=1.0 * MGAL)
     assert map_for_scenario(scenario(together(tmp_path / "told.nc", told))).states_error
     route = build_trajectory(it)
-    points = route.latitude, route.longitude
-    tiles = TiledMap(flown(it), corridor_of(*points, 5000.0))
-    assert not tiles.states_error
+    corridor = corridor_of(route.latitude, route.longitude, 5000.0)
+    assert not TiledMap(flown(it), corridor).states_error
 
 
 def test_from_the_ground(tmp_path, monkeypatch):
@@ -118,17 +117,14 @@ def test_from_the_ground(tmp_path, monkeypatch):
     normal = normal_gravity(low.latitude[:, None], ground)
     gravity = replace(low, values=low.values + normal, quantity="gravity")
     more = [f"map.terrain={terrain}", f"route.height={level}"]
-    disturbance = scenario(together(tmp_path / "dg.nc", low), *more)
-    found = map_for_scenario(disturbance, margin=5000.0)
-    assert rms(along(disturbance, found) - along(disturbance, right)) < 0.05 * MGAL
-    assert np.shape(found.sigma) == found.values.shape
-    of_gravity = scenario(
-        together(tmp_path / "ga.nc", gravity), *more, "gravimeter.quantity=gravity"
-    )
-    found = map_for_scenario(of_gravity, margin=5000.0)
-    normal = normal_gravity(build_trajectory(of_gravity).latitude)
-    assert rms(along(of_gravity, found) - normal - along(of_gravity, right)) < 0.05 * MGAL
-    below = scenario(tmp_path / "dg.nc", more[0], f"route.height={np.median(ground)}")
+    for field_map, quantity in ((low, "disturbance"), (gravity, "gravity")):
+        file = together(tmp_path / f"{quantity}.nc", field_map)
+        it = scenario(file, *more, f"gravimeter.quantity={quantity}")
+        found = map_for_scenario(it, margin=5000.0)
+        assert np.shape(found.sigma) == found.values.shape
+        normal = normal_gravity(build_trajectory(it).latitude) * (quantity == "gravity")
+        assert rms(along(it, found) - normal - along(it, right)) < 0.05 * MGAL
+    below = scenario(tmp_path / "disturbance.nc", more[0], f"route.height={np.median(ground)}")
     with refusal("below the ground"):
         map_for_scenario(below, margin=5000.0)
 
