@@ -31,6 +31,12 @@ def test_variable_by_quantity(shared_data, quantity, variable):
     np.testing.assert_array_equal(map_for_scenario(chosen).values, field_map.values)
 
 
+def test_margin(shared_data):
+    chosen = scenario(shared_data)
+    small, large = (map_for_scenario(chosen, margin=m).values for m in (2_000.0, 20_000.0))
+    assert small.size < large.size
+
+
 @pytest.mark.parametrize(
     "overrides,words",
     [

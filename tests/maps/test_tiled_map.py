@@ -59,13 +59,11 @@ def tiled(whole):
 
 @pytest.fixture(scope="module")
 def places():
-    """Places all over the map, beyond its edge, and some that are none."""
-    rng = np.random.default_rng(1)
-    metres = rng.uniform(-45e3, 45e3, (2, 500))
-    latitude, longitude = (
-        origin + m / scale
-        for origin, m, scale in zip(ORIGIN, metres, metres_per_radian(ORIGIN[0]), strict=True)
-    )
+    """Places all over the map, beyond its edge, a whole circle away, and some that are none."""
+    north, east = np.random.default_rng(1).uniform(-45e3, 45e3, (2, 500))
+    metres = metres_per_radian(ORIGIN[0])
+    latitude, longitude = ORIGIN[0] + north / metres[0], ORIGIN[1] + east / metres[1]
+    longitude[400:] -= TWO_PI
     latitude[7], longitude[11] = np.nan, np.nan
     return latitude, longitude
 
@@ -80,11 +78,9 @@ def test_values_are_those_of_the_map_in_memory(whole, tiled, places):
     assert 50 < np.isnan(tiled.value(*places)).sum() < 250
 
 
-def test_shapes_and_whole_circles(whole, tiled):
-    latitude, longitude = ORIGIN[0] + 1e-4 * np.arange(3)[:, None], ORIGIN[1] + 1e-4 * np.arange(2)
-    there = tiled.value(latitude, longitude - TWO_PI)
+def test_shapes_and_whole_circles(tiled):
+    there = tiled.value(ORIGIN[0] + 1e-4 * np.arange(3)[:, None], ORIGIN[1] + 1e-4 * np.arange(2))
     assert there.shape == (3, 2) and np.ndim(tiled.value(*ORIGIN)) == 0
-    np.testing.assert_allclose(there, whole.value(latitude, longitude), rtol=1e-9)
     assert tiled.near(*ORIGIN) is tiled.near(ORIGIN[0], ORIGIN[1] - TWO_PI)
 
 

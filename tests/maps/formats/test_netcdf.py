@@ -125,33 +125,30 @@ def test_the_shared_maps(shared_data):
 
 
 @pytest.mark.parametrize(
-    ("units", "asked", "words"),
+    ("offset", "factor", "units", "asked", "words"),
     [
-        ("furlong", {}, "unknown unit 'furlong'; known: m/s²"),
-        ("nT", {}, "unit 'nT' does not fit a disturbance map"),
-        ("mGal", {}, "these look like m/s²: give unit=m/s²"),
-        ("m s-2", {"variable": "dg", "quantity": "gravity"}, "cannot be a gravity map"),
-        ("m s-2", {"variable": "lat"}, "'lat' is not a grid"),
-        ("m s-2", {"variable": "nix"}, "no variable 'nix'"),
-        ("m s-2", {"quantity": "gravity"}, "does not say which variable for gravity; give var"),
-        ("m s-2", {"window": Window(0.0, 0.1, 0.0, 0.1)}, "has nothing at"),
+        (0.0, 1.0, "furlong", {}, "unknown unit 'furlong'; known: m/s²"),
+        (0.0, 1.0, "nT", {}, "unit 'nT' does not fit a disturbance map"),
+        (0.0, 1.0, "mGal", {}, "these look like m/s²: give unit=m/s²"),
+        (0.0, 1.0, "m s-2", {"variable": "dg", "quantity": "gravity"}, "cannot be a gravity map"),
+        (0.0, 1.0, "m s-2", {"variable": "lat"}, "'lat' is not a grid"),
+        (0.0, 1.0, "m s-2", {"variable": "nix"}, "no variable 'nix'"),
+        (
+            0.0,
+            1.0,
+            "m s-2",
+            {"quantity": "gravity"},
+            "not say which variable for gravity; give var",
+        ),
+        (0.0, 1.0, "m s-2", {"window": Window(0.0, 0.1, 0.0, 0.1)}, "has nothing at"),
+        (0.0, 1e5, "m s-2", {}, "these look like mGal: give unit=mGal"),
+        (9.8, 1.0, "m s-2", {}, "these look like gravity: give quantity=gravity"),
+        (9.8, 1e5, "m s-2", {"variable": "dg", "quantity": "gravity"}, "give unit=mGal"),
     ],
 )
-def test_refusals(tmp_path, small_map, units, asked, words):
-    assert words in refused(netcdf(tmp_path / "a.nc", small_map, units=units), **asked)
-
-
-@pytest.mark.parametrize(
-    ("offset", "factor", "asked", "words"),
-    [
-        (0.0, 1e5, {}, "these look like mGal: give unit=mGal"),
-        (9.8, 1.0, {}, "these look like gravity: give quantity=gravity"),
-        (9.8, 1e5, {"variable": "dg", "quantity": "gravity"}, "give unit=mGal"),
-    ],
-)
-def test_hints_for_impossible_numbers(tmp_path, small_map, offset, factor, asked, words):
+def test_refusals(tmp_path, small_map, offset, factor, units, asked, words):
     changed = replace(small_map, values=(small_map.values + offset) * factor)
-    assert words in refused(netcdf(tmp_path / "a.nc", changed), **asked)
+    assert words in refused(netcdf(tmp_path / "a.nc", changed, units=units), **asked)
 
 
 @pytest.mark.parametrize(
@@ -160,6 +157,7 @@ def test_hints_for_impossible_numbers(tmp_path, small_map, offset, factor, asked
         ({"lat": "degrees_east", "lon": "degrees_north"}, "axes swapped"),
         ({"lat": "parsec"}, "lat has the unit 'parsec'"),
         ({"lon": np.r_[np.nan, 144.0 + np.arange(23)]}, "missing coordinates"),
+        ({"dg": np.full((20, 24), np.nan)}, "all missing"),
     ],
     ids=lambda value: str(value)[:20],
 )

@@ -94,6 +94,8 @@ def test_refusals(tmp_path, folder):
     assert "has 12499990 bytes, a GGMplus dg tile has 12500000; cut short?" in said(tmp_path, "dg")
     np.fromfile(folder / tile.name, ">i2").astype("<i2").tofile(tile)
     assert "check the unit, scale, no-data value and byte order" in said(tmp_path, "dg")
+    np.full(CELLS * CELLS, KINDS["dg"].no_data, ">i2").tofile(tile)
+    assert "all missing" in said(tmp_path, "dg")
 
 
 def test_a_folder_and_a_tile_are_recognised(tmp_path, folder):
