@@ -171,11 +171,8 @@ def test_errors_of_the_map_go_through_the_transform(length, within, kind):
     spectrum, which takes the grid's rectangle of wavenumbers for a disc."""
     spread = []
     for seed in range(6):
-        drawn = flat()
-        drawn = replace(
-            drawn, values=1e-5 * drawn_errors(seed, length, len(drawn.latitude), 600.0)
-        )
-        maps = derivatives(drawn, COMPONENTS, height=200.0).channels
+        values = 1e-5 * drawn_errors(seed, length, len(flat().latitude), 600.0)
+        maps = derivatives(flat(values=values), COMPONENTS, height=200.0).channels
         spread.append([np.nanmean(channel.values**2) for channel in maps])
     maps = derivatives(
         flat(**{kind: 1e-5}, correlation_length=length), COMPONENTS, height=200.0
