@@ -14,7 +14,6 @@ from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import AtRest, Outcome, SampleNoise, VelocityReading
 from isogal.fusion.measurements.trust import AGREEING, CONFIRMED
-from isogal.fusion.nominal import move
 from isogal.fusion.outage import Turns, UnknownMotion, grow
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
@@ -65,24 +64,6 @@ def test_a_standstill_does_not_tell_the_heading():
     assert reading.update(state, model).used
     np.testing.assert_allclose(state.velocity, 0.0, atol=0.01)
     assert state.covariance[8, 8] == pytest.approx(before, rel=0.01)
-
-
-@pytest.mark.parametrize("axis", range(15))
-def test_zero_rotation_is_linear_in_the_error(axis):
-    rng = np.random.default_rng(1)
-    reading = AtRest.of_gyroscopes(rng.normal(size=3) * 1e-4, 1e-5)
-    step = np.zeros(15)
-    step[axis] = 1e-4 if axis in (6, 7, 8) else 1e-6 if axis > 8 else 0.0
-    moved = FLIGHT.start.copy()
-    move(moved.nominal, step)
-    expected = reading.update(FLIGHT.start.copy(), FLIGHT.model).expected
-    change = reading.update(moved, FLIGHT.model).expected - expected
-    latitude = FLIGHT.start.position[0]
-    earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
-    H = np.zeros((3, 15))
-    H[:, 6:9] = matrix(FLIGHT.start.attitude).T @ cross_matrix(earth)
-    H[:, 12:15] = np.eye(3)
-    np.testing.assert_allclose(change, H @ step, rtol=1e-3, atol=1e-12)
 
 
 def test_a_vehicle_at_rest_learns_its_gyroscopes():

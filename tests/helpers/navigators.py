@@ -4,8 +4,6 @@ and the engine."""
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
-from numpy.typing import ArrayLike
 
 from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
@@ -102,13 +100,3 @@ def random_covariance(sigma: np.ndarray, seed: int = 0) -> np.ndarray:
     n = len(sigma)
     root = np.eye(n) + 0.3 * np.random.default_rng(seed).standard_normal((n, n))
     return root @ root.T * sigma * sigma[:, None]
-
-
-def filterpy_update(
-    covariance: np.ndarray, H: np.ndarray, R: np.ndarray, z: ArrayLike
-) -> tuple[np.ndarray, np.ndarray]:
-    """State, from zero, and covariance after a linear measurement, by filterpy."""
-    kalman = KalmanFilter(dim_x=len(covariance), dim_z=len(R))
-    kalman.P = covariance.copy()
-    kalman.update(np.asarray(z, float)[:, None], R=R, H=H)
-    return kalman.x[:, 0], kalman.P
