@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from helpers.navigators import error_between, fly
-from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.alignment import UNKNOWN
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
@@ -17,7 +16,7 @@ from isogal.fusion.measurements.trust import AGREEING, CONFIRMED
 from isogal.fusion.outage import Turns, UnknownMotion, grow
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
-from isogal.inertial.rotations import cross_matrix, matrix
+from isogal.inertial.rotations import cross_matrix
 from isogal.scenario import changed_scenario, load_scenario
 
 CAR = load_scenario(
@@ -64,16 +63,6 @@ def test_a_standstill_does_not_tell_the_heading():
     assert reading.update(state, model).used
     np.testing.assert_allclose(state.velocity, 0.0, atol=0.01)
     assert state.covariance[8, 8] == pytest.approx(before, rel=0.01)
-
-
-def test_a_vehicle_at_rest_learns_its_gyroscopes():
-    state = FLIGHT.start.copy()
-    state.covariance[12:15, 12:15] = np.eye(3) * 1e-8
-    bias = np.array([1e-4, -2e-4, 5e-5])
-    earth = EARTH_RATE * np.array([np.cos(state.position[0]), 0.0, -np.sin(state.position[0])])
-    reading = AtRest.of_gyroscopes(matrix(state.attitude).T @ earth + bias, 1e-6)
-    assert reading.update(state, FLIGHT.model).used
-    np.testing.assert_allclose(state.gyroscope_bias, bias, rtol=1e-3, atol=1e-8)
 
 
 def test_a_sample_of_more_noise_turns_the_covariance_alone():

@@ -67,25 +67,6 @@ def test_coning_drift_is_the_analytic_one_without_and_none_with_the_correction(a
     assert np.linalg.norm(left) == pytest.approx(residual, rel=0.05)
 
 
-def test_sculling_drift_is_the_analytic_one():
-    """Rocking about x in phase with force along y: a mean acceleration of A theta / 2 along z."""
-    omega, theta, size, fast = 2.0 * np.pi * 8.0, 2e-3, 5.0, 200.0
-
-    def rate(t):
-        return np.stack([omega * theta * np.cos(omega * t), 0.0 * t, 0.0 * t], axis=-1)
-
-    def force(t):
-        return np.stack([0.0 * t, size * np.sin(omega * t), 0.0 * t], axis=-1)
-
-    duration, ends = regular(fast, 20.0)
-    f, w = preintegrate(
-        means(force, fast, 20.0)[None], means(rate, fast, 20.0)[None], duration, ends
-    )
-    np.testing.assert_allclose(f[0, 1:, 2], 0.5 * size * theta, rtol=1e-3)
-    assert np.abs(f[0, 1:, :2]).max() < 1e-4 * size * theta
-    assert np.abs(w).max() < 1e-9
-
-
 def reference(force, rate, duration, parts=200):
     """Rotation and velocity increment of one interval of samples, each constant, by SciPy with
     so many parts of each sample."""
