@@ -21,12 +21,11 @@ from isogal.seeds import generator
 from isogal.tracks import bank
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
-from isogal.tracks.displacement import SIZE, displacement
 from isogal.tracks.evidence import correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
-from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
 from isogal.tracks.models import LENGTHS, SHAPES, track_models
+from isogal.tracks.widening import SIZE, displacement, excess
 
 DISTURBANCE = field_of("disturbance")
 EASTWARD, _ = make_batch(DISTURBANCE, velocity=(0.0, 60.0))
@@ -133,7 +132,7 @@ def test_a_gridded_map_may_be_displaced():
 
 
 def test_how_fixes_scatter_counts_on_maps_that_do_not_say_their_error(monkeypatch):
-    monkeypatch.setattr("isogal.tracks.jackknife._fixes", lambda *_: 1e5 * np.eye(2))
+    monkeypatch.setattr("isogal.tracks.widening._fixes", lambda *_: 1e5 * np.eye(2))
     assert excess(_shifts(DISTURBANCE)).any()
     assert not excess(_shifts(_gridded(2e-5))).any()
 
