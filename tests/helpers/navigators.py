@@ -4,6 +4,7 @@ and the engine."""
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
@@ -73,21 +74,14 @@ def identical(a: FilterState, b: FilterState) -> bool:
 
 
 def error_between(after: FilterState, before: FilterState) -> np.ndarray:
-    """(15 + M,) error state that leads from one state to another, small angles."""
+    """(15 + M,) error state that leads from one state to another."""
     latitude, _, height = before.position
-    north, east = metres_per_radian(latitude, height)
-    w, x, y, z = before.attitude
-    a = after.attitude
-    turn = [
-        -a[0] * x + a[1] * w - a[2] * z + a[3] * y,
-        -a[0] * y + a[1] * z + a[2] * w - a[3] * x,
-        -a[0] * z - a[1] * y + a[2] * x + a[3] * w,
-    ]
+    new, old = (Rotation.from_quat(one.attitude, scalar_first=True) for one in (after, before))
     return np.concatenate(
         [
-            (after.position - before.position) * [north, east, -1.0],
+            (after.position - before.position) * [*metres_per_radian(latitude, height), -1.0],
             after.velocity - before.velocity,
-            2.0 * np.array(turn),
+            (new * old.inv()).as_rotvec(),
             after.accelerometer_bias - before.accelerometer_bias,
             after.gyroscope_bias - before.gyroscope_bias,
             after.auxiliary - before.auxiliary,
