@@ -26,6 +26,7 @@ def track(*longitudes: float) -> SmoothedTrack:
 def test_csv(tmp_path) -> None:
     paths = write_smoothed(track(147.0, 147.002), tmp_path)
     assert [path.name for path in paths] == ["smoothed.csv", "smoothed.geojson", "smoothed.gpx"]
+    assert all(path.stat().st_size > 100 for path in paths)
     rows = list(csv.DictReader(io.StringIO(paths[0].read_text())))
     assert [float(row["time"]) for row in rows] == [0.0, 10.0]
     assert float(rows[1]["longitude"]) == pytest.approx(147.002, abs=1e-9)

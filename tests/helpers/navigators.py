@@ -89,6 +89,15 @@ def error_between(after: FilterState, before: FilterState) -> np.ndarray:
     )
 
 
+def assert_close(a: FilterState, b: FilterState, mean: float, covariance: float) -> None:
+    """Whether two states agree: their means within a share of the 1-sigmas of the second, and
+    their covariances in units of these."""
+    sigma = np.sqrt(np.diag(b.covariance))
+    np.testing.assert_allclose(error_between(a, b) / sigma, 0.0, atol=mean)
+    unlike = (a.covariance - b.covariance) / np.outer(sigma, sigma)
+    np.testing.assert_allclose(unlike, 0.0, atol=covariance)
+
+
 def random_covariance(sigma: np.ndarray, seed: int = 0) -> np.ndarray:
     """Full, well-scaled positive definite covariance with about these 1-sigmas."""
     n = len(sigma)
