@@ -221,11 +221,12 @@ def test_what_cannot_be_used_changes_nothing(measurement, message):
 
 
 def test_a_map_error_is_the_navigators_residual_gravity():
-    state = FLIGHT.start.copy()
-    LearntMapError(8e-5, 5e3).update(state, FLIGHT.model)  # has no map to take off
+    state, told = FLIGHT.start.copy(), measurements_of(fix_away(0.0, map_error=(8e-5, 5e3)))
+    (learnt,) = [one for one in told if isinstance(one, LearntMapError)]
+    learnt.update(state, FLIGHT.model)  # has no map to take off
     assert not state.residual_gravity.any()
     model = replace(FLIGHT.model, gravity=KnownGravity(residual=Residual(0.0, 1.0)))
-    LearntMapError(8e-5, 5e3).update(state, model)
+    learnt.update(state, model)
     expected = (np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 5e3)
     assert tuple(state.residual_gravity) == pytest.approx(expected)
 

@@ -18,8 +18,8 @@ NORTH_EAST = np.array([[100.0, 30.0], [30.0, 400.0]])
 def a_match(reason=None):
     covariance = NORTH_EAST if reason is None else np.full((2, 2), np.nan)
     fix = Fix(12.5, *np.radians([-36.5, 190.0]).tolist(), covariance, reason=reason)
-    known = np.array([111.0, 0.0, 0.0, 0.0]), np.eye(4)
-    return Match(fix, slice(0, 30), *known, fix.latitude, fix.longitude)
+    place = fix.latitude - 111.0 / 6.36e6, fix.longitude
+    return Match(fix, slice(0, 30), np.array([111.0, 0.0, 0.0, 0.0]), np.eye(4), place)
 
 
 FIXED, DECLINED = a_match(), a_match("ambiguous: 2 places fit")
