@@ -72,32 +72,26 @@ def second() -> None:
         )
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--version"],
-        ["--help"],
-        ["nix"],
-        ["match", "--help"],
-        ["map", "info", "--help"],
-        ["montecarlo", "--runs", "none"],
-    ],
-)
-def test_version_help_and_refusals_start_without_the_numerical_packages(words):
+def test_version_help_and_refusals_start_without_the_numerical_packages():
     code = f"""
 import sys
 from isogal.cli.main import app
-sys.argv = ["isogal", *{words!r}]
-try:
-    app()
-finally:
+
+for words in (
+    "--version", "--help", "nix", "match --help", "map info --help", "montecarlo --runs none"
+):
+    sys.argv = ["isogal", *words.split()]
+    try:
+        app()
+    except SystemExit:
+        pass
     loaded = [name for name in {HEAVY!r} if name in sys.modules]
-    assert not loaded, loaded
+    assert not loaded, (words, loaded)
 """
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
     )
-    assert "AssertionError" not in done.stderr
+    assert done.returncode == 0, done.stderr
 
 
 def test_version():

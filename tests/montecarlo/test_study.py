@@ -7,7 +7,6 @@ import signal
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.context import ForkServerProcess
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -23,9 +22,6 @@ from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, compute_cases
 from isogal.montecarlo.workers import WorkerError, check_code
 from isogal.sensors.trajectory import build_trajectory
-
-if TYPE_CHECKING:
-    pass
 
 
 def results_json(case, store):
@@ -163,8 +159,3 @@ def test_unaided_runs_take_no_fix(tmp_path, field_map, watcher):
     np.testing.assert_allclose(
         runs.covariance[0], runs.covariance[1], atol=1e-3 * runs.covariance.max()
     )
-
-
-def test_backend_is_one_or_the_other():
-    with pytest.raises(InputError, match="give one of them"):
-        Backend(workers=2, scheduler="tcp://host:1")
