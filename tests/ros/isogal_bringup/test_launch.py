@@ -78,6 +78,7 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         ({"rate": "-1.0"}, "rate: input should be greater than or equal to 0"),
         ({"rate": "nan"}, "rate: input should be a finite number"),
         ({"run": "1.5"}, "run: input should be a valid integer"),
+        ({"run": "-1"}, "run: input should be greater than or equal to 0"),
         ({"recorder": "maybe"}, "recorder: input should be a valid boolean"),
         ({"params": "/no/such/file.yaml"}, "params: /no/such/file.yaml: cannot be read"),
         ({"bag": "EXISTS"}, "there is something already"),
