@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from isogal.earth.gravity import (
     GRAVITY_RATIO,
-    SOMIGLIANA_K,
     eotvos,
     eotvos_jacobian,
     normal_gravity,
@@ -28,9 +27,8 @@ def test_normal_gravity_is_the_published_one(latitude, published):
     assert normal_gravity(np.radians(latitude)) == pytest.approx(published, abs=1e-9)
 
 
-def test_derived_constants_are_the_published_ones():
+def test_gravity_ratio_is_the_published_one():
     assert pytest.approx(0.00344978600308, abs=1e-14) == GRAVITY_RATIO
-    assert pytest.approx(0.001931851353, abs=1e-11) == SOMIGLIANA_K
 
 
 @pytest.mark.parametrize(("height", "within"), [(0.0, 1e-9), (100.0, 1.5e-8), (9000.0, 2e-6)])
@@ -73,16 +71,13 @@ def test_eotvos_against_the_published_formula(latitude, course, knots):
 
 @given(st.floats(-1.4, 1.4), st.floats(-300.0, 300.0), st.floats(-300.0, 300.0))
 def test_eotvos_jacobian_against_finite_differences(latitude, north, east):
-    by_north, by_east = eotvos_jacobian(latitude, north, east)
-    step = 1e-2
-    difference = (
-        eotvos(latitude, 0.0, north + step, east) - eotvos(latitude, 0.0, north - step, east)
-    ) / (2 * step)
-    assert by_north == pytest.approx(float(difference), abs=1e-11)
-    difference = (
-        eotvos(latitude, 0.0, north, east + step) - eotvos(latitude, 0.0, north, east - step)
-    ) / (2 * step)
-    assert by_east == pytest.approx(float(difference), abs=1e-11)
+    found, step = eotvos_jacobian(latitude, north, east), 1e-2
+    for slope, move in zip(found, ((step, 0.0), (0.0, step)), strict=True):
+        up, down = (
+            eotvos(latitude, 0.0, north + sign * move[0], east + sign * move[1])
+            for sign in (1, -1)
+        )
+        assert slope == pytest.approx(float(up - down) / (2 * step), abs=1e-11)
 
 
 def test_kernel_equals_array_function():

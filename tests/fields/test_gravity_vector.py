@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.batches import ORIGIN
+from helpers.map_files import together
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.fields import gravity_vector as vector
@@ -16,7 +17,6 @@ from isogal.fields.simulator import scan_index
 from isogal.maps import tiled_map
 from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_imu
@@ -34,21 +34,33 @@ def mass_at(north, east):
     return -GM * north / distance**3, -GM * east / distance**3, GM * DEPTH / distance**3
 
 
+def map_with_mass(path, half, *names):
+    """Write maps of a mass, 1 km between nodes, to one file: the disturbance (dg) and deflections
+    of the vertical (xi, eta), three times the real ones to see which are taken."""
+    metres = metres_per_radian(ORIGIN[0])
+    axis = np.arange(-half, half + 100.0, 1000.0)
+    latitude, longitude = ORIGIN[0] + axis / metres[0], ORIGIN[1] + axis / metres[1]
+    to_north, to_east, down = mass_at(axis[:, None], axis)
+    gamma = normal_gravity(latitude)[:, None]
+    maps = {
+        "dg": (down, "m/s²", "disturbance"),
+        "xi": (-3.0 * to_north / gamma, "rad", "deflection_north"),
+        "eta": (-3.0 * to_east / gamma, "rad", "deflection_east"),
+    }
+    return together(
+        path, *(FieldMap(latitude, longitude, *maps[name]) for name in names), names=names
+    )
+
+
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     """A route past a point mass, in a map of its disturbance."""
-    metres = metres_per_radian(ORIGIN[0])
-    axis = np.arange(-150e3, 150.1e3, 1000.0)
-    latitude, longitude = ORIGIN[0] + axis / metres[0], ORIGIN[1] + axis / metres[1]
-    east, north = np.meshgrid(axis, axis)
-    path = tmp_path_factory.mktemp("maps") / "mass.nc"
-    down = mass_at(north, east)[2]
-    write_netcdf(FieldMap(latitude, longitude, down, "m/s²", "disturbance"), path)
-    degrees = np.degrees(ORIGIN)
+    path = map_with_mass(tmp_path_factory.mktemp("maps") / "mass.nc", 150e3, "dg")
+    south, west = np.degrees(ORIGIN)
     return Scenario(
         route={
-            "start": (degrees[0] - 0.2, degrees[1] - 0.2),
-            "end": (degrees[0] + 0.3, degrees[1] + 0.2),
+            "start": (south - 0.2, west - 0.2),
+            "end": (south + 0.3, west + 0.2),
             "duration": 2400.0,
         },
         map={"source": str(path), "continuation": "none"},
@@ -70,24 +82,21 @@ def made_by_the_mass(trajectory):
     )
 
 
-def test_the_vehicle_feels_what_a_point_mass_does(world):
+def test_the_vehicle_feels_what_a_point_mass_does(world, monkeypatch):
+    """Of a map in tiles it feels the same, but for what lies off the corridor of a long route,
+    which counts as nothing."""
     trajectory = build_trajectory(world)
-    (felt,) = sensed_gravity(world.true, trajectory, [0])
     expected = made_by_the_mass(trajectory)
+    largest = np.abs(expected).max()
     assert np.abs(expected[:, :2]).max() > 3e-5
     # what lies beyond the map is the transform's error: a per cent of the peak
-    np.testing.assert_allclose(felt, expected, atol=0.02 * np.abs(expected).max())
-
-
-def test_of_a_map_in_tiles_it_feels_the_same(world, monkeypatch):
-    """But for what lies off the corridor of a long route, which counts as nothing."""
+    (felt,) = sensed_gravity(world.true, trajectory, [0])
+    np.testing.assert_allclose(felt, expected, atol=0.02 * largest)
     monkeypatch.setattr(vector, "_vector", vector._vector.__wrapped__)  # without a cache
     monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 5000)
-    trajectory = build_trajectory(world)
     assert isinstance(gravity_vector(world, trajectory).disturbance, TiledMap)
     (felt,) = sensed_gravity(world.true, trajectory, [0])
-    expected = made_by_the_mass(trajectory)
-    np.testing.assert_allclose(felt, expected, atol=0.05 * np.abs(expected).max())
+    np.testing.assert_allclose(felt, expected, atol=0.05 * largest)
 
 
 def test_accelerometers_feel_its_negative(world):
@@ -103,16 +112,13 @@ def test_accelerometers_feel_its_negative(world):
 
 
 def test_normal_gravity_is_no_vector(world):
+    magnetic = changed(world, field="magnetic", gravimeter={"sigma": 1.0})
     scenario = changed(world, gravity={"field": "normal"})
     trajectory = build_trajectory(scenario)
-    assert gravity_vector(scenario, trajectory) is None
+    for without in (magnetic, scenario):
+        assert gravity_vector(without, trajectory) is None
     assert sensed_gravity(scenario.true, trajectory, [0]) is None
     assert known_gravity(scenario, trajectory).residual_sigma == 0.0
-
-
-def test_other_fields_have_normal_gravity(world):
-    scenario = changed(world, field="magnetic", gravimeter={"sigma": 1.0})
-    assert gravity_vector(scenario, build_trajectory(scenario)) is None
 
 
 def test_averaging_keeps_means_and_places():
@@ -176,32 +182,12 @@ def test_drawn_errors_have_these_covariances(world):
 
 
 def test_maps_of_the_deflection_come_before_the_transform(world, tmp_path):
-    """Three times the real deflections, to see which is taken."""
-    import xarray
-
-    metres = metres_per_radian(ORIGIN[0])
-    axis = np.arange(-100e3, 100.1e3, 1000.0)
-    latitude, longitude = ORIGIN[0] + axis / metres[0], ORIGIN[1] + axis / metres[1]
-    east, north = np.meshgrid(axis, axis)
-    to_north, to_east, down = mass_at(north, east)
-    gamma = normal_gravity(latitude)[:, None]
-    parts = []
-    for name, quantity, unit, values in (
-        ("dg", "disturbance", "m/s²", down),
-        ("xi", "deflection_north", "rad", -3.0 * to_north / gamma),
-        ("eta", "deflection_east", "rad", -3.0 * to_east / gamma),
-    ):
-        path = tmp_path / f"{name}.nc"
-        write_netcdf(FieldMap(latitude, longitude, values, unit, quantity), path)
-        with xarray.open_dataset(path) as one:
-            held = one.load()
-        (variable,) = [key for key in held.data_vars if held[key].ndim == 2]
-        parts.append(held[[variable]].rename({variable: name}))
-    xarray.merge(parts).to_netcdf(tmp_path / "all.nc")
-    scenario = changed(world, map={"source": str(tmp_path / "all.nc"), "continuation": "none"})
+    path = map_with_mass(tmp_path / "all.nc", 100e3, "dg", "xi", "eta")
+    scenario = changed(world, map={"source": str(path), "continuation": "none"})
     trajectory = build_trajectory(scenario)
-    transformed = sensed_gravity(world.true, trajectory, [0])[0, :, :2]
-    measured = sensed_gravity(scenario.true, trajectory, [0])[0, :, :2]
+    transformed, measured = (
+        sensed_gravity(it.true, trajectory, [0])[0, :, :2] for it in (world, scenario)
+    )
     np.testing.assert_allclose(measured, 3.0 * transformed, atol=0.1 * np.abs(transformed).max())
 
 

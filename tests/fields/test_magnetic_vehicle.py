@@ -28,10 +28,8 @@ TRUE = [f"truth.{item}" for item in TOLD]
 
 @pytest.fixture(scope="module")
 def field_map():
-    latitude, longitude = (
-        np.radians(np.arange(55.4, 56.0, 0.01)),
-        np.radians(np.arange(-4.8, -3.9, 0.01)),
-    )
+    latitude = np.radians(np.arange(55.4, 56.0, 0.01))
+    longitude = np.radians(np.arange(-4.8, -3.9, 0.01))
     values = 50.0 * np.sin(1e3 * latitude)[:, None] * np.cos(700.0 * longitude)
     return FieldMap(latitude, longitude, values, "nT", "magnetic_anomaly")
 

@@ -19,6 +19,8 @@ from isogal.sensors.gravimeter import GravityReduction
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 
+FLAT = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
+
 
 def scenario(**keys):
     route = Route(start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0)
@@ -56,8 +58,7 @@ def test_map_of_gravity_is_taken_as_it_is():
 
 def test_outliers_come_at_their_share_and_size():
     settings = Gravimeter(sigma=1e-5, outlier_fraction=0.1, outlier_sigma=50.0)
-    flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
-    surface, latitude, _, _ = simulate(range(50), flat, gravimeter=settings)
+    surface, latitude, _, _ = simulate(range(50), FLAT, gravimeter=settings)
     noise = (surface - normal_gravity(latitude)) / 1e-5
     far = np.abs(noise) > 6.0
     share = far.mean() / 0.9045  # of N(0, 50²) that lies beyond 6
@@ -65,16 +66,15 @@ def test_outliers_come_at_their_share_and_size():
     assert within_chi_square(
         (noise[~far] ** 2).sum() / 1.035, (~far).sum()
     )  # the rest is ordinary, but for the few small outliers
-    plain, _, _, _ = simulate(range(50), flat, gravimeter=Gravimeter(sigma=1e-5))
+    plain, _, _, _ = simulate(range(50), FLAT, gravimeter=Gravimeter(sigma=1e-5))
     assert (
         plain[~far] == surface[~far]
     ).mean() > 0.98  # switching outliers on leaves the other readings as they were
 
 
 def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
-    flat = field_map_of(lambda north, east: 0.0 * north + 0.0 * east)
     settings = Gravimeter(sigma=1e-9, bias=5e-5, drift=1e-7)
-    surface, latitude, _, it = simulate(range(200), flat, gravimeter=settings)
+    surface, latitude, _, it = simulate(range(200), FLAT, gravimeter=settings)
     error = surface - normal_gravity(latitude)
     time = build_trajectory(scenario()).time[it.index]
     slope, offset = np.polyfit(time, error.T, 1)
@@ -84,27 +84,20 @@ def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
     assert within_chi_square((offset**2).sum() / 5e-5**2, 200)
     assert within_chi_square((slope**2).sum() / 1e-7**2, 200)
     assert abs(np.corrcoef(offset, slope)[0, 1]) < 0.3
-    some, _, _, _ = simulate([7, 3], flat, gravimeter=settings)
+    some, _, _, _ = simulate([7, 3], FLAT, gravimeter=settings)
     np.testing.assert_array_equal(some, surface[[7, 3]])
 
 
 def test_map_error_has_the_stated_covariance():
     it = scenario(map_error=MapError(sigma=3e-5, correlation_length=4000.0))
-    trajectory = build_trajectory(it)
-    index = np.arange(10, 601, 10)
-    runs = 600
+    trajectory, index, runs = build_trajectory(it), np.arange(10, 601, 10), 600
     error = TrueMapError(it.true, trajectory, index, range(runs)).at_scans()
-    apart = horizontal_difference(
-        trajectory.latitude[index][:, None],
-        trajectory.longitude[index][:, None],
-        trajectory.latitude[index],
-        trajectory.longitude[index],
-    )
+    lat, lon = trajectory.latitude[index], trajectory.longitude[index]
+    apart = horizontal_difference(lat[:, None], lon[:, None], lat, lon)
     covariance = 3e-5**2 * np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / 4000.0)
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), error.T)
-    assert within_chi_square(
-        (whitened**2).sum(), runs * len(index)
-    )  # variance and correlation at once, every length scale
+    # variance and correlation at once, every length scale
+    assert within_chi_square((whitened**2).sum(), runs * len(index))
     measured = error.T @ error / runs
     np.testing.assert_allclose(measured, covariance, atol=4.5 * 3e-5**2 * np.sqrt(2.0 / runs))
     assert not TrueMapError(scenario().true, trajectory, index, [0, 1]).at_scans().any()
@@ -144,62 +137,46 @@ def test_maps_that_cannot_be_used(change, message):
         simulate([0], field_map, **change)
 
 
-def hills(field_map_top=500.0):
-    return replace(
-        field_map_of(lambda north, east: field_map_top * np.cos(north / 3e3) * np.cos(east / 4e3)),
-        quantity="height",
-        unit="m",
-        provenance="hills.nc",
-    )
+HILLS = replace(
+    field_map_of(lambda north, east: 500.0 * np.cos(north / 3e3) * np.cos(east / 4e3)),
+    quantity="height",
+    unit="m",
+    provenance="hills.nc",
+)
 
 
-def over_hills(height, **keys):
+def clearance(runs, height, **keys):
+    """Readings over the hills, the ground there, and the error of its map."""
     route = Route(
         start=tuple(np.degrees(ORIGIN)), end=(-36.4, 147.2), duration=600.0, height=height
     )
-    return Scenario(route=route, field="terrain", **({"gravimeter": Gravimeter(sigma=3.0)} | keys))
-
-
-def clearance(runs, height, field_map, **keys):
-    it = over_hills(height, **keys)
+    usual = {"route": route, "field": "terrain", "gravimeter": Gravimeter(sigma=3.0)}
+    it = scenario(**(usual | keys))
     trajectory = build_trajectory(it)
-    simulator = ReadingSimulator(it.true, trajectory, field_map, runs)
-    ground = field_map.value(
-        trajectory.latitude[simulator.index], trajectory.longitude[simulator.index]
-    )
-    return simulator.raw, ground
+    simulator = ReadingSimulator(it.true, trajectory, HILLS, runs)
+    i = simulator.index
+    error = TrueMapError(it.true, trajectory, i, runs).at_scans()
+    return simulator.raw, HILLS.value(trajectory.latitude[i], trajectory.longitude[i]), error
 
 
-def test_clearance_is_height_above_the_ground():
-    felt, ground = clearance(range(20), 900.0, hills())
-    noise = (900.0 - felt - ground) / 3.0
+@pytest.mark.parametrize("error", [0.0, 20.0])
+def test_clearance_is_height_above_the_ground(error):
+    """Which the map's error lifts."""
+    felt, ground, lifted = clearance(range(20), 900.0, map_error=MapError(sigma=error))
+    assert lifted.any() == (error > 0.0)
+    noise = (900.0 - felt - ground - lifted) / 3.0
     assert within_chi_square((noise**2).sum(), noise.size)
     np.testing.assert_array_equal(felt, felt.astype(np.float32))  # as the message carries it
 
 
-def test_a_map_error_lifts_the_ground():
-    exact, _ = clearance([0], 900.0, hills())
-    wrong, _ = clearance([0], 900.0, hills(), map_error=MapError(sigma=20.0))
-    it = over_hills(900.0, map_error=MapError(sigma=20.0))
-    error = TrueMapError(it.true, build_trajectory(it), np.arange(10, 601, 10), [0]).at_scans()
-    np.testing.assert_allclose(exact - wrong, error, atol=1e-3)
-
-
 def test_beyond_its_range_an_altimeter_gives_no_reading():
-    felt, ground = clearance(
-        [0],
-        900.0,
-        hills(),
-        altimeter=Altimeter(max_range=800.0),
-        gravimeter=Gravimeter(sigma=1e-3),
-    )
+    keys = {"altimeter": Altimeter(max_range=800.0), "gravimeter": Gravimeter(sigma=1e-3)}
+    felt, ground, _ = clearance([0], 900.0, **keys)
     out = 900.0 - ground > 800.0
     assert 0 < out.sum() < out.size
     np.testing.assert_array_equal(np.isnan(felt[0]), out)
 
 
 def test_a_route_below_the_terrain_is_refused():
-    with pytest.raises(
-        InputError, match=r"route\.height: the vehicle is \d+ m below the terrain at latitude -36"
-    ):
-        clearance([0], 300.0, hills())
+    with pytest.raises(InputError, match=r"route\.height: .* \d+ m below the terrain at lat"):
+        clearance([0], 300.0)

@@ -16,11 +16,8 @@ from isogal.fusion.measurements import (
     PositionFix,
     VelocityReading,
 )
-from isogal.fusion.measurements.rest import AtRest, sensed_at_rest
-from isogal.fusion.nominal import error_between, move
+from isogal.fusion.measurements.rest import sensed_at_rest
 from isogal.fusion.standstill import Standstill
-from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_angles, matrix, multiply, to_rotation_vector
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_samples
@@ -46,29 +43,37 @@ def scenario(imu, **route) -> Scenario:
     )
 
 
-def place_of(trajectory: Trajectory) -> np.ndarray:
-    return np.array([trajectory.latitude[0], trajectory.longitude[0], trajectory.height[0]])
-
-
 def error_of(it: Alignment, truth: np.ndarray) -> np.ndarray:
     w, x, y, z = truth
     return np.array(to_rotation_vector(*multiply(*it.state.attitude, w, -x, -y, -z)))
 
 
+def start_of(trajectory: Trajectory) -> np.ndarray:
+    return np.array([trajectory.latitude[0], trajectory.longitude[0], trajectory.height[0]])
+
+
+def felt(scenario: Scenario, run: int) -> tuple[Trajectory, np.ndarray]:
+    """The trajectory, and the samples (K, 6) of its sensors."""
+    trajectory = build_trajectory(scenario)
+    return trajectory, simulate_samples(scenario.true, trajectory, run)
+
+
+def take(it: Alignment, trajectory: Trajectory, samples: np.ndarray, rows=slice(None)) -> None:
+    """Some samples of a trajectory, from where the alignment stands."""
+    stamps = trajectory.time[1:][rows]
+    it.imu(stamps, samples[rows, :3], samples[rows, 3:], trajectory.height[1:][rows])
+
+
 def rested(grade: str, seconds: int, run: int = 0, tilt=(0.02, -0.03)) -> tuple[Alignment, ...]:
     """An alignment after some time at rest with a tilt, and the true attitude."""
     it = scenario({"grade": grade}, at_rest=float(seconds), duration=float(seconds))
-    model, trajectory = filter_model(it), build_trajectory(it)
+    model, (trajectory, samples) = filter_model(it), felt(it, run)
     truth = from_angles(*tilt, 2.5)
-    force, rate = sensed_at_rest(place_of(trajectory), model)
-    to_body = matrix(truth).T
-    level = matrix(trajectory.attitude[0]).T
-    samples = simulate_samples(it.true, trajectory, run)
+    sensed = np.reshape(sensed_at_rest(start_of(trajectory), model), (2, 3))
     # the sensors' errors are those of a level vehicle with another heading
-    errors = samples - np.concatenate([level @ force, level @ rate])
-    samples = errors + np.concatenate([to_body @ force, to_body @ rate])
-    alignment = Alignment(model, place_of(trajectory))
-    alignment.imu(trajectory.time[1:], samples[:, :3], samples[:, 3:], trajectory.height[1:])
+    samples = samples + np.ravel(sensed @ (matrix(truth) - matrix(trajectory.attitude[0])))
+    alignment = Alignment(model, start_of(trajectory))
+    take(alignment, trajectory, samples)
     return alignment, truth
 
 
@@ -90,25 +95,6 @@ def test_gyroscopes_find_north_to_their_bias_over_the_earths_rate() -> None:
     model = filter_model(scenario({"grade": "navigation"}))
     bias = model.initial_sigma[12]
     assert north_sigma(model, 1.0) == pytest.approx(bias / (EARTH_RATE * math.cos(1.0)))
-
-
-@pytest.mark.parametrize("enters", range(6, 15))
-def test_means_at_rest_undo_an_error(enters: int) -> None:
-    """An error of the attitude or of a bias, alone and much smaller than its 1-sigma, is found."""
-    model = filter_model(scenario({"grade": "navigation"}))
-    place = np.array([0.8, 0.1, 100.0])
-    start = Estimate(place, np.zeros(3), from_angles(0.1, -0.2, 0.7))
-    state = FilterState.start(start, model)
-    force, rate = sensed_at_rest(place, model)
-    to_body = matrix(state.attitude).T
-    rest = AtRest(to_body @ force, to_body @ rate, 1e6)
-    size = 1e-4 if enters < 9 else 1e-3 if enters < 12 else 1e-6
-    state.covariance[:] = 0.0
-    state.covariance[enters, enters] = (100.0 * size) ** 2
-    true = state.copy()
-    move(state.nominal, np.eye(model.states)[enters] * size)
-    assert rest.update(state, model).used
-    assert np.abs(error_between(state.nominal, true.nominal)).max() < 0.02 * size
 
 
 @pytest.mark.parametrize(("grade", "seconds"), [("precision", 20), ("navigation", 240)])
@@ -139,10 +125,9 @@ def test_honest_at_rest(grade: str) -> None:
 
 def test_sensors_that_cannot_find_north_say_so_and_take_a_heading() -> None:
     imu = scenario(PHONE, at_rest=80.0, duration=80.0)
-    trajectory = build_trajectory(imu)
-    samples = simulate_samples(imu.true, trajectory, 0)
-    it = Alignment(filter_model(imu), place_of(trajectory))
-    it.imu(trajectory.time[1:], samples[:, :3], samples[:, 3:], trajectory.height[1:])
+    trajectory, samples = felt(imu, 0)
+    it = Alignment(filter_model(imu), start_of(trajectory))
+    take(it, trajectory, samples)
     assert it.poor and not it.aligned
     assert it.aim == POOR_AIM
     assert it.heading_sigma == pytest.approx(UNKNOWN, rel=0.05)
@@ -150,36 +135,33 @@ def test_sensors_that_cannot_find_north_say_so_and_take_a_heading() -> None:
     it.measure(80.0, HeadingReading(0.05, 0.03**2))
     assert it.aligned
     assert abs(error_of(it, trajectory.attitude[-1])[2]) < 4.0 * it.heading_sigma < 0.2
-    after = trajectory.time[1:] + 80.0  # a heading that was told is not forgotten at rest
-    it.imu(after, samples[:, :3], samples[:, 3:], trajectory.height[1:])
+    # a heading that was told is not forgotten at rest
+    it.imu(trajectory.time[1:] + 80.0, samples[:, :3], samples[:, 3:], trajectory.height[1:])
     assert abs(error_of(it, trajectory.attitude[-1])[2]) < 4.0 * it.heading_sigma < 0.2
 
 
 @pytest.mark.parametrize(
-    "imu", ["navigation", "tactical", PHONE], ids=["nav", "tactical", "phone"]
+    "imu",
+    [{"grade": "navigation"}, {"grade": "tactical"}, PHONE],
+    ids=["nav", "tactical", "phone"],
 )
 @pytest.mark.parametrize("course", [True, False])
 def test_on_the_move_with_satellites(imu, course: bool) -> None:
     """Within a minute of turns, whatever the heading was at first."""
-    imu = {"grade": imu} if isinstance(imu, str) else imu
     it = scenario(imu, duration=120.0)
-    trajectory = build_trajectory(it)
-    samples = simulate_samples(it.true, trajectory, 1)
+    trajectory, samples = felt(it, 1)
     alignment = Alignment(filter_model(it), np.zeros(3), measured=True, aim=0.1, course=course)
     rng = np.random.default_rng(5)
     done = None
     for k in range(len(trajectory)):
-        alignment.imu(
-            trajectory.time[k + 1], samples[k, :3], samples[k, 3:], trajectory.height[k + 1]
-        )
+        take(alignment, trajectory, samples, slice(k, k + 1))
         noise = rng.standard_normal(5)
         at = trajectory.latitude[k + 1] + noise[0] / 6.4e6, trajectory.longitude[k + 1]
+        velocity = trajectory.velocity[k + 1] + 0.05 * noise[2:]
         alignment.measure(
             alignment.time,
             PositionFix(*at, np.eye(2)),
-            GroundVelocity(
-                trajectory.velocity[k + 1] + 0.05 * noise[2:], 0.05**2 * np.eye(3), np.zeros(3)
-            ),
+            GroundVelocity(velocity, 0.05**2 * np.eye(3), np.zeros(3)),
         )
         if done is None and alignment.aligned:
             done = k + 1
@@ -194,12 +176,11 @@ def test_an_odometer_alone_tells_no_heading() -> None:
     """Beside gyroscopes that cannot feel the Earth's rotation all headings stay as probable, and
     each as uncertain, as they were."""
     it = scenario(PHONE, duration=60.0)
-    trajectory = build_trajectory(it)
-    samples = simulate_samples(it.true, trajectory, 1)
-    alignment = Alignment(filter_model(it), place_of(trajectory))
+    trajectory, samples = felt(it, 1)
+    alignment = Alignment(filter_model(it), start_of(trajectory))
     noise = 0.1 * np.random.default_rng(5).standard_normal((60, 3))
     for k in range(60):
-        alignment.imu(k + 1.0, samples[k, :3], samples[k, 3:], trajectory.height[k + 1])
+        take(alignment, trajectory, samples, slice(k, k + 1))
         body = matrix(trajectory.attitude[k + 1]).T @ trajectory.velocity[k + 1]
         reading = VelocityReading(body + noise[k], 0.01 * np.eye(3))
         assert alignment.measure(k + 1.0, reading).used
@@ -213,19 +194,16 @@ def test_an_odometer_alone_tells_no_heading() -> None:
 def test_satellites_are_not_blamed_for_what_a_phone_cannot_know() -> None:
     """Without them its heading is soon wrong by more than its covariance says."""
     it = scenario(PHONE, waypoints=ZIGZAG, duration=300.0)
-    trajectory = build_trajectory(it)
-    samples = simulate_samples(it.true, trajectory, 0)
+    trajectory, samples = felt(it, 0)
     alignment = Alignment(filter_model(it), np.zeros(3), measured=True)
     noise = 0.05 * np.random.default_rng(1).standard_normal((300, 3))
     for k in range(300):
-        alignment.imu(k + 1.0, samples[k, :3], samples[k, 3:], trajectory.height[k + 1])
-        place = PositionFix(
-            trajectory.latitude[k + 1], trajectory.longitude[k + 1], np.eye(2), source="gnss"
-        )
+        take(alignment, trajectory, samples, slice(k, k + 1))
+        at = trajectory.latitude[k + 1], trajectory.longitude[k + 1]
         velocity = trajectory.velocity[k + 1] + noise[k]
         alignment.measure(
             k + 1.0,
-            place,
+            PositionFix(*at, np.eye(2), source="gnss"),
             GroundVelocity(velocity, 0.05**2 * np.eye(3), np.zeros(3), source="gnss"),
         )
     assert alignment.aligned
@@ -235,10 +213,8 @@ def test_satellites_are_not_blamed_for_what_a_phone_cannot_know() -> None:
 
 def test_a_vehicle_that_moves_off_is_no_longer_at_rest() -> None:
     it = scenario({"grade": "navigation"}, at_rest=60.0, duration=90.0)
-    trajectory = build_trajectory(it)
-    assert (trajectory.velocity[:61] == 0.0).all()
+    trajectory, samples = felt(it, 0)
     assert np.hypot(*trajectory.velocity[61, :2]) > 0.2
-    samples = simulate_samples(it.true, trajectory, 0)
     watch = Standstill(filter_model(it))
     still = [watch.take(row[:3], row[3:], 1.0) for row in samples]
     assert all(still[:60])

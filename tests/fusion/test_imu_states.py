@@ -93,40 +93,34 @@ def without(model, names):
     return replace(model, auxiliary=auxiliary)
 
 
-def test_consistent_where_the_vehicle_turns():
-    scenario = load_scenario(
-        None,
-        [f"route.waypoints={ROUND}", "route.duration=2000.0", "imu.grade=navigation",
-         "gravity.field=normal"],
-    )  # fmt: skip
+STANDS = ["route.duration=2000.0", "gravity.field=normal", "imu.grade=navigation"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "which", "count"),
+    [
+        ([f"route.waypoints={ROUND}"], lambda one: one.source not in (None, one.axis), 2),
+        (
+            [
+                *("initial_error.velocity=0.01", "imu.accelerometer.bias_instability=200ug"),
+                "imu.accelerometer.bias_time=200s",
+            ],
+            lambda one: "in_run" in one.name,
+            3,
+        ),
+    ],
+    ids=["misalignment in turns", "biases that change"],
+)
+def test_consistent_with_states_and_not_without_them(keys, which, count):
+    scenario = load_scenario(None, STANDS + keys)
     low, high = chi2.ppf([0.0005, 0.9995], 2 * RUNS)
     model = filter_model(scenario)
     nees, rms, claimed = unaided(scenario, model)
     assert low < nees < high, nees / 2 / RUNS
     assert claimed == pytest.approx(rms, rel=0.25)
     # the bound's model has the same states
-    end = np.array([2000.0])
-    bound = float(unaided_covariance(scenario, build_trajectory(scenario)).rms_at(end)[0])
-    assert bound == pytest.approx(claimed, rel=0.03)
-    nil = [state.name for state in model.auxiliary if state.source not in (None, state.axis)]
-    assert len(nil) == 2
-    nees, *_ = unaided(scenario, without(model, nil))
-    assert nees > high
-
-
-def test_consistent_with_biases_that_change():
-    keys = [
-        "route.duration=2000.0", "gravity.field=normal", "initial_error.velocity=0.01",
-        "imu.grade=navigation", "imu.accelerometer.bias_instability=200ug",
-        "imu.accelerometer.bias_time=200s",
-    ]  # fmt: skip
-    scenario = load_scenario(None, keys)
-    low, high = chi2.ppf([0.0005, 0.9995], 2 * RUNS)
-    model = filter_model(scenario)
-    nees, rms, claimed = unaided(scenario, model)
-    assert low < nees < high, nees / 2 / RUNS
-    assert claimed == pytest.approx(rms, rel=0.25)
-    changing = [state.name for state in model.auxiliary if "in_run" in state.name]
-    assert len(changing) == 3
-    nees, *_ = unaided(scenario, without(model, changing))
-    assert nees > high
+    bound = unaided_covariance(scenario, build_trajectory(scenario)).rms_at(np.array([2000.0]))
+    assert float(bound[0]) == pytest.approx(claimed, rel=0.03)
+    nil = [state.name for state in model.auxiliary if which(state)]
+    assert len(nil) == count
+    assert unaided(scenario, without(model, nil))[0] > high

@@ -83,21 +83,18 @@ def test_runs_stand_side_by_side():
 
 
 @pytest.mark.parametrize(
-    "covariance",
+    ("covariance", "level"),
     [
-        np.full((2, 2), np.nan),
-        np.diag([np.inf, 1.0]),
-        np.diag([-1.0, 1.0]),
-        np.array([[1.0, 2.0], [2.0, 1.0]]),
-        -np.eye(2),
+        (np.full((2, 2), np.nan), np.inf),
+        (np.diag([np.inf, 1.0]), np.inf),
+        (np.diag([-1.0, 1.0]), np.inf),
+        (np.array([[1.0, 2.0], [2.0, 1.0]]), np.inf),
+        (-np.eye(2), np.inf),
+        (np.zeros((2, 2)), 0.0),
     ],
 )
-def test_what_is_no_covariance_promises_nothing(covariance):
-    assert protection_level(covariance, 1e-5, 1000.0) == np.inf
-
-
-def test_an_exact_position_has_no_error():
-    assert protection_level(np.zeros((2, 2)), 1e-5, 1000.0) == 0.0
+def test_what_is_no_covariance_promises_nothing_and_none_has_no_error(covariance, level):
+    assert protection_level(covariance, 1e-5, 1000.0) == level
 
 
 @pytest.mark.parametrize(("risk", "time"), [(0.0, 1000.0), (1e-5, 0.0), (1.0, 3600.0)])

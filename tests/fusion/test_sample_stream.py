@@ -42,23 +42,25 @@ def test_regular_samples_are_those_of_the_library():
     steps = feed(SampleStream(200.0, 200), stamps)
     assert [step.ns for step in steps] == [SECOND * k for k in range(1, 6)]
     samples = np.array([np.concatenate(motion(t - 0.0025)) for t in stamps])[None]
-    force, rate = preintegrate(
-        samples[..., :3], samples[..., 3:], np.full(1000, 0.005), np.arange(0, 1001, 200)
-    )
+    lengths, ends = np.full(1000, 0.005), np.arange(0, 1001, 200)
+    force, rate = preintegrate(samples[..., :3], samples[..., 3:], lengths, ends)
     np.testing.assert_allclose([step.force for step in steps], force[0], rtol=1e-12)
     np.testing.assert_allclose([step.rate for step in steps], rate[0], rtol=1e-12)
     assert not any(step.missing for step in steps)
 
 
-def test_stamps_that_are_not_whole_nanoseconds():
-    stream = SampleStream(119.0, 17)
-    steps = feed(stream, np.round(np.arange(1, 1191) / 119.0, 9))
-    assert [step.ns for step in steps] == [round(SECOND * k / 7) for k in range(1, 71)]
-
-
-def test_a_start_between_ends_of_steps():
-    steps = feed(SampleStream(100.0, 100), 17.3 + np.arange(1, 201) / 100.0, begin=17.3)
-    assert [step.ns / SECOND for step in steps] == [18.0, 19.0]
+@pytest.mark.parametrize(
+    ("rate", "size", "stamps", "begin", "ends"),
+    [
+        (119.0, 17, np.round(np.arange(1, 1191) / 119.0, 9), 0.0, np.arange(1, 71) / 7),
+        (100.0, 100, 17.3 + np.arange(1, 201) / 100.0, 17.3, [18.0, 19.0]),
+        (20.0, 2, np.arange(1, 41) * 0.25, 0.0, np.arange(1, 101) / 10),
+    ],
+    ids=["not whole nanoseconds", "a start between ends", "samples slower than steps"],
+)
+def test_ends_of_steps(rate, size, stamps, begin, ends):
+    steps = feed(SampleStream(rate, size), stamps, begin)
+    assert [step.ns for step in steps] == [round(SECOND * end) for end in ends]
 
 
 @cache
@@ -134,8 +136,3 @@ def test_a_rate_as_told_is_known_as_such():
     assert stream.as_told
     feed(stream, np.arange(1, 101) / 203.0)
     assert stream.as_told
-
-
-def test_samples_slower_than_steps():
-    steps = feed(SampleStream(20.0, 2), np.arange(1, 41) * 0.25)
-    assert [step.ns / SECOND for step in steps[-5:]] == pytest.approx([9.6, 9.7, 9.8, 9.9, 10.0])

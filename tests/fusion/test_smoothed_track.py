@@ -23,18 +23,21 @@ def track(*longitudes: float) -> SmoothedTrack:
     return SmoothedTrack(10.0 * np.arange(len(longitudes)), states)
 
 
-def test_csv() -> None:
-    rows = list(csv.DictReader(io.StringIO(as_csv(track(147.0, 147.002)))))
+def test_csv(tmp_path) -> None:
+    paths = write_smoothed(track(147.0, 147.002), tmp_path)
+    assert [path.name for path in paths] == ["smoothed.csv", "smoothed.geojson", "smoothed.gpx"]
+    assert all(path.stat().st_size > 100 for path in paths)
+    rows = list(csv.DictReader(io.StringIO(paths[0].read_text())))
     assert [float(row["time"]) for row in rows] == [0.0, 10.0]
     assert float(rows[1]["longitude"]) == pytest.approx(147.002, abs=1e-9)
-    state = FLIGHT.start
-    assert float(rows[0]["velocity_east"]) == pytest.approx(state.velocity[1], abs=1e-4)
-    P = state.covariance
-    assert float(rows[0]["covariance_north_north"]) == pytest.approx(P[0, 0], rel=1e-4)
-    assert float(rows[0]["variance_velocity_north"]) == pytest.approx(P[3, 3], rel=1e-4)
-    assert float(rows[0]["variance_heading"]) == pytest.approx(
-        np.degrees(np.degrees(P[8, 8])), rel=1e-4
-    )
+    velocity, P = FLIGHT.start.velocity, FLIGHT.start.covariance
+    assert float(rows[0]["velocity_east"]) == pytest.approx(velocity[1], abs=1e-4)
+    for name, expected in (
+        ("covariance_north_north", P[0, 0]),
+        ("variance_velocity_north", P[3, 3]),
+        ("variance_heading", np.degrees(np.degrees(P[8, 8]))),
+    ):
+        assert float(rows[0][name]) == pytest.approx(expected, rel=1e-4)
 
 
 def test_stamps_of_real_clocks_keep_milliseconds() -> None:
@@ -61,9 +64,3 @@ def test_gpx() -> None:
     points = root.findall(".//gpx:trkpt", space)
     assert [float(point.attrib["lon"]) for point in points] == pytest.approx([147.0, 147.002])
     assert points[1].findtext("gpx:time", namespaces=space) == "1970-01-01T00:00:10.000Z"
-
-
-def test_files(tmp_path) -> None:
-    paths = write_smoothed(track(147.0, 147.002), tmp_path)
-    assert [path.name for path in paths] == ["smoothed.csv", "smoothed.geojson", "smoothed.gpx"]
-    assert all(path.stat().st_size > 100 for path in paths)

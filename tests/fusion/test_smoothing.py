@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from helpers.navigators import ROUTE, error_between, fly, identical
+from helpers.navigators import ROUTE, assert_close, error_between, fly, identical
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
     InformationUpdate,
@@ -25,24 +25,33 @@ R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
 WIDER = batch_covariance(200.0, 0.2, 1e-5, 1e-4)
 
 
-def navigator(flight=FLIGHT) -> InertialNavigator:
-    return InertialNavigator(flight.model, flight.start, horizon=np.inf)
+def navigator() -> InertialNavigator:
+    return InertialNavigator(FLIGHT.model, FLIGHT.start, horizon=np.inf)
 
 
-def advance(it: InertialNavigator, until: int, flight=FLIGHT) -> None:
+def advance(it: InertialNavigator, until: int) -> None:
     k = round(it.time)
-    it.imu(np.arange(k + 1.0, until + 1.0), *flight.samples(k, until))
+    it.imu(np.arange(k + 1.0, until + 1.0), *FLIGHT.samples(k, until))
 
 
-def fix(stamp: int, north: float = 0.0, east: float = 0.0, flight=FLIGHT) -> PositionFix:
-    return PositionFix(*flight.fix(stamp, north, east), R)
+def fix(stamp: int, north: float = 0.0, east: float = 0.0) -> PositionFix:
+    return PositionFix(*FLIGHT.fix(stamp, north, east), R)
 
 
 def information(sign: float = 1.0) -> InformationUpdate:
-    A = np.zeros((7, 7))
-    A[:2, :2] = sign * np.linalg.inv(R)
-    A[2, 2] = sign * 0.5 / 0.05**2
-    return InformationUpdate(np.array([0.01, -0.02, 0.3, 0.0, 0.0, 0.0, 0.0]), A)
+    A = np.diag([0.0, 0.0, 0.5 / 0.05**2, 0.0, 0.0, 0.0, 0.0])
+    A[:2, :2] = np.linalg.inv(R)
+    return InformationUpdate(np.array([0.01, -0.02, 0.3, 0.0, 0.0, 0.0, 0.0]), sign * A)
+
+
+def scaled(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """In units of 1-sigmas."""
+    return covariance / np.outer(sigma, sigma)
+
+
+def is_positive_definite(state) -> bool:
+    relative = scaled(state.covariance, np.sqrt(np.diag(state.covariance)))
+    return np.linalg.eigvalsh(relative).min() > 0.0
 
 
 SCHEDULES = {
@@ -54,26 +63,26 @@ SCHEDULES = {
 }
 
 
-def made(what, stamp: int, flight=FLIGHT):
+def made(what, stamp: int):
+    """A new measurement: information refers to the state that it meets first."""
     if isinstance(what, tuple):
-        return fix(stamp, *what[1:], flight)
-    one = {
+        return fix(stamp, *what[1:])
+    return {
         "information": information(),
         "negative": information(-0.1),
         "wider": Widening(WIDER),
         "noisy": SampleNoise(np.full(3, 1e-4), 1.0),
         "learnt": LearntMapError(5e-5, 4000.0),
-    }
-    return one[what]
+    }[what]
 
 
-def flown(schedule, flight=FLIGHT) -> InertialNavigator:
-    it = navigator(flight)
+def flown(schedule) -> InertialNavigator:
+    it = navigator()
     for stamp, those in schedule.items():
-        advance(it, stamp, flight)
+        advance(it, stamp)
         for what in those:
-            it.measure(float(stamp), made(what, stamp, flight))
-    advance(it, DURATION, flight)
+            it.measure(float(stamp), made(what, stamp))
+    advance(it, DURATION)
     return it
 
 
@@ -94,28 +103,29 @@ def test_the_trace_reproduces_the_forward_covariance(name) -> None:
     sensors, and the same numbers as without a trace."""
     flight = FLIGHTS[name]
     plain, traced = flight.start.copy(), flight.start.copy()
-    size = len(plain.covariance)
-    trace = Trace.of(60, size)
-    track = propagate(plain, flight.model, *flight.samples(0, 60))
-    np.testing.assert_array_equal(
-        propagate(traced, flight.model, *flight.samples(0, 60), None, trace), track
-    )
+    trace, samples = Trace.of(60, len(plain.covariance)), flight.samples(0, 60)
+    track = propagate(plain, flight.model, *samples)
+    np.testing.assert_array_equal(propagate(traced, flight.model, *samples, None, trace), track)
     assert identical(plain, traced)
     np.testing.assert_array_equal(trace.filtered[-1], traced.covariance)
     before = [flight.start.covariance, *trace.filtered[:-1]]
+    expected = np.array(flight.model.noise[:3]).min() ** 2
     for P, C, after in zip(before, trace.cross, trace.predicted, strict=True):
         sigma = np.sqrt(np.diag(after))
-        F = np.linalg.solve(P / np.outer(sigma, sigma), C / np.outer(sigma, sigma)).T
-        noise = after / np.outer(sigma, sigma) - F @ (P / np.outer(sigma, sigma)) @ F.T
+        F = np.linalg.solve(scaled(P, sigma), scaled(C, sigma)).T
+        noise = scaled(after, sigma) - F @ scaled(P, sigma) @ F.T
         assert np.linalg.eigvalsh(noise).min() > -1e-9
-        expected = np.array(flight.model.noise[:3]).min() ** 2
         assert (np.diag(noise)[3:6] * sigma[3:6] ** 2).min() > 0.99 * expected
 
 
 def free(until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Samples without a height, which would be a measurement."""
+    """Ten samples without a height, which would be a measurement."""
     force, rate, height = FLIGHT.samples(until - 10, until)
     return force, rate, np.full_like(height, np.nan)
+
+
+def fly_free(it: InertialNavigator, stamp: int) -> None:
+    it.imu(np.arange(stamp - 9.0, stamp + 1.0), *free(stamp))
 
 
 def dense(schedule) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -124,28 +134,25 @@ def dense(schedule) -> tuple[list[np.ndarray], list[np.ndarray]]:
     state, size, count = FLIGHT.start.copy(), FLIGHT.model.states, len(EVERY)
     unit = np.sqrt(np.diag(state.covariance))
     C = np.zeros((count * size,) * 2)
-    C[:size, :size] = state.covariance / np.outer(unit, unit)
+    C[:size, :size] = scaled(state.covariance, unit)
     M, pull = np.zeros_like(C), np.zeros(count * size)
     for k in range(1, count):
         stamp, P, F = 10 * k, state.covariance.copy(), np.eye(size)
         trace = Trace.of(10, size)
         propagate(state, FLIGHT.model, *free(stamp), None, trace)
-        before = P
-        for cross, after in zip(trace.cross, trace.predicted, strict=True):
-            F = np.linalg.solve(before / np.outer(unit, unit), cross / np.outer(unit, unit)).T @ F
-            before = after
-        Q = state.covariance / np.outer(unit, unit) - F @ (P / np.outer(unit, unit)) @ F.T
+        for before, cross in zip([P, *trace.predicted], trace.cross, strict=False):
+            F = np.linalg.solve(scaled(before, unit), scaled(cross, unit)).T @ F
+        Q = scaled(state.covariance, unit) - F @ scaled(P, unit) @ F.T
         here, last = slice(k * size, (k + 1) * size), slice((k - 1) * size, k * size)
         C[here, : k * size] = F @ C[last, : k * size]
         C[: k * size, here] = C[here, : k * size].T
         C[here, here] = F @ C[last, last] @ F.T + Q
         for what in schedule.get(stamp, ()):
-            A, vector = np.zeros((size, size)), np.zeros(size)
-            one = made(what, stamp)
+            A, vector, one = np.zeros((size, size)), np.zeros(size), made(what, stamp)
             if what == "wider":
                 wide = np.zeros((size, size))
                 wide[np.ix_(BATCH, BATCH)] = WIDER
-                C[here, here] += wide / np.outer(unit, unit)
+                C[here, here] += scaled(wide, unit)
             elif isinstance(one, PositionFix):
                 metres = FLIGHT.fix(stamp, 1.0, 1.0) - np.array(FLIGHT.fix(stamp, 0.0, 0.0))
                 away = (np.array([one.latitude, one.longitude]) - state.position[:2]) / metres
@@ -156,10 +163,10 @@ def dense(schedule) -> tuple[list[np.ndarray], list[np.ndarray]]:
             M[here, here] += A * np.outer(unit, unit)
             pull[here] += vector * unit
     after = np.linalg.solve(np.eye(len(C)) + C @ M, C)
-    mean = after @ pull
+    mean = np.split(after @ pull, count)
     parts = [slice(k * size, (k + 1) * size) for k in range(count)]
     covariances = [after[part, part] * np.outer(unit, unit) for part in parts]
-    return [mean[part] * unit for part in parts], covariances
+    return [one * unit for one in mean], covariances
 
 
 @pytest.mark.parametrize("name", ["fixes", "information", "widened"])
@@ -167,20 +174,15 @@ def test_it_is_the_conditional_of_all_states_at_once(name) -> None:
     it, unaided = navigator(), navigator()
     for stamp in range(10, DURATION + 1, 10):
         for one in (it, unaided):
-            one.imu(np.arange(stamp - 9.0, stamp + 1.0), *free(stamp))
+            fly_free(one, stamp)
         for what in SCHEDULES[name].get(stamp, ()):
             assert it.measure(float(stamp), made(what, stamp)).used
-    means, covariances = dense(SCHEDULES[name])
-    for k, found in enumerate(it.smoothed(EVERY)):
-        sigma = np.sqrt(np.diag(covariances[k]))
-        np.testing.assert_allclose(
-            found.covariance / np.outer(sigma, sigma),
-            covariances[k] / np.outer(sigma, sigma),
-            atol=2e-3,
-        )
+    for time, one, mean, P in zip(EVERY, it.smoothed(EVERY), *dense(SCHEDULES[name]), strict=True):
+        sigma = np.sqrt(np.diag(P))
+        np.testing.assert_allclose(scaled(one.covariance - P, sigma), 0.0, atol=2e-3)
         if name != "information":
-            moved = error_between(found, unaided.state_at(EVERY[k]))
-            np.testing.assert_allclose(moved / sigma, means[k] / sigma, atol=0.02)
+            moved = error_between(one, unaided.state_at(time))
+            np.testing.assert_allclose(moved / sigma, mean / sigma, atol=0.02)
 
 
 @pytest.mark.parametrize("name", SCHEDULES)
@@ -190,10 +192,10 @@ def test_the_newest_state_is_the_filters_and_no_other_is_less_certain(name) -> N
     found = it.smoothed(EVERY)
     assert identical(found[-1], filtered[-1])
     for one, other in zip(found, filtered, strict=True):
-        scale = np.sqrt(np.diag(other.covariance))
-        less = (other.covariance - one.covariance) / np.outer(scale, scale)
-        assert np.linalg.eigvalsh(one.covariance / np.outer(scale, scale)).min() > 0.0
+        assert is_positive_definite(one)
         if name != "information":  # negative information makes earlier states less certain
+            sigma = np.sqrt(np.diag(other.covariance))
+            less = scaled(other.covariance - one.covariance, sigma)
             assert np.linalg.eigvalsh(less).min() > -1e-6
 
 
@@ -208,42 +210,44 @@ def test_a_late_fix_and_other_times_change_nothing() -> None:
     for it in (on_time, late):
         few = it.smoothed(np.array([40.0, 80.0]))
         for one, other in zip(few, (every[4], every[8]), strict=True):
-            sigma = np.sqrt(np.diag(other.covariance))
-            np.testing.assert_allclose(error_between(one, other) / sigma, 0.0, atol=1e-6)
-            np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), sigma, rtol=1e-6)
+            assert_close(one, other, 1e-6, 1e-6)
 
 
 def test_a_navigator_without_measurements_knows_no_more_afterwards() -> None:
     it = navigator()
     for stamp in range(10, DURATION + 1, 10):
-        it.imu(np.arange(stamp - 9.0, stamp + 1.0), *free(stamp))
+        fly_free(it, stamp)
     for one, time in zip(it.smoothed(EVERY), EVERY, strict=True):
         assert identical(one, it.state_at(time))
+
+
+def after_gaps(*gaps: tuple[float, int]) -> InertialNavigator:
+    """A navigator with a fix at the first gap's begin and without data in the gaps, to the end."""
+    it = navigator()
+    advance(it, 20)
+    it.measure(20.0, fix(20))
+    for begin, end in gaps:
+        force, rate, height = FLIGHT.samples(end, end + 1)
+        it.imu(end + 1.0, force[0], rate[0], height[0], end - begin)
+    assert it.undecided
+    advance(it, DURATION)
+    return it
 
 
 def test_what_happened_in_a_gap_is_settled_by_a_later_fix() -> None:
     """The vehicle turned in a gap: right after it that is as improbable as it seemed, afterwards
     it is known, and so is where the vehicle was."""
-    gap, seen = 60, 110
     found = {}
     for name, away in {"straight": 0.0, "manoeuvre": 400.0}.items():
-        it = navigator()
-        advance(it, 20)
-        it.measure(20.0, fix(20))
-        force, rate, height = FLIGHT.samples(gap, gap + 1)
-        it.imu(gap + 1.0, force[0], rate[0], height[0], gap - 20.0)
-        advance(it, DURATION)
+        it = after_gaps((20.0, 60))
         assert it.undecided
-        it.measure(float(seen), fix(seen, away))
+        it.measure(110.0, fix(110, away))
         if name == "manoeuvre":
             assert not it.undecided
-        found[name] = it.smoothed(np.array([20.0, gap + 1.0, float(seen)]))
-        filtered = it.state_at(gap + 1.0)
+        found[name] = it.smoothed(np.array([20.0, 61.0, 110.0]))
         after = found[name][1]
-        scale = np.sqrt(np.diag(after.covariance))
-        correlations = after.covariance / np.outer(scale, scale)
-        assert np.linalg.eigvalsh(correlations).min() > 0.0
-        assert after.covariance[0, 0] < filtered.covariance[0, 0]
+        assert is_positive_definite(after)
+        assert after.covariance[0, 0] < it.state_at(61.0).covariance[0, 0]
     apart = error_between(found["manoeuvre"][1], found["straight"][1])
     assert 40.0 < apart[0] < 300.0  # it had moved some of the way when the data came back
     again = error_between(found["manoeuvre"][0], found["straight"][0])
@@ -252,18 +256,10 @@ def test_what_happened_in_a_gap_is_settled_by_a_later_fix() -> None:
 
 def test_several_gaps_while_it_is_undecided() -> None:
     """States that were merged for a second gap are told apart by what came after it."""
-    it = navigator()
-    advance(it, 20)
-    it.measure(20.0, fix(20))
-    for end in (50, 80):
-        force, rate, height = FLIGHT.samples(end, end + 1)
-        it.imu(end + 1.0, force[0], rate[0], height[0], end - it.time)
-    assert it.undecided
-    advance(it, DURATION)
+    it = after_gaps((20.0, 50), (51.0, 80))
     it.measure(float(DURATION), fix(DURATION))
     for one in it.smoothed(np.array([20.0, 51.0, 81.0])):
-        scale = np.sqrt(np.diag(one.covariance))
-        assert np.linalg.eigvalsh(one.covariance / np.outer(scale, scale)).min() > 0.0
+        assert is_positive_definite(one)
         assert np.isfinite(np.concatenate(one.estimate)).all()
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from helpers.navigators import SIGMA, error_between, fly, random_covariance
 from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.measurements.information import update_information
 from isogal.inertial.error_state import batch_difference
@@ -12,8 +13,11 @@ from isogal.scenario import Fusion, Imu, InitialError, Scenario
 
 def test_model_agrees_with_what_the_scenario_draws_from():
     model = filter_model(
-        Scenario(imu=Imu(rate=2.0), initial_error=InitialError(position=70.0, heading=0.0))
+        Scenario(imu=Imu(rate=2.0), initial_error=InitialError(position=70.0, heading=0.0)),
+        KnownGravity(residual=Residual(0.0, 1.0, sigma=3e-5, length=7e3)),
     )
+    states = [(one.name, one.sigma, one.length) for one in model.auxiliary]
+    assert states == [("gravity_north", 3e-5, 7e3), ("gravity_east", 3e-5, 7e3)]
     assert model.dt == 0.5
     assert model.initial_sigma[:2] == (70.0, 70.0)
     # a perfect start still has a positive definite covariance

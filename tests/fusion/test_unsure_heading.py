@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from helpers.navigators import error_between, fly
-from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fusion.alignment import UNKNOWN
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import AtRest, Outcome, SampleNoise, VelocityReading
 from isogal.fusion.measurements.trust import AGREEING, CONFIRMED
-from isogal.fusion.nominal import move
 from isogal.fusion.outage import Turns, UnknownMotion, grow
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
-from isogal.inertial.rotations import cross_matrix, matrix
+from isogal.inertial.rotations import cross_matrix
 from isogal.scenario import changed_scenario, load_scenario
 
 CAR = load_scenario(
@@ -31,13 +29,18 @@ CAR = load_scenario(
     ],
 )
 FLIGHT = fly()
+MODEL = filter_model(CAR)
+
+
+def moving(*velocity: float, model=MODEL) -> FilterState:
+    """A vehicle whose nose points north, with a velocity NED, m/s."""
+    start = Estimate(np.array([0.7, -1.3, 0.0]), np.array(velocity), np.eye(4)[0])
+    return FilterState.start(start, model)
 
 
 def test_stops_and_starts_do_not_tell_the_heading():
     """From rest, 20 m/s straight on with one stop: nothing says where north is."""
-    start = Estimate(np.array([0.7, -1.3, 0.0]), np.zeros(3), np.eye(4)[0])
-    model = filter_model(CAR)
-    navigator = InertialNavigator(model, FilterState.start(start, model))
+    navigator = InertialNavigator(MODEL, moving(0.0, 0.0, 0.0))
     speed, sigma = 0.0, []
     for k in range(1, 61):
         before = speed
@@ -53,46 +56,16 @@ def test_stops_and_starts_do_not_tell_the_heading():
 
 def test_a_standstill_does_not_tell_the_heading():
     """Of a vehicle that its accelerometers still have moving at 4 m/s."""
-    start = Estimate(np.array([0.7, -1.3, 0.0]), np.array([4.0, 0.0, 0.0]), np.eye(4)[0])
-    model = filter_model(CAR)
-    state = FilterState.start(start, model)
+    state = moving(4.0, 0.0, 0.0)
     state.covariance[3:6, 3:6] = np.diag([4.0, 0.01, 0.01])
     across = cross_matrix(state.velocity)  # what a wrong heading does to the velocity
     state.covariance[3:6] -= across @ state.covariance[6:9]
     state.covariance[:, 3:6] -= state.covariance[:, 6:9] @ across.T
     before = state.covariance[8, 8]
     reading = VelocityReading(np.zeros(3), np.eye(3), math.inf, 0.05)
-    assert reading.update(state, model).used
+    assert reading.update(state, MODEL).used
     np.testing.assert_allclose(state.velocity, 0.0, atol=0.01)
     assert state.covariance[8, 8] == pytest.approx(before, rel=0.01)
-
-
-@pytest.mark.parametrize("axis", range(15))
-def test_zero_rotation_is_linear_in_the_error(axis):
-    rng = np.random.default_rng(1)
-    reading = AtRest.of_gyroscopes(rng.normal(size=3) * 1e-4, 1e-5)
-    step = np.zeros(15)
-    step[axis] = 1e-4 if axis in (6, 7, 8) else 1e-6 if axis > 8 else 0.0
-    moved = FLIGHT.start.copy()
-    move(moved.nominal, step)
-    expected = reading.update(FLIGHT.start.copy(), FLIGHT.model).expected
-    change = reading.update(moved, FLIGHT.model).expected - expected
-    latitude = FLIGHT.start.position[0]
-    earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
-    H = np.zeros((3, 15))
-    H[:, 6:9] = matrix(FLIGHT.start.attitude).T @ cross_matrix(earth)
-    H[:, 12:15] = np.eye(3)
-    np.testing.assert_allclose(change, H @ step, rtol=1e-3, atol=1e-12)
-
-
-def test_a_vehicle_at_rest_learns_its_gyroscopes():
-    state = FLIGHT.start.copy()
-    state.covariance[12:15, 12:15] = np.eye(3) * 1e-8
-    bias = np.array([1e-4, -2e-4, 5e-5])
-    earth = EARTH_RATE * np.array([np.cos(state.position[0]), 0.0, -np.sin(state.position[0])])
-    reading = AtRest.of_gyroscopes(matrix(state.attitude).T @ earth + bias, 1e-6)
-    assert reading.update(state, FLIGHT.model).used
-    np.testing.assert_allclose(state.gyroscope_bias, bias, rtol=1e-3, atol=1e-8)
 
 
 def test_a_sample_of_more_noise_turns_the_covariance_alone():
@@ -108,8 +81,7 @@ def test_a_car_may_have_turned_while_samples_were_missing():
     wheels = changed_scenario(CAR, ["velocity.kind=wheels"], "test")
     assert UnknownMotion().of_vehicle(CAR) == UnknownMotion()
     model = filter_model(wheels)
-    start = Estimate(np.array([0.7, -1.3, 0.0]), np.array([15.0, 0.0, 0.0]), np.eye(4)[0])
-    state = FilterState.start(start, model)
+    state = moving(15.0, 0.0, 0.0, model=model)
     state.covariance[8, 8] = 1e-4
     motion = UnknownMotion().of_vehicle(wheels)
     navigator = InertialNavigator(model, state, motion=motion)
@@ -131,16 +103,13 @@ def test_a_car_may_have_turned_while_samples_were_missing():
 @pytest.mark.parametrize(("speed", "few"), [(0.0, CONFIRMED), (15.0, AGREEING)])
 def test_wheels_that_stand_of_a_vehicle_that_is_carried(speed, few):
     """From 15 m/s to nothing within a second, or at rest, and then turning for a while."""
-    start = Estimate(np.array([0.7, -1.3, 0.0]), np.zeros(3), np.eye(4)[0])
-    model = filter_model(CAR)
-    state = FilterState.start(start, model)
-    state.velocity[0] = speed
+    state = moving(speed, 0.0, 0.0)
     before = state.copy()
 
     def stands(rate: float, readings: int) -> set[Outcome]:
         gyroscopes = AtRest.of_gyroscopes(np.array([0.0, 0.0, rate]), 6e-4)
         reading = VelocityReading(np.zeros(3), np.eye(3), 0.1, 0.05, gyroscopes)
-        return {reading.update(state, model).outcome for _ in range(readings)}
+        return {reading.update(state, MODEL).outcome for _ in range(readings)}
 
     assert stands(0.0, few) == {Outcome.UNTRUSTED}
     np.testing.assert_array_equal(state.covariance, before.covariance)
@@ -153,8 +122,7 @@ def test_wheels_that_stand_of_a_vehicle_that_is_carried(speed, few):
 
 def test_a_car_goes_where_it_has_turned_to():
     """In a gap of 20 s, at a time that is uniform in it, by 0.3 rad: by simulation."""
-    start = Estimate(np.array([0.7, -1.3, 0.0]), np.array([9.0, 12.0, 0.0]), np.eye(4)[0])
-    state = FilterState.start(start, filter_model(CAR))
+    state = moving(9.0, 12.0, 0.0)
     before = state.covariance.copy()
     grow(state, 20.0, UnknownMotion(0.0, 0.015, turns=Turns(0.0)))
     rng = np.random.default_rng(1)
@@ -166,6 +134,4 @@ def test_a_car_goes_where_it_has_turned_to():
     states = [0, 1, 3, 4, 8]
     found = (state.covariance - before)[np.ix_(states, states)]
     scale = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.02
-    )
+    np.testing.assert_allclose((found - expected) / np.outer(scale, scale), 0.0, atol=0.02)

@@ -4,73 +4,41 @@ without ROS."""
 from pathlib import Path
 from types import SimpleNamespace
 
-HEADER = """std_msgs/Header header
-"""
-STAMPED = """
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-NAV_SAT_FIX = (
-    HEADER
-    + """sensor_msgs/NavSatStatus status
-float64 latitude
-float64 longitude
-float64 altitude
-float64[9] position_covariance
-uint8 position_covariance_type
-"""
-    + STAMPED
-    + """================================================================================
-MSG: sensor_msgs/NavSatStatus
-int8 status
-uint16 service
-"""
-)
-ACCEL = (
-    HEADER
-    + """geometry_msgs/AccelWithCovariance accel
-"""
-    + STAMPED
-    + """================================================================================
-MSG: geometry_msgs/AccelWithCovariance
-geometry_msgs/Accel accel
-float64[36] covariance
-================================================================================
-MSG: geometry_msgs/Accel
-geometry_msgs/Vector3 linear
-geometry_msgs/Vector3 angular
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
-)
-MAGNETIC = (
-    HEADER
-    + """geometry_msgs/Vector3 magnetic_field
-float64[9] magnetic_field_covariance
-"""
-    + STAMPED
-    + """================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
-)
-TYPES = {
-    "sensor_msgs/msg/NavSatFix": NAV_SAT_FIX,
-    "geometry_msgs/msg/AccelWithCovarianceStamped": ACCEL,
-    "std_msgs/msg/String": "string data\n",
-    "sensor_msgs/msg/MagneticField": MAGNETIC,
+PARTS = {
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
+    "sensor_msgs/NavSatStatus": "int8 status\nuint16 service\n",
+    "geometry_msgs/AccelWithCovariance": "geometry_msgs/Accel accel\nfloat64[36] covariance\n",
+    "geometry_msgs/Accel": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
 }
+"""What messages consist of."""
+FIELDS = {
+    "sensor_msgs/msg/NavSatFix": (
+        "std_msgs/Header header\nsensor_msgs/NavSatStatus status\nfloat64 latitude\n"
+        "float64 longitude\nfloat64 altitude\nfloat64[9] position_covariance\n"
+        "uint8 position_covariance_type\n"
+    ),
+    "geometry_msgs/msg/AccelWithCovarianceStamped": (
+        "std_msgs/Header header\ngeometry_msgs/AccelWithCovariance accel\n"
+    ),
+    "std_msgs/msg/String": "string data\n",
+    "sensor_msgs/msg/MagneticField": (
+        "std_msgs/Header header\ngeometry_msgs/Vector3 magnetic_field\n"
+        "float64[9] magnetic_field_covariance\n"
+    ),
+}
+
+
+def definition(text):
+    """Fields of a message with the parts that they, and the parts before, consist of."""
+    for name, part in PARTS.items():
+        if f"{name} " in text:
+            text += f"{'=' * 80}\nMSG: {name}\n{part}"
+    return text
+
+
+TYPES = {name: definition(text) for name, text in FIELDS.items()}
 FIX, READING, TEXT, ANOMALY = TYPES
 
 
@@ -140,19 +108,7 @@ def drive(count=20, prefix="/", variance=1e-10):
     for second in range(count):
         messages.append((f"{prefix}nav/fix", FIX, position(second, -36.0 + 1e-3 * second, 147.0)))
         if second % 2 == 0 and second:
-            time = second + 0.5
-            messages.append(
-                (
-                    f"{prefix}gravimeter/gravity",
-                    READING,
-                    reading(time, 9.8 + 1e-5 * second, variance),
-                )
-            )
-            messages.append(
-                (
-                    f"{prefix}gravimeter/disturbance",
-                    READING,
-                    reading(time, 1e-5 * second, variance),
-                )
-            )
+            for name, level in (("gravity", 9.8), ("disturbance", 0.0)):
+                message = reading(second + 0.5, level + 1e-5 * second, variance)
+                messages.append((f"{prefix}gravimeter/{name}", READING, message))
     return messages

@@ -37,18 +37,6 @@ def aircraft(size: float = 1.1) -> MagneticAircraft:
     return MagneticAircraft(moment, size * _TENSORS[0], size * _TENSORS[1])
 
 
-def identifiable(coefficients: Array) -> Array:
-    """Return coefficients (..., 18 + 3 K) less the two combinations of them that a flight hardly
-    tells: an induced part that is the same in all directions, and an eddy part of that kind.
-
-    The sum of u_i² is 1, so the first is a constant; the sum of u_i du_i/dt is zero."""
-    kept = coefficients.copy()
-    for places in ((3, 6, 8), (9, 13, 17)):
-        index = list(places)
-        kept[..., index] -= kept[..., index].mean(axis=-1, keepdims=True)
-    return kept
-
-
 @dataclass
 class Circumstances:
     """What else is in the readings."""

@@ -1,15 +1,18 @@
 """Map files in every format and arrangement, written without the library's code where it can, and
 what is said of one that is refused."""
 
+from itertools import zip_longest
 from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
 import pytest
 import rasterio
+import xarray
 from rasterio.transform import from_origin
 
 from isogal.errors import InputError
+from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 
 STEP = 0.05
@@ -51,28 +54,33 @@ def refused(path, *asked, **options):
     return str(error.value)
 
 
+def axes(dataset, latitude, longitude, names=("lat", "lon")):
+    """Write the axes of a NetCDF file, deg."""
+    units = "degrees_north", "degrees_east"
+    for name, unit, nodes in zip(names, units, (latitude, longitude), strict=True):
+        dataset.createDimension(name, nodes.size)
+        axis = dataset.createVariable(name, "f8", (name,))
+        axis.units, axis[:] = unit, nodes
+
+
 def netcdf(path, field_map, units="m s-2", **changes):
     """Write a map in some arrangement; other changes are attributes of the variable."""
     how = SimpleNamespace(**{key: changes.pop(key, usual) for key, usual in ARRANGEMENT.items()})
     lat, lon = np.degrees(field_map.latitude), np.degrees(field_map.longitude) + how.turn
-    axes, values = {"lat": lat, "lon": lon}, field_map.values
-    for index, key in enumerate(axes):
+    nodes, values = {"lat": lat, "lon": lon}, field_map.values
+    for index, key in enumerate(nodes):
         if key in how.flip:
-            axes[key], values = axes[key][::-1], np.flip(values, index)
+            nodes[key], values = nodes[key][::-1], np.flip(values, index)
     with netCDF4.Dataset(path, "w", format=how.layout) as dataset:
         dataset.title = "a title of odd length"
         for key in how.extra:
             dataset.createDimension(key, 1)
-        for key, unit, name in (
-            ("lat", "degrees_north", "latitude"),
-            ("lon", "degrees_east", "longitude"),
-        ):
-            dataset.createDimension(how.names[key], axes[key].size)
-            variable = dataset.createVariable(how.names[key], "f8", (how.names[key],))
-            variable.units = "radians" if how.radians else unit
-            if how.radians:
-                variable.standard_name = name
-            variable[:] = np.radians(axes[key]) if how.radians else axes[key]
+        axes(dataset, *nodes.values(), (how.names["lat"], how.names["lon"]))
+        if how.radians:
+            for key, name in (("lat", "latitude"), ("lon", "longitude")):
+                variable = dataset[how.names[key]]
+                variable.units, variable.standard_name = "radians", name
+                variable[:] = np.radians(nodes[key])
         dims = (*how.extra, *(how.names[key] for key in how.order))
         packed = {"datatype": "i2", "fill_value": -32768} if how.pack else {"datatype": "f8"}
         data = dataset.createVariable(how.names["z"], dimensions=dims, **packed)
@@ -82,6 +90,18 @@ def netcdf(path, field_map, units="m s-2", **changes):
             data.units = units
         data.setncatts(changes)
         data[:] = (values if how.order == ("lat", "lon") else values.T)[(None,) * len(how.extra)]
+    return path
+
+
+def together(path, *maps, names=()):
+    """Write maps of the same nodes to one file, as variables of some names or of their
+    quantities."""
+    parts = []
+    for one, name in zip_longest(maps, names):
+        write_netcdf(one, path, name)
+        with xarray.open_dataset(path) as dataset:
+            parts.append(dataset.load())
+    xarray.merge(parts, combine_attrs="override").to_netcdf(path)
     return path
 
 

@@ -4,8 +4,7 @@ and the engine."""
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
-from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from helpers.batches import ORIGIN
 from isogal.earth.ellipsoid import metres_per_radian
@@ -75,21 +74,14 @@ def identical(a: FilterState, b: FilterState) -> bool:
 
 
 def error_between(after: FilterState, before: FilterState) -> np.ndarray:
-    """(15 + M,) error state that leads from one state to another, small angles."""
+    """(15 + M,) error state that leads from one state to another."""
     latitude, _, height = before.position
-    north, east = metres_per_radian(latitude, height)
-    w, x, y, z = before.attitude
-    a = after.attitude
-    turn = [
-        -a[0] * x + a[1] * w - a[2] * z + a[3] * y,
-        -a[0] * y + a[1] * z + a[2] * w - a[3] * x,
-        -a[0] * z - a[1] * y + a[2] * x + a[3] * w,
-    ]
+    new, old = (Rotation.from_quat(one.attitude, scalar_first=True) for one in (after, before))
     return np.concatenate(
         [
-            (after.position - before.position) * [north, east, -1.0],
+            (after.position - before.position) * [*metres_per_radian(latitude, height), -1.0],
             after.velocity - before.velocity,
-            2.0 * np.array(turn),
+            (new * old.inv()).as_rotvec(),
             after.accelerometer_bias - before.accelerometer_bias,
             after.gyroscope_bias - before.gyroscope_bias,
             after.auxiliary - before.auxiliary,
@@ -97,18 +89,17 @@ def error_between(after: FilterState, before: FilterState) -> np.ndarray:
     )
 
 
+def assert_close(a: FilterState, b: FilterState, mean: float, covariance: float) -> None:
+    """Whether two states agree: their means within a share of the 1-sigmas of the second, and
+    their covariances in units of these."""
+    sigma = np.sqrt(np.diag(b.covariance))
+    np.testing.assert_allclose(error_between(a, b) / sigma, 0.0, atol=mean)
+    unlike = (a.covariance - b.covariance) / np.outer(sigma, sigma)
+    np.testing.assert_allclose(unlike, 0.0, atol=covariance)
+
+
 def random_covariance(sigma: np.ndarray, seed: int = 0) -> np.ndarray:
     """Full, well-scaled positive definite covariance with about these 1-sigmas."""
     n = len(sigma)
     root = np.eye(n) + 0.3 * np.random.default_rng(seed).standard_normal((n, n))
     return root @ root.T * sigma * sigma[:, None]
-
-
-def filterpy_update(
-    covariance: np.ndarray, H: np.ndarray, R: np.ndarray, z: ArrayLike
-) -> tuple[np.ndarray, np.ndarray]:
-    """State, from zero, and covariance after a linear measurement, by filterpy."""
-    kalman = KalmanFilter(dim_x=len(covariance), dim_z=len(R))
-    kalman.P = covariance.copy()
-    kalman.update(np.asarray(z, float)[:, None], R=R, H=H)
-    return kalman.x[:, 0], kalman.P

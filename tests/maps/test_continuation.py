@@ -10,7 +10,7 @@ from helpers.point_masses import HALF, MGAL, SIDE, STEP, attraction, drawn_error
 from isogal.errors import InputError
 from isogal.maps.continuation.level import to_level
 from isogal.maps.error_spectrum import ErrorSpectrum
-from isogal.maps.potential import VECTOR, derivatives
+from isogal.maps.potential import INDEPENDENT, VECTOR, derivatives
 
 
 @pytest.mark.parametrize("height", [100.0, 1000.0, 4000.0])
@@ -46,11 +46,9 @@ def test_the_rim(rough_map):
 
 def test_gradients_and_horizontal_components_upwards():
     low = map_of(attraction(0.0))
-    for at_ground, above in (
-        (derivatives(low), derivatives(low, height=800.0)),
-        (derivatives(low, VECTOR), derivatives(low, VECTOR, height=800.0)),
-    ):
-        for one, right in zip(at_ground.channels, above.channels, strict=True):
+    for names in (INDEPENDENT, VECTOR):
+        at_ground, above = (derivatives(low, names, height=h).channels for h in (0.0, 800.0))
+        for one, right in zip(at_ground, above, strict=True):
             high = to_level(one, 800.0, 0.0)
             rim = (right.values.shape[0] - high.values.shape[0]) // 2
             expected = right.values[rim:-rim, rim:-rim]
@@ -61,10 +59,9 @@ def test_gradients_and_horizontal_components_upwards():
 @pytest.mark.parametrize("height", [500.0, 1000.0])
 def test_downwards_comes_back_within_the_error_stated(height, cutoff):
     """Values on the upper level are wrong by white noise of 0.01 mGal."""
-    noise = np.random.default_rng(0).standard_normal((SIDE.size, SIDE.size)) * 0.01 * MGAL
-    high = map_of(
-        attraction(height) + noise, height=height, quantisation=0.01 * MGAL * np.sqrt(12.0)
-    )
+    noise = 0.01 * MGAL * drawn_errors(0)
+    steps = 0.01 * MGAL * np.sqrt(12.0)
+    high = map_of(attraction(height) + noise, height=height, quantisation=steps)
     low = to_level(high, 0.0, cutoff=cutoff)
     error = rms(low.values - attraction(0.0))
     assert 0.8 < low.sigma / error < 8.0
@@ -80,12 +77,9 @@ def test_errors_of_the_map_go_through_the_continuation(length, height, cutoff):
     for seed in range(4):
         draw = map_of(MGAL * drawn_errors(seed, length))
         squares.append(rms(to_level(draw, height, 0.0, cutoff=cutoff, edge=8e3).values) ** 2)
-    stated = (
-        {"sigma": MGAL, "correlation_length": length}
-        if length
-        else {"quantisation": MGAL * np.sqrt(12.0)}
-    )
-    flat = replace(map_of(0.0 * SIDE[:, None] * SIDE), **stated)
+    white = {"quantisation": MGAL * np.sqrt(12.0)}
+    stated = {"sigma": MGAL, "correlation_length": length} if length else white
+    flat = map_of(0.0 * SIDE[:, None] * SIDE, **stated)
     continued = to_level(flat, height, 0.0, cutoff=cutoff, edge=8e3)
     assert continued.sigma == pytest.approx(np.sqrt(np.mean(squares)), rel=0.08)
 
@@ -98,12 +92,10 @@ def test_gain_and_length_of_errors_upwards_are_those_of_the_closed_form():
     for height in (100.0, 1000.0, 10e3):
         a = 2.0 * height / 4000.0
         variance = 1.0 - a * np.pi / 2.0 * (struve(0, a) - y0(a))
-        assert spectrum.gain(lambda k, h=height: np.exp(-h * k)) ** 2 == pytest.approx(
-            variance, rel=3e-3
-        )
-    lengths = [
-        spectrum.length(lambda k, h=height: np.exp(-h * k)) for height in (0.0, 100.0, 1000.0, 1e5)
-    ]
+        gain = spectrum.gain(lambda k, h=height: np.exp(-h * k))
+        assert gain**2 == pytest.approx(variance, rel=3e-3)
+    heights = 0.0, 100.0, 1000.0, 1e5
+    lengths = [spectrum.length(lambda k, h=height: np.exp(-h * k)) for height in heights]
     assert lengths[0] == pytest.approx(4000.0, rel=3e-3)
     assert lengths == sorted(lengths)
     assert lengths[3] == pytest.approx(1.947e5, rel=0.02)

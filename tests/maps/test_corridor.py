@@ -42,14 +42,11 @@ def test_the_windows_together_cover_all_within_the_margin_and_little_more(margin
     assert not covered[:, 0].any() and not covered[:, 8].any()  # due north and south
 
 
-def test_longitudes_go_on_across_the_date_line():
-    corridor = corridor_of(np.zeros(5), np.radians([178.0, 179.0, -180.0, -179.0, -178.0]), 1e3)
-    np.testing.assert_allclose(np.degrees(corridor.longitude), [178, 179, 180, 181, 182])
+def test_longitudes_and_distances_go_on_across_the_date_line():
+    longitude = np.radians([178.0, 179.9, -179.9, -179.0])
+    corridor = corridor_of(np.zeros(4), longitude, 1e3)
+    np.testing.assert_allclose(np.degrees(corridor.longitude), [178.0, 179.9, 180.1, 181.0])
     assert corridor.window.east > corridor.window.west
-    assert corridor.length == pytest.approx(4 * np.radians(1.0) * 6378137.0)
-
-
-def test_distance_along_a_track_across_the_date_line():
-    longitude = np.radians([179.0, 179.9, -179.9, -179.0])
-    distance = along_track(np.zeros(4), longitude)
-    np.testing.assert_allclose(distance, np.radians([0.0, 0.9, 1.1, 2.0]) * 6378137.0, rtol=1e-9)
+    distance = np.radians([0.0, 1.9, 2.1, 3.0]) * 6378137.0
+    np.testing.assert_allclose(along_track(np.zeros(4), longitude), distance, rtol=1e-9)
+    assert corridor.length == pytest.approx(distance[-1])

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.refusals import refusal
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
@@ -19,16 +20,12 @@ def wave_map(lat_deg=(-38.0, -36.0), lon_deg=(144.0, 147.0), n=201, m=301, **mor
 
 
 def test_gradient_is_per_metre_to_north_and_east():
-    field_map = wave_map()
     lat, lon = np.radians(-37.1234), np.radians(145.4321)
     north, east = metres_per_radian(lat)
-    _, g_north, g_east = field_map.value_and_gradient(lat, lon)
-    assert g_north == pytest.approx(
-        1e-4 * 200 * math.cos(200 * lat) * math.cos(150 * lon) / north, rel=1e-3
-    )
-    assert g_east == pytest.approx(
-        -1e-4 * 150 * math.sin(200 * lat) * math.sin(150 * lon) / east, rel=1e-3
-    )
+    _, *found = wave_map().value_and_gradient(lat, lon)
+    y, x = 200 * lat, 150 * lon
+    slopes = 0.02 * math.cos(y) * math.cos(x) / north, -0.015 * math.sin(y) * math.sin(x) / east
+    assert found == pytest.approx(slopes, rel=1e-3)
 
 
 def test_shapes_broadcast():
@@ -80,9 +77,8 @@ def test_a_window_across_the_seam_of_a_global_map():
 
 def test_a_repeated_meridian_is_dropped():
     lat, lon = np.radians(np.linspace(-10.0, 10.0, 21)), np.radians(np.arange(-180.0, 181.0))
-    field_map = FieldMap(
-        lat, lon, 1e-4 * np.broadcast_to(np.cos(lon), (21, 361)), "m/s²", "disturbance"
-    )
+    values = 1e-4 * np.broadcast_to(np.cos(lon), (21, 361))
+    field_map = FieldMap(lat, lon, values, "m/s²", "disturbance")
     assert field_map.longitude.size == 360
     assert field_map.value(0.0, math.pi) == pytest.approx(-1e-4, abs=1e-7)
 
@@ -120,9 +116,8 @@ def test_bad_maps_are_refused_in_one_line(change, words):
         "quantity": "height",
     }
     FieldMap(**good)
-    with pytest.raises(InputError, match=words) as error:
+    with refusal(words):
         FieldMap(**{**good, **change})
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("away", [(10.0, 11.0, 145.0, 146.0), (-37.0, -36.5, 20.0, 21.0)])

@@ -40,24 +40,30 @@ def whole():
     return replace(made, sigma=sigma, correlation_length=3000.0, quantisation=1e-7)
 
 
-@pytest.fixture
-def tiled(whole, monkeypatch):
-    """The same in tiles of 16 x 16 nodes, along the diagonal."""
-    monkeypatch.setattr(tiled_map, "TILE_CELLS", 16)
+def along_the_diagonal(read):
+    """A map in tiles of 16 x 16 nodes, along the diagonal."""
     (south, west), (north, east) = np.radians(CORNERS)
-    latitude, longitude = np.linspace(south, north, 400), np.linspace(west, east, 400)
-    return TiledMap(partial(part_of, whole), corridor_of(latitude, longitude, MARGIN))
+    line = np.linspace(south, north, 400), np.linspace(west, east, 400)
+    return TiledMap(read, corridor_of(*line, MARGIN))
+
+
+@pytest.fixture(autouse=True)
+def small_tiles(monkeypatch):
+    monkeypatch.setattr(tiled_map, "TILE_CELLS", 16)
+
+
+@pytest.fixture
+def tiled(whole):
+    return along_the_diagonal(partial(part_of, whole))
 
 
 @pytest.fixture(scope="module")
 def places():
-    """Places all over the map, beyond its edge, and some that are none."""
-    rng = np.random.default_rng(1)
-    metres = rng.uniform(-45e3, 45e3, (2, 500))
-    latitude, longitude = (
-        origin + m / scale
-        for origin, m, scale in zip(ORIGIN, metres, metres_per_radian(ORIGIN[0]), strict=True)
-    )
+    """Places all over the map, beyond its edge, a whole circle away, and some that are none."""
+    north, east = np.random.default_rng(1).uniform(-45e3, 45e3, (2, 500))
+    metres = metres_per_radian(ORIGIN[0])
+    latitude, longitude = ORIGIN[0] + north / metres[0], ORIGIN[1] + east / metres[1]
+    longitude[400:] -= TWO_PI
     latitude[7], longitude[11] = np.nan, np.nan
     return latitude, longitude
 
@@ -72,11 +78,9 @@ def test_values_are_those_of_the_map_in_memory(whole, tiled, places):
     assert 50 < np.isnan(tiled.value(*places)).sum() < 250
 
 
-def test_shapes_and_whole_circles(whole, tiled):
-    latitude, longitude = ORIGIN[0] + 1e-4 * np.arange(3)[:, None], ORIGIN[1] + 1e-4 * np.arange(2)
-    there = tiled.value(latitude, longitude - TWO_PI)
+def test_shapes_and_whole_circles(tiled):
+    there = tiled.value(ORIGIN[0] + 1e-4 * np.arange(3)[:, None], ORIGIN[1] + 1e-4 * np.arange(2))
     assert there.shape == (3, 2) and np.ndim(tiled.value(*ORIGIN)) == 0
-    np.testing.assert_allclose(there, whole.value(latitude, longitude), rtol=1e-9)
     assert tiled.near(*ORIGIN) is tiled.near(ORIGIN[0], ORIGIN[1] - TWO_PI)
 
 
@@ -147,11 +151,10 @@ def test_the_parts_are_the_nodes_of_the_corridor_each_once(whole, tiled):
 
 
 def test_digest_is_of_the_numbers_in_the_corridor(whole, tiled):
-    again = TiledMap(partial(part_of, whole), tiled.corridor)
-    assert map_digest(again) == map_digest(tiled)
     changed = replace(whole, values=whole.values.copy())
     changed.values[80, 80] += 1e-5
-    assert map_digest(TiledMap(partial(part_of, changed), tiled.corridor)) != map_digest(tiled)
+    again, other = (along_the_diagonal(partial(part_of, one)) for one in (whole, changed))
+    assert map_digest(again) == map_digest(tiled) != map_digest(other)
 
 
 def test_sent_to_another_process_without_what_was_read(whole, tiled, places):
@@ -195,9 +198,8 @@ def test_a_route_that_starts_off_the_map_is_refused(whole):
         TiledMap(partial(part_of, whole), away)
 
 
-def test_a_run_over_a_tiled_map_is_that_over_the_map_in_memory(monkeypatch):
+def test_a_run_over_a_tiled_map_is_that_over_the_map_in_memory():
     """Oblique, 70 km, ten batches; the tiles change in between."""
-    monkeypatch.setattr(tiled_map, "TILE_CELLS", 16)
     whole = field_map_of(wavy, step=500.0)
     scenario = load_scenario(
         None,
@@ -212,9 +214,7 @@ def test_a_run_over_a_tiled_map_is_that_over_the_map_in_memory(monkeypatch):
             "matcher.stride=30",
         ],
     )
-    (south, west), (north, east) = np.radians(CORNERS)
-    line = np.linspace(south, north, 300), np.linspace(west, east, 300)
-    tiled = TiledMap(partial(part_of, whole), corridor_of(*line, MARGIN))
+    tiled = along_the_diagonal(partial(part_of, whole))
     one, other = (simulate(scenario, [0, 1], field_map) for field_map in (whole, tiled))
     assert np.isfinite(one.fix_error).all()
     np.testing.assert_allclose(other.error, one.error, atol=1e-5)

@@ -60,19 +60,16 @@ def simulated(runs, *more):
 
 def test_simulated_errors_are_as_large_as_told():
     """400 runs: sizes within 15 % (four times the standard deviation of such an estimate)."""
-    runs = 400
-    still = ["route.duration=10", "height.sigma=1e-6", "height.weather_sigma=0"]
-    assert simulated(runs, *still, "height.scale=0", "height.bias=8")[1][
-        :, 5
-    ].std() == pytest.approx(8.0, rel=0.15)
-    _, scale = simulated(runs, *still, "height.bias=0", "height.scale=0.02")
-    assert scale[:, 5].std() == pytest.approx(20.0, rel=0.15)
-    none = ["height.bias=0", "height.scale=0"]
-    _, white = simulated(20, *none, "height.weather_sigma=0", "height.sigma=0.7")
-    assert white.std() == pytest.approx(0.7, rel=0.03)
-    _, weather = simulated(
-        runs, *none, "height.sigma=1e-6", "height.weather_sigma=10", "height.weather_time=60"
-    )
+    none = {"sigma": 1e-6, "weather_sigma": 0.0, "bias": 0.0, "scale": 0.0}
+
+    def errors(runs, duration=10, **told):
+        keys = [f"height.{key}={value}" for key, value in (none | told).items()]
+        return simulated(runs, f"route.duration={duration}", *keys)[1]
+
+    assert errors(400, bias=8.0)[:, 5].std() == pytest.approx(8.0, rel=0.15)
+    assert errors(400, scale=0.02)[:, 5].std() == pytest.approx(20.0, rel=0.15)
+    assert errors(20, 300, sigma=0.7).std() == pytest.approx(0.7, rel=0.03)
+    weather = errors(400, 300, weather_sigma=10.0, weather_time=60.0)
     assert weather[:, -1].std() == pytest.approx(10.0, rel=0.15)
     together = np.mean(weather[:, -1] * weather[:, -61]) / 100.0
     assert together == pytest.approx(np.exp(-1.0), abs=0.2)

@@ -85,8 +85,7 @@ def test_cross_coupling_acts_in_turns_only():
     error = np.stack(
         [reading_errors(settings, RunScans(0, run, trajectory, index)) for run in range(200)]
     )
-    velocity = trajectory.velocity[index]
-    heading = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
+    heading = np.unwrap(np.arctan2(*trajectory.velocity[index, 1::-1].T))
     turned = np.abs(np.diff(heading, prepend=heading[0]))  # in the interval before each
     turning = turned > 0.05
     assert 3 < turning.sum() < 40
@@ -113,6 +112,5 @@ def test_missing_readings_by_chance_in_gaps_and_in_turns():
     longer = without_readings(Gravimeter(dead_turn_rate=0.01, dead_time=100.0), trajectory, index)
     assert longer[turns].all()
     assert turns.sum() + 15 < longer.sum() < turns.sum() + 25  # ten more after each of two turns
-    assert not without_readings(
-        Gravimeter(dead_turn_rate=0.4, dead_time=100.0), trajectory, index
-    ).any()
+    none = Gravimeter(dead_turn_rate=0.4, dead_time=100.0)
+    assert not without_readings(none, trajectory, index).any()

@@ -35,11 +35,18 @@ def simulate(runs, duration, **imu):
     """Trajectory, and errors of the readings (R, K, 6)."""
     scenario = Scenario(route=Route(duration=duration), imu=Imu(**imu))
     trajectory = build_trajectory(scenario)
-    readings = simulate_imu(scenario.true, trajectory, runs)
-    truth = np.concatenate([trajectory.specific_force, trajectory.angular_rate], axis=1)
-    return trajectory, np.concatenate(
-        [readings.specific_force, readings.angular_rate], axis=2
-    ) - truth
+    read = simulate_imu(scenario.true, trajectory, runs)
+    truth = np.hstack([trajectory.specific_force, trajectory.angular_rate])
+    return trajectory, np.dstack([read.specific_force, read.angular_rate]) - truth
+
+
+def sizes(grade):
+    """Biases (6,) and noise (6,) of accelerometers and gyroscopes."""
+    it = Imu(grade=grade).sensors
+    return (
+        np.array([*it.accelerometer.bias, *it.gyroscope.bias]),
+        np.array([*it.accelerometer.random_walk, *it.gyroscope.random_walk]),
+    )
 
 
 def simulate_only(runs, duration=12000.0, rate=1.0, **given):
@@ -57,46 +64,31 @@ def series(errors, part):
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_grades_are_table_1(grade):
     accelerometer_bias, accelerometer_noise, gyroscope_bias, gyroscope_noise = TABLE_1[grade]
-    it = Imu(grade=grade).sensors
-    assert it.accelerometer.bias == tuple(accelerometer_bias)
-    assert it.accelerometer.random_walk == tuple(accelerometer_noise)
-    np.testing.assert_allclose(
-        it.gyroscope.bias, np.array(gyroscope_bias) * DEG_PER_HOUR, rtol=1e-15
-    )
-    np.testing.assert_allclose(
-        it.gyroscope.random_walk, np.array(gyroscope_noise) * DEG_PER_HOUR, rtol=1e-15
-    )
+    bias, noise = sizes(grade)
+    rates = np.array([gyroscope_bias, gyroscope_noise]) * DEG_PER_HOUR
+    np.testing.assert_allclose(bias, [*accelerometer_bias, *rates[0]], rtol=1e-15)
+    np.testing.assert_allclose(noise, [*accelerometer_noise, *rates[1]], rtol=1e-15)
 
 
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_noise_has_the_density_of_the_grade(grade):
-    it = Imu(grade=grade).sensors
+    """And is white: without correlation from sample to sample, or from axis to axis."""
     _, error = simulate(range(5), 200.0, grade=grade)
-    apart = (error - error.mean(axis=1, keepdims=True)) / [
-        *it.accelerometer.random_walk,
-        *it.gyroscope.random_walk,
-    ]
+    apart = (error - error.mean(axis=1, keepdims=True)) / sizes(grade)[1]
     assert within_chi_square((apart**2).sum(axis=(0, 1)), 5 * 199)
-    neighbours = (apart[:, 1:] * apart[:, :-1]).mean(
-        axis=(0, 1)
-    )  # white: no correlation from sample to sample
-    assert np.abs(neighbours).max() < 4.0 / np.sqrt(5 * 199)
+    neighbours = (apart[:, 1:] * apart[:, :-1]).mean(axis=(0, 1))
     axes = np.corrcoef(apart.reshape(-1, 6).T) - np.eye(6)
-    assert np.abs(axes).max() < 4.0 / np.sqrt(5 * 199)
+    assert np.abs([*neighbours, *axes.ravel()]).max() < 4.0 / np.sqrt(5 * 199)
 
 
 @pytest.mark.parametrize("grade", TABLE_1)
 def test_biases_are_drawn_once_per_run(grade):
-    it = Imu(grade=grade).sensors
-    runs = 400
-    biases = np.array([*it.accelerometer.bias, *it.gyroscope.bias])
-    noise = np.array([*it.accelerometer.random_walk, *it.gyroscope.random_walk])
-    trajectory, error = simulate(range(runs), 2.0, grade=grade)
-    # what is common to both samples of a run: bias; variance of a mean of two: b² + n² / 2
-    assert within_chi_square(
-        (error.mean(axis=1) ** 2 / (biases**2 + noise**2 / 2)).sum(axis=0), runs
-    )
+    bias, noise = sizes(grade)
+    trajectory, error = simulate(range(400), 2.0, grade=grade)
     assert len(trajectory) == 2
+    # what is common to both samples of a run: bias; variance of a mean of two: b² + n² / 2
+    square = error.mean(axis=1) ** 2 / (bias**2 + noise**2 / 2)
+    assert within_chi_square(square.sum(axis=0), 400)
 
 
 def test_bias_instability_is_a_gauss_markov_process():
@@ -139,18 +131,13 @@ def test_rounded_readings_are_whole_counts_and_lose_nothing():
     assert (rounded[:, 1] == readings[:, 1]).all()
 
 
-@pytest.mark.parametrize(
-    ("section", "key", "sigma"),
-    [("accelerometer", "scale_factor", 3e-4), ("gyroscope", "scale_factor", 1e-4)],
-)
-def test_scale_factor_errors_multiply_what_is_measured(section, key, sigma):
-    trajectory, errors = simulate_only(range(200), duration=4.0, **{section: {key: sigma}})
-    part, truth = (
-        (slice(0, 3), trajectory.specific_force)
-        if section == "accelerometer"
-        else (slice(3, 6), trajectory.angular_rate)
-    )
-    factor = (errors[:, :, part] / truth.mean(axis=0))[:, :, 1:]  # nothing along the course
+@pytest.mark.parametrize(("section", "sigma"), [("accelerometer", 3e-4), ("gyroscope", 1e-4)])
+def test_scale_factor_errors_multiply_what_is_measured(section, sigma):
+    settings = {section: {"scale_factor": sigma}}
+    trajectory, errors = simulate_only(range(200), duration=4.0, **settings)
+    truth = np.hstack([trajectory.specific_force, trajectory.angular_rate]).mean(axis=0)
+    across = [1, 2] if section == "accelerometer" else [4, 5]  # nothing along the course
+    factor = (errors / truth)[:, :, across]
     np.testing.assert_allclose(factor, np.broadcast_to(factor[:, :1], factor.shape), rtol=1e-4)
     assert within_chi_square(((factor[:, 0] / sigma) ** 2).sum(axis=0), 200)
 

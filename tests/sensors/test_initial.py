@@ -40,9 +40,7 @@ def test_errors_have_the_sigma_of_the_scenario():
 
 def test_without_errors_it_is_the_truth():
     nav, trajectory = draw([3, 4], position=0.0, velocity=0.0, tilt=0.0, heading=0.0)
-    for run in range(2):
-        assert (
-            nav.position[run] == [trajectory.latitude[0], trajectory.longitude[0], 100.0]
-        ).all()
-        assert (nav.velocity[run] == trajectory.velocity[0]).all()
-        np.testing.assert_allclose(nav.attitude[run], trajectory.attitude[0], atol=1e-16)
+    start = [trajectory.latitude[0], trajectory.longitude[0], 100.0]
+    np.testing.assert_array_equal(nav.position, [start] * 2)
+    np.testing.assert_array_equal(nav.velocity, [trajectory.velocity[0]] * 2)
+    np.testing.assert_allclose(nav.attitude, [trajectory.attitude[0]] * 2, atol=1e-16)

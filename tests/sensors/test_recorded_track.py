@@ -25,13 +25,12 @@ def circle_after_rest(rest=60.0, turn=120.0):
     return time, RADIUS * np.sin(angle), RADIUS * (1.0 - np.cos(angle))
 
 
-def write(path, time, north, east, extra=None):
+def write(path, time, north, east, **more):
     latitude = LATITUDE + np.degrees(north / NORTH)
     longitude = LONGITUDE + np.degrees(east / EAST)
-    names, columns = "time,latitude,longitude", [time, latitude, longitude]
-    for name, values in (extra or {}).items():
-        names, columns = f"{names},{name}", [*columns, values]
-    np.savetxt(path, np.column_stack(columns), "%.12g", ",", header=names, comments="")
+    columns = {"time": time, "latitude": latitude, "longitude": longitude} | more
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, "%.12g", ",", header=",".join(columns), comments="")
     return path
 
 
@@ -80,7 +79,7 @@ def test_an_imu_of_any_rate_feels_the_same_path(tmp_path):
 
 def test_duration_cuts_a_track_and_heights_count_where_a_sensor_measures_them(tmp_path):
     time, north, east = circle_after_rest()
-    path = write(tmp_path / "a.csv", time, north, east, {"height": 200.0 + 0.5 * time})
+    path = write(tmp_path / "a.csv", time, north, east, height=200.0 + 0.5 * time)
     cut = validate_scenario({"route": {"track": str(path), "duration": 50.0, "height": 30.0}})
     found = build_trajectory(cut)
     assert found.time[-1] == 50.0
@@ -115,19 +114,18 @@ def test_lines_and_times_of_a_netcdf_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("column", "value", "says"),
     [
-        ({"time": -1.0}, r"line 12 \(-1 s\) is not later than line 11"),
-        ({"latitude": 91.0}, r"latitude in line 12 is 91 deg, must be -90 to 90"),
-        ({"longitude": 9.0}, r"latitude and longitude in line 12 are 7\.\d+e\+04 m/s"),
+        (0, -1.0, r"line 12 \(-1 s\) is not later than line 11"),
+        (1, 91.0, r"latitude in line 12 is 91 deg, must be -90 to 90"),
+        (2, 9.0, r"latitude and longitude in line 12 are 7\.\d+e\+04 m/s"),
     ],
 )
-def test_a_bad_track_is_refused_by_column(tmp_path, change, says):
+def test_a_bad_track_is_refused_by_column(tmp_path, column, value, says):
     path = write(tmp_path / "a.csv", *circle_after_rest())
     rows = path.read_text().splitlines()
-    names, cells = rows[0].split(","), rows[11].split(",")
-    for name, value in change.items():
-        cells[names.index(name)] = f"{value:g}"
+    cells = rows[11].split(",")
+    cells[column] = f"{value:g}"
     rows[11] = ",".join(cells)
     path.write_text("\n".join(rows))
     with pytest.raises(InputError, match=says):

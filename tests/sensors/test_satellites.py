@@ -3,32 +3,17 @@
 import numpy as np
 import pytest
 
+from helpers.aids import displacement, in_turns
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix
-from isogal.scenario import load_scenario
 from isogal.sensors.satellites import simulate_satellites
-from isogal.sensors.trajectory import build_trajectory
 
 CLEAN = "gnss.position_sigma=1e-9", "gnss.velocity_sigma=1e-9", "gnss.correlated_sigma=0"
-TURNS = "route.waypoints=[[-37.9, 144.8, 22], [-37.85, 144.9, 18], [-37.95, 144.95, 25]]"
 
 
 def simulated(runs, *more):
-    there = "gnss.available=[[0, 600]]"
-    it = load_scenario(None, ["route.duration=600", TURNS, there, *more])
-    trajectory = build_trajectory(it)
+    it, trajectory = in_turns("gnss.available=[[0, 600]]", *more)
     return *simulate_satellites(it.true, trajectory, range(runs)), trajectory
-
-
-def apart(fixes, trajectory):
-    """Return (R, M, 3) of the fixes from the true place of the inertial sensors, NED, m."""
-    at = fixes.ends
-    out = np.empty_like(fixes.values)
-    for k, step in enumerate(at):
-        origin = trajectory.latitude[step], trajectory.longitude[step], trajectory.height[step]
-        enu = LocalFrame(*origin).from_geodetic(*np.moveaxis(fixes.values[:, k], -1, 0))
-        out[:, k] = enu[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
-    return out
 
 
 def test_a_perfect_one_gives_place_and_velocity_of_its_antenna():
@@ -36,7 +21,7 @@ def test_a_perfect_one_gives_place_and_velocity_of_its_antenna():
     fixes, velocities, trajectory = simulated(1, *CLEAN, "gnss.lever_arm=[3, -1, -2]")
     to_ned = matrix(trajectory.attitude[fixes.ends])
     # a metre of arm and the height of 100 m: the radii change by 1e-5
-    np.testing.assert_allclose(apart(fixes, trajectory)[0], to_ned @ arm, atol=1e-4)
+    np.testing.assert_allclose(displacement(fixes, trajectory)[0], to_ned @ arm, atol=1e-4)
     # differences of the antenna's places over two steps are its velocity between them
     frame = LocalFrame(*fixes.values[0, 0])
     place = frame.from_geodetic(*fixes.values[0].T)
@@ -51,7 +36,7 @@ def test_a_perfect_one_gives_place_and_velocity_of_its_antenna():
 def test_errors_are_as_large_as_told():
     """400 runs: sizes within 15 %, four times the standard deviation of such an estimate."""
     fixes, velocities, trajectory = simulated(400, "gnss.interval=30")
-    error = apart(fixes, trajectory)
+    error = displacement(fixes, trajectory)
     sigma = np.hypot(1.0, 1.5)
     assert error.std(axis=0).mean(axis=0) == pytest.approx([sigma, sigma, 1.5 * sigma], rel=0.05)
     # 300 s apart what changes slowly keeps exp(-1/2), what is white nothing
@@ -81,7 +66,7 @@ def test_a_deceived_one_is_where_it_was_told(deception, away, speed):
     fixes, velocities, trajectory = simulated(2, *CLEAN, *keys)
     since = trajectory.time[fixes.ends] - 200.0
     during = (since >= 0.0) & (since <= 300.0)
-    off = np.hypot(*np.moveaxis(apart(fixes, trajectory)[..., :2], -1, 0))
+    off = np.hypot(*np.moveaxis(displacement(fixes, trajectory)[..., :2], -1, 0))
     np.testing.assert_allclose(off[:, during], [away(since[during])] * 2, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(off[:, ~during], 0.0, atol=1e-6)
     extra = velocities.values - trajectory.velocity[fixes.ends]

@@ -26,6 +26,12 @@ def headings(trajectory):
     return np.arctan2(trajectory.velocity[:, 1], trajectory.velocity[:, 0])
 
 
+def distance(trajectory, place):
+    """(N + 1,) m from a place, latitude and longitude in deg."""
+    away = horizontal_difference(trajectory.latitude, trajectory.longitude, *np.radians(place))
+    return np.hypot(*away.T)
+
+
 def test_default_route_is_that_of_the_paper():
     trajectory = route(height=0.0)
     speed = np.linalg.norm(trajectory.velocity, axis=1)
@@ -34,10 +40,7 @@ def test_default_route_is_that_of_the_paper():
     assert (speed * trajectory.dt)[1:].sum() == pytest.approx(594.5e3, rel=1e-3)
     np.testing.assert_allclose(speed, 22.0, rtol=1e-14)
     assert np.ptp(headings(trajectory)) == 0.0
-    missed = horizontal_difference(
-        trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-35.0, 150.0])
-    )
-    assert np.hypot(*missed) < 22.0
+    assert distance(trajectory, (-35.0, 150.0))[-1] < 22.0
 
 
 def test_rhumb_azimuth():
@@ -82,12 +85,8 @@ def test_imu_is_newtons_law_in_inertial_space(keys):
     ecef = geodetic_to_ecef(trajectory.latitude, trajectory.longitude, trajectory.height)
     inertial = spin.apply(ecef)
     acceleration = (inertial[2:] - 2.0 * inertial[1:-1] + inertial[:-2]) / dt**2
-    to_ecef = np.stack(
-        [
-            (NED @ enu_axes(a, b)).T
-            for a, b in zip(trajectory.latitude, trajectory.longitude, strict=True)
-        ]
-    )
+    places = zip(trajectory.latitude, trajectory.longitude, strict=True)
+    to_ecef = np.stack([(NED @ enu_axes(*place)).T for place in places])
     up = -to_ecef[:, :, 2]
     centrifugal = EARTH_RATE**2 * ecef * [1.0, 1.0, 0.0]
     gravitation = spin.apply(
@@ -117,23 +116,15 @@ def test_waypoints_are_passed_at_their_speed_within_the_limits():
     assert np.abs(turn).max() <= 0.01 + 1e-12
     speed = np.linalg.norm(trajectory.velocity, axis=1)
     assert np.abs(np.diff(speed)).max() <= 0.05 + 1e-12
-    for latitude, longitude, _ in CORNERS:
-        away = horizontal_difference(
-            trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude])
-        )
-        assert np.hypot(*away.T).min() < 40.0 / 0.01  # a turn's radius at most
+    for *place, _ in CORNERS:
+        assert distance(trajectory, place).min() < 40.0 / 0.01  # a turn's radius at most
     for _, _, wanted in CORNERS[1:]:
         assert np.isclose(speed, wanted, atol=1e-9).any()
 
 
 def test_route_across_the_date_line():
     trajectory = route(start=(-10.0, 179.9), end=(-10.05, -179.9))
-    distance = np.hypot(
-        *horizontal_difference(
-            trajectory.latitude[-1], trajectory.longitude[-1], *np.radians([-10.05, -179.9])
-        )
-    )
-    assert distance < 22.0
+    assert distance(trajectory, (-10.05, -179.9))[-1] < 22.0
     assert trajectory.time[-1] == pytest.approx(22.6e3 / 22.0, rel=0.01)
 
 
@@ -142,8 +133,7 @@ def test_route_across_the_date_line():
     [
         (
             {"duration": 1e5},
-            r"route\.duration: the route ends after 27\d\d\d s, duration asks for 100000 s;"
-            " shorten",
+            r"route\.duration: the route ends after 27\d\d\d s, duration asks",
         ),
         ({"duration": 1.0}, "route: must last at least two IMU samples"),
     ],
@@ -161,10 +151,7 @@ CLOSE = ((-38.0, 144.5, 22.0), (-37.9, 144.6, 22.0), (-37.9, 144.603, 22.0))
 )
 def test_a_point_inside_the_turning_circle_is_reached(points, turn_rate):
     trajectory = route(waypoints=points, turn_rate=turn_rate)
-    away = horizontal_difference(
-        trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(points[-1][:2])
-    )
-    assert np.hypot(*away) < 22.0
+    assert distance(trajectory, points[-1][:2])[-1] < 22.0
     assert np.abs(np.diff(np.unwrap(headings(trajectory)))).max() <= turn_rate + 1e-12
 
 
@@ -177,11 +164,8 @@ def test_survey_lines_close_together_are_driven():
         for end in (0, 1)
     ]
     trajectory = route(waypoints=tuple(lines))
-    for latitude, longitude, _ in lines:
-        away = horizontal_difference(
-            trajectory.latitude, trajectory.longitude, *np.radians([latitude, longitude])
-        )
-        assert np.hypot(*away.T).min() < 0.5 * 22.0 / 0.02
+    for *place, _ in lines:
+        assert distance(trajectory, place).min() < 0.5 * 22.0 / 0.02
     assert trajectory.time[-1] < 1.2 * (4 * 11.1e3 + 3 * 2.2e3) / 22.0
 
 
@@ -190,10 +174,7 @@ def test_a_line_that_misses_its_end_by_its_height_ends_abeam_of_it():
     ellipsoid."""
     end = (40.0, 60.0)
     trajectory = route(start=(0.0, 0.0), end=end, speed=130.0, height=50e3)
-    missed = np.hypot(
-        *horizontal_difference(trajectory.latitude[-1], trajectory.longitude[-1], *np.radians(end))
-    )
-    assert 130.0 < missed < 1000.0
+    assert 130.0 < distance(trajectory, end)[-1] < 1000.0
 
 
 def test_a_vehicle_that_never_arrives_is_refused(monkeypatch):

@@ -3,20 +3,18 @@
 import numpy as np
 import pytest
 
+from helpers.aids import in_turns
 from isogal.fusion.measurements import VelocityReading
 from isogal.inertial.rotations import matrix
 from isogal.scenario import load_scenario
-from isogal.sensors.trajectory import build_trajectory
 from isogal.sensors.velocity_aid import simulate_velocities
 
 CLEAN = ["velocity.sigma=1e-9", "velocity.scale=0", "velocity.misalignment=0",
          "velocity.current_sigma=0"]  # fmt: skip
-TURNS = "route.waypoints=[[-37.9, 144.8, 22], [-37.85, 144.9, 18], [-37.95, 144.95, 25]]"
 
 
 def simulated(kind, runs, *more):
-    it = load_scenario(None, [f"velocity.kind={kind}", "route.duration=600", TURNS, *more])
-    trajectory = build_trajectory(it)
+    it, trajectory = in_turns(f"velocity.kind={kind}", *more)
     found = simulate_velocities(it.true, it.true.velocity, trajectory, range(runs))
     return found.values, trajectory
 
@@ -37,24 +35,22 @@ def test_a_perfect_one_reads_the_velocity_in_body_axes(kind, axes):
 
 def test_errors_are_as_large_as_told():
     """400 runs: sizes within 15 %, four times the standard deviation of such an estimate."""
-    clean = {key.split("=")[0].split(".")[1]: key for key in CLEAN}
 
-    def error(**keys):
-        settings = [value for key, value in clean.items() if key not in keys]
-        read, trajectory = simulated(
-            "dvl", 400, *settings, *(f"velocity.{k}={v}" for k, v in keys.items())
-        )
-        return read[:, 100] - in_body(trajectory)[100], in_body(trajectory)[100]
+    def error(key, size):
+        others = [one for one in CLEAN if not one.startswith(f"velocity.{key}=")]
+        read, trajectory = simulated("dvl", 400, *others, f"velocity.{key}={size}")
+        body = in_body(trajectory)[100]
+        return read[:, 100] - body, pytest.approx(size * body[0], rel=0.15)
 
-    scale, body = error(scale=0.01)
-    assert scale[:, 0].std() == pytest.approx(0.01 * body[0], rel=0.15)
-    mounting, body = error(misalignment=0.01)
-    assert mounting[:, 1].std() == pytest.approx(0.01 * body[0], rel=0.15)
-    assert mounting[:, 2].std() == pytest.approx(0.01 * body[0], rel=0.15)
-    current, _ = error(current_sigma=0.4)
+    scale, expected = error("scale", 0.01)
+    assert scale[:, 0].std() == expected
+    mounting, expected = error("misalignment", 0.01)
+    assert mounting[:, 1].std() == expected
+    assert mounting[:, 2].std() == expected
+    current, _ = error("current_sigma", 0.4)
     assert np.hypot(current[:, 0], current[:, 1]).std() < 0.4
     assert np.sqrt(np.mean(current[:, :2] ** 2)) == pytest.approx(0.4, rel=0.15)
-    white, _ = error(sigma=0.05)
+    white, _ = error("sigma", 0.05)
     assert white.std() == pytest.approx(0.05, rel=0.15)
 
 

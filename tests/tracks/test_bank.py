@@ -21,14 +21,15 @@ from isogal.seeds import generator
 from isogal.tracks import bank
 from isogal.tracks.averaging import Averages
 from isogal.tracks.continued_map import continued
-from isogal.tracks.displacement import SIZE, displacement
 from isogal.tracks.evidence import correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
-from isogal.tracks.jackknife import excess
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
 from isogal.tracks.models import LENGTHS, SHAPES, track_models
+from isogal.tracks.widening import SIZE, displacement, excess
 
 DISTURBANCE = field_of("disturbance")
+EASTWARD, _ = make_batch(DISTURBANCE, velocity=(0.0, 60.0))
+SETTINGS = Matcher(batch_length=40)
 
 
 def seen_of(batch, field_map=DISTURBANCE, **said):
@@ -47,74 +48,66 @@ def test_innovations_with_heavy_tails_have_a_density():
 
 def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution(monkeypatch):
     monkeypatch.setattr("isogal.tracks.evidence.with_heavy_tails", lambda log_normal: log_normal)
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0), scans=20)
+    batch, _ = make_batch(DISTURBANCE, velocity=(0.0, 60.0), scans=20)
     centres = np.array([[0.0, 0.0], [400.0, -300.0], [-900.0, 100.0]])
     seen = seen_of(batch).placed(centres, np.ones(3))
     which = np.arange(0, len(seen.models.sigma), 17)
     parts = seen.parts(centres, 50.0, which)
     assert parts.shape == (len(which), 8, 3)
-    residual = seen.residuals(centres)
-    for k, m in enumerate(which):
-        R = seen.covariance(int(m), 50.0)
-        expected = multivariate_normal(np.zeros(20), R).logpdf(residual.T)
-        constant = 10.0 * np.log(2.0 * np.pi)
-        np.testing.assert_allclose(parts[k].sum(axis=0) - constant, expected, rtol=1e-8)
+    residual, constant = seen.residuals(centres), 10.0 * np.log(2.0 * np.pi)
+    for found, m in zip(parts.sum(axis=1), which.tolist(), strict=True):
+        normal = multivariate_normal(np.zeros(20), seen.covariance(m, 50.0))
+        np.testing.assert_allclose(found - constant, normal.logpdf(residual.T), rtol=1e-8)
     assert np.isclose(np.exp(seen.models.log_prior).sum(), 1.0)
 
 
 def models(field_map=DISTURBANCE, **said):
-    batch, _ = make_batch(field_map, np.zeros(4))
-    states = States.of(batch, field_map)
-    return track_models(Matcher(**said), batch, field_map, states)
+    batch, _ = make_batch(field_map)
+    return track_models(Matcher(**said), batch, field_map, States.of(batch, field_map))
 
 
 def test_what_is_told_narrows_the_models():
     assert set(models().lengths) == set(LENGTHS)
-    exact = models(map_sigma=0.0, bias_sigma=0.0)
-    assert exact.sigma.tolist() == [0.0]
-    told = models(map_sigma=3e-5, map_correlation_length=2e3, bias_sigma=0.0)
+    assert models(map_sigma=0.0, bias_sigma=0.0).sigma.tolist() == [0.0]
+    keys = {"map_sigma": 3e-5, "map_correlation_length": 2e3, "bias_sigma": 0.0}
+    told = models(**keys)
     best = int(np.argmax(told.log_prior))
     assert (told.sigma[best], told.length[best]) == (3e-5, 2e3)
     assert not (told.shape // len(told.lengths) % 2).any()  # even everywhere
-    keys = {"map_sigma": 3e-5, "map_correlation_length": 2e3, "bias_sigma": 0.0}
-    literal = models(**keys, options={"trust": 1.0})
-    assert len(literal.sigma) == 1
+    assert len(models(**keys, options={"trust": 1.0}).sigma) == 1
 
 
-def _shifts(field_map, count=40, step=(140.0, 170.0)):
-    track, _, _ = made_track(field_map, count, (300.0, -200.0), 1e-6, step=step)
+def _shifts(field_map, count=40):
+    track, _, _ = made_track(field_map, count, (300.0, -200.0), 1e-6)
     settings = Matcher(batch_length=count)
     return match_track(track, field_map, settings, Uncertainty(500.0))[0].shifts
 
 
-def _gridded(sigma):
-    """A map that says a 1-sigma, as of gridded readings, over 2 km."""
+def _gridded(sigma, ellipse=(4e6, 0.0, 4e6), length=2e3):
+    """A map that says a 1-sigma, as of gridded readings, and over what area it holds together."""
     shape = DISTURBANCE.values.shape
-    ellipses = np.broadcast_to([4e6, 0.0, 4e6], (*shape, 3))
     return replace(
         DISTURBANCE,
         sigma=np.full(shape, sigma),
-        correlation_length=2e3,
-        error_ellipses=ellipses,
+        correlation_length=length,
+        error_ellipses=np.broadcast_to(ellipse, (*shape, 3)),
     )
 
 
 def test_a_gridded_map_that_knows_nothing_gives_no_fix():
     """Though its readings fit at one place alone, as is seen where it says a smaller error."""
-    track, _, _ = made_track(DISTURBANCE, 40, (300.0, -200.0), 1e-6, step=(140.0, 170.0))
+    track, _, _ = made_track(DISTURBANCE, 40, (300.0, -200.0), 1e-6)
     shown = float(np.std(track.value))
     for share, given in ((0.25, True), (10.0, False)):
-        one = _gridded(share * shown)
-        fix = match_track(track, one, Matcher(batch_length=40), Uncertainty(1000.0))[0].fix
+        fix = match_track(track, _gridded(share * shown), SETTINGS, Uncertainty(1000.0))[0].fix
         assert fix.published == given
         assert given or "its own 1-sigma" in fix.reason
 
 
 def test_what_a_gridded_map_does_not_resolve_is_left_to_the_readings():
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
     field_map = _gridded(2e-5)
     whole = replace(field_map, sigma=np.hypot(field_map.sigma, 5e-5), unresolved=5e-5)
-    expected, found = (seen_of(batch, one) for one in (field_map, whole))
+    expected, found = (seen_of(EASTWARD, one) for one in (field_map, whole))
     np.testing.assert_allclose(found.models.sigma, expected.models.sigma, rtol=1e-9)
     np.testing.assert_allclose(found.own_variance, expected.own_variance, rtol=1e-9)
 
@@ -139,15 +132,14 @@ def test_a_gridded_map_may_be_displaced():
 
 
 def test_how_fixes_scatter_counts_on_maps_that_do_not_say_their_error(monkeypatch):
-    monkeypatch.setattr("isogal.tracks.jackknife._fixes", lambda *_: 1e5 * np.eye(2))
+    monkeypatch.setattr("isogal.tracks.widening._fixes", lambda *_: 1e5 * np.eye(2))
     assert excess(_shifts(DISTURBANCE)).any()
     assert not excess(_shifts(_gridded(2e-5))).any()
 
 
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():
     """`isogal match` passes it on as if it were an option."""
-    ellipses = np.broadcast_to([4e6, 0.0, 1e6], (*DISTURBANCE.values.shape, 3))
-    gridded = replace(DISTURBANCE, sigma=1e-5, correlation_length=1.5e3, error_ellipses=ellipses)
+    gridded = _gridded(1e-5, (4e6, 0.0, 1e6), 1.5e3)
     passed_on = models(gridded, map_correlation_length=1.5e3)
     assert passed_on.shape.tolist() == models(gridded).shape.tolist()
     assert passed_on.shape.max() // len(passed_on.lengths) >= SHAPES - 2
@@ -171,18 +163,14 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     holed = replace(DISTURBANCE, values=values)
     longer = continued(holed, 5000.0)
     track, _, _ = made_track(DISTURBANCE)
-    known = np.isfinite(holed.value(track.latitude, track.longitude))
+    on_map = holed.value(track.latitude, track.longitude)
     inside = longer.field.value(track.latitude, track.longitude)
-    assert np.isfinite(inside).all()
-    np.testing.assert_allclose(
-        inside[known], holed.value(track.latitude, track.longitude)[known], rtol=1e-9
-    )
+    np.testing.assert_allclose(inside, np.where(np.isnan(on_map), inside, on_map), rtol=1e-9)
     assert np.isfinite(longer.field.values).all()
     doubt = np.asarray(longer.doubt.sigma)
     assert doubt.max() <= np.nanstd(values) * (1.0 + 1e-12)
     assert doubt[0, 0] > 0.0
-    rows = (longer.field.values.shape[0] - values.shape[0]) // 2
-    columns = (longer.field.values.shape[1] - values.shape[1]) // 2
+    rows, columns = (np.array(longer.field.values.shape) - values.shape) // 2
     own = doubt[rows : rows + values.shape[0], columns : columns + values.shape[1]]
     np.testing.assert_array_equal(own > 0.0, np.isnan(values))
     # what the map says of its error goes along
@@ -190,61 +178,42 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     np.testing.assert_array_equal(continued(kriged, 5000.0).field.sigma, 0.1)
 
 
-def _kriged(azimuth):
-    """The map with errors that hold together over 6 km in one direction and 1 km across it, the
-    usual length being 2 km."""
-    shape = DISTURBANCE.values.shape
-    ellipse = ellipses_of(np.array(6e3), np.array(1e3), np.array(azimuth))
-    return replace(
-        DISTURBANCE,
-        sigma=np.full(shape, 2e-5),
-        correlation_length=2000.0,
-        error_ellipses=np.tile(ellipse, (*shape, 1)),
-    )
-
-
 def test_rows_are_apart_by_the_lengths_of_the_maps_error_in_their_direction():
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
+    """An error that holds together over 6 km in one direction and 1 km across it, the usual length
+    being 2 km."""
     shifts, weight = np.array([[0.0, 0.0], [300.0, -200.0]]), np.array([0.7, 0.3])
     for azimuth, length in ((0.5 * np.pi, 6e3), (0.0, 1e3)):
-        seen = seen_of(batch, _kriged(azimuth)).placed(shifts, weight)
+        ellipse = ellipses_of(np.array(6e3), np.array(1e3), np.array(azimuth))
+        seen = seen_of(EASTWARD, _gridded(2e-5, ellipse)).placed(shifts, weight)
         distance = np.hypot(*np.moveaxis(seen.apart, -1, 0)) * 2e3 / length
         expected = correlations(distance, seen.models.lengths)
         np.testing.assert_allclose(seen.correlation, expected, rtol=2e-2)
         assert set(seen.models.lengths) == {1e3, 2e3, 4e3}
-    plain = seen_of(batch)
+    plain = seen_of(EASTWARD)
     assert plain.placed(shifts, weight).correlation is plain.correlation
 
 
 def test_sigmas_of_rows_are_those_of_the_map_where_they_probably_are():
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0))
-    uneven = np.linspace(1e-5, 3e-5, DISTURBANCE.values.shape[1]) * np.ones(
-        DISTURBANCE.values.shape
-    )
-    field_map = replace(DISTURBANCE, sigma=uneven)
-    shift = np.array([[0.0, 5000.0]])
-    seen = seen_of(batch, field_map).placed(shift, np.ones(1))
-    east = metres_per_radian(batch.latitude)[1]
-    own = field_map.sigma_at(batch.latitude, batch.longitude - 5000.0 / east)
-    np.testing.assert_allclose(seen.load(0) * uneven.mean(), own, rtol=1e-6)
+    columns = np.linspace(1e-5, 3e-5, DISTURBANCE.values.shape[1])
+    field_map = replace(DISTURBANCE, sigma=columns * np.ones_like(DISTURBANCE.values))
+    seen = seen_of(EASTWARD, field_map).placed(np.array([[0.0, 5000.0]]), np.ones(1))
+    east = metres_per_radian(EASTWARD.latitude)[1]
+    own = field_map.sigma_at(EASTWARD.latitude, EASTWARD.longitude - 5000.0 / east)
+    np.testing.assert_allclose(seen.load(0) * columns.mean(), own, rtol=1e-6)
 
 
 @cache
-def _match(run, **told):
+def _match(run):
     random = generator(11, run, "track")
     error = random.normal(0.0, 500.0, 2)
     start = tuple(random.uniform(-15e3, 5e3, 2))
-    track, latitude, longitude = made_track(
-        DISTURBANCE, count=40, error=error, sigma=1e-5, seed=run, start=start
-    )
+    track, latitude, longitude = made_track(DISTURBANCE, 40, error, 1e-5, run, start)
     # a map error that nobody tells, correlated over 2 km
     distance = np.arange(40) * float(np.hypot(*track.velocity[0])) * 10.0
     covariance = (3e-5) ** 2 * np.exp(-np.abs(distance[:, None] - distance) / 2000.0)
     wrong = np.linalg.cholesky(covariance) @ random.standard_normal(40)
     track = replace(track, value=track.value + wrong)
-    match = match_track(
-        track, DISTURBANCE, Matcher(batch_length=40, **told), Uncertainty(position=500.0)
-    )[0]
+    match = match_track(track, DISTURBANCE, SETTINGS, Uncertainty(position=500.0))[0]
     fix = match.fix
     if not fix.published:
         return match, np.nan
@@ -266,17 +235,11 @@ def test_nothing_told_of_a_wrong_map_the_error_bars_are_honest():
 
 def test_a_spike_is_left_out():
     track, latitude, longitude = made_track(DISTURBANCE, 40, (300.0, 200.0), 1e-6)
-    value = track.value.copy()
-    value[33] += 1e-2
-    match = match_track(
-        replace(track, value=value), DISTURBANCE, Matcher(batch_length=40), Uncertainty(500.0)
-    )[0]
-    assert match.fix.published
-    assert match.fix.diagnostics["readings_left_out"] >= 1.0
-    end = match.rows.stop - 1
-    apart = horizontal_difference(
-        match.fix.latitude, match.fix.longitude, latitude[end], longitude[end]
-    )
+    track.value[33] += 1e-2
+    fix = match_track(track, DISTURBANCE, SETTINGS, Uncertainty(500.0))[0].fix
+    assert fix.published
+    assert fix.diagnostics["readings_left_out"] >= 1.0
+    apart = horizontal_difference(fix.latitude, fix.longitude, latitude[-1], longitude[-1])
     assert np.hypot(*apart) < 100.0
 
 
@@ -293,32 +256,28 @@ def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells():
 
 
 def test_the_covariance_of_means_is_that_of_their_readings_averaged():
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), scans=400, velocity=(0.0, 5.0))
+    batch, _ = make_batch(DISTURBANCE, scans=400, velocity=(0.0, 5.0))
     seen = seen_of(batch)
-    mean = np.zeros((len(seen.white), 400))
-    mean[np.repeat(np.arange(len(mean)), seen.rows.sizes), np.arange(400)] = 1.0
-    mean /= seen.rows.sizes[:, None]
+    sizes = seen.rows.sizes
+    mean = np.repeat(np.eye(len(sizes)) / sizes[:, None], sizes, axis=1)
     distance = np.hypot(*np.moveaxis(seen.apart, -1, 0))
-    for found, each in zip(
-        seen.correlation, correlations(distance, seen.models.lengths), strict=True
-    ):
+    every = correlations(distance, seen.models.lengths)
+    for found, each in zip(seen.correlation, every, strict=True):
         np.testing.assert_allclose(found, mean @ each @ mean.T, rtol=1e-9)
 
 
 def test_few_readings_are_rows_of_their_own_whatever_channels_are_missing():
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 60.0), scans=12)
+    batch, _ = make_batch(DISTURBANCE, velocity=(0.0, 60.0), scans=12)
     rows = seen_of(batch).readings
     rows = rows._replace(channel=np.array([0, 0, 1, 0, 1, 2, 0, 0, 0, 1, 2, 2]))
     found = Averages.of(rows, 300.0)
-    np.testing.assert_array_equal(found.first, np.arange(12))
-    np.testing.assert_array_equal(found.points, np.arange(12))
+    np.testing.assert_array_equal([found.first, found.points], [np.arange(12)] * 2)
 
 
 @pytest.mark.parametrize("count", [400, 1500])
 def test_rows_are_means_of_neighbouring_readings(count):
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), scans=count, velocity=(0.0, 0.1))
-    step = np.arange(count)  # to and fro
-    north = 50.0 * np.where(step % 20 < 10, step % 20, 20 - step % 20)
+    batch, _ = make_batch(DISTURBANCE, scans=count, velocity=(0.0, 0.1))
+    north = 500.0 - 50.0 * np.abs(np.arange(count) % 20 - 10)  # to and fro
     batch = replace(batch, latitude=ORIGIN[0] + north / metres_per_radian(ORIGIN[0])[0])
     seen = seen_of(batch)
     sizes, first = seen.rows.sizes, seen.rows.first
@@ -326,9 +285,8 @@ def test_rows_are_means_of_neighbouring_readings(count):
     np.testing.assert_allclose(seen.white * sizes**2, np.add.reduceat(seen.readings.noise, first))
     centre = np.array([[100.0, -50.0]])
     each = residuals_at(seen.readings, seen.field_map.grid, centre)
-    np.testing.assert_allclose(
-        seen.residuals(centre), np.add.reduceat(each, first) / sizes[:, None]
-    )
+    expected = np.add.reduceat(each, first) / sizes[:, None]
+    np.testing.assert_allclose(seen.residuals(centre), expected)
     seen = seen.placed(centre, np.ones(1))
     for m in range(0, len(seen.models.sigma), 29):
         assert np.linalg.eigvalsh(seen.covariance(m, 10.0))[0] > 0.0
@@ -351,7 +309,7 @@ def test_readings_of_earlier_batches_count_as_given(scans, monkeypatch):
     """p(new | old) = p(all) / p(old), of rows that are readings, and of means of them; of Gaussian
     errors, as tails are those of blocks, which begin elsewhere without the earlier readings."""
     monkeypatch.setattr("isogal.tracks.evidence.with_heavy_tails", lambda log_normal: log_normal)
-    batch, _ = make_batch(DISTURBANCE, np.zeros(4), velocity=(0.0, 20.0), scans=scans)
+    batch, _ = make_batch(DISTURBANCE, velocity=(0.0, 20.0), scans=scans)
     centres = np.array([[0.0, 0.0], [400.0, -300.0]])
     old = scans // 4
     given = seen_of(replace(batch, new=scans - old)).placed(centres, np.ones(2))

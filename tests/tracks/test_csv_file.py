@@ -16,7 +16,7 @@ GOOD = "time,latitude,longitude,value\n0,1,2,3\n1,1,2,4\n2,1,2,5\n"
 
 def file_of(tmp_path, text):
     path = tmp_path / "track.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    path.write_text(text)
     return path
 
 
@@ -27,63 +27,46 @@ def one_track(path, crs=None):
 
 def test_round_trip(tmp_path):
     track, _, _ = made_track(field_of("height"), sigma=2.0)
-    path = write_csv(
-        tmp_path / "t.csv", track, "value,time,sigma,longitude,latitude,offset", factor=10.0
-    )
+    columns = "value,time,sigma,longitude,latitude,offset"
+    path = write_csv(tmp_path / "t.csv", track, columns, factor=10.0)
     found = one_track(path).in_unit(10.0, None)
-    for name in ("time", "latitude", "longitude", "value", "sigma", "offset"):
+    for name in columns.split(","):
         np.testing.assert_allclose(getattr(found, name), getattr(track, name), rtol=1e-10)
     assert found.factor == 10.0
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " , "])
 def test_separators_comments_order_and_other_columns(tmp_path, separator):
-    text = (
-        "# made by hand\nTime,note,LATITUDE,longitude,value\n0,a,1,2,3\n\n#"
-        " more\n1,b,1,2,4\n2,,1.5,2e0,-5\n"
-    )
-    text = "\ufeff" + text.replace(",", separator)
+    rows = "Time,note,LATITUDE,longitude,value\n0,a,1,2,3\n\n# more\n1,b,1,2,4\n2,,1.5,2e0,-5\n"
+    text = "\ufeff# made by hand\n" + rows.replace(",", separator)
     found = one_track(file_of(tmp_path, text))
-    np.testing.assert_array_equal(found.time, [0, 1, 2])
-    np.testing.assert_array_equal(found.value, [3, 4, -5])
+    np.testing.assert_array_equal([found.time, found.value], [[0, 1, 2], [3, 4, -5]])
     assert np.isnan(found.sigma).all()
     assert not found.offset.any()
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("old", "new", "message"),
     [
-        ("", "is empty; it needs a header with latitude, longitude, value"),
+        (GOOD, "", "is empty; it needs a header with latitude, longitude, value"),
         (
-            GOOD.replace("latitude", "latitud"),
+            *("latitude", "latitud"),
             r"has no column 'latitude' \(is it 'latitud'\?\); it has time, latitud, longitude, v",
         ),
-        (GOOD.replace("value", "time"), "has no column 'value'|has 2 columns 'time'"),
-        (GOOD.replace("1,2,4", "1,,4"), "longitude in line 3 is empty, not a number"),
-        (GOOD.replace("1,2,4", "1,2,inf"), "value in line 3 is inf, not a finite number"),
-        (GOOD.replace("1,2,4", "inf,2,4"), "latitude in line 3 is inf, not a finite number"),
-        (GOOD.replace("1,2,4", "91,2,4"), "latitude in line 3 is 91 deg, must be -90 to 90"),
-        (
-            GOOD.replace("1,2,4", "1,-200,4"),
-            "longitude in line 3 is -200 deg, must be -180 to 360",
-        ),
-        (
-            GOOD.replace("\n1,", "\n7,"),
-            "times must increase; line 4 .2 s. is not later than line 3 .7 s.",
-        ),
-        (
-            GOOD.replace("\n1,", "\n0,"),
-            "times must increase; line 3 .0 s. is not later than line 2 .0 s.",
-        ),
-        (
-            'time,latitude,longitude,value\n0,1,2,"3\n1,1,2,4"\n',
-            "quoted cell runs over several lines",
-        ),
+        ("value", "time", "has no column 'value'|has 2 columns 'time'"),
+        ("1,2,4", "1,,4", "longitude in line 3 is empty, not a number"),
+        ("1,2,4", "1,2,inf", "value in line 3 is inf, not a finite number"),
+        ("1,2,4", "inf,2,4", "latitude in line 3 is inf, not a finite number"),
+        ("1,2,4", "91,2,4", "latitude in line 3 is 91 deg, must be -90 to 90"),
+        ("1,2,4", "1,-200,4", "longitude in line 3 is -200 deg, must be -180 to 360"),
+        ("\n1,", "\n7,", r"times must increase; line 4 .2 s. is not later than line 3 .7 s."),
+        ("\n1,", "\n0,", r"times must increase; line 3 .0 s. is not later than line 2 .0 s."),
+        ("2,3\n1,1,2,4", '2,"3\n1,1,2,4"', "quoted cell runs over several lines"),
     ],
 )
-def test_bad_files_end_in_one_clear_line(tmp_path, text, message):
+def test_bad_files_end_in_one_clear_line(tmp_path, old, new, message):
     with pytest.raises(InputError, match=message) as caught:
-        one_track(file_of(tmp_path, text))
+        one_track(file_of(tmp_path, GOOD.replace(old, new)))
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(str(tmp_path / "track.csv"))
 
@@ -113,12 +96,10 @@ def test_stations_without_time_and_iso_times(tmp_path):
 
 
 def test_projected_coordinates_need_their_system(tmp_path):
-    path = file_of(tmp_path, "easting,northing,value\n500000,5800000,3\n500100,5800000,4\n")
-    far = "easting,northing,value\n1e300,1e300,3\n2e300,1e300,4\n"
-    (tmp_path / "far.csv").write_text(far)
+    text = "easting,northing,value\n500000,5800000,3\n500100,5800000,4\n"
     with pytest.raises(InputError, match="x and y are not places in EPSG:32755"):
-        one_track(tmp_path / "far.csv", "EPSG:32755")
-    found = one_track(path, "EPSG:32755")
+        one_track(file_of(tmp_path, text.replace("0000,", "e300,")), "EPSG:32755")
+    found = one_track(file_of(tmp_path, text), "EPSG:32755")
     np.testing.assert_allclose(np.degrees(found.longitude[0]), 147.0, atol=1e-9)
     assert -38.5 < np.degrees(found.latitude[0]) < -37.5
 
@@ -126,8 +107,7 @@ def test_projected_coordinates_need_their_system(tmp_path):
 def test_lines_of_a_geosoft_file_and_of_a_column(tmp_path):
     text = "/ made by hand\n/ lat long value\nLine 10\n1 2 3\n1 2 *\nTie 20\n1 2 5\n"
     tracks = read_csv_tracks(file_of(tmp_path, text))
-    assert [one.line for one in tracks] == ["10", "20"]
-    assert [one.time.size for one in tracks] == [2, 1]
+    assert [(one.line, one.time.size) for one in tracks] == [("10", 2), ("20", 1)]
     text = "line,lat,lon,value\nA,1,2,3\nB,1,2,4\nA,1,2,5\n"
     tracks = read_csv_tracks(file_of(tmp_path, text))
     np.testing.assert_array_equal(tracks[0].value, [3, 5])
@@ -135,17 +115,16 @@ def test_lines_of_a_geosoft_file_and_of_a_column(tmp_path):
 
 @pytest.mark.parametrize("note", ["1", "a"])
 def test_the_unit_of_times_counts_whatever_else_the_file_holds(tmp_path, note):
-    rows = [f"{k},1,2,{k},{note}" for k in range(3)]
-    for unit, factor in (("[min]", 60.0), (" (s)", 1.0), ("[Hours]", 3600.0), ("", 1.0)):
+    def read(unit, stamps=range(3)):
+        rows = [f"{stamp},1,2,{k},{note}" for k, stamp in enumerate(stamps)]
         text = "\n".join([f"time{unit},latitude,longitude,value,note", *rows])
-        found = one_track(file_of(tmp_path, text))
-        np.testing.assert_array_equal(found.time, factor * np.arange(3))
-    text = "\n".join(["time[fortnights],latitude,longitude,value,note", *rows])
+        return one_track(file_of(tmp_path, text)).time
+
+    for unit, factor in (("[min]", 60.0), (" (s)", 1.0), ("[Hours]", 3600.0), ("", 1.0)):
+        np.testing.assert_array_equal(read(unit), factor * np.arange(3))
     with pytest.raises(InputError, match="time: unknown unit 'fortnights'; must be seconds, min"):
-        one_track(file_of(tmp_path, text))
-    dated = [f"2026-01-01T00:0{k}:00,1,2,{k},{note}" for k in range(3)]
-    text = "\n".join(["time (UTC),latitude,longitude,value,note", *dated])
-    assert np.ptp(one_track(file_of(tmp_path, text)).time) == 120.0
+        read("[fortnights]")
+    assert np.ptp(read(" (UTC)", [f"2026-01-01T00:0{k}:00" for k in range(3)])) == 120.0
 
 
 @pytest.mark.parametrize(("separator", "quote"), [(",", ""), (",", '"'), (" ", "")])
@@ -154,8 +133,7 @@ def test_lines_of_numbers_are_called_what_is_written(tmp_path, separator, quote)
     rows = [f"1,2,{k},{quote}{name}{quote}" for name in names for k in range(3)]
     text = "\n".join(["latitude,longitude,value,line", *rows]).replace(",", separator)
     found = read_csv_tracks(file_of(tmp_path, text))
-    assert [one.line for one in found] == names
-    assert [len(one) for one in found] == [3, 3, 3]
+    assert [(one.line, len(one)) for one in found] == [(name, 3) for name in names]
 
 
 def test_a_base_stations_variation_is_taken_off():

@@ -9,12 +9,14 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from helpers.tracks import field_of, made_track
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.scenario import Matcher
 from isogal.tracks.bank import POSSIBLE, SURE, on_map
 from isogal.tracks.fields import TrackField, batch_ends
 from isogal.tracks.matching import Uncertainty, match_fields
 
+DISTURBANCE = field_of("disturbance")
 ERROR = (700.0, -500.0)
 PRIOR = Uncertainty(position=800.0)
 WIDE = np.diag([800.0**2, 800.0**2, 0.1**2, 0.1**2])
@@ -23,25 +25,19 @@ BATCH = Matcher(batch_length=40, map_sigma=1e-6, bias_sigma=0.0, options={"trust
 
 def magnetic(name="magnetic", sigma=2.0):
     """A field that is not proportional to the disturbance, nT."""
-    field_map = field_map_of(lambda north, east: 1e6 * wavy(-east + 7e3, north))
-    field_map = replace(
-        field_map, unit="nT", file_unit="nT", quantity="magnetic_anomaly", provenance="mag.nc"
-    )
+    waves = field_map_of(lambda north, east: 1e6 * wavy(-east + 7e3, north))
+    field_map = replace(waves, unit="nT", file_unit="nT", quantity="magnetic_anomaly")
     track = made_track(field_map, 40, error=ERROR, sigma=sigma, seed=5)[0]
     return TrackField(name, track, field_map, BATCH.model_copy(update={"map_sigma": 1.0}))
 
 
-def gravity(field_map=None, **settings):
-    field_map = field_map or field_of("disturbance")
+def gravity(field_map=DISTURBANCE):
     track, latitude, longitude = made_track(field_map, 40, error=ERROR)
-    field = TrackField("gravity", track, field_map, BATCH.model_copy(update=settings))
-    return field, (latitude[-1], longitude[-1])
+    return TrackField("gravity", track, field_map, BATCH), (latitude[-1], longitude[-1])
 
 
 def apart(match, place):
-    north, east = metres_per_radian(place[0])
-    fix = match.fix
-    return np.array([(fix.latitude - place[0]) * north, (fix.longitude - place[1]) * east])
+    return np.array(horizontal_difference(match.fix.latitude, match.fix.longitude, *place))
 
 
 def test_two_fields_are_as_good_as_their_information_together():
@@ -61,9 +57,7 @@ def test_two_fields_are_as_good_as_their_information_together():
 
 def test_what_one_field_leaves_open_another_decides():
     def repeating(north, east):
-        return 2e-4 * np.sin(2 * np.pi * np.asarray(north) / 1500.0) + 2e-4 * np.sin(
-            2 * np.pi * np.asarray(east) / 1500.0
-        )
+        return 2e-4 * (np.sin(2 * np.pi * north / 1500.0) + np.sin(2 * np.pi * east / 1500.0))
 
     first, place = gravity(field_map_of(repeating))
     (alone,) = match_fields([first], PRIOR)
@@ -77,8 +71,7 @@ def test_a_field_without_readings_says_nothing():
     first, _ = gravity()
     second = magnetic()
     silent = replace(second, track=replace(second.track, value=np.full(len(second.track), np.nan)))
-    (both,) = match_fields([first, silent], PRIOR)
-    (alone,) = match_fields([first], PRIOR)
+    (both,), (alone,) = (match_fields(fields, PRIOR) for fields in ([first, silent], [first]))
     assert both.fix.latitude == alone.fix.latitude
     assert both.fix.diagnostics == alone.fix.diagnostics
 
@@ -116,31 +109,25 @@ def test_ends_of_batches(count, length, stride, ends):
 def test_readings_near_the_edge_of_the_map_are_left_out(sigma, least, kept):
     """The track ends 1 km from the northern edge. Readings within 1.64 1-sigmas of it are left out
     if half of them remain; of a map that is continued none."""
-    field_map = field_map_of(wavy)
-    track, _, _ = made_track(field_map, start=(30e3, 0.0), step=(150.0, 0.0))
+    track, _, _ = made_track(DISTURBANCE, start=(30e3, 0.0), step=(150.0, 0.0))
     prior = np.diag([sigma**2, sigma**2, 1e-12, 1e-12])
-    batch = TrackField("gravity", track, field_map).batch(slice(0, 60), 60, np.zeros(4), prior)
-    found = np.isfinite(on_map(batch, field_map, least).reading)
+    batch = TrackField("gravity", track, DISTURBANCE).batch(slice(0, 60), 60, np.zeros(4), prior)
+    found = np.isfinite(on_map(batch, DISTURBANCE, least).reading)
     assert found.sum() == pytest.approx(kept, abs=1)
     assert found[: kept - 1].all()
 
 
 def test_a_batch_is_moved_by_the_error_known_so_far():
-    field_map = field_of("disturbance")
-    track, _, _ = made_track(field_map, reduction="latitude")
-    jacobian = track.jacobian("disturbance")
-    error = np.array([300.0, -200.0, 0.5, -0.25])
-    rows = slice(5, 35)
-    batch = TrackField("gravity", track, field_map).batch(rows, 20, error, WIDE)
+    track, _, _ = made_track(DISTURBANCE, reduction="latitude")
+    error, rows = np.array([300.0, -200.0, 0.5, -0.25]), slice(5, 35)
+    batch = TrackField("gravity", track, DISTURBANCE).batch(rows, 20, error, WIDE)
     assert (len(batch), batch.new) == (30, 20)
     elapsed = track.time[rows] - track.time[34]
-    moved = np.stack([300.0 + 0.5 * elapsed, -200.0 - 0.25 * elapsed], axis=1)
-    north, east = metres_per_radian(track.latitude[rows])
-    found = (track.latitude[rows] - batch.latitude) * north
-    np.testing.assert_allclose(found, moved[:, 0], rtol=1e-6)
-    found = (track.longitude[rows] - batch.longitude) * east
-    np.testing.assert_allclose(found, moved[:, 1], rtol=1e-6)
+    moved = error[:2] + np.outer(elapsed, error[2:])
+    places = np.array([track.latitude[rows], track.longitude[rows]])
+    found = (places - [batch.latitude, batch.longitude]) * metres_per_radian(places[0])
+    np.testing.assert_allclose(found.T, moved, rtol=1e-6)
     np.testing.assert_allclose(batch.transition @ error, moved)
     np.testing.assert_allclose(batch.velocity, track.velocity[rows] - error[2:])
-    expected = track.value[rows] - jacobian[rows, 0] * moved[:, 0]
+    expected = track.value[rows] - track.jacobian("disturbance")[rows, 0] * moved[:, 0]
     np.testing.assert_allclose(batch.reading, expected, rtol=1e-12)

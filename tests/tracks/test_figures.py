@@ -23,21 +23,16 @@ def test_map_shows_the_track_and_its_fixes(step):
     matches = match_track(track, HEIGHT, told(batch_length=20), PRIOR)
     figure = track_map_figure(track, HEIGHT, matches)
     panel = figure.axes[0]
-    west, east = panel.get_xlim()
-    south, north = panel.get_ylim()
-    for degrees, low, high in (
-        (np.degrees(track.longitude), west, east),
-        (np.degrees(track.latitude), south, north),
+    for place, (low, high) in (
+        (track.longitude, panel.get_xlim()),
+        (track.latitude, panel.get_ylim()),
     ):
-        assert low < degrees.min() <= degrees.max() < high
+        assert low < np.degrees(place).min() <= np.degrees(place).max() < high
     (dots,) = [line for line in panel.lines if line.get_marker() == "o"]
     assert len(dots.get_xdata()) == sum(match.fix.published for match in matches) > 0
     labels = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
-    assert labels == {
-        "track as recorded",
-        "track moved by the fixes",
-        r"fix with its $2\sigma$ ellipse",
-    }
+    tracks = {"track as recorded", "track moved by the fixes"}
+    assert labels == tracks | {r"fix with its $2\sigma$ ellipse"}
 
 
 def test_readings_agree_with_the_map_along_the_matched_track():

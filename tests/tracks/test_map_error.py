@@ -21,24 +21,15 @@ def reference_tracks(field_map, sigma_of, length, sensor, tracks=6, count=150):
     length."""
     result = []
     for number in range(tracks):
-        track, _, _ = made_track(
-            field_map,
-            count=count,
-            sigma=sensor,
-            seed=number,
-            start=(-20e3 + 6e3 * number, -20e3),
-            step=(30.0, 260.0),
+        way = {"start": (-20e3 + 6e3 * number, -20e3), "step": (30.0, 260.0)}
+        track, *at = made_track(field_map, count, sigma=sensor, seed=number, **way)
+        sigma = sigma_of(*at)
+        distance = np.hypot(
+            *np.moveaxis(horizontal_difference(*(axis[:, None] for axis in at), *at), -1, 0)
         )
-        sigma = sigma_of(track.latitude, track.longitude)
-        at = track.latitude, track.longitude
-        apart = horizontal_difference(*(axis[:, None] for axis in at), *at)
-        covariance = (
-            np.exp(-np.hypot(apart[..., 0], apart[..., 1]) / length) * sigma[:, None] * sigma
-        )
-        covariance += np.diag(1e-6 * sigma**2)
-        error = np.linalg.cholesky(covariance) @ np.random.default_rng(
-            100 + number
-        ).standard_normal(count)
+        covariance = np.exp(-distance / length) * np.outer(sigma, sigma)
+        factor = np.linalg.cholesky(covariance + np.diag(1e-6 * sigma**2))
+        error = factor @ np.random.default_rng(100 + number).standard_normal(count)
         result.append(replace(track, value=track.value + error))
     return result
 
@@ -62,9 +53,8 @@ def test_an_error_in_proportion_to_the_gradient():
     tracks = reference_tracks(FIELD, rough.sigma_at, 2500.0, 2e-6)
     learnt, _ = with_learnt_error(tracks, FIELD)
     assert learnt.correlation_length == pytest.approx(2500.0, rel=0.5)
-    found, drawn = (
-        one.sigma_at(tracks[0].latitude, tracks[0].longitude) for one in (learnt, rough)
-    )
+    at = tracks[0].latitude, tracks[0].longitude
+    found, drawn = (one.sigma_at(*at) for one in (learnt, rough))
     np.testing.assert_allclose(np.median(found / drawn), 1.0, atol=0.25)
     assert np.corrcoef(found, drawn)[0, 1] > 0.9
 

@@ -38,13 +38,10 @@ def test_wrong_numbers_are_refused(changes, message):
 
 
 def test_two_readings_are_too_few():
-    track = changed()
-    few = {
-        name: getattr(track, name)[:2]
-        for name in ("time", "latitude", "longitude", "value", "sigma", "offset")
-    }
+    names = ("time", "latitude", "longitude", "value", "sigma", "offset")
+    few = changed(**{name: getattr(changed(), name)[:2] for name in names})
     with pytest.raises(InputError, match="at least 3 readings, has 2"):
-        fit_to_map(replace(track, **few), DISTURBANCE)
+        fit_to_map(few, DISTURBANCE)
 
 
 def test_a_track_off_the_map_is_refused():
@@ -72,10 +69,8 @@ def test_readings_in_another_unit_are_refused_with_the_unit(quantity, factor, un
     field_map = field_of(quantity)
     track, _, _ = made_track(field_map, sigma=1e-9)
     fit_to_map(track, field_map)
-    with pytest.raises(
-        InputError,
-        match=f"do not fit the {quantity} map .*they look like {unit}: give --track-unit '{unit}'",
-    ):
+    says = f"do not fit the {quantity} map .*they look like {unit}: give --track-unit '{unit}'"
+    with pytest.raises(InputError, match=says):
         fit_to_map(replace(track, value=track.value * factor), field_map)
 
 
@@ -83,9 +78,8 @@ def test_gravity_against_a_disturbance_map_is_refused_unless_normal_gravity_is_t
     track, latitude, _ = made_track(DISTURBANCE)
     gamma = normal_gravity(latitude)
     gravity = replace(track, value=track.value + gamma)
-    with pytest.raises(
-        InputError, match="they look like gravity: give normal gravity in the column offset"
-    ):
+    says = "they look like gravity: give normal gravity in the column offset"
+    with pytest.raises(InputError, match=says):
         fit_to_map(gravity, DISTURBANCE)
     fit_to_map(replace(gravity, offset=gamma), DISTURBANCE)
 
@@ -93,50 +87,42 @@ def test_gravity_against_a_disturbance_map_is_refused_unless_normal_gravity_is_t
 def test_jacobian_of_each_reduction():
     track, _, _ = made_track(DISTURBANCE)
     assert not track.jacobian("disturbance").any()
-    north = 1.0 / 6.36e6
     latitude = replace(track, reduction="latitude").jacobian("bouguer_anomaly")
     # normal gravity at a latitude 1 m too far south (in the south it grows to the south) is too
     # large, so the reading too small
-    change = normal_gravity(track.latitude) - normal_gravity(track.latitude + north)
+    change = normal_gravity(track.latitude) - normal_gravity(track.latitude + 1.0 / 6.36e6)
     np.testing.assert_allclose(latitude[:, 0], change, rtol=2e-3)
     assert not latitude[:, 1:].any()
     velocity = replace(track, reduction="velocity").jacobian("gravity")
     expected = reading_jacobian("gravity", track.latitude, *track.velocity.T)
     np.testing.assert_allclose(velocity, expected, rtol=1e-12)
-    others = (
-        ("height", "latitude"),
-        ("height", "velocity"),
-        ("gravity", "latitude"),
-        ("height", "main-field"),
-    )
-    for quantity, reduction in (
-        *others,
-        ("gravity", "main-field"),
+
+
+@pytest.mark.parametrize(
+    ("quantity", "reduction"),
+    [
+        *(("height", reduction) for reduction in ("latitude", "velocity", "main-field")),
+        *(("gravity", reduction) for reduction in ("latitude", "main-field")),
         ("magnetic_anomaly", "velocity"),
-    ):
-        with pytest.raises(
-            InputError,
-            match=f"readings of {quantity} are not reduced with the track's {reduction}",
-        ):
-            replace(track, reduction=reduction).jacobian(quantity)
+    ],
+)
+def test_reductions_of_other_fields_are_refused(quantity, reduction):
+    says = f"readings of {quantity} are not reduced with the track's {reduction}"
+    with pytest.raises(InputError, match=says):
+        changed(reduction=reduction).jacobian(quantity)
 
 
 def test_jacobian_of_the_reduction_with_the_main_field():
-    track, _, _ = made_track(DISTURBANCE)
-    jacobian = replace(track, reduction="main-field").jacobian("magnetic_anomaly")
+    """nT/m, against differences over a kilometre."""
+    track = changed(reduction="main-field")
+    jacobian = track.jacobian("magnetic_anomaly")
     at = np.degrees([track.latitude, track.longitude])
-    per_metre = 1.0 / np.radians(1.0) / np.array([*metres_per_radian(track.latitude)])
+    steps = np.degrees(500.0 / np.array(metres_per_radian(track.latitude)))
     for axis in (0, 1):
-        step = 500.0 * per_metre[axis]
-        ends = [
-            intensity(
-                at[0] + sign * step * (axis == 0), at[1] + sign * step * (axis == 1), 0.0, 2025.0
-            )
-            for sign in (1, -1)
-        ]
-        np.testing.assert_allclose(
-            jacobian[:, axis], (ends[1] - ends[0]) / 1000.0, atol=2e-5
-        )  # nT/m
+        step = np.zeros_like(at)
+        step[axis] = steps[axis]
+        south, north = (intensity(*(at + sign * step), 0.0, 2025.0) for sign in (-1, 1))
+        np.testing.assert_allclose(jacobian[:, axis], (south - north) / 1000.0, atol=2e-5)
     assert np.abs(jacobian[:, 0]).min() > 1e-3
     assert not jacobian[:, 2:].any()
 

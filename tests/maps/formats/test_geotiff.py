@@ -94,19 +94,11 @@ def test_bands(tmp_path):
     check(path, 1e-7, "2", quantity="disturbance")
 
 
-@pytest.mark.parametrize(
-    ("values", "transform", "kind", "asked", "words"),
-    [
-        (MGAL, NORTH_UP, "float64", {"unit": "m/s²"}, "these look like mGal: give unit=mGal"),
-        (np.full_like(MGAL, np.nan), NORTH_UP, "float64", {}, "all missing"),
-        (MGAL, from_origin(36.0, 144.0, STEP, STEP), "float64", {}, "axes swapped, or a proj"),
-        (MGAL, NORTH_UP, "float64", {"window": Window(0.0, 0.1, 0.0, 0.1)}, "has nothing at"),
-        (MGAL, NORTH_UP, "complex64", {}, "band 1 holds complex64, not numbers"),
-    ],
-    ids=["unit", "empty", "swapped", "away", "complex"],
-)
-def test_refusals(tmp_path, values, transform, kind, asked, words):
-    assert words in refused(geotiff(tmp_path / "a.tif", values, transform, kind=kind), **asked)
+def test_refusals(tmp_path):
+    swapped = geotiff(tmp_path / "a.tif", MGAL, from_origin(36.0, 144.0, STEP, STEP))
+    assert "axes swapped, or a proj" in refused(swapped)
+    odd = geotiff(tmp_path / "b.tif", MGAL, NORTH_UP, kind="complex64")
+    assert "band 1 holds complex64, not numbers" in refused(odd)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04" * 100, "cut"], ids=str)

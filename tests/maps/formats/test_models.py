@@ -5,11 +5,10 @@ import math
 import netCDF4
 import numpy as np
 import pytest
-import rasterio
 from rasterio import shutil
 from rasterio.transform import from_origin
 
-from helpers.map_files import refused, save
+from helpers.map_files import axes, geotiff, refused, save
 from isogal.earth.ellipsoid import GM, A, radii
 from isogal.maps.axes import Window
 from isogal.maps.load import load_map
@@ -111,15 +110,12 @@ def test_emag2_where_its_longitudes_begin_anew(tmp_path):
     assert field_map.values.shape[1] >= 6 and np.ptp(field_map.longitude) < np.radians(1.0)
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # inside rasterio
 def test_emag2_as_geotiff(tmp_path):
-    path = tmp_path / "EMAG2_V3_UpCont_DataTiff.tif"
     values = np.arange(400.0).reshape(20, 20)
-    with rasterio.open(
-        path, "w", driver="GTiff", width=20, height=20, count=1, dtype="float64",
-        crs="EPSG:4326", transform=from_origin(145.0, -36.0, 1 / 30, 1 / 30),
-    ) as file:  # fmt: skip
-        file.write(values, 1)
-    found = load_map(path)
+    corner = from_origin(145.0, -36.0, 1 / 30, 1 / 30)
+    path = tmp_path / "EMAG2_V3_UpCont_DataTiff.tif"
+    found = load_map(geotiff(path, values, corner, unit=None, name=None))
     assert (found.quantity, found.unit, found.height) == ("magnetic_anomaly", "nT", 4000)
     np.testing.assert_allclose(found.values, values[::-1])
 
@@ -130,13 +126,9 @@ def test_dted(tmp_path):
     step = 1.0 / 120.0
     posts = (np.arange(121)[:, None] + 2 * np.arange(121)).astype(np.int16)
     posts[5, 7] = -32767
-    with rasterio.open(
-        tmp_path / "cell.tif", "w", driver="GTiff", width=121, height=121, count=1, dtype="int16",
-        crs="EPSG:4326", transform=from_origin(145 - step / 2, -36 + step / 2, step, step),
-        nodata=-32767,
-    ) as file:  # fmt: skip
-        file.write(posts, 1)
-    shutil.copy(tmp_path / "cell.tif", path, driver="DTED")
+    corner = from_origin(145 - step / 2, -36 + step / 2, step, step)
+    how = {"kind": "int16", "nodata": -32767, "unit": None, "name": None}
+    shutil.copy(geotiff(tmp_path / "cell.tif", posts, corner, **how), path, driver="DTED")
     found = load_map(path)
     assert (found.quantity, found.unit, found.quantisation) == ("height", "m", 1.0)
     np.testing.assert_allclose(np.degrees(found.latitude[[0, -1]]), [-37, -36], atol=1e-9)
@@ -150,10 +142,7 @@ def test_dted(tmp_path):
 def test_depths_are_no_heights(tmp_path):
     path = tmp_path / "sea.nc"
     with netCDF4.Dataset(path, "w") as file:
-        for name, unit, first in (("lat", "degrees_north", -37.0), ("lon", "degrees_east", 145.0)):
-            file.createDimension(name, 8)
-            axis = file.createVariable(name, "f8", (name,))
-            axis.units, axis[:] = unit, first + np.arange(8) / 240.0
+        axes(file, -37.0 + np.arange(8) / 240.0, 145.0 + np.arange(8) / 240.0)
         for name, sign in (("depth", 1.0), ("depth_up", -1.0)):
             depths = file.createVariable(name, "f8", ("lat", "lon"))
             depths.units, depths[:] = "m", sign * (4000.0 - 10.0 * np.arange(8))
@@ -163,13 +152,10 @@ def test_depths_are_no_heights(tmp_path):
 
 def test_gebco(tmp_path):
     """As its files say what they hold."""
-    path = tmp_path / "GEBCO_2024.nc"
+    path, cells = tmp_path / "GEBCO_2024.nc", (np.arange(24) + 0.5) / 240.0
     with netCDF4.Dataset(path, "w") as file:
-        for name, unit, first in (("lat", "degrees_north", -37.0), ("lon", "degrees_east", 145.0)):
-            file.createDimension(name, 24)
-            axis = file.createVariable(name, "f8", (name,))
-            axis.standard_name, axis.units = {"lat": "latitude", "lon": "longitude"}[name], unit
-            axis[:] = first + (np.arange(24) + 0.5) / 240.0
+        axes(file, -37.0 + cells, 145.0 + cells)
+        file["lat"].standard_name, file["lon"].standard_name = "latitude", "longitude"
         crs = file.createVariable("crs", "S1", ())
         crs.grid_mapping_name = "latitude_longitude"
         heights = file.createVariable("elevation", "i2", ("lat", "lon"), fill_value=-32767)

@@ -53,11 +53,9 @@ def test_gdf_gaps_and_a_height_column(tmp_path):
         ("x" * 100_000, "no line 'end_of_head'"),
         (gdf(CUT), "points, the header says 480; cut short?"),
         (gdf(CUT, drop=("number_of_gridpoints",)), "header says latlimit_south -37; cut short"),
-        (gdf(ROWS, unit="furlong"), "unknown unit 'furlong'"),
         (gdf(ROWS, drop=("unit",)), "does not say its unit"),
         (gdf(ROWS, functional="second_r_derivative"), "does not say what it is a map of"),
         (gdf(ROWS, functional="geoid", unit="mgal"), "unit 'mgal' does not fit a geoid map"),
-        (gdf(ROWS, unit="m/s2"), "these look like mGal"),
         (gdf(ROWS, gapvalue="none"), "header gapvalue is not a number"),
         (gdf(ROWS.replace("144.5000000000", "????", 1)), "not a table of numbers"),
         (
@@ -65,7 +63,6 @@ def test_gdf_gaps_and_a_height_column(tmp_path):
             "columns must begin with longitude, latitude",
         ),
         (gdf(table(SMALL, "lat lon value")), "latitudes reach 145.65 deg"),
-        (gdf("".join(f"{x} {y} 9999.0\n" for x in LON for y in LAT)), "all missing"),
         (gdf(""), "holds no numbers"),
         (gdf("1 2 3\n"), "points, the header says 480"),
     ],
@@ -115,10 +112,7 @@ def test_xyz_with_holes(tmp_path):
         ("lon lat dg[mGal]\n500000 2 3\n500100 2 3\n", "is it a projected grid?"),
         ("lon lat dg[mGal]\n1 2 3\n2 2 3\n3 2 3\n", "all points have the same latitude"),
         ("lon lat dg[mGal]\n1 2 3\n2 3 3\n", "latitude has 2 nodes; at least 4 are needed"),
-        (
-            "lon lat dg[mGal]\n" + ROWS + FIRST,
-            "two points lie on the same node",
-        ),
+        ("lon lat dg[mGal]\n" + ROWS + FIRST, "two points lie on the same node"),
         (
             "lon lat dg[mGal]\n" + "".join(f"{np.sqrt(i)} {i % 7} 1\n" for i in range(99)),
             "regular grid",
@@ -127,10 +121,7 @@ def test_xyz_with_holes(tmp_path):
             "lon lat dg[mGal]\n" + "".join(f"{i} {i * 1.3 % 60} 1\n" for i in range(99)),
             "regular grid",
         ),
-        ("lon lat dg[mGal]\n" + "1 2 3\n" * 9, "all points have the same latitude"),
-        ("lon lat dg[mGal]\nnan 2 3\n", "no coordinates"),
         ("lon lat a b\n1 2 3 4\n", "needs one latitude, one longitude and one value column"),
-        ("lon lat ga[m/s2]\n" + ROWS, "cannot be a gravity map"),
     ],
 )
 def test_xyz_refusals(tmp_path, text, words):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
 
 from helpers.node_bench import bench
@@ -123,14 +124,8 @@ def test_a_heading_of_a_vehicle_that_is_tilted() -> None:
     """Nose up by 30 degrees, rolled by 20: the bow's heading stays."""
     message = Imu()
     yaw, pitch, roll = 0.7, -math.radians(30.0), math.radians(20.0)
-    q = [1.0, 0.0, 0.0, 0.0]
-    for angle, axis in ((yaw, 3), (pitch, 2), (roll, 1)):
-        one = [math.cos(angle / 2), 0.0, 0.0, 0.0]
-        one[axis] = math.sin(angle / 2)
-        w, v = q[0] * one[0] - np.dot(q[1:], one[1:]), np.cross(q[1:], one[1:])
-        q = [w, *(q[0] * np.array(one[1:]) + one[0] * np.array(q[1:]) + v)]
     o = message.orientation
-    o.w, o.x, o.y, o.z = (float(x) for x in q)
+    o.x, o.y, o.z, o.w = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat().tolist()
     assert read_heading(message)[0] == pytest.approx(math.pi / 2 - yaw)
 
 

@@ -153,10 +153,7 @@ def test_frames_of_other_names_and_back() -> None:
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        (
-            {"gravimeter/data": {}},
-            "no topic 'gravimeter/data'; did you mean 'gravimeter/data_raw'",
-        ),
+        ({"gravimeter/data": {}}, "'gravimeter/data'; did you mean 'gravimeter/data_raw'"),
         ({"gravimeter/data_raw": {"unit": "gal"}}, "unit: must be one of m/s2, mGal"),
         ({"imu/data_raw": {"unit": "g"}}, "unit: must be empty"),
         ({"imu/data_raw": {"frames": "x"}}, "unknown key 'frames'"),

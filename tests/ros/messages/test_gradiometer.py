@@ -59,32 +59,17 @@ def test_a_covariance_of_zero_is_an_unknown_one() -> None:
     assert ADAPTER.read_raw(message(1.0, VALUE, np.zeros((3, 3))))[1] is None
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            lambda m: m.header.__setattr__("frame_id", "map"),
-            "frame_id must be 'gradiometer_link'",
-        ),
-        (lambda m: m.fields.pop(0), "no field T_nn; fields are T_ed, T_dd, covariance"),
-        (lambda m: m.fields.pop(), "no field covariance"),
-        (lambda m: setattr(m, "fields", []), r"fields are \(none\)"),
-        (
-            lambda m: setattr(m.fields[0], "datatype", PointField.FLOAT32),
-            "field T_nn must be float64",
-        ),
-        (lambda m: setattr(m.fields[3], "count", 4), "field covariance must be 9 x float64"),
-        (
-            lambda m: setattr(m, "data", bytes(m.data)[:-8]),
-            "lies beyond the end of the data",
-        ),
-        (
-            lambda m: setattr(m.fields[1], "offset", 4_000_000_000),
-            "field T_ed lies beyond the end",
-        ),
-        (lambda m: setattr(m, "width", 2), "must hold one point, holds 2"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda m: setattr(m.header, "frame_id", "map"), "frame_id must be 'gradiometer_link'"),
+    (lambda m: m.fields.pop(0), "no field T_nn; fields are T_ed, T_dd, covariance"),
+    (lambda m: m.fields.pop(), "no field covariance"),
+    (lambda m: setattr(m, "fields", []), r"fields are \(none\)"),
+    (lambda m: setattr(m.fields[0], "datatype", PointField.FLOAT32), "T_nn must be float64"),
+    (lambda m: setattr(m.fields[3], "count", 4), "field covariance must be 9 x float64"),
+    (lambda m: setattr(m, "data", bytes(m.data)[:-8]), "lies beyond the end of the data"),
+    (lambda m: setattr(m.fields[1], "offset", 4_000_000_000), "field T_ed lies beyond the end"),
+    (lambda m: setattr(m, "width", 2), "must hold one point, holds 2"),
+])  # fmt: skip
 def test_what_cannot_be_read(change, words) -> None:
     made = message(1.0, VALUE, COVARIANCE)
     change(made)

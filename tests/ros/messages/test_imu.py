@@ -37,27 +37,17 @@ def test_axes() -> None:
     assert message.angular_velocity.z == -0.1
 
 
-def bad_imu(**changes) -> Imu:
-    message = Imu()
-    message.header.frame_id = changes.pop("frame", "base_link")
-    message.linear_acceleration.z = changes.pop("z", 9.8)
-    message.angular_velocity_covariance = np.diag([changes.pop("variance", 1.0)] * 3).ravel()
-    assert not changes
-    return message
-
-
-@pytest.mark.parametrize(
-    ("message", "words"),
-    [
-        (bad_imu(frame="camera"), "frame_id must be 'base_link', is 'camera'"),
-        (bad_imu(z=math.nan), "not finite"),
-        (bad_imu(z=math.inf), "not finite"),
-        (bad_imu(z=5e3), "above 1000"),
-        (bad_imu(variance=-1.0), "without specific force"),
-        (bad_imu(variance=-2.0), "negative variance"),
-    ],
-)
-def test_samples_that_cannot_be_used(message, words) -> None:
+@pytest.mark.parametrize(("words", "frame", "up", "variance"), [
+    ("frame_id must be 'base_link', is 'camera'", "camera", 9.8, 1.0),
+    ("not finite", "base_link", math.nan, 1.0),
+    ("not finite", "base_link", math.inf, 1.0),
+    ("above 1000", "base_link", 5e3, 1.0),
+    ("without specific force", "base_link", 9.8, -1.0),
+    ("negative variance", "base_link", 9.8, -2.0),
+])  # fmt: skip
+def test_samples_that_cannot_be_used(words, frame, up, variance) -> None:
+    message = Imu(angular_velocity_covariance=variance * np.eye(3).ravel())
+    message.header.frame_id, message.linear_acceleration.z = frame, up
     with pytest.raises(BadMessageError, match=words):
         read_imu(serialize_message(message))
 

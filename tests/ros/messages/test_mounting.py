@@ -74,12 +74,9 @@ def test_the_parameter_wins() -> None:
 
 
 def test_arms_are_from_the_inertial_sensors(scenario) -> None:
-    keys = (
+    own = scenario(
         "gnss.available=[[0, 60]]",
         "positions=[{name: usbl, sigma: 5}, {name: radar, sigma: 5}]",
-    )
-    own = scenario(
-        *keys,
         "velocity.kind=dvl",
         "velocity.lever_arm=[7, 0, 0]",
         "velocities=[{name: second, kind: dvl}]",

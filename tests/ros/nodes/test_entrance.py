@@ -1,6 +1,5 @@
 """Nodes whose sensors and frames are not as the graph has them."""
 
-import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64
@@ -11,7 +10,6 @@ from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.collect import wanted_messages
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.messages.frames import FrameNames
 from isogal_ros.messages.gravimeter import gravity
 from isogal_ros.nodes.health import WARN
 
@@ -45,23 +43,6 @@ def test_a_mounting_that_is_not_said_is_not_guessed(scenario) -> None:
     assert "imu_frame" in text
 
 
-def test_an_imu_that_is_mounted_upside_down(scenario) -> None:
-    entry = "{imu/data_raw: {frame: imu, rotation: [180.0, 0.0, 0.0]}}"
-    found = []
-    for own, turn, frame in (({}, 1.0, "base_link"), ({"drivers": entry}, -1.0, "imu")):
-        with bench(topics.UKF_FUSION, scenario(), **own) as made:
-            for second in range(1, 4):
-                force = 0.01, turn * 0.02, turn * -9.8
-                made.imu(second, force, (1e-5, turn * 2e-5, turn * 3e-5), frame=frame)
-            found.append(made.heard["nav/odom"][-1])
-    (one, other) = (message.twist.twist for message in found)
-    np.testing.assert_allclose(
-        [one.linear.x, one.linear.y, one.linear.z, one.angular.y],
-        [other.linear.x, other.linear.y, other.linear.z, other.angular.y],
-        rtol=1e-12,
-    )
-
-
 def test_frames_have_other_names_outside(scenario) -> None:
     with bench(topics.UKF_FUSION, scenario(), **OUTSIDE) as made:
         made.imu(1.0, frame="ship/base_link")
@@ -71,21 +52,6 @@ def test_frames_have_other_names_outside(scenario) -> None:
         assert made.heard["nav/fix"][-1].header.frame_id == "ship/base_link"
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("ship/world", "ship/base_link")
     assert {one.header.frame_id for one in (path, *path.poses)} == {"ship/world"}
-
-
-def test_a_node_takes_the_names_that_another_gives(scenario) -> None:
-    def named(made) -> None:
-        publish = made.publish
-
-        def renamed(topic, message) -> None:
-            FrameNames("world", prefix="ship").outward(message)
-            publish(topic, message)
-
-        made.publish = renamed
-        made.reading(10.0, 9.7952, topic=topics.GRAVIMETRY)
-
-    plain = reduced(scenario, lambda made: made.reading(10.0, 9.7952, topic=topics.GRAVIMETRY))
-    assert reduced(scenario, named, **OUTSIDE) == plain
 
 
 def test_bad_drivers_are_refused_before_the_node_begins(scenario) -> None:

@@ -11,7 +11,7 @@ from isogal_ros.graph.running import shared_memory, sweep_shared_memory
 from isogal_ros.nodes.signals import INTERRUPTED
 
 
-@pytest.mark.parametrize("name", [topics.INS_SIM, topics.UKF_FUSION, "isogal_recorder"])
+@pytest.mark.parametrize("name", [topics.UKF_FUSION, "isogal_recorder"])
 def test_an_early_interrupt_says_nothing(tmp_path, name) -> None:
     """From the first import on; it once printed where the imports were."""
     before = shared_memory()

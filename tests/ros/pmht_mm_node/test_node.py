@@ -42,20 +42,11 @@ def test_readings_may_come_before_the_navigators_state(matcher_bench, drive, sce
     assert matcher_bench.node.scans.waiting == 0
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"value": math.nan}, "not finite"),
-        ({"variance": -1.0}, "negative variance"),
-        ({"frame": "camera"}, "frame_id must be 'gravimeter_link'"),
-    ],
-)
-def test_a_bad_reading_leaves_a_batch_of_the_same_length(
-    matcher_bench, drive, keys, words
-) -> None:
+def test_a_bad_reading_leaves_a_batch_of_the_same_length(matcher_bench, drive) -> None:
+    """What else is bad of a message, tests of its reader say."""
     for scan in range(1, 7):
-        drive(scan, **(keys if scan == 3 else {}))
-    assert any(level == WARN and words in message for level, message, _ in matcher_bench.says())
+        drive(scan, **({"value": math.nan} if scan == 3 else {}))
+    assert matcher_bench.told("not finite")[0] == WARN
     assert to_ns(matcher_bench.heard["pmht_mm/fix"][0].header.stamp) == from_seconds(60.0)
 
 
@@ -152,18 +143,6 @@ def test_settings_may_change_between_batches(matcher_bench) -> None:
     assert not refused.successful
     assert "no_such_option" in refused.reason
     assert node.scenario.matcher.options == {}
-
-
-def test_a_bad_anomaly_is_dropped_and_the_batch_keeps_its_length(magnetic) -> None:
-    with bench(topics.PMHT_MM, magnetic) as made:
-        for scan in range(1, 16):
-            value = math.nan if scan == 4 else 50.0
-            message = topics.ANOMALY.type()
-            set_stamp(message.header.stamp, from_seconds(10.0 * scan))
-            message.magnetic_field.z = value * 1e-9
-            made.nav(10.0 * scan, 0.9756 + 1e-5 * scan, -0.0681 + 1e-5 * scan, (6.4, 3.6))
-            made.publish(topics.ANOMALY, message)
-        assert made.node.health.dropped == {"magnetometer/anomaly": 1}
 
 
 def test_a_vector_that_cannot_be_read_is_an_empty_scan(gradient) -> None:

@@ -13,7 +13,7 @@ from isogal_ros import topics
 from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.health import ERROR, OK, WARN
+from isogal_ros.nodes.health import OK, WARN
 
 
 @pytest.fixture
@@ -82,18 +82,14 @@ def test_a_late_fix_equals_one_in_time(scenario, start) -> None:
     ("send", "topic", "words"),
     [
         (lambda b: b.imu(3, (math.nan, 0.0, -9.8)), "imu/data_raw", "not finite"),
-        (lambda b: b.imu(3, frame="camera"), "imu/data_raw", "frame_id must be 'base_link'"),
-        (lambda b: b.imu(1), "imu/data_raw", "not later than"),
         (lambda b: b.imu(2), "imu/data_raw", "not later than"),
-        (lambda b: b.imu(3, (1e9, 0.0, 0.0)), "imu/data_raw", "above 1000"),
         (lambda b: b.fix(2, math.nan, 0.0), "pmht_mm/fix", "not finite"),
-        (lambda b: b.fix(2, -0.6, 2.5, variance=-1.0), "pmht_mm/fix", "negative variance"),
         (lambda b: b.fix(2, -0.6, 2.5, variance=0.0), "pmht_mm/fix", "not positive definite"),
-        (lambda b: b.fix(2, -0.6, 2.5, frame="antenna"), "pmht_mm/fix", "frame_id must be"),
         (lambda b: b.fix(99, -0.6, 2.5), "pmht_mm/fix", "ahead of the navigator"),
     ],
 )
 def test_bad_messages_are_dropped_and_said(filter_bench, send, topic, words) -> None:
+    """What else is bad of a message, tests of its reader say."""
     filter_bench.imu(1)
     filter_bench.imu(2)
     send(filter_bench)
@@ -149,13 +145,6 @@ def test_lost_samples_are_bridged_and_counted(filter_bench) -> None:
     assert "2 IMU samples missing" in warnings[0][1]
     assert filter_bench.says()[-1][2]["IMU samples missing"] == "2"
     assert filter_bench.says()[-1][0] == OK  # over when the next sample is in time
-
-
-def test_a_long_gap_is_an_error(filter_bench) -> None:
-    for k in (1, 2, 59, 60):  # the second one says that time has passed
-        filter_bench.imu(k)
-    assert any(level == ERROR for level, *_ in filter_bench.says())
-    assert 60 in stamps(filter_bench, topics.NAV_ODOM)
 
 
 def test_a_given_start(scenario) -> None:

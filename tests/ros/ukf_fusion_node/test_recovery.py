@@ -1,6 +1,8 @@
 """Where the filter begins: the scenario's start, a checkpoint, a user's pose, or nowhere."""
 
 import math
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,14 +45,26 @@ def sigma(made: Bench) -> float:
     return math.sqrt(covariance[0, 0] + covariance[1, 1])
 
 
-def test_a_restarted_filter_goes_on_and_knows_less(scenario, drive, tmp_path) -> None:
+@pytest.fixture(scope="module")
+def ended(scenario, drive, tmp_path_factory) -> tuple[Path, float, float]:
+    """Folder of the checkpoints of a filter that ended at 60 s, its error and 1-sigma, m."""
+    folder = tmp_path_factory.mktemp("checkpoint")
+    with bench(topics.UKF_FUSION, scenario(), checkpoint=str(folder)) as made:
+        drive(made, (1, 60))
+        return folder, drive.error(made, 60), sigma(made)
+
+
+@pytest.fixture
+def left(ended, tmp_path) -> Path:
+    """A copy of that folder."""
+    return shutil.copytree(ended[0], tmp_path / "checkpoint")
+
+
+def test_a_restarted_filter_goes_on_and_knows_less(scenario, drive, ended, left) -> None:
     """Killed at 60 s, there again at 80 s, on a straight course. There may have been a manoeuvre:
     0.1 m/s² for 19 s is 1.9 m/s, 18 m then and 21 m in the 11 s since, along two axes."""
-    own = {"checkpoint": str(tmp_path)}
-    with bench(topics.UKF_FUSION, scenario(), **own) as made:
-        drive(made, (1, 60))
-        before = drive.error(made, 60), sigma(made)
-    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+    _, *before = ended
+    with bench(topics.UKF_FUSION, scenario(), checkpoint=str(left)) as made:
         drive(made, (80, 90))
         after = drive.error(made, 90), sigma(made)
         assert stamps(made, topics.NAV_FIX) == list(range(80, 91))
@@ -86,35 +100,27 @@ def test_it_waits_for_the_time_of_its_start(scenario, drive) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "first", "words"),
+    ("keys", "change", "first", "words"),
     [
-        ({"run": 1}, 61, "another run or another scenario"),
-        ({"checkpoint_age": 100.0}, 300, "too old"),
-        ({}, 30, "of a later time"),
+        ((), {"run": 1}, 61, "another run or another scenario"),
+        (("imu.grade=quantum",), {}, 61, "another run or another scenario"),
+        ((), {"checkpoint_age": 100.0}, 300, "too old"),
+        ((), {}, 30, "of a later time"),
     ],
 )
 def test_a_checkpoint_that_is_not_its_own_is_refused(
-    scenario, drive, tmp_path, change, first, words
+    scenario, drive, left, keys, change, first, words
 ) -> None:
-    own = {"checkpoint": str(tmp_path)}
-    with bench(topics.UKF_FUSION, scenario(), **own) as made:
-        drive(made, (1, 60))
-    with bench(topics.UKF_FUSION, scenario(), **own | change) as made:
+    with bench(topics.UKF_FUSION, scenario(*keys), checkpoint=str(left), **change) as made:
         drive(made, (first, first + 1))
         assert made.told(words)[0] == ERROR
         assert made.heard["nav/fix"] == []
 
 
-def test_another_scenario_and_a_damaged_file(scenario, drive, tmp_path) -> None:
-    own = {"checkpoint": str(tmp_path)}
-    with bench(topics.UKF_FUSION, scenario(), **own) as made:
-        drive(made, (1, 60))
-    with bench(topics.UKF_FUSION, scenario("imu.grade=quantum"), **own) as made:
-        drive(made, (61, 62))
-        assert made.told("another run or another scenario")[0] == ERROR
-    (file,) = tmp_path.iterdir()
+def test_a_damaged_file(scenario, drive, left) -> None:
+    (file,) = left.iterdir()
     file.write_bytes(file.read_bytes()[:-1] + b"x")
-    with bench(topics.UKF_FUSION, scenario(), **own) as made:
+    with bench(topics.UKF_FUSION, scenario(), checkpoint=str(left)) as made:
         drive(made, (61, 62))
         assert made.told("damaged (checksum)")[0] == ERROR
 

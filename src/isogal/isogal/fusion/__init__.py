@@ -16,7 +16,6 @@ gate                which measurements are rejected
 protection_level    radius that the horizontal error seldom exceeds
 
 auxiliary           states beside the fifteen: what disturbs the dynamics slowly
-gravity_states      those of the horizontal gravity that is left
 imu_states          those of the inertial sensors
 
 nominal             the mean as compiled functions take it, and moving it by an error state

@@ -28,7 +28,7 @@ from isogal.fusion.measurements import (
     PositionFix,
     Widening,
 )
-from isogal.fusion.measurements.satellites import GNSS
+from isogal.fusion.measurements.ground_velocity import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.state import FilterState
 

@@ -3,7 +3,8 @@
 import math
 
 from isogal.fields.known_gravity import KnownGravity
-from isogal.fusion import gravity_states, imu_states
+from isogal.fusion import imu_states
+from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.heading import heading_error_states
 from isogal.fusion.measurements.height import (
     UNKNOWN_HEIGHT,
@@ -57,7 +58,7 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
     up = UNKNOWN_HEIGHT if height.measured else KNOWN_HEIGHT
     sigma = (position, position, up, velocity, velocity, 0.01, tilt, tilt, heading)
     auxiliary = (
-        *gravity_states.states(gravity),
+        *_gravity_states(gravity),
         *imu_states.states(scenario),
         *height_error_states(height),
         *(state for aid in scenario.heights or () for state in height_error_states(aid)),
@@ -87,4 +88,20 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         preintegrated=scenario.samples_per_step > 1,
         false_rejection=scenario.fusion.false_rejection,
         judges_satellites=scenario.gnss.judged,
+    )
+
+
+def _gravity_states(gravity: KnownGravity) -> tuple[AuxiliaryState, ...]:
+    """Return the residual to north and to east, first-order Gauss-Markov processes along the track
+    (Jekeli 2001, section 6.6; docs/mathematics.md, section 3.9); none where nothing is left.
+
+    Their 1-sigma and length hold until the matcher has learnt how wrong the map is
+    (`isogal.fusion.state.FilterState.residual_gravity`)."""
+    if gravity.residual_sigma == 0.0:
+        return ()
+    return tuple(
+        AuxiliaryState(
+            name, "gravity", axis, gravity.residual_sigma, length=gravity.residual_length
+        )
+        for axis, name in enumerate(("gravity_north", "gravity_east"))
     )

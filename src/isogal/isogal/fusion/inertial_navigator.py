@@ -15,7 +15,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fusion.aid_monitor import AidMonitor, Without, aid_of, by_itself, of_aid
 from isogal.fusion.measurements import Innovation, Measurement
-from isogal.fusion.measurements.satellites import GNSS
+from isogal.fusion.measurements.ground_velocity import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample

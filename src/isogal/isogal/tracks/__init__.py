@@ -17,8 +17,7 @@ Matching
 - `models`: which errors of map and readings are possible?
 - `evidence`: what do the readings of one field say of places?
 - `places`: where may a track be?
-- `displacement`: by how much is a gridded map displaced as a whole?
-- `jackknife`: how far does a fix move without half of its readings?
+- `widening`: by how much is a fix less certain than its posterior?
 - `continued_map`: what has a map beyond its edge and in its gaps?
 - `map_error`: how wrong is a map, by tracks whose positions are known?
 

@@ -3,9 +3,9 @@
 No navigator says how wrong a track is, so that it may be anywhere within a prior of kilometres.
 Where it may be is looked up on a grid of shifts first (`places`); cells and models that are not
 impossible become hypotheses of the bank (`isogal.matching.pmht`), which take the readings as they
-do on a vehicle. That a gridded map may be displaced widens the fix (`displacement`); of a map that
+do on a vehicle. That a gridded map may be displaced widens the fix; of a map that
 does not say over which lengths its errors hold together, how far the fix moves without half of the
-readings (`jackknife`)."""
+readings (`widening`)."""
 
 import math
 from collections.abc import Sequence
@@ -33,12 +33,11 @@ from isogal.matching.usability import too_few, unusable
 from isogal.matrices import symmetric
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.continued_map import continued
-from isogal.tracks.displacement import displacement
 from isogal.tracks.evidence import Seen
-from isogal.tracks.jackknife import excess
 from isogal.tracks.models import track_models
 from isogal.tracks.places import Shifts, shifts_of
 from isogal.tracks.track import FEWEST
+from isogal.tracks.widening import displacement, excess
 
 CONFIDENCE = 0.9
 """Probability that the heaviest of several places needs; what the others have is in the

@@ -108,20 +108,10 @@ class Match:
     chained: from prior and all fixes so far."""
     covariance: Array
     """(4, 4) covariance of `error`."""
-    latitude: float
-    """rad, the recorded track at the batch end."""
-    longitude: float
-    """rad."""
+    position: tuple[float, float]
+    """Latitude and longitude (rad) of the recorded track at the batch end less its `error`."""
     shifts: Shifts | None = None
     """Posterior of the batch's shift, where `pmht` has matched it."""
-
-    @property
-    def position(self) -> tuple[float, float]:
-        """Latitude and longitude (rad) of the recorded track less its `error`."""
-        north, east = metres_per_radian(self.latitude)
-        return float(self.latitude - self.error[0] / north), float(
-            self.longitude - self.error[1] / east
-        )
 
 
 def match_track(
@@ -185,9 +175,11 @@ def match_fields(
         fix, after = match_or_decline(matching, batch, near, memory)
         fix, counted = judged(fix, batch, prior)
         error, covariance = _known(counted, batch, error, covariance)
-        here = float(track.latitude[end - 1]), float(track.longitude[end - 1])
+        latitude, longitude = float(track.latitude[end - 1]), float(track.longitude[end - 1])
+        north, east = metres_per_radian(latitude)
+        here = float(latitude - error[0] / north), float(longitude - error[1] / east)
         shifts = after if isinstance(after, Shifts) and after is not memory else None
-        matches.append(Match(fix, slice(previous, end), error, covariance, *here, shifts))
+        matches.append(Match(fix, slice(previous, end), error, covariance, here, shifts))
         resolved = (counted if chained else fix).published
         if resolved or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end

@@ -29,7 +29,7 @@ _LARGEST = 232
 _PARTICIPANTS = 120
 """Of a domain, whose ports are all below the next domain's."""
 _LAST_PORT = 65535
-_LOOKS, _MOST_LOOKS, _LOOK = 4, 15, 0.3
+_LOOKS, _MOST_LOOKS, _LOOK = 4, 30, 0.3
 """Nodes that look one after the other for publishers in a domain that is in use, looks at most,
 and s of wall time between them. A node finds the others within 0.2 s, but one in eight loses the
 first answer, which comes again only after three seconds. A node's name may come before its

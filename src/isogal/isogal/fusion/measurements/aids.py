@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
+from isogal.fusion.measurements.ground_velocity import satellite_velocity
 from isogal.fusion.measurements.heading import HeadingReading
 from isogal.fusion.measurements.height import HeightReading
 from isogal.fusion.measurements.model import Linear, Measurement
 from isogal.fusion.measurements.position_aid import position_fix
-from isogal.fusion.measurements.satellites import satellite_velocity
 from isogal.fusion.measurements.velocity import VelocityReading
 from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
 

@@ -1,0 +1,80 @@
+"""By how much the fix of a track is less certain than its posterior (docs/mathematics.md, section
+10.3).
+
+A gridded map may be displaced as a whole where a track lies on it. Between a survey's lines it
+repeats what is known beside them: anomalies that run aslant, in directions that change from place
+to place, are found there, but not in their place. Along a track this looks like a shift, of the
+size that turns the map's own variation into its error. No reading tells it from a shift of the
+track. So it is a state of which nothing is learnt, with a prior by the models of the map's error.
+
+Of a map that does not say over which lengths its errors hold together, error bars do not rest on
+the models alone: the fix is made again without each half of the track. Models are never quite
+right: errors of a map differ from place to place, are not Gaussian, and depend on the field. How
+far the fix then really moves is seen by leaving out parts of the track. One block at a time (the
+usual jackknife) shows how a peak moves, but not whether the peak is the right one: with few left
+out the others still outvote the truth. So d = 4 of 8 blocks are left out, in all 70 ways (delete-d
+jackknife: Shao & Wu 1989, Ann. Stat. 17(3):1176-1197); with half left out, (8 - d) / d = 1, and
+the variance of the fixes is that of the fix itself. Where it exceeds the posterior's covariance
+the excess is added. Nothing makes a fix narrower."""
+
+from itertools import combinations
+
+import numpy as np
+from scipy.special import logsumexp, softmax
+
+from isogal.arrays import Array
+from isogal.matching.information import relative
+from isogal.tracks.evidence import BLOCKS
+from isogal.tracks.places import Shifts
+
+SIZE = 0.35
+"""1-sigma of the displacement where a map tells nothing, in correlation lengths of the map's
+error: measured (docs/evidence/real-data.md)."""
+FEWEST = 16
+"""Rows; with fewer the blocks are too small to say anything."""
+
+
+def displacement(shifts: Shifts) -> Array:
+    """Return (2, 2) m², the covariance of the shift that displaced maps pass for; of several
+    fields, whose maps are displaced independently, by what each says of the place."""
+    each = [np.linalg.inv(shifts.covariance_by(field)) for field in range(len(shifts.seen))]
+    whole = np.linalg.inv(sum(each))
+    parts = [
+        _variance(shifts, field) * whole @ one @ one @ whole for field, one in enumerate(each)
+    ]
+    return np.asarray(sum(parts))
+
+
+def _variance(shifts: Shifts, field: int) -> float:
+    """Return the variance per axis by a field's models, m²."""
+    seen, which = shifts.seen[field], shifts.which[field]
+    if not seen.gridded:
+        return 0.0
+    error, length = seen.map_sigma(which) ** 2, seen.models.length[which]
+    size = (SIZE * length) ** 2 * error / np.maximum(error + seen.shown(shifts.likeliest), 1e-300)
+    return float(shifts.of_models(field) @ size)
+
+
+def excess(shifts: Shifts) -> Array:
+    """Return (2, 2) m², what must be added to the posterior's covariance; of several fields each
+    without the halves of its own readings, whose errors are independent."""
+    mean, covariance = shifts.moments
+    scatter = np.zeros((2, 2))
+    for field, seen in enumerate(shifts.seen):
+        if not seen.gridded and len(seen.white) - seen.old_rows >= FEWEST:
+            apart = _fixes(shifts, field) - mean
+            scatter += apart.T @ apart / len(apart)
+    factor, values, vectors = relative(scatter, covariance)
+    axes = factor @ vectors
+    return np.asarray((axes * np.maximum(values - 1.0, 0.0)) @ axes.T)
+
+
+def _fixes(shifts: Shifts, field: int) -> Array:
+    """Return (70, 2) the fixes without halves of a field's readings."""
+    own, parts = shifts.by_model(field), shifts.parts[field]
+    others = shifts.log_density - logsumexp(own, axis=0)
+    means = []
+    for left_out in combinations(np.eye(parts.shape[1]), BLOCKS // 2):
+        rest = own - sum(left_out) @ parts
+        means.append(softmax(logsumexp(rest, axis=0) + others) @ shifts.centres)
+    return np.array(means)
