@@ -98,6 +98,10 @@ def test_pip_leaves_alone_what_apt_installs() -> None:
     assert keys <= set(APT.values())
 
 
+def test_entrypoint_is_valid_shell() -> None:
+    subprocess.run(["bash", "-n", DOCKER / "entrypoint.sh"], check=True, timeout=30)
+
+
 def test_entrypoint_finds_the_workspace_outside_of_the_image(tmp_path: Path) -> None:
     """The one that is named, the one beside it, merged or not; with neither one line, and no
     command."""
