@@ -147,6 +147,7 @@ def test_rate_and_heartbeat(receiver, scenario, message, count) -> None:
             made.nav(1.0 + 0.05 * k, *PLACE)
         data = received(receiver, GPS_INPUT)
         assert [one.time_usec for one in data] == [1_000_000 + 500_000 * k for k in range(count)]
+        assert made.node.health.figures.get("sent", 0) == count
         made.bus.tick()
         made.node._beat()
         (beat,) = received(receiver, "HEARTBEAT")[-1:]
