@@ -37,13 +37,8 @@ class Here(Executor):
 
 
 def tiny(place):
-    return load_scenario(
-        None,
-        [
-            f"route.start={np.degrees(ORIGIN).tolist()}",
-            *("route.end=[-36.4, 147.2]", "route.duration=900", "gravity.field=normal"),
-        ],
-    )
+    ends = f"route.start={np.degrees(ORIGIN).tolist()}", "route.end=[-36.4, 147.2]"
+    return load_scenario(None, [*ends, "route.duration=900", "gravity.field=normal"])
 
 
 @pytest.fixture

@@ -95,14 +95,8 @@ def test_the_page_that_a_script_names_has_its_marks(script):
 
 
 def test_parts_are_computed_once_and_make_a_line(tmp_path, monkeypatch):
-    scenario = load_scenario(
-        None,
-        [
-            f"route.start={np.degrees(ORIGIN).tolist()}",
-            "route.end=[-36.4, 147.2]",
-            "route.duration=300",
-        ],
-    )
+    place = f"route.start={np.degrees(ORIGIN).tolist()}", "route.end=[-36.4, 147.2]"
+    scenario = load_scenario(None, [*place, "route.duration=300"])
     parts = list(closed_loop.parts_of(scenario, 23, tmp_path))
     assert [runs for runs, _ in parts] == [range(10), range(10, 20), range(20, 23)]
     first = closed_loop.some_runs(scenario, range(2), parts[0][1])

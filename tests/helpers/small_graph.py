@@ -38,7 +38,8 @@ class SmallPlan(Plan):
 def small_plan(bag: Path) -> SmallPlan:
     """A plan with a bag."""
     scenario = load_scenario(None, ["route.duration=1800.0", "gravity.field=normal"])
-    return SmallPlan(scenario, bag, rate=50.0, lock_step=False)
+    quick = {"closing_time": 2.0, "replace": True}
+    return SmallPlan(scenario, bag, rate=50.0, lock_step=False, of_recorder=quick)
 
 
 def has_recorded(bag: Path) -> bool:

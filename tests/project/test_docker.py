@@ -68,26 +68,19 @@ def test_the_default_command_is_a_launch_file_that_exists() -> None:
     assert (ROOT / "src" / command[2] / "launch" / command[3]).is_file()
 
 
-def test_every_service_runs_an_executable_and_reads_files_that_exist() -> None:
-    known = executables()
-    for name, service in compose()["services"].items():
+def test_every_node_has_a_service_on_the_loopback_that_runs_what_there_is() -> None:
+    known, services = executables(), compose()["services"]
+    assert {"ins_sim_node", "gravimeter_node", "pmht_mm_node", "ukf_fusion_node"} < set(services)
+    for name, service in services.items():
+        assert service["network_mode"] == "host"
+        assert "ipc" not in service  # no shared memory: the nodes' own profile has none
+        assert service["environment"]["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+        checks = ["/opt/isogal/entrypoint.sh", "/opt/isogal/healthcheck.py"]
+        assert service["healthcheck"]["test"][1:3] == checks
         found = [match for word in service["command"] if (match := INSTALLED.match(word))]
         assert found[0]["executable"] in known[found[0]["package"]], name
         for match in found[1:]:
             assert (ROOT / "src" / match["share"] / match["file"]).is_file(), match.group()
-
-
-def test_every_node_has_a_service_on_the_loopback() -> None:
-    services = compose()["services"]
-    assert {"ins_sim_node", "gravimeter_node", "pmht_mm_node", "ukf_fusion_node"} < set(services)
-    for service in services.values():
-        assert service["network_mode"] == "host"
-        assert "ipc" not in service  # no shared memory: the nodes' own profile has none
-        assert service["environment"]["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-        assert service["healthcheck"]["test"][1:3] == [
-            "/opt/isogal/entrypoint.sh",
-            "/opt/isogal/healthcheck.py",
-        ]
 
 
 def test_scripts_are_executable() -> None:
@@ -144,45 +137,38 @@ def own_words(output: str) -> str:
 
 @pytest.mark.ros
 def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    rclpy = pytest.importorskip("rclpy")
+    pytest.importorskip("rclpy")
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
     from helpers.domains import claim_domain
+    from isogal_ros.graph.domain import quiet_node
 
     statuses = [
         DiagnosticStatus(name="vehicle/live", level=DiagnosticStatus.OK),
         DiagnosticStatus(name="ill", level=DiagnosticStatus.ERROR, message="map too small"),
     ]
-    with claim_domain() as domain:
+    expected = {
+        "--timeout 60 live": (0, ""),
+        "--timeout 60 live ill": (1, "ill: map too small\n"),
+        "--timeout 2 silent": (1, "silent: silent for 2 s\n"),
+    }
+    with claim_domain() as domain, quiet_node("live", domain) as node:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        context = rclpy.context.Context()
-        rclpy.init(context=context)
-        node = rclpy.create_node("live", context=context)
-        try:
-            publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-            checks = {
-                arguments: subprocess.Popen(
-                    [sys.executable, DOCKER / "healthcheck.py", *arguments.split()],
-                    stdout=subprocess.PIPE,
-                    text=True,
-                )
-                for arguments in (
-                    "--timeout 60 live",
-                    "--timeout 60 live ill",
-                    "--timeout 2 silent",
-                )
-            }
-            while any(check.poll() is None for check in checks.values()):
-                publisher.publish(DiagnosticArray(status=statuses))
-                time.sleep(0.1)
-            results = {
-                arguments: (check.wait(), own_words(check.communicate()[0]))
-                for arguments, check in checks.items()
-            }
-        finally:
-            node.destroy_node()
-            context.try_shutdown()
-    assert results["--timeout 60 live"] == (0, "")
-    assert results["--timeout 60 live ill"] == (1, "ill: map too small\n")
-    assert results["--timeout 2 silent"] == (1, "silent: silent for 2 s\n")
+        publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        checks = {
+            arguments: subprocess.Popen(
+                [sys.executable, DOCKER / "healthcheck.py", *arguments.split()],
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            for arguments in expected
+        }
+        while any(check.poll() is None for check in checks.values()):
+            publisher.publish(DiagnosticArray(status=statuses))
+            time.sleep(0.1)
+    said = {
+        arguments: (check.wait(), own_words(check.communicate()[0]))
+        for arguments, check in checks.items()
+    }
+    assert said == expected

@@ -1,6 +1,5 @@
 """The packages under src/ as pip, colcon and rosdep see them."""
 
-import ast
 import subprocess
 import sys
 import tomllib
@@ -19,7 +18,6 @@ from helpers.packages import (
     ROOT,
     ROS,
     dependencies,
-    executables,
     imports,
     pip_only,
     project_table,
@@ -27,10 +25,6 @@ from helpers.packages import (
     setup_arguments,
 )
 from isogal.cli.errors import EXTRAS
-
-
-def test_there_are_packages() -> None:
-    assert "isogal" in NAMES
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
@@ -93,20 +87,14 @@ def test_pip_installs_what_the_library_imports() -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
-def test_ament_finds_the_package(package: Path) -> None:
+def test_ament_finds_the_package_and_colcon_its_tests(package: Path) -> None:
+    """By the extra `test`; it runs pytest in the package's folder, whose configuration is not to
+    be that of the repository."""
     assert (package / "resource" / package.name).is_file()
     config = ConfigParser()
     config.read(package / "setup.cfg")
     assert config["install"]["install_scripts"] == f"$base/lib/{package.name}"
     assert config["develop"]["script_dir"] == f"$base/lib/{package.name}"
-
-
-@pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
-def test_colcon_finds_tests_in_the_package(package: Path) -> None:
-    """By the extra `test`; it runs pytest in the package's folder, whose configuration is not to
-    be that of the repository."""
-    config = ConfigParser()
-    config.read(package / "setup.cfg")
     assert config["tool:pytest"]["testpaths"] == "test"
     assert list((package / "test").glob("test_*.py"))
     pyproject = package / "pyproject.toml"
@@ -174,19 +162,3 @@ def test_colcon_workspace_holds_the_sources() -> None:
     link = ROOT / "ros2_ws" / "src"
     assert link.is_symlink()
     assert str(link.readlink()) == "../src"
-
-
-def test_launch_files_compile_and_name_existing_executables() -> None:
-    known = executables()
-    for path in ROOT.glob("src/*/launch/*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        assert any(
-            isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description"
-            for node in tree.body
-        )
-        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-            literals = {
-                k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)
-            }
-            if {"package", "executable"} <= literals.keys():
-                assert literals["executable"] in known[literals["package"]], path

@@ -89,12 +89,6 @@ def installed(clone: Clone) -> Clone:
     return clone
 
 
-def test_a_first_call_installs_what_runs_need(clone: Clone) -> None:
-    done = clone.install()
-    assert (done.returncode, done.stderr) == (0, "")
-    assert clone.calls() == EVERYTHING
-
-
 def moved(clone: Clone) -> None:
     clone.root = clone.root.rename(clone.root.with_name("moved"))
 
@@ -204,8 +198,7 @@ def test_an_interrupted_deletion_is_made_anew(installed: Clone) -> None:
     # Another interpreter is asked for, and rm ends before it has deleted anything.
     python = installed.root / ".venv" / "bin" / "python"
     answers = python.read_text()
-    version = f'$(cat "{installed.state}/version")'
-    python.write_text(answers.replace(version, "3.11.9"))
+    of_another_python(installed)
     rm = installed.root.parent / "rm"
     rm.write_text('#!/bin/sh\ncase "$*" in -rf*) exit 1 ;; *) exec /bin/rm "$@" ;; esac\n')
     rm.chmod(0o755)

@@ -1,7 +1,6 @@
 """Limits that keep every function small enough to read at once."""
 
 import ast
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -33,24 +32,19 @@ def sources() -> list[Path]:
 
 @cache
 def functions() -> list[tuple[str, Function]]:
-    return list(_functions())
-
-
-def _functions() -> Iterator[tuple[str, Function]]:
+    """All but the exceptions. Expressions, which hold no function and are most, are left out."""
+    found = []
     for path in sources():
-        for node in _statements(ast.parse(path.read_text(encoding="utf-8"))):
+        waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+        for node in waiting:
+            waiting += (
+                child
+                for child in ast.iter_child_nodes(node)
+                if isinstance(child, ast.stmt | ast.ExceptHandler | ast.match_case)
+            )
             if isinstance(node, Function):
-                name = f"{path.relative_to(ROOT)}:{node.name}"
-                if name not in EXCEPTIONS:
-                    yield name, node
-
-
-def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    """Those below a node, without their expressions, which hold no function and are most."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.stmt | ast.ExceptHandler | ast.match_case):
-            yield child
-            yield from _statements(child)
+                found.append((f"{path.relative_to(ROOT)}:{node.name}", node))
+    return [(name, node) for name, node in found if name not in EXCEPTIONS]
 
 
 def is_decorated(function: Function, name: str) -> bool:

@@ -17,10 +17,6 @@ from isogal_ros.faults.trials import Feed, Outcome, run_trial
 from isogal_ros.nodes.signals import Interrupt
 
 
-def test_faults_have_names_of_their_own() -> None:
-    assert len({fault.name for fault in FAULTS}) == len(FAULTS)
-
-
 @pytest.fixture(scope="module")
 def feed(scenario) -> Feed:
     return Feed(scenario("route.duration=400.0", "matcher.name=pmht"), 0)
@@ -32,6 +28,7 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeyp
     out = Path(tmp_path.name)
     table = run_campaign(short, out, 1, True, Interrupt())
     assert table["trials"] == len(QUICK)
+    assert len({fault.name for fault in FAULTS}) == len(FAULTS)
     for row in table["faults"]:
         assert row["failures"] == [], row
         assert row["reported"] == 1, row
@@ -105,30 +102,29 @@ def test_an_interrupted_trial_is_no_outcome(feed, monkeypatch, tmp_path) -> None
 GOOD = Outcome("x", 0, [], 0, 5.0, "filter: no samples", 90.0, 50.0, 50.0, 3)
 
 
+@pytest.mark.parametrize("matters", [True, False])
 @pytest.mark.parametrize(
     ("change", "passes"),
     [
         ({}, True),
         ({"errors": ["of a node:\nKeyError"]}, False),
         ({"not_finite": 1}, False),
-        ({"reported_after": None, "report": None}, False),
-        ({"reported_after": 1e6}, False),
+        ({"reported_after": None, "report": None}, None),
+        ({"reported_after": 1e6}, None),
         ({"error_after": 94.0}, True),  # 1.3 times as large, and 30 m
         ({"error_after": 96.0}, False),
         ({"error_after": None}, False),
     ],
 )
-def test_a_fault_passes_that_is_reported_and_recovered_from(scenario, change, passes) -> None:
-    outcome = replace(GOOD, **change)
-    table = table_of(scenario(), [Fault("x", ("imu",), "stopped")], [outcome])
+def test_a_fault_passes_that_is_reported_and_recovered_from(
+    scenario, change, passes, matters
+) -> None:
+    """One that does not matter passes unreported (None)."""
+    outcome, passes = replace(GOOD, **change), not matters if passes is None else passes
+    fault = Fault("x", ("imu",), "stopped", matters=matters)
+    table = table_of(scenario(), [fault], [outcome])
     assert table["failed"] == ([] if passes else ["x"])
     assert ("**no**" in page_of(table)) == (not passes)
-
-
-def test_what_need_not_be_reported_passes_without(scenario) -> None:
-    small = Fault("x", ("imu",), "stopped", matters=False)
-    silent = replace(GOOD, reported_after=None, report=None)
-    assert table_of(scenario(), [small], [silent])["failed"] == []
 
 
 def test_late_by_two_batches_of_all_trials_counts_once(scenario) -> None:

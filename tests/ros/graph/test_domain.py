@@ -87,13 +87,9 @@ def test_the_graph_gets_what_the_user_does_not_say() -> None:
     assert defaults(found) == {}
     said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "RMW_FASTRTPS_USE_QOS_FROM_XML": "0"}
     assert list(defaults(said)) == ["FASTRTPS_DEFAULT_PROFILES_FILE"]
-
-
-@pytest.mark.parametrize(
-    "name", ["FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"]
-)
-def test_a_users_own_profiles_mean_what_they_mean_elsewhere(name) -> None:
-    assert list(defaults({name: "/my/profiles.xml"})) == ["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+    # a user's own profiles mean what they mean elsewhere
+    for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
+        assert list(defaults({name: "/my/profiles.xml"})) == ["ROS_AUTOMATIC_DISCOVERY_RANGE"]
 
 
 def test_a_graph_takes_the_users_domain_where_nobody_publishes_its_topics(

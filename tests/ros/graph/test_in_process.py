@@ -67,7 +67,7 @@ def test_others_hear_it_and_are_heard(scenario) -> None:
     """Its nodes hear each other past the middleware; others by it, as from processes."""
     heard: list[Odometry] = []
     asked = []
-    plan = Plan(scenario("route.duration=120.0"), None, rate=20.0)
+    plan = Plan(scenario("route.duration=120.0"), None, rate=40.0)
     with ExitStack() as stack:
         domain = next(free_domains(stack))
         outside = stack.enter_context(quiet_node("outside", domain))

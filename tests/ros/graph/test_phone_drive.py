@@ -58,12 +58,9 @@ def log(tmp_path_factory) -> Path:
         "acc_x": cos * right - sin * forward,
         "acc_y": np.full(len(t), 9.81),
         "acc_z": -cos * forward - sin * right,
-        "gyro_x": np.zeros(len(t)),
+        **dict.fromkeys(("gyro_x", "gyro_z", "grav_x", "grav_z"), np.zeros(len(t))),
         "gyro_y": -turn + 1e-4,
-        "gyro_z": np.zeros(len(t)),
-        "grav_x": np.zeros(len(t)),
         "grav_y": np.full(len(t), 9.81),
-        "grav_z": np.zeros(len(t)),
         "pressure": 1013.25 * (1.0 - height / 44330.8) ** 5.25588,
         "speed": speed,
         "bearing": np.degrees(course) % 360.0,
@@ -104,19 +101,20 @@ def roads(tmp_path_factory) -> Path:
         height = file.createVariable("height", "f4", ("lat", "lon"))
         height.units, height.standard_name = "m", "surface_altitude"
         height[:] = terrain(north[:, None], east)
-    return run_road_heights(folder / "terrain.nc", folder / "roads.nc")
-
-
-def run_road_heights(source: Path, target: Path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["road_heights.py", str(source), str(target)])
+        words = "road_heights.py", str(folder / "terrain.nc"), str(folder / "roads.nc")
+        patch.setattr(sys, "argv", [*words])
         road_heights()
-    return target
+    return folder / "roads.nc"
 
 
 def test_the_nodes_navigate_it_as_the_library_does(log, roads, tmp_path) -> None:
     drive = read_drive(log, SATELLITES)
     write_bag(drive, tmp_path / "bag", SATELLITES)
+    # after the satellites the recording has their speed alone
+    newest = {one.topic: one.log_ns for one in BagReader(tmp_path / "bag").messages()}
+    assert newest["/gnss/fix"] == newest["/gnss/velocity"] == (SATELLITES - 1.0) * 1e9
+    assert newest["/velocity/data_raw"] == newest["/imu/data_raw"] == END * 1e9
     car = load_scenario(ROOT / "examples" / "phone_drive" / "car.yaml")
     scenario = changed_scenario(car, [f"map.source={roads}", *QUICK], "--set")
     player = Player(load(BagReader(tmp_path / "bag"), scenario), {}, {})
@@ -158,10 +156,3 @@ def test_roads_are_smoother_than_the_terrain(roads) -> None:
     assert np.isfinite(made.sigma[~np.isnan(spiked.values)]).all()
     assert made.sigma[20, 21] > LEAST + 1.0
     assert made.sigma[20, 40] == pytest.approx(LEAST)
-
-
-def test_after_the_satellites_the_recording_has_their_speed_alone(log, tmp_path) -> None:
-    write_bag(read_drive(log, SATELLITES), tmp_path / "bag", SATELLITES)
-    newest = {one.topic: one.log_ns for one in BagReader(tmp_path / "bag").messages()}
-    assert newest["/gnss/fix"] == newest["/gnss/velocity"] == (SATELLITES - 1.0) * 1e9
-    assert newest["/velocity/data_raw"] == newest["/imu/data_raw"] == END * 1e9

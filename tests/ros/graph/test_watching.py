@@ -70,15 +70,12 @@ def test_the_dashboard(watch) -> None:
     screen = io.StringIO()
     console = Console(file=screen, width=120)
     console.print(picture(None, None))
-    console.print(picture(Progress(180.0, 360.0, 50.0, 12.0), watch.look()[1]))
+    _, viewed = watch.look()
+    console.print(picture(Progress(180.0, 360.0, 50.0, 12.0), viewed))
     text = screen.getvalue()
     assert "Waiting for the first reading" in text
     for words in ("0:03:00 of 0:06:00", "protection level", "unaided INS", "6 min"):
         assert words in text
-
-
-def test_curves_of_the_dashboard(watch) -> None:
-    _, viewed = watch.look()
     assert len(curve(viewed.runs.horizontal_error[0])) == 37
     assert curve(viewed.runs.time[:0]) == ""
 

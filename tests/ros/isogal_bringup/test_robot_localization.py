@@ -9,35 +9,19 @@ from helpers.launching import BRINGUP
 from isogal_ros import topics
 
 FILE = BRINGUP / "params" / "robot_localization.yaml"
-# Names and types as robot_localization documents them (its own params/ekf.yaml and
-# params/navsat_transform.yaml, branch ros2, and doc/state_estimation_nodes.rst).
+# Names and types, of those that are used, as robot_localization documents them (its own
+# params/ekf.yaml and params/navsat_transform.yaml, branch ros2, and
+# doc/state_estimation_nodes.rst).
 EKF = {
-    **dict.fromkeys(("frequency", "sensor_timeout", "transform_time_offset"), float),
-    **dict.fromkeys(("transform_timeout", "history_length", "control_timeout"), float),
-    **dict.fromkeys(
-        ("two_d_mode", "publish_tf", "publish_acceleration", "print_diagnostics"), bool
-    ),
-    **dict.fromkeys(("debug", "use_control", "stamped_control", "smooth_lagged_data"), bool),
-    **dict.fromkeys(("reset_on_time_jump", "permit_corrected_publication"), bool),
+    **dict.fromkeys(("frequency", "history_length"), float),
+    **dict.fromkeys(("two_d_mode", "publish_tf", "smooth_lagged_data"), bool),
     **dict.fromkeys(("map_frame", "odom_frame", "base_link_frame", "world_frame"), str),
-    **dict.fromkeys(("process_noise_covariance", "initial_estimate_covariance"), list),
 }
-INPUT = {
-    "": str,
-    "_config": list,
-    "_queue_size": int,
-    "_differential": bool,
-    "_relative": bool,
-    "_nodelay": bool,
-    "_rejection_threshold": float,
-    "_pose_rejection_threshold": float,
-    "_twist_rejection_threshold": float,
-}
+INPUT = {"": str, "_config": list, "_queue_size": int, "_differential": bool, "_relative": bool}
 NAVSAT = {
     **dict.fromkeys(("frequency", "delay", "magnetic_declination_radians", "yaw_offset"), float),
     **dict.fromkeys(("zero_altitude", "publish_filtered_gps", "use_odometry_yaw"), bool),
-    **dict.fromkeys(("wait_for_datum", "broadcast_cartesian_transform"), bool),
-    "datum": list,
+    **{"wait_for_datum": bool, "datum": list},
 }
 
 

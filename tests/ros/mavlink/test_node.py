@@ -10,12 +10,12 @@ from rclpy.serialization import serialize_message
 
 from helpers.node_bench import Bench, bench
 from isogal.earth.frames import LocalFrame
+from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
 from isogal_ros import topics
 from isogal_ros.mavlink.decoding import SenderClock
 from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
 from isogal_ros.mavlink.node import MAVLINK
-from isogal_ros.mavlink.silence import Silence
 from isogal_ros.messages.aids import read_position_fix, read_velocity
 from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.frames import NED_ENU, map_frame
@@ -126,32 +126,28 @@ def test_it_is_silent_while_the_navigator_has_diverged(receiver, scenario) -> No
         assert found.reset_counter == 1
 
 
-def test_another_graphs_matcher_does_not_silence_it(receiver, scenario) -> None:
+def test_another_likelier_place_silences_it_but_not_another_graphs(receiver, scenario) -> None:
+    statuses = ("boat/pmht_mm_node: batch", "0.9"), ("pmht_mm_node: batch", "0.9")
     with node(receiver, scenario, VISION) as made:
-        for name, sent in (("boat/pmht_mm_node: batch", 1), ("pmht_mm_node: batch", 0)):
-            figures = [KeyValue(key="diverged", value="0.9")]
+        for k, (name, diverged) in enumerate((*statuses, ("pmht_mm_node: batch", "0.2"))):
+            figures = [KeyValue(key="diverged", value=diverged)]
             made.publish(
                 topics.DIAGNOSTICS,
                 DiagnosticArray(status=[DiagnosticStatus(name=name, values=figures)]),
             )
-            made.nav(10.0 - 5.0 * sent, *PLACE)
-            assert len(received(receiver, VISION)) == sent
+            made.nav(5.0 + k, *PLACE)
+            assert len(received(receiver, VISION)) == (k != 1)
 
 
-def test_another_place_that_is_likelier_silences_it() -> None:
-    silence = Silence()
-    silence.probability(0.7)
-    assert silence.holds
-    silence.probability(0.2)
-    assert not silence.holds
-
-
-def test_rate_and_heartbeat(receiver, scenario) -> None:
-    with node(receiver, scenario, GPS_INPUT, rate=2.0) as made:
+@pytest.mark.parametrize(("message", "count"), [(GPS_INPUT, 10), ("", 0)])
+def test_rate_and_heartbeat(receiver, scenario, message, count) -> None:
+    """A lone receiver sends nothing but heartbeats."""
+    with node(receiver, scenario, message, rate=2.0) as made:
         for k in range(100):
             made.nav(1.0 + 0.05 * k, *PLACE)
         data = received(receiver, GPS_INPUT)
-        assert [one.time_usec for one in data] == [1_000_000 + 500_000 * k for k in range(10)]
+        assert [one.time_usec for one in data] == [1_000_000 + 500_000 * k for k in range(count)]
+        assert made.node.health.figures.get("sent", 0) == count
         made.bus.tick()
         made.node._beat()
         (beat,) = received(receiver, "HEARTBEAT")[-1:]
@@ -170,8 +166,6 @@ def test_rate_and_heartbeat(receiver, scenario) -> None:
     ],
 )
 def test_bad_parameters(scenario, own, words) -> None:
-    from isogal.errors import InputError
-
     with pytest.raises(InputError, match=words), bench(MAVLINK, scenario(), **own):
         pass
 
@@ -289,12 +283,3 @@ def test_times_since_1970_and_since_the_start() -> None:
     assert clock.stamp(6 * 10**9, now + 2 * 10**9) == now + 10**9  # late on its way
     assert clock.stamp(5_500_000_000, now + 3 * 10**9) == now + 500_000_000  # out of order
     assert clock.stamp(10**8, now + 60 * 10**9) == now + 60 * 10**9  # started anew
-
-
-def test_a_lone_receiver_sends_nothing_but_heartbeats(receiver, scenario) -> None:
-    with node(receiver, scenario, "") as made:
-        made.nav(5.0, *PLACE)
-        made.bus.tick()
-        made.node._beat()
-        assert received(receiver, "HEARTBEAT")
-        assert not received(receiver, GPS_INPUT)
