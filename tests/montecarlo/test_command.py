@@ -124,7 +124,9 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
         (["--runs", "0"], "--runs"),
         (["--runs", "2", "--workers", "0"], "--workers"),
         (["--runs", "2", "--workers", "2", "--scheduler", "tcp://h:1"], "give one of them"),
+        (["--runs", "2", "--matcher", "phmt"], "matcher.name"),
         (["--runs", "2", "--set", "map.source=/nowhere.nc"], "/nowhere.nc"),
+        (["--runs", "2", "--set", "gravimeter.sigma=-1"], "gravimeter.sigma"),
     ],
 )
 def test_bad_input_is_one_line(arguments, tmp_path, words, message):

@@ -17,15 +17,19 @@ CASES = {
         (("--route", "-36.9,144.7 -35.0,144.7"), "does not cover the route: no value at -36."),
         (("--window", "3", "2", "1", "4"), "--window 3 2 1 4: must be SOUTH NORTH WEST EAST"),
         (("--window", "1", "nan", "1", "4"), "must be SOUTH NORTH WEST EAST"),
+        (("--set", "rute.speed=3"), "unknown key 'rute'"),
         (("--scenario", "none.yaml"), "none.yaml"),
         (("--figure", "a.gif"), "a.gif: must end in .png"),
         (("--margin", "inf"), "--margin: must be finite, is inf"),
         (("--margin", "-1"), "'--margin'"),
+        (("--margin", "nan"), "'--margin'"),
         (("--stretch", "inf"), "--stretch: must be finite, is inf"),
         (("--sensor-sigma", "0"), "--sensor-sigma: must be > 0, is 0.0"),
         (("--map-sigma", "-1e-5"), "--map-sigma: must be >= 0, is -1e-05"),
         ((LONG, "0"), "--map-correlation-length: must be > 0, is 0.0"),
+        (("--map-sigma", "inf"), "--map-sigma: must be finite, is inf"),
         (("--bias-sigma", "inf"), "--bias-sigma: must be finite, is inf"),
+        (("--figrue", "a.png"), "No such option: --figrue (Possible options: --figure"),
     ],
     "variability MAP": [
         ((*ROUTE, "--points", "4"), "must be odd"),
@@ -36,6 +40,7 @@ CASES = {
         (("out.tif",), "out.tif: must end in .nc"),
         (("out.nc", "--to", "gif"), "--to gif: must be netcdf or ggmplus"),
         (("out.nc", "--sigma", "inf"), "--sigma: must be finite, is inf"),
+        (("out.nc", "--sigma", "nan"), "'--sigma'"),
         (("out.nc", "--correlation-length", "0"), "--correlation-length: must be > 0"),
         ((), "Missing argument 'OUT'"),
     ],
@@ -70,6 +75,7 @@ CASES = {
     "navigability MAP": [
         (("--out", "a.png"), "must end in .nc or .nc4 or .tif"),
         (("--set", "field=gradient"), "field gradient"),
+        (("--set", "gravimeter.sigma=-1"), "gravimeter.sigma"),
     ],
 }
 

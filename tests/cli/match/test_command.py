@@ -121,6 +121,7 @@ BAD = {
     "no map": (["--map", "none.nc"], "none.nc: no such file or folder"),
     "suffix": (["--out", "x.txt"], "x.txt: results are written to .json, .csv, .geojson files"),
     "folder": (["--out", "/dev/null/x.json"], "/dev/null/x.json: cannot be written"),
+    "matcher": (["--matcher", "pmth"], "matcher.name"),
     "key": (
         ["--set", "matcher.stirde=3"],
         "unknown key 'matcher.stirde', did you mean 'matcher.stride'?",
