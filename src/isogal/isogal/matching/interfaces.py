@@ -57,6 +57,7 @@ class Layout:
     """(T,) channel, whose map of a `ChannelMap` the row is compared with; or beam of a sounder,
     and the row has the place that it has met."""
     beams: bool = False
+    """Whether rows are of beams, not of channels."""
     of_one_potential: tuple[str, ...] | None = None
     """Components of the gravity gradient tensor, one for each channel, where the errors of their
     maps come from one wrong potential (`isogal.maps.error_model`): sigma and length of the map's
@@ -108,6 +109,7 @@ class Batch:
     layout: Layout | None = None
     """What the rows of a scan are; None = a scan is one row."""
     instrument: InstrumentErrors = field(default_factory=InstrumentErrors)
+    """What is known of the readings beside their white noise."""
     history: History = field(default_factory=History)
     """What has become of the navigator since the last batch."""
     cut: int = 0

@@ -27,6 +27,7 @@ from isogal.maps.error_model import Chain, chained, independent, shares
 from isogal.maps.field_map import FieldMap
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
+from isogal.matching.parameters import InstrumentErrors
 from isogal.matching.pmht.states import (
     BIAS,
     COUPLING_FORWARD,
@@ -148,9 +149,9 @@ def rows_of(
     steps, step, joined = _of_map(batch, states, moved, first.steps, lengths, last is None)
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
-    place, reading = _effects(batch, which, states, first)
-    rough = np.zeros(len(lengths)) if rough is None else rough
     instrument = batch.instrument.part(which)
+    place, reading = _effects(batch, which, instrument, states, first)
+    rough = np.zeros(len(lengths)) if rough is None else rough
     if instrument.filter_path is None:
         nodes = np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
     else:
@@ -214,15 +215,17 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
     )
 
 
-def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tuple[Array, Array]:
-    """Return `Rows.place` and `Rows.reading`."""
+def _effects(
+    batch: Batch, which: Integers, instrument: InstrumentErrors, states: States, before: Epoch
+) -> tuple[Array, Array]:
+    """Return `Rows.place` and `Rows.reading` of rows `which` (n,), with what is known of the
+    readings of these."""
     n, first = len(which), BATCH_STATES + states.channels + states.slow
     place, reading = np.zeros((n, 2, states.count)), np.zeros((n, states.count))
     place[..., :BATCH_STATES] = batch.by_error[which, :2]
     reading[:, :BATCH_STATES] = batch.by_error[which, 2]
-    parameters, rate = batch.instrument.parameters, batch.instrument.rate
+    parameters = instrument.parameters
     if parameters is not None:
-        parameters = parameters.part(which)
         last = first + len(parameters.sigma)
         place[..., first:last], reading[:, first:last] = parameters.moves, parameters.reading
     if states.unknown:
@@ -230,8 +233,8 @@ def _effects(batch: Batch, which: Integers, states: States, before: Epoch) -> tu
         unknown = reading[:, -states.unknown :]
         unknown[:, BIAS], unknown[:, DRIFT] = 1.0, time - before.start
         place[..., -states.unknown + DELAY] = velocity
-        if rate is not None:
-            unknown[:, DELAY] = rate[which]
+        if instrument.rate is not None:
+            unknown[:, DELAY] = instrument.rate
         each = np.append(before.time, time)
         later = each[1:] > each[:-1]  # than the row before: another scan
         if later.any():
