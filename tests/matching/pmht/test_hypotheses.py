@@ -27,10 +27,11 @@ from isogal.matching.pmht.hypotheses import (
     with_needed,
 )
 from isogal.matching.pmht.memory import steps
-from isogal.matching.pmht.models import BIASED, LATE, NONE, Models
+from isogal.matching.pmht.models import BIASED, DECEIVED, LATE, NONE, Models
 from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.search import resolved, spread_over
 from isogal.matching.pmht.states import DELAY, UNKNOWN
+from isogal.passage import Aided
 
 ROUGH = field_map_of(wavy)
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
@@ -359,3 +360,40 @@ def test_more_than_is_known_cannot_be_withdrawn():
     assert (ratio > 1.0 - 1e-9).all()
     assert (ratio.max(axis=1) > 1.1).all()
     assert (ratio.max(axis=1) < LARGEST_RATIO + 1e-9).all()
+
+
+def told_again_and_again(growth, jump, times=30):
+    """A bank of a navigator that grows, while satellites take it back by as much each time."""
+    before = Hypotheses.before(models(without=frozenset()), np.diag(SIGMA**2))
+    bank, prior = before, np.diag(SIGMA**2)
+    without = prior + growth
+    told = Aided(0.0, without, jump * np.sqrt(np.diag(growth)))
+    for _ in range(times):
+        bank = bank.carried(np.eye(7), growth).aided(told, prior)
+    return before, bank
+
+
+def share_of(bank, which):
+    return float(bank.weight @ which[bank.which])
+
+
+def test_satellites_make_no_model_more_probable_than_it_was():
+    # as slow errors of satellites do: jumps that growth of the navigator would explain
+    growth = np.diag(SIGMA**2)
+    before, bank = told_again_and_again(growth, np.full(7, 5.0))
+    faster = before.models.growth > 1.0
+    assert share_of(bank, faster) == pytest.approx(share_of(before, faster), rel=0.1)
+
+
+def test_satellites_speak_against_growth_that_is_not_there():
+    growth = np.diag(SIGMA**2)
+    before, bank = told_again_and_again(growth, np.zeros(7))
+    faster = before.models.growth > 1.0
+    assert share_of(bank, faster) < 0.01 * share_of(before, faster)
+
+
+def test_satellites_are_neither_for_nor_against_their_being_wrong():
+    for jump in (0.0, 5.0):
+        before, bank = told_again_and_again(np.diag(SIGMA**2), np.full(7, jump))
+        wrong = before.models.family == DECEIVED
+        assert share_of(bank, wrong) == pytest.approx(share_of(before, wrong), rel=1e-6)

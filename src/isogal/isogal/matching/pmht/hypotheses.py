@@ -266,16 +266,23 @@ class Hypotheses:
 
     def aided(self, by: Aided | None, prior: Array) -> "Hypotheses":
         """Return them after what satellites have told the navigator, whose covariance is `prior`
-        (7, 7) since then. How well each had foretold that counts as much as a reading does. To
-        those of satellites that are wrong it says nothing, neither for nor against them."""
+        (7, 7) since then.
+
+        How well each had foretold that counts as much as a reading does, but makes no model more
+        probable, beside those of no fault, than it was before any reading, or than readings have
+        made it: errors of satellites hold together over minutes, which hypotheses of faster
+        growth follow, and would be credited with. To hypotheses of satellites that are wrong it
+        says nothing, neither for nor against them."""
         if by is None:
             return self
         moved = self.moved(-by.jump)
         alone = self.models.family[self.which] == DECEIVED
-        told = moved.part(~alone)
-        told, before = told.informed(by.information(prior), prior), told.log_evidence
-        rest = moved.part(alone)
-        rest = replace(rest, log_weight=rest.log_weight + told.log_evidence - before)
+        before, rest = moved.part(~alone), moved.part(alone)
+        told = before.informed(by.information(prior), prior)
+        odds = (self.models.odds(log) for log in (self.models.log_prior, before.of_models))
+        beyond = self.models.odds(told.of_models)[told.which] - np.maximum(*odds)[told.which]
+        told = replace(told, log_weight=told.log_weight - np.maximum(beyond, 0.0))
+        told = replace(told, log_weight=told.log_weight - told.log_evidence + before.log_evidence)
         return joined([told, rest]).normalised()
 
     @property

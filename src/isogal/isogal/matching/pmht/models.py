@@ -155,6 +155,12 @@ class Models(NamedTuple):
     log_prior: Array
     """(M,)."""
 
+    def odds(self, log_weight: Array) -> Array:
+        """Return log weights (M,) beside that of all models without a fault; as they are where
+        there is none of these."""
+        plain = np.logaddexp.reduce(log_weight[(self.family == NONE) & (self.growth == 1.0)])
+        return log_weight - plain if np.isfinite(plain) else log_weight
+
     @property
     def lengths(self) -> Array:
         """(L,) correlation lengths of the map's error, m."""
