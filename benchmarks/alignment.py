@@ -137,10 +137,10 @@ def bound(scenario: Scenario, trajectory: Trajectory) -> Array:
     model = filter_model(scenario)
     names = [state.name for state in model.auxiliary]
     at_rest = not scenario.gnss.used and scenario.velocity.kind == "none"
-    segments = divide(scenario, trajectory)
+    segments = divide(trajectory, scenario.steps_per_scan)
     P, first = _start(model, trajectory, at_rest)
     result = np.full(len(trajectory), UNKNOWN)
-    pairs = transitions(segments, noise_density(scenario), model.auxiliary)
+    pairs = transitions(segments, noise_density(scenario.imu), model.auxiliary)
     for k, (transition, half) in enumerate(pairs):
         if at_rest and north_sigma(model, trajectory.latitude[0]) > COARSE and k + 1 >= SHORTEST:
             result[k] = math.sqrt(_rested(model, trajectory, k + 1.0)[8, 8])

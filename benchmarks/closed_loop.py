@@ -146,7 +146,7 @@ def bound_of(scenario: Scenario, record: Runs) -> Array:
     """Return (K,) m, the RMS bound at the times of a record."""
     trajectory = build_trajectory(scenario)
     maps = maps_for_scenario(scenario, trajectory)
-    bound = posterior_cramer_rao(scenario, trajectory, maps)
+    bound = posterior_cramer_rao(scenario.true, trajectory, maps)
     return bound.rms_at(record.time)
 
 

@@ -30,7 +30,7 @@ def linear_navigator(
 ) -> InertialNavigator | None:
     """Return it at the end of the voyage of a navigator with the whole history; None where
     readings have errors that it does not model."""
-    world = scenario.informed
+    world = scenario.true.informed
     errors = {
         "map_sigma": world.map_error.sigma,
         "map_correlation_length_m": world.map_error.correlation_length,

@@ -58,7 +58,7 @@ class Driver:
     """Publishes what the sensors of a simulated vehicle measure, when it is due."""
 
     def __init__(self, scenario: Scenario) -> None:
-        vehicle, self._adapter = simulate_vehicle(scenario, 0), adapter_of(scenario)
+        vehicle, self._adapter = simulate_vehicle(scenario, scenario.true, 0), adapter_of(scenario)
         samples = vehicle.samples.reshape(-1, 6)
         times = (1.0 + np.arange(len(samples))) / scenario.imu.rate
         self._samples = list(zip(times.tolist(), samples[:, :3], samples[:, 3:], strict=True))

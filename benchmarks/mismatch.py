@@ -81,7 +81,7 @@ def scenario_of(row: Row, kind: Kind, base: Sequence[str], maps: Maps) -> Scenar
         return untold
     if any(text.startswith("map.") for text in world):  # the map is still what it is
         return changed(untold, maps.put_in(row.told))
-    return changed(untold.informed, maps.put_in(row.told))
+    return changed(untold.true.informed, maps.put_in(row.told))
 
 
 def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
@@ -102,9 +102,10 @@ def bound_of(row: Row, kind: Kind, scenario: Scenario, record: Runs, maps: Maps)
     known = (*row.bound, *(row.unknown if kind == "nothing told" else ()))
     trajectory = build_trajectory(scenario)
     field_map = map_for_scenario(scenario, trajectory)
-    world = changed(scenario.informed, maps.put_in(known)) if known else scenario
+    world = changed(scenario.true.informed, maps.put_in(known)) if known else scenario
     share = map_share(world, field_map, record)
-    return posterior_cramer_rao(world, trajectory, field_map, map_share=share).rms_at(record.time)
+    bound = posterior_cramer_rao(world.true, trajectory, field_map, map_share=share)
+    return bound.rms_at(record.time)
 
 
 def map_share(world: Scenario, field_map: RouteMap, record: Runs) -> Array | None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.evaluation.navigability.area import Area
-from isogal.evaluation.navigability.leg import leg_scenario
+from isogal.evaluation.navigability.leg import leg_route
 from isogal.files import write_atomic
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
@@ -131,16 +131,16 @@ def at(area: Area, case: tuple[int, int, float]) -> Scenario:
     """Return the scenario of a leg."""
     row, column, heading = case
     ground = area.field_map
-    return leg_scenario(
-        area.scenario, float(ground.latitude[row]), float(ground.longitude[column]), heading
-    )
+    latitude, longitude = float(ground.latitude[row]), float(ground.longitude[column])
+    route = leg_route(area.truth, latitude, longitude, heading)
+    return area.truth.informed.model_copy(update={"route": route})
 
 
 def errors(ground: FieldMap, places: int, runs: int) -> dict[str, list[float]]:
     """Return promised and reached RMS errors on arrival (m) of the default scenario, whose matcher
     is told that the map is exact."""
     settings = {"gravity": {"field": "normal"}, "matcher": {"map_sigma": 0.0}}
-    area = Area(validate_scenario(settings), ground)
+    area = Area(validate_scenario(settings).true, ground)
     promised, reached = [], []
     for case in draw(area, places, 0):
         nodes = np.array([case[0]]), np.array([case[1]])
@@ -192,7 +192,7 @@ def second_places(ground: FieldMap, far: float, each: int, runs: int) -> list[Fo
         "initial_error": {"position": far},
         "matcher": {"map_sigma": 0.0, "batch_length": 30, "stride": 30},
     }
-    area = Area(validate_scenario(settings), ground)
+    area = Area(validate_scenario(settings).true, ground)
     results = []
     for case in places_of(area, each):
         leg = at(area, (case.row, case.column, case.heading))

@@ -88,7 +88,7 @@ class Model:
 
 def model_of(scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap) -> Model:
     """Return the model of a scenario's runs as they are simulated."""
-    linear = bound_model(scenario, trajectory, field_map)
+    linear = bound_model(scenario.true, trajectory, field_map)
     scans = scan_index(scenario, trajectory)
     rows = linear.measurements[-1].rows[:, 0].copy()
     latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
@@ -145,15 +145,15 @@ def data_of(scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap, ru
     The INS takes off the map's horizontal gravity at the true place. One that does so at its own
     differs by the gravity's gradient, which is a part in a hundred of the Schuler term."""
     truth, scans = scenario.true, scan_index(scenario, trajectory)
-    gravity = sensed_gravity(scenario.gravity_field.true, trajectory, [run])
-    vector = gravity_vector(scenario.gravity_field.true, trajectory)
+    gravity = sensed_gravity(truth.gravity_field, trajectory, [run])
+    vector = gravity_vector(truth.gravity_field, trajectory)
     if gravity is not None and vector is not None:
         known = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
         gravity = gravity.copy()
         gravity[..., :2] -= 0.5 * (known[1:] + known[:-1])
     imu = simulate_imu(truth, trajectory, [run], gravity)
     _, track = propagate(
-        draw_initial_state(truth, trajectory, [run]),
+        draw_initial_state(truth.initial_error, trajectory, truth.seed, [run]),
         imu.specific_force,
         imu.angular_rate,
         trajectory.dt,
@@ -165,7 +165,7 @@ def data_of(scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap, ru
         at[:, 0], at[:, 1], trajectory.latitude[scans], trajectory.longitude[scans]
     )
     speed = at[:, 3:5] - trajectory.velocity[scans, :2]
-    source = true_map(scenario, trajectory, field_map)
+    source = true_map(truth, scenario.map, trajectory, field_map)
     readings = ReadingSimulator(truth, trajectory, source, [run]).raw[0]
     return Data(
         np.column_stack([place, speed]), readings - true_readings(truth, trajectory, source)

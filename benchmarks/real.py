@@ -186,7 +186,7 @@ def study(data: Path, folder: Path, runs: int, task: tuple[Voyage, str, str]) ->
     trajectory = build_trajectory(scenario)
     maps = maps_for_scenario(scenario, trajectory)
     record = simulate(scenario, range(runs), maps)
-    bound = posterior_cramer_rao(scenario, trajectory, maps).rms_at(record.time)
+    bound = posterior_cramer_rao(scenario.true, trajectory, maps).rms_at(record.time)
     late = record.elapsed > SETTLED[voyage.file]
     nees = nees_per_axis(record.error[:, late], record.covariance[:, late])
     worse = judge(record, np.zeros(len(record), dtype=np.bool_))["worse_than_unaided"]

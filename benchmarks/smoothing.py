@@ -105,7 +105,7 @@ def figures_of(
     record = Runs.concatenate(records)
     trajectory = build_trajectory(scenario)
     maps = maps_for_scenario(scenario, trajectory)
-    limit = posterior_cramer_rao(_unsure(scenario), trajectory, maps, smoothed=True)
+    limit = posterior_cramer_rao(_unsure(scenario).true, trajectory, maps, smoothed=True)
     bound = closed_loop.rms(limit.smoothed_rms_at(record.time))
     states = record.smoothed
     assert states is not None

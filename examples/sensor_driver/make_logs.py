@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
     scenario = vehicle_scenario()
-    vehicle = simulate_vehicle(scenario, 0)
+    vehicle = simulate_vehicle(scenario, scenario.true, 0)
     trajectory = vehicle.trajectory
     readings = ReadingSimulator(
         scenario.true, trajectory, map_for_scenario(scenario, trajectory), [0]

@@ -30,7 +30,7 @@ def test_its_covariance_is_the_bound():
     history = linear.history(np.empty(0))
     readings = [one for part in history for one in part.measurements]
     assert len([one for one in readings if isinstance(one, MapReading)]) == 90
-    limit = posterior_cramer_rao(scenario, trajectory, maps).rms[-1]
+    limit = posterior_cramer_rao(scenario.true, trajectory, maps).rms[-1]
     claimed = np.sqrt(np.trace(linear.state.covariance[:2, :2]))
     np.testing.assert_allclose(claimed, limit, rtol=0.02)
 

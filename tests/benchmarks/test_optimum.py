@@ -108,5 +108,5 @@ def test_its_model_is_that_of_the_bound():
         row[:2] -= model.map_at(scan, np.zeros((1, 2)))[1][0]
         P = P - np.outer(P @ row, row @ P) / (row @ P @ row + model.variance)
         found.append(P[:2, :2])
-    expected = posterior_cramer_rao(scenario, trajectory, field_map).covariance[1:]
+    expected = posterior_cramer_rao(scenario.true, trajectory, field_map).covariance[1:]
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)

@@ -37,8 +37,8 @@ def bound(field_map=WAVES, how=None, **sections):
     settings = scenario(**sections)
     trajectory = build_trajectory(settings)
     if field_map is None:
-        return unaided_covariance(settings, trajectory)
-    return posterior_cramer_rao(settings, trajectory, field_map, **(how or {}))
+        return unaided_covariance(settings.true, trajectory)
+    return posterior_cramer_rao(settings.true, trajectory, field_map, **(how or {}))
 
 
 def rms(field_map=WAVES, **sections):
@@ -52,9 +52,9 @@ def _dense(settings, trajectory, gradient, quantisation, scan=-1):
 
     By matrix exponentials, Van Loan's noise integral and the full covariance of the map's error,
     so it has nothing in common with the recursion."""
-    segments = divide(settings, trajectory)
-    density = noise_density(settings)
-    P = initial_covariance(settings)
+    segments = divide(trajectory, settings.steps_per_scan)
+    density = noise_density(settings.imu)
+    P = initial_covariance(settings.initial_error, settings.imu.sensors)
     blocks, crosses, scans = [], [], []
     F = np.zeros((STATES, STATES))
     for k in range(len(segments.geometry)):
@@ -122,7 +122,7 @@ def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, errors):
     i = len(trajectory)
     _, north, east = field_map.value_and_gradient(trajectory.latitude[i], trajectory.longitude[i])
     assert (north, east) == pytest.approx((1e-7, -6e-8), rel=0.01)
-    bound = posterior_cramer_rao(settings, trajectory, field_map, smoothed=True)
+    bound = posterior_cramer_rao(settings.true, trajectory, field_map, smoothed=True)
     # the dense covariance takes one gradient for the whole route, so the map's is taken at its
     # middle
     middle = trajectory.latitude[i // 2], trajectory.longitude[i // 2]
@@ -134,7 +134,7 @@ def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, errors):
     for scan in (0, 12, 20):
         dense_then = _dense(settings, trajectory, (float(north), float(east)), 2e-6, scan)
         np.testing.assert_allclose(bound.smoothed[scan + 1], dense_then, rtol=5e-3)
-    unaided = unaided_covariance(settings, trajectory)
+    unaided = unaided_covariance(settings.true, trajectory)
     assert np.trace(dense) < 0.8 * np.trace(unaided.covariance[-1])
 
 
@@ -149,7 +149,7 @@ def test_a_point_mass_filter_on_a_small_nonlinear_map_attains_the_bound():
     )
     trajectory = build_trajectory(settings)
     field_map = field(waves, step_deg=0.005)
-    bound = posterior_cramer_rao(settings, trajectory, field_map)
+    bound = posterior_cramer_rao(settings.true, trajectory, field_map)
     scans = np.arange(20, len(trajectory) + 1, 20)
     latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
     north, east = metres_per_radian(latitude)
@@ -224,7 +224,7 @@ def on_the_map_of_australia(shared_data, variable, **gravimeter):
         {"map": {"source": source, "variable": variable}, "gravimeter": gravimeter}
     )
     trajectory = build_trajectory(settings)
-    return posterior_cramer_rao(settings, trajectory, map_for_scenario(settings, trajectory))
+    return posterior_cramer_rao(settings.true, trajectory, map_for_scenario(settings, trajectory))
 
 
 PUBLISHED = [  # map variable, quantity, sigma; RMS bound by an independent implementation (11.1)
@@ -292,7 +292,7 @@ def test_readings_missing_by_chance_count_by_pattern():
     error = {"map_error": {"sigma": 3e-5}}
     half = scenario(**error, gravimeter={"missing_fraction": 0.5})
     trajectory = build_trajectory(half)
-    mean = posterior_cramer_rao(half, trajectory, WAVES).covariance[-1]
+    mean = posterior_cramer_rao(half.true, trajectory, WAVES).covariance[-1]
     index = np.arange(10, len(trajectory) + 1, 10)
     each = []
     for run in range(PATTERNS):

@@ -16,7 +16,7 @@ def bound(*more, function=posterior_cramer_rao):
     it = load_scenario(None, [*ROUTE, *more])
     trajectory = build_trajectory(it)
     arguments = (field_map_of(wavy),) if function is posterior_cramer_rao else ()
-    return function(it, trajectory, *arguments).rms[-1]
+    return function(it.true, trajectory, *arguments).rms[-1]
 
 
 def test_an_unknown_height_is_an_unknown_offset_of_the_readings():

@@ -17,7 +17,7 @@ def floor():
 def bound_of(floor, *items):
     error = "map_error.sigma=2", "map_error.correlation_length=400", "gravimeter.bias=3"
     scenario = load_scenario(None, [*SOUNDING, *error, *items])
-    return posterior_cramer_rao(scenario, build_trajectory(scenario), floor).rms
+    return posterior_cramer_rao(scenario.true, build_trajectory(scenario), floor).rms
 
 
 def test_one_beam_straight_down_is_a_clearance_meter(floor):

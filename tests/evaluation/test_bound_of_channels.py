@@ -32,7 +32,7 @@ class TestChannels:
         )
         one = replace(self.FIELD, unit="1/s²", quantity="gradient")
         return posterior_cramer_rao(
-            settings, build_trajectory(settings), ChannelMap([one] * len(names))
+            settings.true, build_trajectory(settings), ChannelMap([one] * len(names))
         ).covariance
 
     def test_correlated_noise(self) -> None:
@@ -97,7 +97,7 @@ class TestOnePotential:
         wrong = tensor_covariance(settings.gradiometer.components, channel, apart, 900.0)
         whole = 1e-16 * wrong + 1e-18 * np.kron(np.eye(len(scans)), self.NOISE)
         dense = np.linalg.inv(slope.T @ np.linalg.solve(whole, slope) + np.eye(2) / 300.0**2)
-        bound = posterior_cramer_rao(settings, trajectory, self.MAPS, smoothed=True)
+        bound = posterior_cramer_rao(settings.true, trajectory, self.MAPS, smoothed=True)
         found = np.sqrt(np.trace(bound.covariance[-1]))
         np.testing.assert_allclose(found, np.sqrt(np.trace(dense)), rtol=0.05)
         # the error does not change on the way: afterwards it is known as well at any time
@@ -108,7 +108,7 @@ class TestOnePotential:
         alone = settings.model_copy(
             update={"gradiometer": Gradiometer(covariance_eotvos=self.NOISE.tolist())}
         )
-        other = posterior_cramer_rao(alone, trajectory, self.MAPS).covariance[-1]
+        other = posterior_cramer_rao(alone.true, trajectory, self.MAPS).covariance[-1]
         assert abs(np.sqrt(np.trace(other)) / found - 1.0) > 0.1
 
     def test_tilt_and_walking_offsets(self):
@@ -132,14 +132,14 @@ class TestOnePotential:
         walked = 16e-18 + 0.25e-18 * np.minimum(time[:, None], time)
         whole += walked * (channel[:, None] == channel)
         dense = np.linalg.inv(slope.T @ np.linalg.solve(whole, slope) + np.eye(2) / 300.0**2)
-        bound = posterior_cramer_rao(settings, trajectory, self.MAPS)
+        bound = posterior_cramer_rao(settings.true, trajectory, self.MAPS)
         found = np.sqrt(np.trace(bound.covariance[-1]))
         np.testing.assert_allclose(found, np.sqrt(np.trace(dense)), rtol=2e-3)
         # what each of them costs
         for key in ("platform_tilt", "bias_eotvos", "bias_walk_eotvos"):
             without = Gradiometer(**(told | {key: 0.0}))
             less = settings.model_copy(update={"gradiometer": without})
-            other = posterior_cramer_rao(less, trajectory, self.MAPS).covariance[-1]
+            other = posterior_cramer_rao(less.true, trajectory, self.MAPS).covariance[-1]
             assert np.sqrt(np.trace(other)) < 0.995 * found, key
 
     def _slopes(self):

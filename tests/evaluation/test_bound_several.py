@@ -24,7 +24,7 @@ BASE = {"route": {"duration": 1800.0}, "gravity": {"field": "normal"}}
 def bound(*fields, maps=(), **keys):
     scenario = validate_scenario(BASE | {"fields": list(fields)} | keys)
     maps = maps or tuple(MAPS[one["field"]] for one in fields)
-    return posterior_cramer_rao(scenario, build_trajectory(scenario), FieldMaps(maps))
+    return posterior_cramer_rao(scenario.true, build_trajectory(scenario), FieldMaps(maps))
 
 
 def test_two_are_better_than_each_and_in_any_order():

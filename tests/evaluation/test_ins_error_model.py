@@ -31,7 +31,7 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
     for first in range(0, 150, 50):
         runs = range(first, first + 50)
         imu = simulate_imu(settings, trajectory, runs)
-        start = draw_initial_state(settings, trajectory, runs)
+        start = draw_initial_state(settings.initial_error, trajectory, settings.seed, runs)
         _, track = propagate(
             start,
             imu.specific_force,
@@ -45,7 +45,7 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
             instants
         ]
         errors.append((track[:, instants - 1] - truth) * metres)
-    covariance = unaided_covariance(settings, trajectory).covariance[instants // 10]
+    covariance = unaided_covariance(settings.true, trajectory).covariance[instants // 10]
     test = spread_test(np.concatenate(errors), covariance, confidence=0.99)
     assert test.consistent, (test.nees, test.family_interval)
 
@@ -60,7 +60,7 @@ def test_the_unaided_filter_has_the_same_covariance(grade):
     samples = imu.specific_force[0], imu.angular_rate[0], trajectory.height[1:]
     propagate_filter(state, model, *samples)
     claimed = state.covariance[:2, :2]
-    expected = unaided_covariance(settings, trajectory).covariance[-1]
+    expected = unaided_covariance(settings.true, trajectory).covariance[-1]
     np.testing.assert_allclose(np.sqrt(np.diag(claimed)), np.sqrt(np.diag(expected)), rtol=0.01)
 
 
@@ -68,5 +68,5 @@ def test_the_unaided_spread_is_near_the_published_study():
     """Within the scatter of the study's 40 runs, whose spread rests on 40 heading errors: 11 %
     1-sigma, 30 % allowed."""
     settings = Scenario()
-    rms = unaided_covariance(settings, build_trajectory(settings)).rms_at(HOURS * 3600.0)
+    rms = unaided_covariance(settings.true, build_trajectory(settings)).rms_at(HOURS * 3600.0)
     np.testing.assert_allclose(rms, [410, 490, 730, 870, 1100], rtol=0.3)

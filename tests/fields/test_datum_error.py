@@ -78,7 +78,7 @@ def test_the_bound_takes_it_for_a_bias_and_a_drift():
     trajectory, field_map = build_trajectory(scenario()), field_map_of(wavy)
     instrument = {"quantity": "disturbance", "sigma": 1e-9, "bias": 5e-5, "drift": 22e-9}
     one, other, none = (
-        posterior_cramer_rao(scenario(**keys), trajectory, field_map).covariance
+        posterior_cramer_rao(scenario(**keys).true, trajectory, field_map).covariance
         for keys in ({"map_error": {"offset": 5e-5, "tilt": 1e-9}}, {"gravimeter": instrument}, {})
     )
     np.testing.assert_allclose(one, other, rtol=1e-6)
@@ -94,8 +94,8 @@ def test_readings_are_of_the_true_map(tmp_path):
         truth={"map": {"source": str(tmp_path / "fine.nc")}},
     )
     trajectory = build_trajectory(it)
-    assert true_map(it, trajectory, coarse).provenance != coarse.provenance
-    assert true_map(it.informed, trajectory, fine) is fine
+    assert true_map(it.true, it.map, trajectory, coarse).provenance != coarse.provenance
+    assert true_map(it.true, it.true.map, trajectory, fine) is fine
     runs, plain = simulate(it, [0], coarse).detail, simulate(scenario(), [0], fine).detail
     # not more than float32 of the file, as long as no fix has changed velocities
     before = np.s_[..., : it.matcher.batch_length]

@@ -5,7 +5,11 @@ import pytest
 
 from helpers.magnetics import aircraft
 from isogal.errors import InputError
-from isogal.fields.magnetic_vehicle import prior_sigma, specified_compensation
+from isogal.fields.magnetic_vehicle import (
+    assumed_compensation,
+    prior_sigma,
+    specified_compensation,
+)
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.magnetics.compensation import Compensation
 from isogal.maps.field_map import FieldMap
@@ -77,8 +81,8 @@ def test_coefficients_from_a_file(field_map, tmp_path):
 
 
 def test_without_an_aircraft_nothing_changes(field_map):
-    assert specified_compensation(scenario_of()) is None
-    assert specified_compensation(load_scenario(None, TOLD)) is None  # a gravimeter does not mind
+    assert specified_compensation(scenario_of().magnetometer) is None
+    assert assumed_compensation(load_scenario(None, TOLD)) is None  # a gravimeter does not mind
     np.testing.assert_array_equal(
         readings_of(field_map), readings_of(field_map, "magnetometer.vector_sigma=5.0")
     )
@@ -110,8 +114,9 @@ def test_terms_of_what_is_not_told(field_map):
 
 def test_prior_of_the_coefficients(tmp_path):
     online = "magnetometer.online=true"
-    np.testing.assert_array_equal(prior_sigma(scenario_of(online)), 300.0)
+    np.testing.assert_array_equal(prior_sigma(scenario_of(online).magnetometer), 300.0)
     own = Compensation(CRAFT.coefficients(), sigma=np.linspace(1.0, 200.0, 18))
     own.write(tmp_path / "own.yaml")
-    told = prior_sigma(scenario_of(online, f"magnetometer.compensation={tmp_path / 'own.yaml'}"))
+    known = scenario_of(online, f"magnetometer.compensation={tmp_path / 'own.yaml'}")
+    told = prior_sigma(known.magnetometer)
     assert (told[0], told[-1]) == (3.0, 300.0)

@@ -16,7 +16,8 @@ ROUTE = "[[-37.0, 145.0, 20], [-36.99, 145.0, 20], [-36.99, 145.02, 20]]"
 @pytest.fixture(scope="module")
 def vehicle():
     settings = [f"route.waypoints={ROUTE}", "route.duration=120.0", "imu.rate=10.0"]
-    return simulate_vehicle(load_scenario(None, settings), 0)
+    scenario = load_scenario(None, settings)
+    return simulate_vehicle(scenario, scenario.true, 0)
 
 
 def test_the_turn_rate_is_that_of_the_attitude(vehicle):

@@ -8,7 +8,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.fusion.aid_monitor import AGREED_FOR, REJECTED_FOR
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import Outcome, position_fix, satellite_velocity
-from isogal.scenario import Deception, Gnss, PositionAid, Scenario
+from isogal.scenario import Deception, Gnss, PositionAid
 from isogal.sensors.satellites import simulate_satellites
 
 GNSS = Gnss(available=((0.0, 1200.0),))
@@ -19,8 +19,7 @@ WALK = {"kind": "walk", "rate": 0.4, "start": 300.0}
 
 def fixes_of(run: int = 0, **deception):
     gnss = GNSS.model_copy(update={"deception": Deception(**deception)})
-    truth = Scenario(route=ROUTE.model_copy(update={"duration": 1200.0}), gnss=gnss).true
-    return simulate_satellites(truth, FLIGHT.trajectory, [run])
+    return simulate_satellites(gnss, FLIGHT.trajectory, 0, [run])
 
 
 def flown(fixes, until: int, heard=lambda k: True, **keys) -> InertialNavigator:

@@ -14,7 +14,7 @@ from isogal.fusion.assumed import filter_model
 from isogal.fusion.imu_states import states
 from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
-from isogal.scenario import Imu, Scenario, load_scenario
+from isogal.scenario import Imu, load_scenario
 from isogal.scenario.imu_grades import PAPER_GRADES
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.imu_model import bias_sigma, noise_density
@@ -29,7 +29,7 @@ RUNS = 40
 
 @pytest.mark.parametrize("grade", PAPER_GRADES)
 def test_the_papers_sensors_have_biases_and_noise_only(grade):
-    assert states(Scenario(imu=Imu(grade=grade))) == ()
+    assert states(Imu(grade=grade).sensors) == ()
     sensors = Imu(grade=grade).sensors
     assert tuple(bias_sigma(sensors)) == (*sensors.accelerometer.bias, *sensors.gyroscope.bias)
     assert tuple(noise_density(sensors, 1.0)) == (
@@ -39,7 +39,7 @@ def test_the_papers_sensors_have_biases_and_noise_only(grade):
 
 
 def test_states_are_those_of_the_data_sheet():
-    made = {state.name: state for state in states(Scenario(imu=Imu(grade="tactical")))}
+    made = {state.name: state for state in states(Imu(grade="tactical").sensors)}
     assert len(made) == 6 + 3 + 2
     in_run = made["gyroscope_in_run_z"]
     assert (in_run.enters, in_run.axis, in_run.time) == ("gyroscope", 2, 100.0)
@@ -119,8 +119,8 @@ def test_consistent_with_states_and_not_without_them(keys, which, count):
     assert low < nees < high, nees / 2 / RUNS
     assert claimed == pytest.approx(rms, rel=0.25)
     # the bound's model has the same states
-    bound = unaided_covariance(scenario, build_trajectory(scenario)).rms_at(np.array([2000.0]))
-    assert float(bound[0]) == pytest.approx(claimed, rel=0.03)
+    bound = unaided_covariance(scenario.true, build_trajectory(scenario))
+    assert float(bound.rms_at(np.array([2000.0]))[0]) == pytest.approx(claimed, rel=0.03)
     nil = [state.name for state in model.auxiliary if which(state)]
     assert len(nil) == count
     assert unaided(scenario, without(model, nil))[0] > high

@@ -79,11 +79,11 @@ def test_a_sample_of_more_noise_turns_the_covariance_alone():
 
 def test_a_car_may_have_turned_while_samples_were_missing():
     wheels = changed_scenario(CAR, ["velocity.kind=wheels"], "test")
-    assert UnknownMotion().of_vehicle(CAR) == UnknownMotion()
+    assert UnknownMotion().of_vehicle(CAR.velocity_aids) == UnknownMotion()
     model = filter_model(wheels)
     state = moving(15.0, 0.0, 0.0, model=model)
     state.covariance[8, 8] = 1e-4
-    motion = UnknownMotion().of_vehicle(wheels)
+    motion = UnknownMotion().of_vehicle(wheels.velocity_aids)
     navigator = InertialNavigator(model, state, motion=motion)
     navigator.imu(31.0, np.array([0.0, 0.0, -9.8]), np.zeros(3), 0.0, missing=30.0)
     assert not navigator.undecided

@@ -55,7 +55,7 @@ class Flight:
 
 def start_of(scenario: Scenario, trajectory: Trajectory, run: int = 0) -> Estimate:
     """Where the navigator of a run starts."""
-    drawn = draw_initial_state(scenario.true, trajectory, [run])
+    drawn = draw_initial_state(scenario.true.initial_error, trajectory, scenario.seed, [run])
     return Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
 
 

@@ -63,7 +63,7 @@ def test_what_is_simulated_is_the_truth_and_what_is_assumed_the_rest():
     )
     one, world, blind = (
         simulate(it, [1], MAP),
-        simulate(it.informed, [1], MAP),
+        simulate(it.true.informed, [1], MAP),
         simulate(told, [1], MAP),
     )
     np.testing.assert_array_equal(one.unaided_error, world.unaided_error)

@@ -54,7 +54,8 @@ def test_a_map_that_ends_on_the_way_ends_the_aiding_there(tmp_path, recorded):
     if not recorded:
         scenario = scenario.model_copy(update={"readings": type(scenario.readings)()})
     trajectory = build_trajectory(scenario)
-    check_readings(scenario, trajectory, maps_for_scenario(scenario, trajectory))
+    field_map = maps_for_scenario(scenario, trajectory)
+    check_readings(scenario.true, scenario.map, trajectory, field_map)
     found = simulate(scenario, [0])
     gone = np.interp(found.fix_time, found.time, np.degrees(found.longitude)) > 146.97
     assert np.isfinite(found.error).all()

@@ -27,8 +27,9 @@ from isogal.sensors.trajectory import build_trajectory
 def results_json(case, store):
     """Return results.json without its time part."""
     runs = store.load(case)
-    bound = posterior_cramer_rao(case.scenario, build_trajectory(case.scenario), case.field_map)
-    summary = summarise(runs, case.scenario, bound.rms_at(runs.time))
+    scenario = case.scenario
+    bound = posterior_cramer_rao(scenario.true, build_trajectory(scenario), case.field_map)
+    summary = summarise(runs, scenario, bound.rms_at(runs.time))
     del summary["time"]
     return canonical_json(summary)
 

@@ -66,12 +66,11 @@ def test_truth_is_that_of_the_navigator_or_of_the_entries():
         truth={"imu": "3x", "gravimeter": {"sigma": "2x"}},
     )
     assert it.true.imu != it.imu
-    for scenario in (it, it.informed):
-        truths = [one.true for one in scenario.each_field]
+    for truths in (it.true.each_field, [one.true for one in it.each_field]):
         assert [one.imu for one in truths] == [it.true.imu] * 2
         assert [one.gravimeter.sigma for one in truths] == [4e-5, 4.0]
         assert [one.gravimeter.bias for one in truths] == [0.0, 9.0]
-    assert it.informed.informed == it.informed
+    assert it.true.informed.true == it.true
 
 
 def test_the_field_of_gravity_is_felt():

@@ -54,7 +54,7 @@ def simulated(runs, *more):
         ["route.duration=300", "route.height=1000", "gravity.field=normal",
          "height.source=barometer", *more],
     )  # fmt: skip
-    read = simulate_heights(it.true, it.true.height, build_trajectory(it), range(runs))
+    read = simulate_heights(it.true.height, build_trajectory(it), it.seed, range(runs))
     return read.ends, read.values - 1000.0
 
 

@@ -16,7 +16,8 @@ RUNS = 500
 def draw(runs, **sigma):
     scenario = Scenario(route=Route(duration=10.0), initial_error=InitialError(**sigma))
     trajectory = build_trajectory(scenario)
-    return draw_initial_state(scenario.true, trajectory, runs), trajectory
+    drawn = draw_initial_state(scenario.initial_error, trajectory, scenario.seed, runs)
+    return drawn, trajectory
 
 
 def test_errors_have_the_sigma_of_the_scenario():

@@ -18,7 +18,7 @@ def test_a_position_is_that_of_its_arm_with_errors_as_large_as_told():
     """400 runs, sizes within 5 %: more than four standard deviations of such an estimate."""
     entry = "{sigma: 8, correlated_sigma: 6, lever_arm: [3, -1, 40]}"
     it, trajectory = in_turns(f"positions=[{entry}]")
-    fixes = simulate_positions(it.true, it.true.positions[0], trajectory, range(400))
+    fixes = simulate_positions(it.true.positions[0], trajectory, it.seed, range(400))
     arm = matrix(trajectory.attitude[fixes.ends]) @ [3.0, -1.0, 40.0]
     error = displacement(fixes, trajectory) - arm
     np.testing.assert_allclose(error.std(axis=0).mean(axis=0), 10.0, rtol=0.05)
@@ -29,7 +29,8 @@ def test_a_position_is_that_of_its_arm_with_errors_as_large_as_told():
 def test_a_heading_is_that_of_the_bow(kind):
     exact = "sigma: 1e-9, bias: 0, correlated_sigma: 0"
     it, trajectory = in_turns(f"headings=[{{kind: {kind}, {exact}}}]")
-    seen = simulate_headings(it.true, it.true.headings[0], trajectory, [0])
+    aid, epoch = it.true.headings[0], it.magnetometer.epoch
+    seen = simulate_headings(aid, trajectory, it.seed, [0], epoch)
     true = np.arctan2(*matrix(trajectory.attitude[seen.ends])[:, [1, 0], 0].T)
     # the declination near Melbourne is 11.9 degrees east (IGRF, 2025)
     east = math.radians(11.9) if kind == "compass" else 0.0
@@ -48,6 +49,7 @@ def test_declination_between_points_of_the_grid():
 def test_the_truth_of_an_entry_is_its_own():
     it, _ = in_turns("positions=[{sigma: 8, truth: {sigma: 3x}}, {name: usbl}]")
     assert [one.sigma for one in it.true.positions] == [24.0, 10.0]
+    assert it.true.informed.true == it.true  # not once more
     assert [one.sigma for one in it.positions] == [8.0, 10.0]
 
 

@@ -13,7 +13,7 @@ CLEAN = "gnss.position_sigma=1e-9", "gnss.velocity_sigma=1e-9", "gnss.correlated
 
 def simulated(runs, *more):
     it, trajectory = in_turns("gnss.available=[[0, 600]]", *more)
-    return *simulate_satellites(it.true, trajectory, range(runs)), trajectory
+    return *simulate_satellites(it.true.gnss, trajectory, it.seed, range(runs)), trajectory
 
 
 def test_a_perfect_one_gives_place_and_velocity_of_its_antenna():

@@ -15,7 +15,8 @@ CLEAN = ["velocity.sigma=1e-9", "velocity.scale=0", "velocity.misalignment=0",
 
 def simulated(kind, runs, *more):
     it, trajectory = in_turns(f"velocity.kind={kind}", *more)
-    found = simulate_velocities(it.true, it.true.velocity, trajectory, range(runs))
+    aid = it.true.velocity
+    found = simulate_velocities(aid, trajectory, it.seed, range(runs), [aid])
     return found.values, trajectory
 
 

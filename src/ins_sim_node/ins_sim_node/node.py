@@ -41,7 +41,7 @@ class InsSimNode(GraphNode[InsSimSettings]):
 
     def setup(self) -> None:
         """Simulate the run and make publishers and subscriptions."""
-        self.vehicle = simulate_vehicle(self.scenario, self.settings.run)
+        self.vehicle = simulate_vehicle(self.scenario, self.scenario.true, self.settings.run)
         self.rate = self.settings.rate
         self._checkpoint = Checkpoint(self)
         found = self._checkpoint.found

@@ -21,7 +21,7 @@ from isogal.fusion.measurements import Widening
 from isogal.fusion.relinearised import Readings, smoothed_by_readings
 from isogal.fusion.state import FilterState
 from isogal.maps.channels import RouteMap, channels_of
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed, Gravimeter, Matcher
 
 LIKELY = 0.5
 """Probability from which on a fault is taken for true."""
@@ -47,7 +47,7 @@ class Sensed(NamedTuple):
 def smoothed_voyage(
     navigator: InertialNavigator,
     time: Array,
-    scenario: Scenario,
+    assumed: Assumed,
     maps: Sequence[RouteMap],
     sensed: Sequence[Sensed | None],
     figures: Mapping[str, float],
@@ -59,8 +59,8 @@ def smoothed_voyage(
     navigator : InertialNavigator
         With its whole history; it is not changed.
     time : (K,) array
-    scenario : Scenario
-        What is assumed.
+    assumed : Assumed
+        Of instruments and maps.
     maps : sequence of RouteMap
         Of each field.
     sensed : sequence of Sensed
@@ -69,7 +69,7 @@ def smoothed_voyage(
         What the last fix has said of map and readings (`isogal.fix.Fix.diagnostics`).
     """
     found_at = _lost(navigator)
-    readings = None if found_at is None else readings_of(scenario, maps, sensed, figures)
+    readings = None if found_at is None else readings_of(assumed, maps, sensed, figures)
     if found_at is None or readings is None:
         return navigator.smoothed(time)
     return smoothed_by_readings(navigator, readings, time, LOST_COVARIANCE, found_at)
@@ -86,7 +86,7 @@ def _lost(navigator: InertialNavigator) -> float | None:
 
 
 def readings_of(
-    scenario: Scenario,
+    assumed: Assumed,
     maps: Sequence[RouteMap],
     sensed: Sequence[Sensed | None],
     figures: Mapping[str, float],
@@ -94,8 +94,8 @@ def readings_of(
     """Return the readings of all fields with their errors; None where these are not such as a
     measurement models, or readings have several channels. Parameters as of `smoothed_voyage`."""
     found = []
-    each = scenario.each_field
-    for one, name, field_map, read in zip(each, scenario.field_names, maps, sensed, strict=True):
+    each = assumed.each_field
+    for one, name, field_map, read in zip(each, assumed.field_names, maps, sensed, strict=True):
         of_field = figures
         if one is not each[0]:
             prefix = f"{name}."
@@ -104,7 +104,8 @@ def readings_of(
                 for key, value in figures.items()
                 if key.startswith(prefix)
             }
-        errors, channels = _errors(one, name, of_field), channels_of(field_map)
+        errors = _errors(one.gravimeter, one.matcher, name, of_field)
+        channels = channels_of(field_map)
         if errors is None or read is None or len(channels) > 1 or read.readings.ndim > 1:
             return None
         white = one.gravimeter.sigma**2 + channels[0].quantisation ** 2 / 12.0
@@ -114,10 +115,9 @@ def readings_of(
 
 
 def _errors(
-    scenario: Scenario, name: str, figures: Mapping[str, float]
+    settings: Gravimeter, matcher: Matcher, name: str, figures: Mapping[str, float]
 ) -> tuple[AuxiliaryState, ...] | None:
     """Return the slow errors of a field's readings; None where there are others."""
-    settings, matcher = scenario.gravimeter, scenario.matcher
     others = (
         *(settings.filter_time, settings.delay, settings.delay_sigma),
         *(settings.cross_coupling, settings.platform_tilt),

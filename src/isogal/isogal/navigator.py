@@ -30,7 +30,7 @@ from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
 from isogal.matching.interfaces import Matcher
 from isogal.matching.map_matching import MapMatching, Matched
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal.sensors.reduction import State
 
 
@@ -49,25 +49,25 @@ class Navigator:
 
     Parameters
     ----------
-    scenario : Scenario
-        What is assumed of sensors, maps and errors.
+    assumed : Assumed
+        Of sensors, maps and errors.
     maps : sequence of RouteMap
         Of each field.
     start : Estimate
-        Position, velocity and attitude at `time`, with the errors that the scenario says.
+        Position, velocity and attitude at `time`, with the errors that are assumed.
     time : float
         s.
     gravity : KnownGravity, optional
-        What is known of horizontal gravity; default: as the scenario says.
+        What is known of horizontal gravity; default: as it is assumed.
     matcher : Matcher, optional
-        Default: the scenario's.
+        Default: that of section `matcher`.
     horizon : float
         How old a measurement may be, s; infinite = the whole history is kept.
     """
 
     def __init__(
         self,
-        scenario: Scenario,
+        assumed: Assumed,
         maps: Sequence[RouteMap],
         start: Estimate,
         time: float = 0.0,
@@ -76,33 +76,33 @@ class Navigator:
         matcher: Matcher | None = None,
         horizon: float = 1200.0,
     ) -> None:
-        model = filter_model(scenario, gravity)
-        motion = UnknownMotion().of_vehicle(scenario)
+        model = filter_model(assumed, gravity)
+        motion = UnknownMotion().of_vehicle(assumed.velocity_aids)
         self.inertial: InertialNavigator
-        if scenario.fusion.start == "align":
+        if assumed.fusion.start == "align":
             self.inertial = Alignment(
                 model,
                 start.position,
                 time,
-                measured=scenario.gnss.used,
-                aim=scenario.fusion.align_to,
+                measured=assumed.gnss.used,
+                aim=assumed.fusion.align_to,
                 horizon=horizon,
                 motion=motion,
             )
         else:
             state = FilterState.start(start, model)
             self.inertial = InertialNavigator(model, state, time, horizon, motion)
-        self.matching = MapMatching(scenario, maps, matcher, gravity)
-        each = scenario.each_field
+        self.matching = MapMatching(assumed, maps, matcher, gravity)
+        each = assumed.each_field
         self._reductions = [measured_field(one).reduction(one) for one in each]
-        self._has_arm = any(scenario.gravimeter.lever_arm)
+        self._has_arm = any(assumed.gravimeter.lever_arm)
         self._ends = time, time
         """Of the batch before the newest, and of the newest, s."""
         self._scan_times = np.empty(0)
         self._passed = [0] * len(each)
         """Readings of each field before it was aligned."""
-        self._each_scan = scenario.matcher.mode == "retrodiction"
-        self._scenario, self._maps, self._whole = scenario, tuple(maps), math.isinf(horizon)
+        self._each_scan = assumed.matcher.mode == "retrodiction"
+        self._assumed, self._maps, self._whole = assumed, tuple(maps), math.isinf(horizon)
         self._sensed: list[list[Sensed]] = [[] for _ in each]
         """All readings, where the whole history is kept."""
         self._figures: Mapping[str, float] = {}
@@ -223,7 +223,7 @@ class Navigator:
             raise ValueError("the navigator is not aligned yet")
         if not self._whole:
             return self.inertial.smoothed(time)
-        voyage = self._scenario, self._maps, self.sensed, self._figures
+        voyage = self._assumed, self._maps, self.sensed, self._figures
         return smoothed_voyage(self.inertial, time, *voyage)
 
     @property

@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
@@ -51,7 +51,7 @@ class Scans:
     ----------
     node : GraphNode
         Listens and tells its health.
-    scenario : Scenario
+    assumed : Assumed
         Says how far scans are apart.
     first : callable
         Called with the navigator's state of the first scan before it is taken; may set `last`.
@@ -64,20 +64,20 @@ class Scans:
     def __init__(
         self,
         node: GraphNode,
-        scenario: Scenario,
+        assumed: Assumed,
         first: Callable[[NavSample], None],
         taken: Callable[[int, NavSample, Array | float, Array | float], None],
     ) -> None:
         self._health, self._first, self._taken = node.health, first, taken
-        each = scenario.each_field
+        each = assumed.each_field
         self._fields = [_Field(from_seconds(one.gravimeter.interval)) for one in each]
-        self._names, self._lead = scenario.field_names, UpdateSchedule.of(each).lead
+        self._names, self._lead = assumed.field_names, UpdateSchedule.of(each).lead
         self._begun = False
         self.ended = -1
         """Stamp of the last batch end, ns; readings up to it are too late."""
         self.guessed = False
         """Whether the navigator said nothing of the last scan, so that its state is a guess."""
-        self._queue = NavQueue(node, scenario, self._process, self._look)
+        self._queue = NavQueue(node, assumed, self._process, self._look)
 
     @property
     def last(self) -> tuple[int, ...]:

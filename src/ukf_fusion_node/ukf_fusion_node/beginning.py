@@ -56,7 +56,7 @@ class Beginning:
             node.settings.outage_acceleration,
             node.settings.outage_turn_rate,
             node.settings.manoeuvre_interval,
-        ).of_vehicle(node.scenario)
+        ).of_vehicle(node.scenario.velocity_aids)
         self.start = FilterState.start(initial_state(node.scenario, node.settings), model)
         """The scenario's."""
         self._placed: FilterState | None = None

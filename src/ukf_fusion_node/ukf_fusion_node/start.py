@@ -35,7 +35,8 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> Estimate:
     # two steps of the route are enough to know its start
     route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
     short = scenario.model_copy(update={"route": route})
-    drawn = draw_initial_state(scenario.true, build_trajectory(short), [settings.run])
+    sigma, seed = scenario.true.initial_error, scenario.seed
+    drawn = draw_initial_state(sigma, build_trajectory(short), seed, [settings.run])
     state = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
     return with_given(settings, state)
 

@@ -9,7 +9,7 @@ from helpers.batches import field_map_of, wavy
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.navigability.area import Area, between, navigability
-from isogal.evaluation.navigability.leg import leg_scenario
+from isogal.evaluation.navigability.leg import leg_route
 from isogal.scenario import validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -17,7 +17,7 @@ ROUGH = field_map_of(wavy, half=40e3, step=500.0)
 
 
 def scenario(**sections):
-    return validate_scenario({"gravimeter": {"quantity": "disturbance"}, **sections})
+    return validate_scenario({"gravimeter": {"quantity": "disturbance"}, **sections}).true
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,8 @@ def test_at_a_node_it_is_the_bound(sections, row, column, degrees):
     area, heading = Area(settings, ROUGH), np.radians(degrees)
     nodes = np.array([row]), np.array([column])
     found = area.errors(area.leg(heading), *nodes)[0, 0]
-    there = leg_scenario(settings, ROUGH.latitude[row], ROUGH.longitude[column], heading)
+    route = leg_route(settings, ROUGH.latitude[row], ROUGH.longitude[column], heading)
+    there = settings.model_copy(update={"route": route})
     bound = posterior_cramer_rao(there, build_trajectory(there), ROUGH)
     assert found == pytest.approx(bound.rms[-1], rel=0.01)
     assert found < 0.95 * area_unaided(area, heading)
@@ -164,6 +165,6 @@ def test_a_map_that_says_its_error_counts():
 
 def test_what_does_not_fit_is_refused():
     with pytest.raises(InputError, match="the scenario measures height"):
-        Area(validate_scenario({"field": "terrain", "gravimeter": {"sigma": 5.0}}), ROUGH)
+        Area(scenario(field="terrain", gravimeter={"sigma": 5.0}), ROUGH)
     with pytest.raises(InputError, match="several channels"):
-        Area(validate_scenario({"field": "gradient"}), ROUGH)
+        Area(scenario(field="gradient"), ROUGH)

@@ -15,7 +15,7 @@ from isogal.evaluation.planning.areas import inside, read_areas
 from isogal.evaluation.planning.belief import Edges
 from isogal.evaluation.planning.files import write_path, write_route
 from isogal.evaluation.planning.lattice import lattice_between
-from isogal.evaluation.planning.planner import RouteRequest, plan_route, with_waypoints
+from isogal.evaluation.planning.planner import RouteRequest, plan_route, through
 from isogal.scenario import load_scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -33,15 +33,15 @@ def rough_in_the_north(north, east):
 
 FIELD = field_map_of(rough_in_the_north, half=45e3, step=500.0)
 START, GOAL = place(0.0, -30e3), place(0.0, 30e3)
-SETTINGS = validate_scenario(
+TRUTH = validate_scenario(
     {"gravimeter": {"quantity": "disturbance"}, "gravity": {"field": "normal"}}
-)
+).true
 
 
 @pytest.fixture(scope="module")
 def planned():
     done = []
-    plan = plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL), lambda *p: done.append(p))
+    plan = plan_route(TRUTH, FIELD, RouteRequest(START, GOAL), lambda *p: done.append(p))
     assert done[-1][0] == done[-1][1]
     return plan
 
@@ -58,27 +58,28 @@ def test_what_it_promises_is_the_bound_of_the_route_that_it_writes(planned, tmp_
     scenario = load_scenario(
         tmp_path / "route.yaml", ["gravimeter.quantity=disturbance", "gravity.field=normal"]
     )
-    bound = posterior_cramer_rao(scenario, build_trajectory(scenario), FIELD)
+    bound = posterior_cramer_rao(scenario.true, build_trajectory(scenario), FIELD)
     assert bound.rms[-1] == pytest.approx(planned.route.error, rel=1e-3)
 
 
 def test_the_belief_along_an_edge_is_the_bound():
     lattice = lattice_between(START, GOAL, 0.15, [], columns=1)
-    edges = Edges(SETTINGS, lattice, FIELD)
+    edges = Edges(TRUTH, lattice, FIELD)
     start, began = edges.start(*START)[None], np.array([START]).T
     P = edges.along(start, *began, np.zeros(1), len(lattice.rise) // 2)[0]
-    driven = with_waypoints(SETTINGS, np.array([START, GOAL]))
+    route = through(TRUTH.route, np.array([START, GOAL]))
+    driven = TRUTH.model_copy(update={"route": route})
     bound = posterior_cramer_rao(driven, build_trajectory(driven), FIELD)
     assert np.sqrt(P[0, 0] + P[1, 1]) == pytest.approx(bound.rms[-1], rel=0.1)
 
 
 def test_a_ceiling_gives_a_shorter_route(planned):
     ceiling = 0.5 * (planned.route.error + planned.straight.error)
-    found = plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, ceiling=ceiling)).route
+    found = plan_route(TRUTH, FIELD, RouteRequest(START, GOAL, ceiling=ceiling)).route
     assert found.error <= ceiling
     assert found.length <= planned.route.length
     with pytest.raises(InputError, match="below 1 m; the best has"):
-        plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, 0.05, ceiling=1.0))
+        plan_route(TRUTH, FIELD, RouteRequest(START, GOAL, 0.05, ceiling=1.0))
 
 
 def square(north, east, half):
@@ -100,7 +101,7 @@ def areas_of(tmp_path, *squares):
 
 def test_it_keeps_out_of_areas(tmp_path):
     areas = read_areas(areas_of(tmp_path, square(5e3, 0.0, 6e3)))
-    plan = plan_route(SETTINGS, FIELD, RouteRequest(START, GOAL, 0.3, areas=tuple(areas)))
+    plan = plan_route(TRUTH, FIELD, RouteRequest(START, GOAL, 0.3, areas=tuple(areas)))
     assert plan.straight is None
     track = plan.route.trajectory
     # corners are cut by the turn's radius
@@ -124,7 +125,7 @@ def test_a_goal_that_cannot_be_reached_is_one_line(tmp_path):
         (RouteRequest(START, GOAL, detour=0.0), "above 0 and at most 1"),
     ):
         with pytest.raises(InputError, match=message):
-            plan_route(SETTINGS, FIELD, request)
+            plan_route(TRUTH, FIELD, request)
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def voyage():
     instrument on board has reduced with what it says."""
     keys = "ins.source=solution", "route.duration=900", "initial_error.velocity=1"
     scenario = load_scenario(None, [*KEYS, *keys])
-    vehicle = simulate_vehicle(scenario, 0)
+    vehicle = simulate_vehicle(scenario, scenario.true, 0)
     value = maps_for_scenario(scenario).value(*vehicle.states[:, :2].T)
     reduction = measured_field(scenario).reduction(scenario)
     true, said = (State(*rows[:, :5].T) for rows in (vehicle.states, vehicle.solution))

@@ -70,7 +70,7 @@ def _here(monkeypatch) -> None:
 def test_its_messages_are_those_of_the_simulated_vehicle(folder) -> None:
     """The nodes' own way to write and to read what both have been made from."""
     driver, scenario = import_module("driver"), import_module("make_logs").vehicle_scenario()
-    samples = simulate_vehicle(scenario, 0).imu
+    samples = simulate_vehicle(scenario, scenario.true, 0).imu
     read = [
         read_imu(serialize_message(message))[:2]
         for _, _, message in driver.imu_samples(folder / "imu.csv")

@@ -10,6 +10,7 @@ from helpers.node_bench import Bench, bench, stamps
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.rotations import from_angles
 from isogal.sensors.imu import simulate_imu
+from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.ins_solution import simulate_solution
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -34,7 +35,10 @@ def rows(scenario):
     """What an unaided INS says, (K + 1, 10)."""
     truth = scenario(SOLUTION).true
     trajectory = build_trajectory(scenario())
-    return simulate_solution(truth, trajectory, [0], simulate_imu(truth, trajectory, [0]))[0]
+    start = draw_initial_state(truth.initial_error, trajectory, truth.seed, [0])
+    imu = simulate_imu(truth, trajectory, [0])
+    preintegrated = truth.samples_per_step > 1
+    return simulate_solution(truth.ins, start, trajectory, imu, preintegrated)[0]
 
 
 def say(made: Bench, seconds: float, row: np.ndarray, **frames: str) -> None:

@@ -73,7 +73,7 @@ def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
     trajectory = build_trajectory(settings)
     field_map = maps_for_scenario(settings, trajectory)
     for one, its_map in zip(settings.each_field, each_map(field_map), strict=True):
-        check_readings(one, trajectory, its_map)
+        check_readings(one.true, one.map, trajectory, its_map)
         on_map = its_map.covers(trajectory.latitude, trajectory.longitude).mean()
         if on_map < 1.0:
             note(
@@ -96,7 +96,7 @@ def _evaluate(
     settings, field_map = case.scenario, case.field_map
     record = store.load(case)
     trajectory = build_trajectory(settings)
-    bound = posterior_cramer_rao(settings, trajectory, field_map, smoothed=case.smooth)
+    bound = posterior_cramer_rao(settings.true, trajectory, field_map, smoothed=case.smooth)
     summary = summarise(
         record,
         settings,

@@ -107,10 +107,10 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
 
     request = asked.request()
     field_map = map_.load(_around(request), "disturbance")
-    settings = fitting(chosen.load(), field_map)
+    truth = fitting(chosen.load().true, field_map)
     with Bars("columns") as bars:
         found = plan_route(
-            settings, field_map, request, lambda done, total: bars("columns", done, total)
+            truth, field_map, request, lambda done, total: bars("columns", done, total)
         )
     results.write(found)
 

@@ -62,12 +62,21 @@ from isogal.inertial.rotations import from_matrix
 from isogal.maps.channels import RouteMap, channels_of
 from isogal.maps.several import RunMap, each_map
 from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import AnyAid, Gnss, HeadingAid, MapError, PositionAid, Scenario, Velocity
+from isogal.scenario import (
+    AnyAid,
+    Gnss,
+    Gravimeter,
+    HeadingAid,
+    MapError,
+    PositionAid,
+    Truth,
+    Velocity,
+)
 from isogal.sensors.gravimeter_errors import missing, without_readings
 from isogal.sensors.lag import SETTLING, Lag
 from isogal.sensors.noise import RunScans
 from isogal.sensors.position_aid import within
-from isogal.sensors.reduction import State
+from isogal.sensors.reduction import Reduction, State
 from isogal.sensors.trajectory import Trajectory
 
 PATTERNS = 8
@@ -217,15 +226,15 @@ def condition(P: Array, row: Array, noise: float) -> Array:
 
 
 def posterior_cramer_rao(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     field_map: RunMap,
     *,
     map_share: Array | None = None,
     smoothed: bool = False,
 ) -> BoundResult:
-    """Return the bound of a navigator that uses every reading at once, with the noise and map
-    error of the scenario's true world, which it knows.
+    """Return the bound of a navigator that uses every reading at once, and knows how large noise
+    and errors truly are.
 
     A reading at which the map has no gradient (missing data, outside) tells nothing. Of recorded
     readings the map's error is what the map says of it; where it says nothing, none. Where a share
@@ -234,8 +243,8 @@ def posterior_cramer_rao(
 
     Parameters
     ----------
-    scenario : Scenario
-        Initial errors, IMU grade, gravimeter noise and the map error of the simulated truth.
+    truth : Truth
+        Initial errors, IMU, instruments and the map's error, by `Scenario.true`.
     trajectory : Trajectory
         The true route.
     field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
@@ -247,75 +256,67 @@ def posterior_cramer_rao(
     smoothed : bool
         Return besides that of one that knows all readings of the voyage.
     """
-    world, settings = scenario.informed, scenario.informed.gravimeter
-    chance = len(scenario.each_field) == 1 and settings.missing_fraction > 0.0
-    if chance:
-        whole = settings.model_copy(update={"missing_fraction": 0.0})
-        scenario = world.model_copy(update={"gravimeter": whole})
-    model = bound_model(scenario, trajectory, field_map, map_share)
-    if not chance:
-        return _result(world, trajectory, [model], smoothed)
-    scans = scan_index(world, trajectory)
+    settings = truth.gravimeter
+    if len(truth.each_field) > 1 or settings.missing_fraction == 0.0:
+        model = bound_model(truth, trajectory, field_map, map_share)
+        return _result([model], trajectory, truth.steps_per_scan, smoothed)
+    whole = settings.model_copy(update={"missing_fraction": 0.0})
+    read = truth.model_copy(update={"gravimeter": whole})
+    model = bound_model(read, trajectory, field_map, map_share)
+    scans = scan_index(truth, trajectory)
     *aids, readings = model.measurements
     models = []
     for run in range(PATTERNS):
         rows = readings.rows.copy()
-        rows[missing(settings, RunScans(world.seed, run, trajectory, scans))] = np.nan
+        rows[missing(settings, RunScans(truth.seed, run, trajectory, scans))] = np.nan
         patterned = (*aids, replace(readings, rows=rows))
         models.append(replace(model, measurements=patterned))
-    return _result(world, trajectory, models, smoothed)
+    return _result(models, trajectory, truth.steps_per_scan, smoothed)
 
 
-def unaided_covariance(scenario: Scenario, trajectory: Trajectory) -> BoundResult:
+def unaided_covariance(truth: Truth, trajectory: Trajectory) -> BoundResult:
     """Return the error covariance of the navigator without any reading, by the same linear
-    model, in the scenario's true world."""
-    return _result(scenario.informed, trajectory, [linear_model(scenario, trajectory, [])])
+    model."""
+    return _result([linear_model(truth, trajectory, [])], trajectory, truth.steps_per_scan)
 
 
 def _result(
-    world: Scenario, trajectory: Trajectory, models: Sequence[BoundModel], smoothed: bool = False
+    models: Sequence[BoundModel], trajectory: Trajectory, steps: int, smoothed: bool = False
 ) -> BoundResult:
-    """Return the bound that is the mean over models."""
+    """Return the bound that is the mean over models, whose scans are so many steps of the
+    trajectory apart."""
     each = [model.covariances(smoothed) for model in models]
     covariance = np.mean([known for known, _ in each], axis=0)
     wholes = [whole for _, whole in each if whole is not None]
     later = np.mean(wholes, axis=0) if smoothed else None
-    time = trajectory.time[np.arange(len(covariance)) * world.steps_per_scan]
+    time = trajectory.time[np.arange(len(covariance)) * steps]
     return BoundResult(time, covariance, later)
 
 
 def bound_model(
-    scenario: Scenario,
+    truth: Truth,
     trajectory: Trajectory,
     field_map: RunMap,
     map_share: Array | None = None,
 ) -> BoundModel:
     """Return the linear model whose recursion `posterior_cramer_rao` is, whose parameters these
     are. Measurements of aids come first, then those of each field."""
-    worlds = [one.informed for one in scenario.each_field]
     fields = [
-        _FieldReadings.of(*_with_own_error(one, trajectory, its_map, map_share))
-        for one, its_map in zip(worlds, each_map(field_map), strict=True)
+        _FieldReadings.of(one, trajectory, its_map, map_share)
+        for one, its_map in zip(truth.each_field, each_map(field_map), strict=True)
     ]
-    return linear_model(scenario, trajectory, fields)
+    return linear_model(truth, trajectory, fields)
 
 
-def _with_own_error(
-    world: Scenario, trajectory: Trajectory, field_map: RouteMap, share: Array | None
-) -> tuple[Scenario, Trajectory, RouteMap, Array]:
-    """Return the arguments of `_FieldReadings.of`; where readings are recorded, with the error
-    that the map says of itself, if it does, instead of a simulated one."""
-    maps, scans = channels_of(field_map), scan_index(world, trajectory)
-    if not (world.readings.recorded and maps[0].states_error):
-        return world, trajectory, field_map, np.ones(len(scans)) if share is None else share
-    sigma = maps[0].sigma_at(trajectory.latitude[scans], trajectory.longitude[scans])
+def _stated_error(
+    field_map: ScalarMap, trajectory: Trajectory, scans: Integers
+) -> tuple[MapError, Array]:
+    """Return the error that a map says of itself, and its 1-sigma at scans (S,) in units of it."""
+    sigma = field_map.sigma_at(trajectory.latitude[scans], trajectory.longitude[scans])
     usual = float(np.sqrt(np.nanmean(sigma**2)))
-    error = MapError(
-        sigma=usual,
-        correlation_length=maps[0].correlation_length or MapError().correlation_length,
-    )
-    share = np.nan_to_num(sigma / usual, nan=1.0)
-    return world.model_copy(update={"map_error": error}), trajectory, field_map, share
+    length = field_map.correlation_length or MapError().correlation_length
+    error = MapError(sigma=usual, correlation_length=length)
+    return error, np.nan_to_num(sigma / usual, nan=1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -343,49 +344,57 @@ class _FieldReadings:
     @classmethod
     def of(
         cls,
-        scenario: Scenario,
+        truth: Truth,
         trajectory: Trajectory,
         field_map: RouteMap,
-        share: Array,
+        share: Array | None,
     ) -> "_FieldReadings":
-        """Return those of a scenario of one field as it really is, given the 1-sigma of the map's
-        error at each scan (S,) in units of `map_error.sigma`."""
-        scans, settings = scan_index(scenario, trajectory), scenario.gravimeter
-        field, maps = measured_field(scenario), channels_of(field_map)
+        """Return those of one field, given the 1-sigma of the map's error at each scan (S,) in
+        units of `map_error.sigma`; None = 1. Of recorded readings the map's error is what the map
+        says of it, if it does."""
+        scans, settings, error = scan_index(truth, trajectory), truth.gravimeter, truth.map_error
+        field, maps = measured_field(truth), channels_of(field_map)
+        if truth.readings.recorded and maps[0].states_error:
+            error, share = _stated_error(maps[0], trajectory, scans)
+        share = np.ones(len(scans)) if share is None else share
+        reduction, lag = field.reduction(truth), Lag.of(settings)
         of_map = common = np.ones(len(maps))
-        if field.name == "terrain" and scenario.altimeter.sounds:
-            sensitivity, of_map, common = beam_channels(scenario, trajectory, maps[0], scans)
+        if field.name == "terrain" and truth.altimeter.sounds:
+            sensitivity, of_map, common = beam_channels(
+                truth.altimeter, trajectory, maps[0], scans, error.correlation_length
+            )
         else:
             sensitivity = np.stack(
-                [_sensitivity(scenario, trajectory, one, scans) for one in maps], axis=1
+                [_sensitivity(reduction, lag, trajectory, one, scans) for one in maps], axis=1
             )
         sensitivity[without_readings(settings, trajectory, scans)] = np.nan
-        if scenario.readings.recorded:
-            sensitivity[np.isnan(recorded(scenario, trajectory).value)] = np.nan
+        if truth.readings.recorded:
+            sensitivity[np.isnan(recorded(truth, trajectory).value)] = np.nan
         jumps, filtered = None, False
-        if (covariance := field.covariance(scenario)) is not None:
+        if (covariance := field.covariance(truth)) is not None:
             rounding = np.array([one.quantisation for one in maps])
             noise, turn = np.linalg.eigh(effective_noise(settings, covariance, rounding))
             sensitivity = np.einsum("ci,scj->sij", turn, sensitivity)
-            jumps = map_steps(scenario, trajectory, scans, turn)
-            slow = gradiometer_errors(scenario.gradiometer, trajectory, scans, turn)
+            components = truth.gradiometer.of_one_potential
+            jumps = map_steps(components, error, trajectory, scans, turn)
+            slow = gradiometer_errors(truth.gradiometer, trajectory, scans, turn)
         else:
             noise = np.full(len(of_map), effective_noise_variance(settings, maps[0].quantisation))
-            slow = _scalar_errors(scenario, trajectory, scans, sensitivity, common)
+            slow = _scalar_errors(settings, error, trajectory, scans, sensitivity, common)
             filtered = settings.filter_time > 0.0
-        of_maps = map_errors(scenario, of_map, share, jumps)
+        of_maps = map_errors(error, of_map, share, jumps)
         if filtered:  # readings have the filtered error instead; it has settled when they begin
             of_maps = [one._replace(by=np.zeros((1, 1))) for one in of_maps]
             slow.append(SlowError.of("map", 0.0, share[:, None], time=settings.filter_time))
         return cls(
             sensitivity,
-            _height_slope(scenario, trajectory, scans)[:, None] * common,
+            np.asarray(reduction.height_slope(trajectory.at(scans)))[:, None] * common,
             trajectory.height[scans],
             noise,
             [*of_maps, *slow],
             filtered,
             jumps,
-            scenario.steps_per_scan,
+            truth.steps_per_scan,
         )
 
     def measurements(self, model: FilterModel, first: int, size: int, every: int) -> Measurements:
@@ -400,18 +409,22 @@ class _FieldReadings:
 
 
 def _scalar_errors(
-    scenario: Scenario, trajectory: Trajectory, scans: Integers, sensitivity: Array, common: Array
+    settings: Gravimeter,
+    error: MapError,
+    trajectory: Trajectory,
+    scans: Integers,
+    sensitivity: Array,
+    common: Array,
 ) -> list[SlowError]:
     """Return the slow errors of a sensor whose readings are one number, of which there are
     `common` (C,) in each channel: its own, an unknown delay, its bias and its drift."""
-    settings = scenario.gravimeter
     found = [
         one._replace(by=one.by * common) for one in gravimeter_errors(settings, trajectory, scans)
     ]
     if settings.delay_sigma > 0.0 and len(common) == 1:
         moved = (sensitivity[..., :2] * trajectory.velocity[scans, None, :2]).sum(axis=2)
         found.append(SlowError.of("delay", settings.delay_sigma, np.nan_to_num(moved)))
-    bias, drift = bias_and_drift(scenario, trajectory)
+    bias, drift = bias_and_drift(settings, error, trajectory)
     elapsed = trajectory.time[scans, None] - trajectory.time[0]
     found.append(SlowError.of("bias", bias, common, walk=settings.bias_walk))
     found.append(SlowError.of("drift", drift, elapsed * common))
@@ -419,14 +432,16 @@ def _scalar_errors(
 
 
 def _sensitivity(
-    scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap, scans: Integers
+    reduction: Reduction,
+    lag: Lag,
+    trajectory: Trajectory,
+    field_map: ScalarMap,
+    scans: Integers,
 ) -> Array:
     """Return (S, 4) how a reading's difference from the map at the navigator's position depends on
     the navigator's error xi at the scan: (jacobian - gradient) xi, a mean over the path where the
     readings are late; NaN = the reading tells nothing."""
-    reduction = measured_field(scenario).reduction(scenario)
-    lag, time = Lag.of(scenario.gravimeter), trajectory.time
-    total = np.zeros((len(scans), 4))
+    time, total = trajectory.time, np.zeros((len(scans), 4))
     for age, weight in zip(*lag.ages(), strict=True):
         then = time[scans] - age
         place = [
@@ -451,28 +466,22 @@ def _sensitivity(
     return total
 
 
-def _height_slope(scenario: Scenario, trajectory: Trajectory, scans: Integers) -> Array:
-    """Return (S,) d(reading)/d(height) at scans, indices into a trajectory; map's unit per m."""
-    reduction = measured_field(scenario).reduction(scenario)
-    return np.asarray(reduction.height_slope(trajectory.at(scans)))
-
-
 def linear_model(
-    scenario: Scenario, trajectory: Trajectory, fields: Sequence[_FieldReadings]
+    truth: Truth, trajectory: Trajectory, fields: Sequence[_FieldReadings]
 ) -> BoundModel:
-    """Return the model of a navigator with the aids of a scenario and readings of some fields."""
-    world = scenario.informed
-    segments = divide(world, trajectory)
-    gravity = true_residual_gravity(scenario.gravity_field.true, trajectory)
-    model = filter_model(world, gravity)
+    """Return the model of a navigator that knows the truth, with its aids and readings of some
+    fields."""
+    segments = divide(trajectory, truth.steps_per_scan)
+    gravity = true_residual_gravity(truth.gravity_field, trajectory)
+    model = filter_model(truth.informed, gravity)
     states = [*model.auxiliary, *(error.state for one in fields for error in one.errors)]
     first, size = STATES + len(model.auxiliary), STATES + len(states)
-    found = (_of_aid(aid, world, model, segments, size) for aid in world.aids)
+    found = (_of_aid(aid, truth, model, segments, size) for aid in truth.aids)
     measurements = [one for one in found if one is not None]
     lags: list[tuple[int, int]] = []
     jumps: list[tuple[int, int, MapSteps]] = []
     for one in fields:
-        every = one.steps // world.steps_per_scan * segments.per_scan
+        every = one.steps // truth.steps_per_scan * segments.per_scan
         measurements.append(one.measurements(model, first, size, every))
         last = first + len(one.errors) - 1
         if one.filtered:
@@ -482,9 +491,9 @@ def linear_model(
         first = last + 1
     return BoundModel(
         segments,
-        noise_density(world),
+        noise_density(truth.imu),
         tuple(states),
-        initial_covariance(world, states),
+        initial_covariance(truth.initial_error, truth.imu.sensors, states),
         tuple(measurements),
         tuple(lags),
         tuple(jumps),
@@ -492,7 +501,7 @@ def linear_model(
 
 
 def _of_aid(
-    aid: AnyAid, world: Scenario, model: FilterModel, segments: Segments, size: int
+    aid: AnyAid, truth: Truth, model: FilterModel, segments: Segments, size: int
 ) -> Measurements | None:
     """Return what an aid measures, by the filter's own measurement model at the truth, as rows of
     `size` states: at the end of a stretch a reading, or the mean of those of the stretch. None
@@ -501,16 +510,17 @@ def _of_aid(
     ends = np.arange(every - 1, len(segments.geometry), every)
     # only how a reading depends on the state counts, and the navigator's height is what the sensor
     # read, with its errors
-    value, contents = _some_value(aid, world), by_auxiliary(model, world.route.height)
-    truth = FilterState.start(Estimate(np.zeros(3), np.zeros(3), np.zeros(4)), model)
+    height = truth.route.height
+    value, contents = _some_value(aid, height), by_auxiliary(model, height)
+    state = FilterState.start(Estimate(np.zeros(3), np.zeros(3), np.zeros(4)), model)
     found, noise = [], np.empty(0)
     for k in ends.tolist():
-        truth.velocity[:2] = segments.geometry[k, 1:3]
-        truth.attitude[:] = from_matrix(segments.rotation[k])
-        reading = reading_of(aid, value, world, segments.rate[k])
+        state.velocity[:2] = segments.geometry[k, 1:3]
+        state.attitude[:] = from_matrix(segments.rotation[k])
+        reading = reading_of(aid, value, truth, segments.rate[k])
         if reading is None:
             return None
-        linear = reading.rows(truth, model)
+        linear = reading.rows(state, model)
         own = linear.H[:, FILTER_STATES:] + linear.H[:, 2:3] * contents
         rest = np.zeros((len(own), size - STATES - own.shape[1]))
         found.append(np.hstack([linear.H[:, _OF_FILTER], own, rest]))
@@ -524,23 +534,24 @@ def _of_aid(
     return Measurements(rows, noise / max(1.0, segments.dt / aid.interval), every)
 
 
-def _some_value(aid: AnyAid, world: Scenario) -> ArrayLike:
-    """Return a reading of an aid, in the axes that it measures; a receiver's vertical velocity is
-    not used."""
+def _some_value(aid: AnyAid, height: float) -> ArrayLike:
+    """Return a reading of an aid, at a height (m), in the axes that it measures; a receiver's
+    vertical velocity is not used."""
     match aid:
         case Velocity():
             return [0.0 if axis in aid.axes else np.nan for axis in range(3)]
         case PositionAid():
-            return [0.0, 0.0, world.route.height]
+            return [0.0, 0.0, height]
         case Gnss():
             return [0.0, 0.0, np.nan]
     return 0.0
 
 
-def bias_and_drift(scenario: Scenario, trajectory: Trajectory) -> tuple[float, float]:
+def bias_and_drift(
+    sensor: Gravimeter, datum: MapError, trajectory: Trajectory
+) -> tuple[float, float]:
     """Return the 1-sigma of the readings' offset and of its drift (per s): those of the sensor and
     of the map's datum, whose tilt is a drift on a straight route at a constant speed, for which it
     is taken here."""
-    sensor, datum = scenario.gravimeter, scenario.map_error
     speed = float(np.hypot(trajectory.velocity[:, 0], trajectory.velocity[:, 1]).mean())
     return math.hypot(sensor.bias, datum.offset), math.hypot(sensor.drift, datum.tilt * speed)

@@ -1,5 +1,5 @@
 """The navigator's linear error model (`isogal.inertial.error_model`) along a trajectory: geometry,
-initial covariance and noise of a scenario."""
+and covariance at the start."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from isogal.earth.ellipsoid import radii
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Scenario
+from isogal.scenario import Imu, ImuErrors, InitialError
 from isogal.sensors.imu_model import bias_sigma
 from isogal.sensors.imu_model import noise_density as imu_noise_density
 from isogal.sensors.trajectory import Trajectory
@@ -41,17 +41,16 @@ class Segments(NamedTuple):
     """Stretches from one gravimeter reading to the next."""
 
 
-def divide(scenario: Scenario, trajectory: Trajectory) -> Segments:
+def divide(trajectory: Trajectory, steps_per_scan: int) -> Segments:
     """Divide a trajectory into stretches of whole IMU intervals, up to `LONGEST` where an interval
-    is shorter. What is left of the trajectory after the last whole gravimeter interval is dropped.
-    """
-    steps = scenario.steps_per_scan
+    is shorter. What is left of the trajectory after the last whole scan, of so many intervals, is
+    dropped."""
     size = max(
         n
-        for n in range(1, steps + 1)
-        if steps % n == 0 and (n == 1 or n * trajectory.dt <= LONGEST)
+        for n in range(1, steps_per_scan + 1)
+        if steps_per_scan % n == 0 and (n == 1 or n * trajectory.dt <= LONGEST)
     )
-    count = len(trajectory) // steps * (steps // size)
+    count = len(trajectory) // steps_per_scan * (steps_per_scan // size)
     ends = np.arange(count + 1) * size
 
     def middle(values: Array) -> Array:
@@ -78,14 +77,15 @@ def divide(scenario: Scenario, trajectory: Trajectory) -> Segments:
         rotation,
         mean(trajectory.angular_rate),
         size * trajectory.dt,
-        steps // size,
+        steps_per_scan // size,
     )
 
 
-def initial_covariance(scenario: Scenario, auxiliary: Sequence[AuxiliaryState] = ()) -> Array:
-    """Return the covariance (13 + M, 13 + M) of the error at the start: the scenario's initial
-    errors, the biases of the IMU, and auxiliary states."""
-    sigma, sensors = scenario.initial_error, scenario.imu.sensors
+def initial_covariance(
+    sigma: InitialError, sensors: ImuErrors, auxiliary: Sequence[AuxiliaryState] = ()
+) -> Array:
+    """Return the covariance (13 + M, 13 + M) of the error at the start: initial errors, biases of
+    the IMU, and auxiliary states."""
     start = [
         sigma.position,
         sigma.position,
@@ -99,10 +99,10 @@ def initial_covariance(scenario: Scenario, auxiliary: Sequence[AuxiliaryState] =
     return np.diag(np.square([*start, *bias_sigma(sensors), *more]))
 
 
-def noise_density(scenario: Scenario) -> Array:
+def noise_density(imu: Imu) -> Array:
     """Return power spectral densities (6,) per body axis: accelerometers (m²/s³), then gyroscopes
     (rad²/s)."""
-    return np.square(imu_noise_density(scenario.imu.sensors, 1.0 / scenario.imu.rate))
+    return np.square(imu_noise_density(imu.sensors, 1.0 / imu.rate))
 
 
 def ageing(segments: Segments, states: Sequence[AuxiliaryState]) -> tuple[Array, Array]:

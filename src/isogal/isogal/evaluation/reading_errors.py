@@ -12,7 +12,7 @@ from isogal.fields.beams import Footprints
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.maps.error_model import Chain, chained, decay, shares
 from isogal.maps.tiled_map import ScalarMap
-from isogal.scenario import Gradiometer, Gravimeter, Scenario
+from isogal.scenario import Altimeter, Gradiometer, Gravimeter, MapError
 from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
 from isogal.sensors.gravimeter_errors import accelerations
 from isogal.sensors.platform import mean_error
@@ -68,9 +68,13 @@ class BeamChannels(NamedTuple):
 
 
 def beam_channels(
-    scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap, scans: Integers
+    altimeter: Altimeter,
+    trajectory: Trajectory,
+    field_map: ScalarMap,
+    scans: Integers,
+    correlation_length: float,
 ) -> BeamChannels:
-    """Return the channels of a scenario's altimeter.
+    """Return the channels of an altimeter.
 
     The map's errors under the beams are taken to be correlated as they are where the clearance is
     its mean, and from scan to scan as under one beam; the scale of the ranges is taken to be
@@ -78,18 +82,20 @@ def beam_channels(
 
     Parameters
     ----------
-    scenario : Scenario
+    altimeter : Altimeter
     trajectory : Trajectory
     field_map : ScalarMap
         Of heights, m.
     scans : (S,) array of int
         Of each scan in the trajectory.
+    correlation_length : float
+        m, of the map's error.
     """
-    foot = Footprints(scenario.altimeter, trajectory, field_map, scans)
+    foot = Footprints(altimeter, trajectory, field_map, scans)
     _, north, east = field_map.value_and_gradient(*foot.places(foot.range))
     across = foot.body * foot.range.mean(axis=0)[:, None]
     apart = np.hypot(*(across[:, None, :2] - across[None, :, :2]).transpose(2, 0, 1))
-    values, turn = np.linalg.eigh(decay(apart, scenario.map_error.correlation_length))
+    values, turn = np.linalg.eigh(decay(apart, correlation_length))
     sensitivity = np.zeros((*foot.range.shape, 4))
     sensitivity[..., 0] = -np.einsum("bc,sb->sc", turn, north)
     sensitivity[..., 1] = -np.einsum("bc,sb->sc", turn, east)
@@ -172,20 +178,20 @@ def effective_noise(gravimeter: Gravimeter, covariance: Array, quantisation: Arr
 
 
 def map_errors(
-    scenario: Scenario, of_channel: Array, share: Array, steps: MapSteps | None
+    error: MapError, of_channel: Array, share: Array, steps: MapSteps | None
 ) -> list[SlowError]:
     """Return the map's errors: one for each channel, or those of the last scans.
 
     Parameters
     ----------
+    error : MapError
     of_channel : (C,) array
-        Variances in units of that of the scenario.
+        Variances in units of that of `error`.
     share : (S,) array
-        1-sigma at each scan in units of that of the scenario.
+        1-sigma at each scan in units of that of `error`.
     steps : MapSteps or None
         How the errors go on where they do not do so independently in each channel.
     """
-    error = scenario.map_error
     if steps is None:
         length = error.correlation_length
         sigmas = error.sigma * np.sqrt(of_channel)
@@ -198,22 +204,28 @@ def map_errors(
 
 
 def map_steps(
-    scenario: Scenario, trajectory: Trajectory, scans: Integers, turn: Array
+    components: tuple[str, ...] | None,
+    error: MapError,
+    trajectory: Trajectory,
+    scans: Integers,
+    turn: Array,
 ) -> MapSteps | None:
     """Return how map errors of one potential go on from scan to scan together; None where they are
     independent Gauss-Markov processes (docs/mathematics.md, section 11.1).
 
     Parameters
     ----------
-    scenario : Scenario
+    components : tuple of str or None
+        Of the gradient, whose maps' errors are those of one potential; None = they are not.
+    error : MapError
+        Of each component.
     trajectory : Trajectory
     scans : (S,) array of int
         Of each scan in the trajectory.
     turn : (C, C) array
-        Its columns are the channels, by the components of the scenario's gradiometer.
+        Its columns are the channels, by the components.
     """
-    components = scenario.gradiometer.of_one_potential
-    sigma, length = scenario.map_error.sigma, scenario.map_error.correlation_length
+    sigma, length = error.sigma, error.correlation_length
     if components is None or sigma == 0.0:
         return None
     latitude, longitude = trajectory.latitude[scans], np.unwrap(trajectory.longitude[scans])

@@ -22,9 +22,10 @@ from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
 from isogal.evaluation.results import IntegritySummary, Summary
 from isogal.fields.measured import reading_sigma
+from isogal.files import Json
 from isogal.maps.channels import channels_of
 from isogal.maps.several import each_map, first_map
-from isogal.scenario import Integrity, Scenario
+from isogal.scenario import Assumed, Integrity
 
 if TYPE_CHECKING:
     from isogal.maps.several import RunMap
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 def run_report(
     runs: Runs,
-    scenario: Scenario,
+    assumed: Assumed,
     field_map: "RunMap",
     bound: BoundResult,
     out_dir: str | Path,
@@ -45,12 +46,12 @@ def run_report(
     ----------
     runs : Runs
         One run is shown in detail; of many, the ensemble and the first run.
-    scenario : Scenario
-        What they were runs of.
+    assumed : Assumed
+        What filter and matcher assumed in them.
     field_map : FieldMap, TiledMap or ChannelMap, or FieldMaps of several fields
         The map they were matched against; of several channels or fields the first is shown.
     bound : BoundResult
-        `posterior_cramer_rao` of the scenario.
+        `posterior_cramer_rao` of what is true.
     out_dir : path
         Folder to write into.
     summary : Summary
@@ -61,41 +62,41 @@ def run_report(
     Path
         Of the page.
     """
-    many, shown = len(runs) > 1, scenario.each_field[0]
+    many, shown = len(runs) > 1, assumed.each_field[0]
     sections = [
         _accuracy(runs, bound, many),
-        _integrity(runs, scenario.integrity, summary["integrity"]),
-        *_single(runs, shown, channels_of(first_map(field_map))[0], many),
+        _integrity(runs, assumed.integrity, summary["integrity"]),
+        *_single(runs, reading_sigma(shown), channels_of(first_map(field_map))[0], many),
         _declined(runs) if many else _batches(runs),
-        _scenario(scenario, field_map),
+        _scenario(summary["scenario"], assumed.field_names[0], field_map),
     ]
     what = f"{len(runs)} runs" if many else "Run"
-    title = f"{what}: {' and '.join(_measured(scenario, field_map))}"
+    title = f"{what}: {' and '.join(_measured(assumed, field_map))}"
     return write_report(
-        out_dir, title, sections, [key_figures(summary)], subtitle_of(runs, scenario)
+        out_dir, title, sections, [key_figures(summary)], subtitle_of(runs, assumed)
     )
 
 
-def subtitle_of(runs: Runs, scenario: Scenario) -> str:
+def subtitle_of(runs: Runs, assumed: Assumed) -> str:
     """Return a line that says what was run."""
-    matcher = scenario.each_field[0].matcher
+    matcher = assumed.each_field[0].matcher
     return (
         f"Matcher {matcher.name}, batches of {matcher.batch_length} scans,"
-        f" {scenario.imu.grade.replace('_', ' ')} inertial sensors, seed {scenario.seed},"
+        f" {assumed.imu.grade.replace('_', ' ')} inertial sensors, seed {assumed.seed},"
         f" {runs.elapsed[-1] / 3600:.2f} h"
     )
 
 
-def _measured(scenario: Scenario, field_map: "RunMap") -> list[str]:
+def _measured(assumed: Assumed, field_map: "RunMap") -> list[str]:
     """Return each field, with its noise."""
     found = []
-    for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
+    for one, its_map in zip(assumed.each_field, each_map(field_map), strict=True):
         sigma = f"{reading_sigma(one):g}".replace("e-0", "e-")
         found.append(f"{one.measured_field} matching, sigma {sigma} {its_map.unit}")
     return found
 
 
-def _scenario(scenario: Scenario, field_map: "RunMap") -> Section:
+def _scenario(document: dict[str, Json], first: str, field_map: "RunMap") -> Section:
     texts = []
     for one in each_map(field_map):
         channels = len(channels_of(one))
@@ -106,13 +107,11 @@ def _scenario(scenario: Scenario, field_map: "RunMap") -> Section:
         )
         texts.append(f"Map: {one.provenance or one.quantity}{first}.")
     if len(texts) > 1:
-        texts.append(f"Figures of map and readings show the first, {scenario.field_names[0]}.")
+        texts.append(f"Figures of map and readings show the first, {first}.")
     return Section(
         "Scenario",
         texts,
-        listing=yaml.safe_dump(
-            scenario.model_dump(mode="json"), sort_keys=False, allow_unicode=True
-        ),
+        listing=yaml.safe_dump(document, sort_keys=False, allow_unicode=True),
         listing_title="All settings",
     )
 
@@ -264,7 +263,7 @@ def exceedance_table(found: IntegritySummary) -> Table:
     return Table("How often the error exceeded the protection level.", header, rows)
 
 
-def _single(runs: Runs, scenario: Scenario, field_map: "ScalarMap", many: bool) -> list[Section]:
+def _single(runs: Runs, sigma: float, field_map: "ScalarMap", many: bool) -> list[Section]:
     pictures = [
         Illustration(
             "track",
@@ -292,7 +291,7 @@ def _single(runs: Runs, scenario: Scenario, field_map: "ScalarMap", many: bool) 
         )
     ]
     if runs.detail is not None:
-        measured = signal_figure(runs, field_map, reading_sigma(scenario))
+        measured = signal_figure(runs, field_map, sigma)
         caption = (
             "Reduced readings and the map's values. Slow differences to the map at the true"
             " position come from the reduction with the navigator's wrong velocity, and from the"

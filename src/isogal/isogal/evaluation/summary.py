@@ -13,7 +13,7 @@ from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, all_scans_nees, ju
 from isogal.evaluation.records import Runs
 from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite, finite_list
 from isogal.fix import Status
-from isogal.scenario import Scenario
+from isogal.scenario import Settings
 
 DIVERGENCE_LIMIT = 2000.0
 """m; a run whose mean error over its last part is above this has diverged (about twice that of the
@@ -26,7 +26,7 @@ OVER_TIME_STEP = 60.0
 
 def summarise(
     runs: Runs,
-    scenario: Scenario,
+    settings: Settings,
     bound_rms: Array,
     *,
     smoothed_bound_rms: Array | None = None,
@@ -38,8 +38,8 @@ def summarise(
     ----------
     runs : Runs
         At least one run.
-    scenario : Scenario
-        What they were runs of.
+    settings : Settings
+        What they were runs of; all of it is noted.
     bound_rms : (K,) array
         m, RMS bound at `runs.time` (`BoundResult.rms_at`); NaN where not known.
     smoothed_bound_rms : (K,) array, optional
@@ -51,8 +51,8 @@ def summarise(
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     judgement = judge(runs, astray)
     summary: Summary = {
-        "scenario": scenario.model_dump(mode="json"),
-        "matcher": scenario.matcher.name,
+        "scenario": settings.model_dump(mode="json"),
+        "matcher": settings.matcher.name,
         "runs": len(runs),
         "diverged": int(astray.sum()),
         "position_error": _position_error(aided, settled),
@@ -64,7 +64,7 @@ def summarise(
             "share": {kind: float(which.mean()) for kind, which in judgement.items()},
             "runs": {kind: np.flatnonzero(judgement[kind]).tolist() for kind in KINDS},
         },
-        "integrity": integrity(runs, scenario.integrity),
+        "integrity": integrity(runs, settings.integrity),
         "fixes": _fixes(runs),
         "time": {
             "wall_s": finite(wall_seconds),

@@ -53,12 +53,12 @@ def shared_maps() -> Iterator[None]:
             del os.environ[SHARED]
 
 
-def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
+def derived_maps(settings: Settings, margin: float) -> ChannelMap:
     """Return the maps of a scenario's channels, or of its field, cut to its route.
 
     Parameters
     ----------
-    scenario : Settings
+    settings : Settings
     margin : float
         m of map kept around the route, as far as the map reaches.
 
@@ -67,7 +67,7 @@ def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
     InputError
         The map cannot be read or transformed, or does not cover the route.
     """
-    content = scenario.model_dump(mode="json")
+    content = settings.model_dump(mode="json")
     shared, kept = os.environ.get(SHARED), None
     if shared is not None:
         used = {key: content[key] for key in _SECTIONS & content.keys()}
@@ -86,11 +86,11 @@ def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
                 check=False,
             )
         except OSError:  # no other process can be started
-            return compute(scenario, margin)
+            return compute(settings, margin)
         if child.returncode == _REFUSED:
             raise InputError(child.stdout.decode())
         if child.returncode:
-            return compute(scenario, margin)  # which raises here what went wrong there
+            return compute(settings, margin)  # which raises here what went wrong there
         maps = _read(folder)
         if kept is not None:
             with contextlib.suppress(OSError):  # another process was first
@@ -98,18 +98,18 @@ def derived_maps(scenario: Settings, margin: float) -> ChannelMap:
         return maps
 
 
-def compute(scenario: Settings, margin: float) -> ChannelMap:
+def compute(settings: Settings, margin: float) -> ChannelMap:
     """Do what `derived_maps` does, in this process."""
-    trajectory = build_trajectory(scenario)
+    trajectory = build_trajectory(settings)
     route = trajectory.latitude, trajectory.longitude
     window = corridor_of(*route, margin).window
-    source, channels = MapSource.of(scenario), measured_field(scenario).channels
+    source, channels = MapSource.of(settings), measured_field(settings).channels
     if channels is None:
-        return ChannelMap([source.flown(scenario.route.height, window=window)])
+        return ChannelMap([source.flown(settings.route.height, window=window)])
     disturbance = source(window=window.grown(channels.reach))
-    partly = scenario.route.track is not None
+    partly = settings.route.track is not None
     check_coverage(disturbance, *route, partly=partly)
-    maps = channels.maps(scenario, disturbance)
+    maps = channels.maps(settings, disturbance)
     check_coverage(maps, *route, partly=partly)
     cut = [channel.window(*window[:4]) for channel in maps.channels]
     # float32 rounds to a ten-millionth: 1e-5 E of 100 E

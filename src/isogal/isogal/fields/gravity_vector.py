@@ -60,7 +60,7 @@ class GravityVector:
         return potential.derivatives(coarse, sideways, edge=0.0)
 
 
-def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector | None:
+def gravity_vector(settings: Settings, trajectory: Trajectory) -> GravityVector | None:
     """Return the map's disturbance vector; None where the scenario has normal gravity only, or its
     map is not one of gravity.
 
@@ -69,11 +69,11 @@ def gravity_vector(scenario: Settings, trajectory: Trajectory) -> GravityVector 
     InputError
         The map cannot be read, or does not cover the route.
     """
-    if scenario.gravity.field == "normal":  # there is nothing to sense, and nothing to take off
+    if settings.gravity.field == "normal":  # there is nothing to sense, and nothing to take off
         return None
-    if measured_field(scenario).instrument not in ("gravimeter", "gradiometer"):
+    if measured_field(settings).instrument not in ("gravimeter", "gradiometer"):
         return None
-    return _vector(MapSource.of(scenario), trajectory, scenario.route.track is not None)
+    return _vector(MapSource.of(settings), trajectory, settings.route.track is not None)
 
 
 @lru_cache(maxsize=_KEPT)
@@ -141,13 +141,13 @@ def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     )
 
 
-def sensed_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
+def sensed_gravity(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Array | None:
     """Return (R, K, 3) what gravity is in a world beside normal gravity, mean over each IMU
     interval: north, east, down, m/s². None where it is nothing.
 
     Includes the map error that the gravimeter of the same run senses, all three components of it.
     """
-    vector = gravity_vector(scenario, trajectory)
+    vector = gravity_vector(truth, trajectory)
     if vector is None:
         return None
     place = trajectory.latitude, trajectory.longitude
@@ -157,8 +157,8 @@ def sensed_gravity(scenario: Truth, trajectory: Trajectory, runs: Sequence[int])
         raise InputError(
             f"map {vector.disturbance.provenance}: its gravity vector does not cover the route"
         )
-    index = scan_index(scenario, trajectory)
-    map_error = TrueMapError(scenario, trajectory, index, runs)
+    index = scan_index(truth, trajectory)
+    map_error = TrueMapError(truth, trajectory, index, runs)
     vertical = map_error.at_scans()
     stations, horizontal = map_error.horizontal(vertical)
     time = trajectory.time

@@ -76,50 +76,50 @@ class KnownGravity:
         return self.residual.given(self.map_sigma, self.map_length)
 
 
-def known_gravity(scenario: Assumed, trajectory: Trajectory) -> KnownGravity:
+def known_gravity(assumed: Assumed, trajectory: Trajectory) -> KnownGravity:
     """Return what the navigator of a scenario knows of horizontal gravity: of its own assumptions,
-    which are `scenario` itself, not its truth.
+    not of what is true.
 
     Raises
     ------
     InputError
         The map cannot be read, or does not cover the route.
     """
-    vector = gravity_vector(scenario, trajectory)
+    vector = gravity_vector(assumed, trajectory)
     if vector is None:
         return KnownGravity()
-    left = residual_gravity(scenario, trajectory)
-    return replace(left, compensation=compensation_by(vector.horizontal, _share(scenario.gravity)))
+    left = residual_gravity(assumed, trajectory)
+    return replace(left, compensation=compensation_by(vector.horizontal, _share(assumed.gravity)))
 
 
 def residual_gravity(
-    scenario: Settings, trajectory: Trajectory, map_sigma: float | None = None
+    settings: Settings, trajectory: Trajectory, map_sigma: float | None = None
 ) -> KnownGravity:
     """Return what `known_gravity` does without the compensation: only what is believed to be left.
 
     Where all of the map's horizontal gravity is taken off, the map's own part is not computed.
     `map_sigma` (m/s²) is the assumed 1-sigma of the map's disturbance, half of whose
     variance each horizontal component has; None = as the navigator assumes."""
-    vector, settings = gravity_vector(scenario, trajectory), scenario.gravity
+    vector, gravity = gravity_vector(settings, trajectory), settings.gravity
     if vector is None:
         return KnownGravity()
     if map_sigma is None:
-        map_sigma = _assumed_map_sigma(scenario, vector.disturbance)
+        map_sigma = _assumed_map_sigma(settings, vector.disturbance)
     left, length = 0.0, 1.0
-    if (share := _share(settings)) < 1.0:
+    if (share := _share(gravity)) < 1.0:
         along = vector.horizontal.value(trajectory.latitude, trajectory.longitude)
         left = (1.0 - share) ** 2 * float(np.nanmean(along**2))
         length = _correlation_length(trajectory, along)
-    fixed = settings.residual_sigma, settings.residual_correlation_length
+    fixed = gravity.residual_sigma, gravity.residual_correlation_length
     residual = Residual(left, length, *(None if one == "auto" else float(one) for one in fixed))
-    of_error = scenario.matcher.map_correlation_length
+    of_error = settings.matcher.map_correlation_length
     return KnownGravity(residual=residual, map_sigma=map_sigma, map_length=of_error)
 
 
-def true_residual_gravity(scenario: Truth, trajectory: Trajectory) -> KnownGravity:
+def true_residual_gravity(truth: Truth, trajectory: Trajectory) -> KnownGravity:
     """Return what is really left of horizontal gravity after its compensation, without that."""
-    error = scenario.map_error
-    left = residual_gravity(scenario, trajectory, error.sigma)
+    error = truth.map_error
+    left = residual_gravity(truth, trajectory, error.sigma)
     if left.residual is None:
         return left
     residual = replace(left.residual, sigma=None, length=None)
@@ -131,12 +131,12 @@ def _share(settings: Gravity) -> float:
     return settings.compensated_share if settings.compensation == "map" else 0.0
 
 
-def _assumed_map_sigma(scenario: Settings, disturbance: ScalarMap) -> float:
+def _assumed_map_sigma(settings: Settings, disturbance: ScalarMap) -> float:
     """Return the 1-sigma that a navigator assumes of a map of the disturbance, m/s²: that of the
     matcher if it matches gravity, else as the map says, or `UNSPECIFIED_MAP_SIGMA`."""
-    assumed = scenario.matcher.map_sigma
+    assumed = settings.matcher.map_sigma
     stated = float(np.nanmean(disturbance.sigma))
-    if assumed == "auto" or measured_field(scenario).instrument != "gravimeter":
+    if assumed == "auto" or measured_field(settings).instrument != "gravimeter":
         return max(stated, UNSPECIFIED_MAP_SIGMA)
     return max(stated, float(assumed))
 

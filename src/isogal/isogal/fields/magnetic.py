@@ -8,10 +8,10 @@ from isogal.sensors.magnetometer import MagneticReduction, MainField
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 
-def _reduction(scenario: Settings) -> MagneticReduction:
-    along = build_trajectory(scenario)
-    epoch = scenario.magnetometer.epoch
-    return MagneticReduction(_main_field(along, scenario.route.height, epoch))
+def _reduction(settings: Settings) -> MagneticReduction:
+    along = build_trajectory(settings)
+    epoch = settings.magnetometer.epoch
+    return MagneticReduction(_main_field(along, settings.route.height, epoch))
 
 
 @lru_cache(maxsize=4)

@@ -12,7 +12,7 @@ from isogal.magnetics.aircraft import MagneticAircraft
 from isogal.magnetics.compensation import Compensation, read_compensation
 from isogal.magnetics.online import CALIBRATED_SHARE
 from isogal.magnetics.terms import COUNT
-from isogal.scenario import Aircraft, Assumed, Truth
+from isogal.scenario import Aircraft, Assumed, Magnetometer, Truth
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
 from isogal.sensors.trajectory import Trajectory
@@ -66,12 +66,9 @@ def simulate_vehicle(
     return Vehicle(np.sqrt((sensed**2).sum(axis=-1)) - total, vector)
 
 
-def specified_compensation(scenario: Assumed) -> Compensation | None:
-    """Return what a scenario says that the vehicle adds to the readings of its field; None where
-    it says nothing. Raises InputError where the file cannot be read."""
-    settings = scenario.magnetometer
-    if scenario.measured_field != "magnetic":
-        return None
+def specified_compensation(settings: Magnetometer) -> Compensation | None:
+    """Return what is said that the vehicle adds to the readings of a magnetometer; None where
+    nothing is. Raises InputError where the file cannot be read."""
     if settings.compensation is not None:
         return read_compensation(settings.compensation)
     if settings.aircraft.magnetic:
@@ -79,26 +76,24 @@ def specified_compensation(scenario: Assumed) -> Compensation | None:
     return None
 
 
-def prior_sigma(scenario: Assumed) -> Array:
+def prior_sigma(settings: Magnetometer) -> Array:
     """Return (18,) the 1-sigma of what is not specified of the coefficients, nT: three times what
     a calibration says of its own, where there is one."""
-    specified = specified_compensation(scenario)
-    sigma = np.full(COUNT, scenario.magnetometer.coefficient_sigma)
+    specified = specified_compensation(settings)
+    sigma = np.full(COUNT, settings.coefficient_sigma)
     if specified is None or not specified.sigma.size:
         return sigma
     return np.minimum(sigma, CALIBRATED_SHARE * specified.sigma[:COUNT])
 
 
-def assumed_compensation(scenario: Assumed) -> Compensation | None:
+def assumed_compensation(assumed: Assumed) -> Compensation | None:
     """Return what is taken off the readings as they come: what is specified, or nothing where the
     matcher is to find it; None where nothing is done with them. Raises InputError as
     `specified_compensation`."""
-    specified = specified_compensation(scenario)
-    if (
-        specified is None
-        and scenario.measured_field == "magnetic"
-        and scenario.magnetometer.online
-    ):
+    if assumed.measured_field != "magnetic":
+        return None
+    specified = specified_compensation(assumed.magnetometer)
+    if specified is None and assumed.magnetometer.online:
         return Compensation(np.zeros(COUNT))
     return specified
 

@@ -153,7 +153,8 @@ class TrueMapError:
         if sigma == 0.0:
             return np.zeros((len(self.runs), len(self.index), len(components)))
         places = _plane(self.trajectory, self.index, int(self.index[0])) / length
-        return np.stack([sigma * _field(self.truth, run, places, components) for run in self.runs])
+        seed = self.truth.seed
+        return np.stack([sigma * _field(seed, run, places, components) for run in self.runs])
 
     def of_datum(self, channels: tuple[int, ...] = ()) -> Array:
         """Return (R, scans, *channels) how far the true field is above the map by
@@ -202,9 +203,9 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     return np.asarray(gain), np.asarray(root)
 
 
-def _field(truth: Truth, run: int, places: Array, components: Sequence[str]) -> Array:
+def _field(seed: int, run: int, places: Array, components: Sequence[str]) -> Array:
     """Return (scans, C) one field of 1-sigma one at places (scans, 2) in units of its length."""
-    random = generator(truth.seed, run, "map_error_potential")
+    random = generator(seed, run, "map_error_potential")
     share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
     # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
     size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))

@@ -14,7 +14,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
-from isogal.scenario import Gravimeter, Scenario, Settings, Truth
+from isogal.scenario import Assumed, Gravimeter, Settings, Truth
 from isogal.sensors.noise import RunScans
 from isogal.sensors.reduction import AsRead, Reduction
 
@@ -78,10 +78,10 @@ class MeasuredField:
         """Quantity of the scenario's map."""
         return self.quantity if self.channels is None else self.channels.source
 
-    def covariance(self, scenario: Settings) -> Array | None:
+    def covariance(self, settings: Settings) -> Array | None:
         """Return the covariance (C, C) of a reading's noise; None where a reading is one number,
         of `gravimeter.sigma`."""
-        return None if self.channels is None else self.channels.covariance(scenario)
+        return None if self.channels is None else self.channels.covariance(settings)
 
 
 def field_named(name: str) -> MeasuredField:
@@ -95,13 +95,13 @@ def fields() -> dict[str, MeasuredField]:
     return {name: field_named(name) for name in plugins.names(plugins.FIELDS)}
 
 
-def require_one_field(scenario: Settings) -> None:
+def require_one_field(settings: Settings) -> None:
     """Raise InputError where a scenario has a list of fields, which not everything takes."""
-    if scenario.fields is not None:
+    if settings.fields is not None:
         raise InputError("fields: one field is needed here, not a list of fields")
 
 
-def measured_field(scenario: Settings) -> MeasuredField:
+def measured_field(settings: Settings) -> MeasuredField:
     """Return the field that a scenario measures and matches; where its readings are recorded ones
     that are values of the map, with a reduction that leaves them as they are.
 
@@ -111,10 +111,10 @@ def measured_field(scenario: Settings) -> MeasuredField:
         `gravimeter.sigma` is not in this field's unit, or keys `OF_ONE_NUMBER` are given where
         they do not count; or the scenario has several fields.
     """
-    require_one_field(scenario)
-    field, sigma = field_named(scenario.measured_field), scenario.gravimeter.sigma
+    require_one_field(settings)
+    field, sigma = field_named(settings.measured_field), settings.gravimeter.sigma
     for key in OF_ONE_NUMBER:
-        if field.channels is not None and getattr(scenario.gravimeter, key) != getattr(
+        if field.channels is not None and getattr(settings.gravimeter, key) != getattr(
             Gravimeter(), key
         ):
             raise InputError(
@@ -126,16 +126,16 @@ def measured_field(scenario: Settings) -> MeasuredField:
             f"gravimeter.sigma: must be in {field.unit} where field is {field.name}, at least"
             f" {field.least_sigma:g}; is {sigma:g}"
         )
-    if scenario.readings.reduced:
+    if settings.readings.reduced:
         return replace(field, sign=1.0, reduction=lambda _: AsRead())
     return field
 
 
-def unlikely_sigmas(scenario: Scenario) -> list[str]:
-    """Return a line for each 1-sigma of a scenario that seems to be in another unit than its
+def unlikely_sigmas(assumed: Assumed) -> list[str]:
+    """Return a line for each assumed 1-sigma that seems to be in another unit than its
     field's; several fields are looked at one by one."""
     found = []
-    for one in scenario.each_field:
+    for one in assumed.each_field:
         field = field_named(one.measured_field)
         sigmas = {
             "gravimeter.sigma": one.gravimeter.sigma,
@@ -151,11 +151,11 @@ def unlikely_sigmas(scenario: Scenario) -> list[str]:
     return found
 
 
-def reading_sigma(scenario: Settings) -> float:
+def reading_sigma(settings: Settings) -> float:
     """Return the 1-sigma of a reading's white noise, unit of the map; of its first channel where
     there are several."""
-    covariance = field_named(scenario.measured_field).covariance(scenario)
-    return scenario.gravimeter.sigma if covariance is None else float(np.sqrt(covariance[0, 0]))
+    covariance = field_named(settings.measured_field).covariance(settings)
+    return settings.gravimeter.sigma if covariance is None else float(np.sqrt(covariance[0, 0]))
 
 
 def of_instrument(instrument: str) -> list[MeasuredField]:

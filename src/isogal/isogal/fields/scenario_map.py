@@ -15,7 +15,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.maps.several import FieldMaps, RunMap
 from isogal.maps.tiled_map import ScalarMap, TiledMap
-from isogal.scenario import Scenario, Settings
+from isogal.scenario import Assumed, Map, Settings, Truth
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 _SMALL: Final = 700_000
@@ -24,13 +24,13 @@ EVERYWHERE: Final = Window(-0.5 * math.pi, 0.5 * math.pi, -math.pi, math.pi)
 
 
 def map_for_scenario(
-    scenario: Settings, trajectory: Trajectory | None = None, margin: float | None = None
+    settings: Settings, trajectory: Trajectory | None = None, margin: float | None = None
 ) -> RouteMap:
     """Return the map of what a scenario measures at the flown height, cut to its route.
 
     Parameters
     ----------
-    scenario : Settings
+    settings : Settings
         Its ``map``, field and route.
     trajectory : Trajectory, optional
         The route's points, if they are there already.
@@ -47,62 +47,61 @@ def map_for_scenario(
         The map cannot be read, is of another quantity than is needed, or does not cover the route;
         or the scenario has several fields.
     """
-    margin = scenario.map.margin if margin is None else margin
-    several = measured_field(scenario).channels is not None
+    margin = settings.map.margin if margin is None else margin
+    several = measured_field(settings).channels is not None
     if margin is None:
         if several:
             raise InputError("map.margin: a number is needed where a reading has several")
-        return MapSource.of(scenario).flown(scenario.route.height, window=EVERYWHERE)
+        return MapSource.of(settings).flown(settings.route.height, window=EVERYWHERE)
     if several:
-        return derived_maps(scenario, margin)
-    route = trajectory or build_trajectory(scenario)
+        return derived_maps(settings, margin)
+    route = trajectory or build_trajectory(settings)
     corridor = corridor_of(route.latitude, route.longitude, margin)
-    source = MapSource.of(scenario)
+    source = MapSource.of(settings)
     field_map = source.along(corridor)
-    if source.continues(field_map, scenario.route.height):
-        field_map = _at_flown_height(scenario, field_map, corridor)
+    if source.continues(field_map, settings.route.height):
+        field_map = _at_flown_height(settings, field_map, corridor)
     try:
         check_coverage(
-            field_map, route.latitude, route.longitude, partly=scenario.route.track is not None
+            field_map, route.latitude, route.longitude, partly=settings.route.track is not None
         )
     except InputError as error:
-        if scenario.map.terrain is None:
+        if settings.map.terrain is None:
             raise
         raise InputError(f"{error}; below the ground it has none: see route.height") from None
     return field_map
 
 
-def maps_for_scenario(scenario: Scenario, trajectory: Trajectory | None = None) -> RunMap:
+def maps_for_scenario(assumed: Assumed, trajectory: Trajectory | None = None) -> RunMap:
     """Return the map of what a scenario measures, or those of its several fields; see
     `map_for_scenario`."""
-    if scenario.fields is None:
-        return map_for_scenario(scenario, trajectory)
-    route = trajectory or build_trajectory(scenario)
-    return FieldMaps(tuple(map_for_scenario(one, route) for one in scenario.each_field))
+    if assumed.fields is None:
+        return map_for_scenario(assumed, trajectory)
+    route = trajectory or build_trajectory(assumed)
+    return FieldMaps(tuple(map_for_scenario(one, route) for one in assumed.each_field))
 
 
-def true_map(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> RouteMap:
-    """Return the map that readings are simulated from: the given one, which is matched, unless
-    `truth.map` names another.
+def true_map(truth: Truth, matched: Map, trajectory: Trajectory, field_map: RouteMap) -> RouteMap:
+    """Return the map that readings are simulated from: `field_map`, which is matched, unless the
+    truth names another than `matched` does.
 
     Raises
     ------
     InputError
         See `map_for_scenario`.
     """
-    truth = scenario.true
-    return field_map if truth.map == scenario.map else map_for_scenario(truth, trajectory)
+    return field_map if truth.map == matched else map_for_scenario(truth, trajectory)
 
 
-def _at_flown_height(scenario: Settings, source: ScalarMap, corridor: Corridor) -> ScalarMap:
+def _at_flown_height(settings: Settings, source: ScalarMap, corridor: Corridor) -> ScalarMap:
     """Return the map along a route at the flown height; `source` is what the scenario names."""
-    flown = partial(MapSource.of(scenario).flown, scenario.route.height)
+    flown = partial(MapSource.of(settings).flown, settings.route.height)
     small = isinstance(source, FieldMap) and source.values.size <= _SMALL
-    if small and scenario.map.terrain is None:
+    if small and settings.map.terrain is None:
         return flown(window=corridor.window)
     if isinstance(source, FieldMap):
-        return derived_maps(scenario, corridor.margin).channels[0]
-    if scenario.map.terrain is not None:
+        return derived_maps(settings, corridor.margin).channels[0]
+    if settings.map.terrain is not None:
         raise InputError(
             "map.terrain: the map is too large to be continued from the ground on the way; make"
             " one at the height of the flight with isogal map continue"

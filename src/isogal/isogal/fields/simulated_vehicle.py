@@ -1,6 +1,5 @@
 """A simulated vehicle: the true route, what its inertial sensors say, and the unaided INS."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +8,11 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import propagate
-from isogal.scenario import Scenario, Truth
+from isogal.scenario import Assumed, Truth
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
@@ -52,31 +52,40 @@ class SimulatedVehicle:
         return len(self.trajectory)
 
 
-def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
-    """Return one run of a scenario, as it really is.
+def simulate_vehicle(assumed: Assumed, truth: Truth, run: int) -> SimulatedVehicle:
+    """Return one run, as it really is.
+
+    Parameters
+    ----------
+    assumed : Assumed
+        What the unaided INS knows of horizontal gravity.
+    truth : Truth
+    run : int
 
     Raises
     ------
     InputError
         The route cannot be driven, or its map does not say what gravity is there.
     """
-    truth, trajectory = scenario.true, build_trajectory(scenario)
-    of_gravity = scenario.gravity_field
-    gravity = sensed_gravity(of_gravity.true, trajectory, [run])
+    trajectory = build_trajectory(truth)
+    gravity = sensed_gravity(truth.gravity_field, trajectory, [run])
     imu = simulate_imu(truth, trajectory, [run], gravity)
+    start = draw_initial_state(truth.initial_error, trajectory, truth.seed, [run])
+    preintegrated = truth.samples_per_step > 1
     solution: Array | None = None
     if truth.ins.gives_solution:
-        solution = simulate_solution(truth, trajectory, [run], imu)[0]
+        solution = simulate_solution(truth.ins, start, trajectory, imu, preintegrated)[0]
         unaided = solution[:, :2]
     else:
-        compensation = known_gravity(of_gravity, trajectory).compensation
-        unaided = unaided_track(truth, [run], trajectory, imu, compensation)[0]
+        compensation = known_gravity(assumed.gravity_field, trajectory).compensation
+        unaided = unaided_track(start, trajectory, imu, preintegrated, compensation)[0]
     states = np.hstack([trajectory.position, trajectory.velocity, trajectory.attitude])
     samples = simulate_samples(
         truth, trajectory, run, None if gravity is None else gravity[0]
     ).reshape(len(trajectory), -1, 6)
-    height = truth.height
-    sensed = simulate_heights(truth, height, trajectory, [run]) if height.measured else None
+    heights = None
+    if truth.height.measured:
+        heights = simulate_heights(truth.height, trajectory, truth.seed, [run])
     return SimulatedVehicle(
         trajectory,
         states,
@@ -85,31 +94,32 @@ def simulate_vehicle(scenario: Scenario, run: int) -> SimulatedVehicle:
         unaided,
         solution,
         simulate_aids(truth, trajectory, [run]),
-        sensed,
+        heights,
         _turn_rate(trajectory),
     )
 
 
 def unaided_track(
-    truth: Truth,
-    runs: Sequence[int],
+    start: Estimate,
     trajectory: Trajectory,
     imu: ImuData,
+    preintegrated: bool,
     compensation: Compensation | None = None,
 ) -> Array:
     """Return (R, K + 1, 2) rad, latitude and longitude of unaided INSs.
 
     Parameters
     ----------
-    truth : Truth
-    runs : sequence of int
+    start : Estimate
+        Of R runs.
     trajectory : Trajectory
     imu : ImuData
         What their sensors measure.
+    preintegrated : bool
+        See `isogal.inertial.strapdown.propagate`.
     compensation : Compensation, optional
         Horizontal gravity that the strapdown takes off.
     """
-    start = draw_initial_state(truth, trajectory, runs)
     _, track = propagate(
         start,
         imu.specific_force,
@@ -118,7 +128,7 @@ def unaided_track(
         trajectory.height,
         compensation,
         history=True,
-        preintegrated=truth.samples_per_step > 1,
+        preintegrated=preintegrated,
     )
     return np.concatenate([start.position[:, None, :2], track], axis=1)
 

@@ -22,7 +22,7 @@ from isogal.fields.scenario_map import true_map
 from isogal.inertial.rotations import matrix
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
-from isogal.scenario import Assumed, Scenario, Settings, Truth
+from isogal.scenario import Assumed, Map, Settings, Truth
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
 from isogal.sensors.noise import RunScans
@@ -119,7 +119,7 @@ class ReadingSimulator:
         return simulate_vehicle(self._truth, self._trajectory, total, self._runs)
 
 
-def compensated(scenario: Assumed, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
+def compensated(assumed: Assumed, trajectory: Trajectory, readings: ReadingSimulator) -> Array:
     """Return (R, scans) simulated raw readings less what a scenario says that the vehicle adds to
     them, by the vector magnetometer; the raw readings where it says nothing. Where the matcher
     estimates what is left, (R, scans, 1 + C) with the terms of each reading.
@@ -129,13 +129,13 @@ def compensated(scenario: Assumed, trajectory: Trajectory, readings: ReadingSimu
     InputError
         The file of coefficients cannot be read, or `true_readings` refuses the map.
     """
-    assumed, sensed = assumed_compensation(scenario), readings.raw
-    if assumed is None:
+    compensation, sensed = assumed_compensation(assumed), readings.raw
+    if compensation is None:
         return sensed
     i, vector = readings.index, readings.vehicle.vector
     rate = (vector[:, i] - vector[:, i - 1]) / trajectory.dt
-    clean = sensed - assumed.one(vector[:, i], rate, sensed)
-    if not scenario.magnetometer.online:
+    clean = sensed - compensation.one(vector[:, i], rate, sensed)
+    if not assumed.magnetometer.online:
         return clean
     return np.concatenate([clean[..., None], terms(vector[:, i], rate, sensed)], axis=-1)
 
@@ -185,14 +185,15 @@ def true_readings(
     return _measured(truth, field_map).reduction(truth).raw(value, at)
 
 
-def check_readings(scenario: Scenario, trajectory: Trajectory, field_map: RouteMap) -> None:
-    """Raise InputError where readings of a field can neither be simulated nor taken from their
-    file."""
-    truth = scenario.true
+def check_readings(
+    truth: Truth, matched: Map, trajectory: Trajectory, field_map: RouteMap
+) -> None:
+    """Raise InputError where readings of a field can neither be simulated (`true_map`) nor taken
+    from their file."""
     if truth.readings.recorded:
         recorded(truth, trajectory)
     else:
-        true_readings(truth, trajectory, true_map(scenario, trajectory, field_map))
+        true_readings(truth, trajectory, true_map(truth, matched, trajectory, field_map))
 
 
 def recorded(settings: Settings, trajectory: Trajectory) -> Recorded:

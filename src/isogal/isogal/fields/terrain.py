@@ -8,10 +8,10 @@ from isogal.sensors.beams import BeamReduction
 from isogal.sensors.reduction import Reduction
 
 
-def _reduction(scenario: Settings) -> Reduction:
-    if not scenario.altimeter.sounds:
-        return TerrainReduction(scenario.altimeter)
-    return BeamReduction(scenario.altimeter)
+def _reduction(settings: Settings) -> Reduction:
+    if not settings.altimeter.sounds:
+        return TerrainReduction(settings.altimeter)
+    return BeamReduction(settings.altimeter)
 
 
 TERRAIN = MeasuredField(

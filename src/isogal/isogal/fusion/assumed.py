@@ -39,19 +39,19 @@ CLOSE = 0.1
 """Spread of the sigma points there, of that of the others."""
 
 
-def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> FilterModel:
+def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> FilterModel:
     """Return the model that agrees with a scenario.
 
     Parameters
     ----------
-    scenario : Assumed
+    assumed : Assumed
     gravity : KnownGravity, optional
         What the navigator knows of horizontal gravity; default: that there is none beside normal
         gravity.
     """
     gravity = gravity or KnownGravity()
-    sensors, initial, height = scenario.imu.sensors, scenario.initial_error, scenario.height
-    noise = noise_density(sensors, 1.0 / scenario.imu.rate).tolist()
+    sensors, initial, height = assumed.imu.sensors, assumed.initial_error, assumed.height
+    noise = noise_density(sensors, 1.0 / assumed.imu.rate).tolist()
     position = max(initial.position, _POSITION_FLOOR)
     velocity = max(initial.velocity, _VELOCITY_FLOOR)
     tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
@@ -59,25 +59,25 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
     sigma = (position, position, up, velocity, velocity, 0.01, tilt, tilt, heading)
     auxiliary = (
         *_gravity_states(gravity),
-        *imu_states.states(scenario),
+        *imu_states.states(sensors),
         *height_error_states(height),
-        *(state for aid in scenario.heights or () for state in height_error_states(aid)),
-        *velocity_error_states(scenario.velocity_aids),
+        *(state for aid in assumed.heights or () for state in height_error_states(aid)),
+        *velocity_error_states(assumed.velocity_aids),
         *(
             state
-            for aid in scenario.aids
+            for aid in assumed.aids
             if isinstance(aid, PositionAid)
             for state in position_error_states(aid, height.measured)
         ),
-        *(state for aid in scenario.headings or () for state in heading_error_states(aid)),
+        *(state for aid in assumed.headings or () for state in heading_error_states(aid)),
     )
     turn = noise[5] * math.sqrt(SOON) + sensors.gyroscope.bias[2] * SOON
     unsure = math.hypot(heading, turn) > UNSURE
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),
         initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
-        dt=1.0 / scenario.navigation_rate,
-        filter=scenario.fusion.filter,
+        dt=1.0 / assumed.navigation_rate,
+        filter=assumed.fusion.filter,
         height_sigma=height.sigma if height.measured else KNOWN_HEIGHT,
         height_measured=height.measured,
         height_contents=height_contents(auxiliary) if height.measured else (),
@@ -85,9 +85,9 @@ def filter_model(scenario: Assumed, gravity: KnownGravity | None = None) -> Filt
         unsure_heading=unsure,
         auxiliary=auxiliary,
         gravity=gravity,
-        preintegrated=scenario.samples_per_step > 1,
-        false_rejection=scenario.fusion.false_rejection,
-        judges_satellites=scenario.gnss.judged,
+        preintegrated=assumed.samples_per_step > 1,
+        false_rejection=assumed.fusion.false_rejection,
+        judges_satellites=assumed.gnss.judged,
     )
 
 

@@ -12,16 +12,15 @@ and are in the biases (`isogal.sensors.imu_model.bias_sigma`)."""
 from collections.abc import Iterator
 
 from isogal.fusion.auxiliary import AuxiliaryState, Enters
-from isogal.scenario import Assumed, SensorErrors
+from isogal.scenario import ImuErrors, SensorErrors
 from isogal.scenario.inertial import Axes
 
 _AXES = "xyz"
 
 
-def states(scenario: Assumed) -> tuple[AuxiliaryState, ...]:
-    """Return the states of the inertial sensors that a scenario assumes; none where they have only
-    biases and white noise."""
-    force, rate = scenario.imu.sensors.accelerometer, scenario.imu.sensors.gyroscope
+def states(sensors: ImuErrors) -> tuple[AuxiliaryState, ...]:
+    """Return the states of inertial sensors; none where they have only biases and white noise."""
+    force, rate = sensors.accelerometer, sensors.gyroscope
     return (
         *_in_run(force, "accelerometer"),
         *_in_run(rate, "gyroscope"),

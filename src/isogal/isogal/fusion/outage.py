@@ -20,6 +20,7 @@ further than the change of the force divided by gravity."""
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +33,7 @@ from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
 from isogal.fusion.trace import Trace
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Assumed
+from isogal.scenario import Velocity
 
 HELD = 10.0
 """s up to which the sample after a gap stands for the gap as well; over a longer one the vehicle
@@ -116,9 +117,10 @@ class UnknownMotion:
     heading: float = LARGEST_HEADING
     """rad, largest 1-sigma of the heading that a gap adds."""
 
-    def of_vehicle(self, scenario: Assumed) -> "UnknownMotion":
-        """Return that of a scenario's vehicle: one on wheels moves at least as a car does."""
-        if not any(aid.kind == "wheels" for aid in scenario.velocity_aids):
+    def of_vehicle(self, aids: Sequence[Velocity]) -> "UnknownMotion":
+        """Return that of a vehicle, given its sensors of the velocity: one on wheels moves at
+        least as a car does."""
+        if not any(aid.kind == "wheels" for aid in aids):
             return self
         acceleration, turn_rate, between = CAR
         return replace(

@@ -89,16 +89,16 @@ class BatchBuilder:
         """What moves the navigator within a batch; nothing, unless it is set."""
 
     @classmethod
-    def of(cls, scenario: Assumed, context: int = 0, marks: int = 0) -> "BatchBuilder":
+    def of(cls, assumed: Assumed, context: int = 0, marks: int = 0) -> "BatchBuilder":
         """Return the builder of a scenario's batches for a matcher with a context, with room for
         marks; raises InputError where the scenario cannot be used."""
         return cls(
-            scenario.matcher,
-            measured_field(scenario).reduction(scenario),
+            assumed.matcher,
+            measured_field(assumed).reduction(assumed),
             context,
-            scenario.gravimeter,
-            scenario.height.together(scenario.heights or ()),
-            expansion_of(scenario),
+            assumed.gravimeter,
+            assumed.height.together(assumed.heights or ()),
+            expansion_of(assumed),
             marks,
         )
 

@@ -42,7 +42,7 @@ class Expansion(Protocol):
         ...
 
 
-def expansion_of(scenario: Assumed) -> Expansion | None:
+def expansion_of(assumed: Assumed) -> Expansion | None:
     """Return what is done with readings in a scenario; None where they are numbers.
 
     Raises
@@ -50,15 +50,15 @@ def expansion_of(scenario: Assumed) -> Expansion | None:
     InputError
         The scenario's matcher does not estimate parameters, or a file cannot be read.
     """
-    name, matcher = scenario.measured_field, scenario.matcher.name
-    if (covariance := measured_field(scenario).covariance(scenario)) is not None:
+    name, matcher = assumed.measured_field, assumed.matcher.name
+    if (covariance := measured_field(assumed).covariance(assumed)) is not None:
         if name != "gradient":
             return Channels(covariance)
-        return Channels(covariance, with_allowed_tilt(scenario.gradiometer, matcher))
-    if name == "magnetic" and scenario.magnetometer.online:
+        return Channels(covariance, with_allowed_tilt(assumed.gradiometer, matcher))
+    if name == "magnetic" and assumed.magnetometer.online:
         require(matcher, "takes_parameters", "magnetometer.online")
-        return OwnField(prior_sigma(scenario))
-    altimeter = scenario.altimeter
+        return OwnField(prior_sigma(assumed.magnetometer))
+    altimeter = assumed.altimeter
     if name == "terrain" and altimeter.sounds:
         require(matcher, "takes_parameters", "altimeter.beams, scale_sigma")
         return Soundings(altimeter.count, altimeter.scale_sigma)

@@ -15,7 +15,7 @@ from isogal.matching.interfaces import Batch, Fix, Matcher, SecondaryBatch
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal.sensors.trajectory import build_trajectory
 
 MapNear = Callable[[int, Batch], AnyMap]
@@ -47,23 +47,23 @@ class JointBatches:
 
     @classmethod
     def of(
-        cls, scenario: Scenario, matcher: Matcher, gravity: KnownGravity | None = None
+        cls, assumed: Assumed, matcher: Matcher, gravity: KnownGravity | None = None
     ) -> "JointBatches":
-        """Return those of a scenario's fields for its matcher (`registry.build_run_matcher`).
+        """Return those of all fields for their matcher (`registry.build_run_matcher`).
 
         Parameters
         ----------
         gravity : KnownGravity, optional
-            What the navigator knows of horizontal gravity; default: as the scenario says.
+            What the navigator knows of horizontal gravity; default: as it is assumed.
 
         Raises
         ------
         InputError
-            The scenario cannot be used.
+            What is assumed cannot be used.
         """
         if gravity is None:
-            gravity = residual_gravity(scenario.gravity_field, build_trajectory(scenario))
-        each = scenario.each_field
+            gravity = residual_gravity(assumed.gravity_field, build_trajectory(assumed))
+        each = assumed.each_field
         schedule = UpdateSchedule.of(each)
         builders = [
             BatchBuilder.of(one, matcher.context, schedule.marks(field, one))

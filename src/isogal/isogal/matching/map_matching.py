@@ -19,7 +19,7 @@ from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal.passage import Passage, Since
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 
 
 class Matched(NamedTuple):
@@ -36,36 +36,36 @@ class MapMatching:
 
     Parameters
     ----------
-    scenario : Scenario
+    assumed : Assumed
     maps : sequence of RouteMap
         Of each field.
     matcher : Matcher, optional
-        Default: the scenario's.
+        Default: that of section `matcher`.
     gravity : KnownGravity, optional
-        What the navigator knows of horizontal gravity; default: as the scenario says.
+        What the navigator knows of horizontal gravity; default: as it is assumed.
 
     Raises
     ------
     InputError
-        The scenario or its matcher cannot be used.
+        What is assumed, or its matcher, cannot be used.
     """
 
     def __init__(
         self,
-        scenario: Scenario,
+        assumed: Assumed,
         maps: Sequence[RouteMap],
         matcher: Matcher | None = None,
         gravity: KnownGravity | None = None,
     ) -> None:
-        self.matcher = matcher or build_run_matcher(scenario)
-        self.batches = JointBatches.of(scenario, self.matcher, gravity)
+        self.matcher = matcher or build_run_matcher(assumed)
+        self.batches = JointBatches.of(assumed, self.matcher, gravity)
         self.memory: Any = None
         """What the matcher remembers of earlier batches."""
-        self.lead = UpdateSchedule.of(scenario.each_field).lead
+        self.lead = UpdateSchedule.of(assumed.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
-        self._satellites, self._judged = scenario.gnss.used, scenario.gnss.judged
-        self._sigmas = [one.gravimeter.sigma for one in scenario.each_field]
+        self._satellites, self._judged = assumed.gnss.used, assumed.gnss.judged
+        self._sigmas = [one.gravimeter.sigma for one in assumed.each_field]
 
     @property
     def ready(self) -> bool:
@@ -96,7 +96,7 @@ class MapMatching:
         reading : float or (C,) array
             NaN = none.
         variance : float
-            Of its white noise, as its message says; 0 = as the scenario has it.
+            Of its white noise, as its message says; 0 = as it is assumed.
         """
         self.batches.builders[field].add_scan(
             time,

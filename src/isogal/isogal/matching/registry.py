@@ -10,26 +10,26 @@ from isogal.errors import InputError
 from isogal.fields.measured import field_named
 from isogal.matching.interfaces import Matcher
 from isogal.matching.update_schedule import UpdateSchedule
+from isogal.scenario import Assumed, describe
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.scenario import Scenario, describe
 
 Options = TypeVar("Options", bound=BaseModel)
 
 
-def build_run_matcher(scenario: Scenario) -> Matcher:
-    """Return the matcher of a scenario's field, or of its several fields.
+def build_run_matcher(assumed: Assumed) -> Matcher:
+    """Return the matcher of one field, or of several.
 
     Raises
     ------
     InputError
         See `load_matcher` and `matcher_of_fields`.
     """
-    each = scenario.each_field
+    each = assumed.each_field
     channels = [field_named(one.measured_field).channels is not None for one in each]
     if len(each) == 1:
         return load_matcher(each[0].matcher, channels[0])
     settings = [one.matcher for one in each]
-    return matcher_of_fields(settings, scenario.field_names, UpdateSchedule.of(each).lead)
+    return matcher_of_fields(settings, assumed.field_names, UpdateSchedule.of(each).lead)
 
 
 def matcher_of_fields(

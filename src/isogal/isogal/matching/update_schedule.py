@@ -21,15 +21,15 @@ class UpdateSchedule:
 
     @classmethod
     def of(cls, scenarios: Sequence[Assumed]) -> "UpdateSchedule":
-        """Return that of fields, each with its scenario (`Scenario.each_field`)."""
+        """Return that of fields, by what is assumed of each (`Assumed.each_field`)."""
         times = tuple(
             one.matcher.scans_between_fixes * one.gravimeter.interval for one in scenarios
         )
         return cls(int(np.argmin(times)), times)
 
-    def marks(self, field: int, scenario: Assumed) -> int:
+    def marks(self, field: int, assumed: Assumed) -> int:
         """Return how many batch ends there are at most in a batch of a field."""
         if field == self.lead:
             return 0
-        length = scenario.matcher.batch_length * scenario.gravimeter.interval
+        length = assumed.matcher.batch_length * assumed.gravimeter.interval
         return math.ceil(length / self.times[self.lead]) + 1

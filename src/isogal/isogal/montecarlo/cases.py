@@ -72,7 +72,7 @@ class Case:
         if any("map" in one.truth for one in each):
             route = build_trajectory(self.scenario)
             sources = [
-                map_digest(true_map(one, route, its_map))
+                map_digest(true_map(one.true, one.map, route, its_map))
                 for one, its_map in zip(each, each_map(self.field_map), strict=True)
             ]
             parts["true map"] = sources[0] if len(sources) == 1 else sources

@@ -150,21 +150,23 @@ class Simulation:
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
-        truth, of_gravity = scenario.true, scenario.gravity_field
+        truth = scenario.true
         self._delay = truth.longest_delay
-        self._known = known_gravity(of_gravity, trajectory)
-        sensed = sensed_gravity(of_gravity.true, trajectory, runs)
+        self._known = known_gravity(scenario.gravity_field, trajectory)
+        sensed = sensed_gravity(truth.gravity_field, trajectory, runs)
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
+        preintegrated = truth.samples_per_step > 1
+        start = draw_initial_state(truth.initial_error, trajectory, truth.seed, runs)
         if truth.ins.gives_solution:
-            solution = simulate_solution(truth, trajectory, runs, self._imu)
+            solution = simulate_solution(truth.ins, start, trajectory, self._imu, preintegrated)
             self.unaided = _errors(trajectory, solution[:, self.index], self.index)
-            self._imu = felt(truth, solution, trajectory.dt)
-            self._start = Estimate(*np.split(solution[:, 0], [3, 6], axis=1))
+            self._imu = felt(solution, trajectory.dt, preintegrated)
+            start = Estimate(*np.split(solution[:, 0], [3, 6], axis=1))
         else:
             compensation = self._known.compensation
-            track = unaided_track(truth, runs, trajectory, self._imu, compensation)
+            track = unaided_track(start, trajectory, self._imu, preintegrated, compensation)
             self.unaided = _errors(trajectory, track[:, self.index], self.index)
-            self._start = draw_initial_state(truth, trajectory, runs)
+        self._start = start
         self._fields, self._maps = scenario.each_field, each_map(field_map)
         self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]
         """Scans of the record from one of each field to the next."""
@@ -181,7 +183,7 @@ class Simulation:
         """Each aid as assumed and as it is, and its readings."""
         self._heights = np.broadcast_to(trajectory.height[1:], (len(runs), len(trajectory)))
         if truth.height.measured:
-            ends, values = simulate_heights(truth, truth.height, trajectory, runs)
+            ends, values = simulate_heights(truth.height, trajectory, truth.seed, runs)
             self._heights = np.full(self._heights.shape, np.nan)
             self._heights[:, ends - 1] = values
 
@@ -308,6 +310,7 @@ def _readings(
 ) -> tuple[Array, Array]:
     """Return (S,) when the instrument of a field takes its readings, s, and (R, S) or (R, S, C)
     what it senses."""
-    source = true_map(scenario, trajectory, field_map)
-    simulated = ReadingSimulator(scenario.true, trajectory, source, runs)
+    truth = scenario.true
+    source = true_map(truth, scenario.map, trajectory, field_map)
+    simulated = ReadingSimulator(truth, trajectory, source, runs)
     return simulated.time, compensated(scenario, trajectory, simulated)

@@ -25,7 +25,7 @@ from isogal.paper.cases import AIDING, HEADINGS, PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot, follow_iterations
 from isogal.paper.lookups import ProfileExample, WindowExample, profile_example, window_example
 from isogal.paper.published import PublishedRow
-from isogal.scenario import InitialError, Scenario
+from isogal.scenario import InitialError, Truth
 from isogal.scenario.imu_grades import PAPER_GRADES
 from isogal.sensors.trajectory import build_trajectory
 
@@ -60,7 +60,7 @@ class Outcome:
     def of(cls, setting: Setting, runs: Runs, plan: Plan) -> "Outcome":
         """Compute them from the runs of a case."""
         scenario, field_map = plan.scenario(setting), plan.field_map(setting)
-        bound = posterior_cramer_rao(scenario, plan.trajectory(setting), field_map)
+        bound = posterior_cramer_rao(scenario.true, plan.trajectory(setting), field_map)
         bound_rms = bound.rms_at(runs.time)
         return cls(
             setting,
@@ -223,10 +223,10 @@ def along_track(plan: Plan, quantity: str) -> AlongTrack:
     return AlongTrack(trajectory.time[scans], field_map.value(*place), variability, normalised)
 
 
-def drift_by_theory(scenario: Scenario, time: float) -> float:
+def drift_by_theory(truth: Truth, time: float) -> float:
     """RMS error (m) of the unaided INS at a time (s), by its linear error model; NaN beyond the
     end."""
-    covariance = unaided_covariance(scenario, build_trajectory(scenario))
+    covariance = unaided_covariance(truth, build_trajectory(truth))
     return float(covariance.rms_at(np.array([time]))[0])
 
 
@@ -297,12 +297,12 @@ def measure(plan: Plan, cases: Mapping[Setting, Case], store: Store) -> Results:
         snapshots=tuple(follow_iterations(plan)),
         drift={
             (heading, grade): drift_by_theory(
-                plan.scenario(Setting(heading=heading, grade=grade)), plan.gain_time
+                plan.scenario(Setting(heading=heading, grade=grade)).true, plan.gain_time
             )
             for heading in HEADINGS
             for grade in PAPER_GRADES
         },
-        perfect_drift=drift_by_theory(perfect, plan.gain_time),
+        perfect_drift=drift_by_theory(perfect.true, plan.gain_time),
         signal={quantity: along_track(plan, quantity) for quantity in ("gravity", "disturbance")},
         profile=profile_example(plan),
         window=window_example(plan),

@@ -8,7 +8,7 @@ their defaults and count in entries only."""
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from pydantic import AfterValidator, Field
 
@@ -19,8 +19,9 @@ from isogal.scenario.section import Document, Positive, Section, merged, validat
 from isogal.seeds import generator
 
 if TYPE_CHECKING:
-    from isogal.scenario.model import Scenario
+    from isogal.scenario.model import Assumed
 
+_Assumed = TypeVar("_Assumed", bound="Assumed")
 FieldName = Annotated[str, AfterValidator(partial(plugins.check, plugins.FIELDS))]
 MERGED = ("gravimeter", "readings", "map", "map_error", "matcher", "truth")
 """Sections that an entry may change key by key."""
@@ -82,8 +83,8 @@ def read_entries(documents: Sequence[Document]) -> tuple[FieldEntry, ...]:
     return entries
 
 
-def scenarios_of(scenario: "Scenario") -> tuple["Scenario", ...]:
-    """Return the scenario of each entry of `fields`: that of a run in which this field alone is
+def settings_of(settings: _Assumed) -> tuple[_Assumed, ...]:
+    """Return the settings of each entry of `fields`: those of a run in which this field alone is
     matched.
 
     Raises
@@ -91,26 +92,26 @@ def scenarios_of(scenario: "Scenario") -> tuple["Scenario", ...]:
     ValueError
         One line: a key that an entry cannot have, or that says nothing beside a list.
     """
-    assert scenario.fields is not None
+    assert settings.fields is not None
     for key, default in _DEFAULTS.items():
-        if getattr(scenario, key) != default:
+        if getattr(settings, key) != default:
             raise ValueError(f"{key}: says nothing beside fields; give it in the entries")
-    entries = read_entries(scenario.fields)
-    return tuple(_scenario_of(scenario, index, entry) for index, entry in enumerate(entries))
+    entries = read_entries(settings.fields)
+    return tuple(_of_entry(settings, index, entry) for index, entry in enumerate(entries))
 
 
-def _scenario_of(scenario: "Scenario", index: int, entry: FieldEntry) -> "Scenario":
+def _of_entry(settings: _Assumed, index: int, entry: FieldEntry) -> _Assumed:
     changes: Document = {"fields": None, "field": entry.field}
     for key in MERGED:
-        section: Section | Document = getattr(scenario, key)
+        section: Section | Document = getattr(settings, key)
         own: Document = entry.instrument if key == "gravimeter" else getattr(entry, key)
         whole = section.model_dump() if isinstance(section, Section) else section
         changes[key] = merged(whole, own)
     if index or entry.seed is not None:
-        changes["seed"] = _seed(scenario.seed, entry)
-    if scenario.samples_per_step > 1:
-        changes["fusion"] = scenario.fusion.model_dump() | {"rate": scenario.navigation_rate}
-    return validated(type(scenario), dict(scenario) | changes, f"fields.{index}.")
+        changes["seed"] = _seed(settings.seed, entry)
+    if settings.samples_per_step > 1:
+        changes["fusion"] = settings.fusion.model_dump() | {"rate": settings.navigation_rate}
+    return validated(type(settings), dict(settings) | changes, f"fields.{index}.")
 
 
 def intervals_of(documents: Sequence[Document]) -> list[float]:

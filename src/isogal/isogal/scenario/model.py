@@ -1,11 +1,14 @@
 """The whole scenario, and its two halves: what is assumed, and what is true.
 
-`Scenario` is what a file says. Filters, matchers and reductions take what it assumes (`Assumed`,
-which a scenario is), simulators what is true (`Truth`, by `Scenario.true`). Neither passes for the
-other; what both have alike, such as the route, is `Settings`."""
+`Scenario` is what a file says. It is read at the edges: by commands, nodes, and what runs studies.
+Filters, matchers and reductions take what it assumes (`Assumed`, which a scenario is), simulators
+and the bound what is true (`Truth`, by `Scenario.true`), and whatever a section is enough for that
+section. Assumed and true do not pass for each other; what both have alike, such as the route, is
+`Settings`."""
 
 import math
-from typing import Self
+from collections.abc import Sequence
+from typing import Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -20,7 +23,7 @@ from isogal.scenario.aids import (
     Velocity,
     VelocityAid,
 )
-from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, scenarios_of
+from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, settings_of
 from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
 from isogal.scenario.ins import Ins
@@ -230,12 +233,50 @@ class Settings(Section):
         return math.gcd(*(round(x * self.imu.rate) for x in intervals_of(self.fields)))
 
 
+_Settings = TypeVar("_Settings", bound=Settings)
+
+
+def _of_gravity(each: Sequence[_Settings]) -> _Settings:
+    return next((one for one in each if one.measured_field in _OF_GRAVITY), each[0])
+
+
 class Assumed(Settings):
     """What filter, matcher and reductions assume."""
+
+    @property
+    def each_field(self) -> tuple[Self, ...]:
+        """What is assumed of each field by itself; of one field this."""
+        return (self,) if self.fields is None else settings_of(self)
+
+    @property
+    def gravity_field(self) -> Self:
+        """What is assumed of the field whose map is one of gravity, which the inertial sensors
+        feel; of the first where there is none."""
+        return _of_gravity(self.each_field)
 
 
 class Truth(Settings):
     """What really is: what simulators draw from."""
+
+    truth: Document = Field(default_factory=dict)
+    """of several fields what is true of all their readings and maps: keys of the entries' truth"""
+
+    @property
+    def each_field(self) -> "tuple[Truth, ...]":
+        """What is true of each field by itself; of one field this."""
+        if self.fields is None:
+            return (self,)
+        return tuple(one.true for one in self.informed.each_field)
+
+    @property
+    def gravity_field(self) -> "Truth":
+        """What is true of the field of `Assumed.gravity_field`."""
+        return _of_gravity(self.each_field)
+
+    @property
+    def informed(self) -> "Scenario":
+        """The scenario of a navigator that knows the truth, as the bound's does."""
+        return Scenario.model_construct(**dict(self))
 
 
 class Scenario(Assumed):
@@ -252,7 +293,7 @@ class Scenario(Assumed):
     @model_validator(mode="after")
     def _possible_fields(self) -> Self:
         if self.fields is not None and any(
-            one.matcher.mode == "retrodiction" for one in scenarios_of(self)
+            one.matcher.mode == "retrodiction" for one in self.each_field
         ):
             raise ValueError("matcher.mode: retrodiction takes one field, not a list of fields")
         return self
@@ -270,12 +311,14 @@ class Scenario(Assumed):
             return Truth.model_construct(**self._settings | own)
         check_names(self.truth)
         # of several fields, what is true of readings and maps is so of the entries
+        of_entries = OF_FIELDS if self.fields is not None else ()
+        rest = {name: changes for name, changes in self.truth.items() if name in of_entries}
         changed = {
             name: true_section(name, getattr(self, name), changes)
             for name, changes in self.truth.items()
-            if self.fields is None or name not in OF_FIELDS
+            if name not in of_entries
         }
-        return validated(Truth, self._settings | changed | own, where="truth: ")
+        return validated(Truth, self._settings | changed | own | {"truth": rest}, where="truth: ")
 
     @property
     def _of_truth(self) -> Document:
@@ -283,30 +326,14 @@ class Scenario(Assumed):
         has a truth of its own, and the error of a map that is none of a simulation."""
         real = {"map_error": MapError()} if self.readings.recorded else {}
         return real | {
-            key: tuple(true_section(key, one, one.truth) for one in entries)
+            key: tuple(
+                true_section(key, one, one.truth).model_copy(update={"truth": {}})
+                for one in entries
+            )
             for key in AID_LISTS
             if (entries := getattr(self, key))
         }
 
     @property
-    def informed(self) -> "Scenario":
-        """The scenario of a navigator that knows the truth, as the bound's does."""
-        of_entries = {} if self.fields is None else self.truth
-        truth = {name: changes for name, changes in of_entries.items() if name in OF_FIELDS}
-        return Scenario.model_construct(**dict(self.true), truth=truth)
-
-    @property
     def _settings(self) -> Document:
         return {name: getattr(self, name) for name in Settings.model_fields}
-
-    @property
-    def each_field(self) -> "tuple[Scenario, ...]":
-        """The scenario of each field by itself; of one field the scenario as it is."""
-        return (self,) if self.fields is None else scenarios_of(self)
-
-    @property
-    def gravity_field(self) -> "Scenario":
-        """The scenario of the field whose map is one of gravity, which the inertial sensors feel;
-        of the first where there is none."""
-        every = self.each_field
-        return next((one for one in every if one.measured_field in _OF_GRAVITY), every[0])

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array, Integers
-from isogal.scenario import Height, Truth
+from isogal.scenario import Height
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
 from isogal.sensors.position_aid import AidReadings, aid_index
@@ -94,18 +94,18 @@ def height_slope(pressure: float, settings: Height) -> float:
 
 
 def simulate_heights(
-    truth: Truth, settings: Height, trajectory: Trajectory, runs: Sequence[int]
+    settings: Height, trajectory: Trajectory, seed: int, runs: Sequence[int]
 ) -> AidReadings:
     """Return the heights (R, M), m, that a sensor as it really is reads in each run."""
     prefix = settings.prefix
-    index = aid_index(truth, settings.interval, trajectory)
+    index = aid_index(settings.interval, trajectory)
     time, true = trajectory.time[index], trajectory.height[index]
     keep = np.exp(-np.diff(time) / settings.weather_time)
     result = np.empty((len(runs), len(index)))
     for row, run in zip(result, runs, strict=True):
-        bias, scale = generator(truth.seed, run, f"{prefix}_bias").standard_normal(2)
-        white = generator(truth.seed, run, f"{prefix}_noise").standard_normal(len(index))
-        normal = generator(truth.seed, run, f"{prefix}_weather").standard_normal(len(index))
+        bias, scale = generator(seed, run, f"{prefix}_bias").standard_normal(2)
+        white = generator(seed, run, f"{prefix}_noise").standard_normal(len(index))
+        normal = generator(seed, run, f"{prefix}_weather").standard_normal(len(index))
         weather = settings.weather_sigma * gauss_markov(keep, normal)
         row[:] = (
             true * (1.0 + settings.scale * scale)

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from isogal.inertial.rotations import matrix
-from isogal.scenario import HeadingAid, Truth
+from isogal.scenario import HeadingAid
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
 from isogal.sensors.noise import Noise
@@ -20,15 +20,14 @@ _CELL = 0.5
 
 
 def simulate_headings(
-    truth: Truth, aid: HeadingAid, trajectory: Trajectory, runs: Sequence[int]
+    aid: HeadingAid, trajectory: Trajectory, seed: int, runs: Sequence[int], epoch: float
 ) -> AidReadings:
-    """Return the headings (R, M), rad from north, magnetic north for a compass, that one of the
-    aids as they really are gives in some runs."""
-    index = aid_index(truth, aid.interval, trajectory)
+    """Return the headings (R, M), rad from north, magnetic north of an epoch (decimal year) for a
+    compass, that an aid as it really is gives in some runs."""
+    index = aid_index(aid.interval, trajectory)
     ahead = matrix(trajectory.attitude[index])[:, :, 0]
     heading = np.arctan2(ahead[:, 1], ahead[:, 0])
     if aid.kind == "compass":
-        epoch = truth.magnetometer.epoch
         heading = heading - [
             declination(latitude, longitude, epoch)
             for latitude, longitude in zip(
@@ -46,8 +45,8 @@ def simulate_headings(
     time = trajectory.time[index] - trajectory.time[0]
     found = np.empty((len(runs), len(index)))
     for k, run in enumerate(runs):
-        mounting = generator(truth.seed, run, f"{aid.prefix}_mounting").standard_normal()
-        found[k] = heading + errors.draw(truth.seed, run, time) + aid.number("bias") * mounting
+        mounting = generator(seed, run, f"{aid.prefix}_mounting").standard_normal()
+        found[k] = heading + errors.draw(seed, run, time) + aid.number("bias") * mounting
     seen = available(aid.available, trajectory, index)
     if aid.kind == "course":
         seen &= np.hypot(*trajectory.velocity[index, :2].T) >= aid.slowest

@@ -1,30 +1,39 @@
 """The solution of an INS: simulated, and as inertial data of a navigator (docs/mathematics.md,
 section 3.19).
 
-The INS is one of its own: it integrates what its sensors measure from the start that the scenario
-draws, takes off normal gravity only, and holds its height by a sensor, as every INS does."""
-
-from collections.abc import Sequence
+The INS is one of its own: it integrates what its sensors measure from the start that is drawn
+for it, takes off normal gravity only, and holds its height by a sensor, as every INS does."""
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import Estimate
 from isogal.inertial.inverse import inverse, level_attitude
 from isogal.inertial.rotations import from_angles, matrix, to_angles
 from isogal.inertial.strapdown import propagate
-from isogal.scenario import Ins, Settings, Truth
+from isogal.scenario import Ins
 from isogal.sensors.imu import ImuData
-from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import Trajectory
 
 
 def simulate_solution(
-    truth: Truth, trajectory: Trajectory, runs: Sequence[int], imu: ImuData
+    ins: Ins, start: Estimate, trajectory: Trajectory, imu: ImuData, preintegrated: bool
 ) -> Array:
-    """Return (R, K + 1, 10) what an unaided INS says of itself (`isogal.inertial.inverse.COLUMNS`)
-    at the ends of the trajectory's steps, by what its sensors measure."""
-    start = draw_initial_state(truth, trajectory, runs)
+    """Return (R, K + 1, 10) what unaided INSs say of themselves
+    (`isogal.inertial.inverse.COLUMNS`) at the ends of the trajectory's steps.
+
+    Parameters
+    ----------
+    ins : Ins
+    start : Estimate
+        Of R runs.
+    trajectory : Trajectory
+    imu : ImuData
+        What their sensors measure.
+    preintegrated : bool
+        See `isogal.inertial.strapdown.propagate`.
+    """
     first = np.concatenate([start.position, start.velocity, start.attitude], axis=1)
     _, track = propagate(
         start,
@@ -33,9 +42,9 @@ def simulate_solution(
         trajectory.dt,
         trajectory.height,
         history="whole",
-        preintegrated=truth.samples_per_step > 1,
+        preintegrated=preintegrated,
     )
-    return said(truth.ins, np.concatenate([first[:, None], track], axis=1))
+    return said(ins, np.concatenate([first[:, None], track], axis=1))
 
 
 def said(ins: Ins, solution: Array) -> Array:
@@ -57,6 +66,6 @@ def said(ins: Ins, solution: Array) -> Array:
     return solution
 
 
-def felt(settings: Settings, solution: Array, dt: float) -> ImuData:
+def felt(solution: Array, dt: float, preintegrated: bool) -> ImuData:
     """Return what an INS of solutions (R, K + 1, 10) at the ends of intervals (s) felt."""
-    return ImuData(*inverse(solution, dt, settings.samples_per_step > 1))
+    return ImuData(*inverse(solution, dt, preintegrated))

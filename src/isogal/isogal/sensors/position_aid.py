@@ -9,7 +9,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.rotations import matrix
-from isogal.scenario import PositionAid, Truth
+from isogal.scenario import PositionAid
 from isogal.sensors.noise import Noise
 from isogal.sensors.trajectory import Trajectory
 
@@ -24,24 +24,24 @@ class AidReadings(NamedTuple):
 
 
 def simulate_positions(
-    truth: Truth, aid: PositionAid, trajectory: Trajectory, runs: Sequence[int]
+    aid: PositionAid, trajectory: Trajectory, seed: int, runs: Sequence[int]
 ) -> AidReadings:
-    """Return the latitude, longitude (rad) and height (m), (R, M, 3), that one of the aids as they
-    really are gives in some runs."""
-    index = aid_index(truth, aid.interval, trajectory)
+    """Return the latitude, longitude (rad) and height (m), (R, M, 3), that an aid as it really is
+    gives in some runs."""
+    index = aid_index(aid.interval, trajectory)
     offset = matrix(trajectory.attitude[index]) @ np.array(aid.lever_arm)
     measured = trajectory.position[index] + curvilinear(trajectory, offset, index)
-    positions = with_errors(truth, aid, trajectory, index, measured, runs)
+    positions = with_errors(aid, trajectory, index, measured, seed, runs)
     positions[:, ~available(aid.available, trajectory, index)] = np.nan
     return AidReadings(index, positions)
 
 
 def with_errors(
-    truth: Truth,
     aid: PositionAid,
     trajectory: Trajectory,
     index: Integers,
     places: Array,
+    seed: int,
     runs: Sequence[int],
 ) -> Array:
     """Return (R, M, 3) places, (M, 3) or (R, M, 3), with the errors of an aid's positions."""
@@ -52,13 +52,13 @@ def with_errors(
         correlation_time=aid.correlation_time,
     )
     time = trajectory.time[index] - trajectory.time[0]
-    drawn = [errors.draw(truth.seed, run, time, (3,)) * aid.unequal for run in runs]
+    drawn = [errors.draw(seed, run, time, (3,)) * aid.unequal for run in runs]
     return places + np.array([curvilinear(trajectory, one, index) for one in drawn])
 
 
-def aid_index(truth: Truth, interval: float, trajectory: Trajectory) -> Integers:
+def aid_index(interval: float, trajectory: Trajectory) -> Integers:
     """Return (M,) the ends of the steps at which an aid of an interval (s) measures."""
-    step = round(interval * truth.navigation_rate)
+    step = round(interval / trajectory.dt)
     return np.arange(step, len(trajectory) + 1, step)
 
 

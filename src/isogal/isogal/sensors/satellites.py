@@ -8,7 +8,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Deception, Truth
+from isogal.scenario import Deception, Gnss
 from isogal.seeds import generator
 from isogal.sensors.position_aid import (
     AidReadings,
@@ -21,25 +21,22 @@ from isogal.sensors.trajectory import Trajectory
 
 
 def simulate_satellites(
-    truth: Truth, trajectory: Trajectory, runs: Sequence[int]
+    gnss: Gnss, trajectory: Trajectory, seed: int, runs: Sequence[int]
 ) -> tuple[AidReadings, AidReadings]:
     """Return what the receivers of some runs give of their antennas, NaN without satellites:
     latitude, longitude (rad) and height (m), (R, M, 3); and the velocity (R, M, 3) m/s, NED."""
-    gnss = truth.gnss
     aid = gnss.positions
-    index = aid_index(truth, aid.interval, trajectory)
+    index = aid_index(aid.interval, trajectory)
     offset, velocity = at_arm(trajectory, gnss.lever_arm)
     true = trajectory.position + curvilinear(trajectory, offset)
     places = np.empty((len(runs), len(index), 3))
     velocities = np.empty_like(places)
     for k, run in enumerate(runs):
-        place, speed = _believed(
-            gnss.deception, trajectory, true, velocity, _direction(truth.seed, run)
-        )
-        noise = generator(truth.seed, run, "gnss_velocity").standard_normal(places[k].shape)
+        place, speed = _believed(gnss.deception, trajectory, true, velocity, _direction(seed, run))
+        noise = generator(seed, run, "gnss_velocity").standard_normal(places[k].shape)
         places[k] = place[index]
         velocities[k] = speed[index] + (gnss.velocity_sigma or np.nan) * noise * aid.unequal
-    positions = with_errors(truth, aid, trajectory, index, places, runs)
+    positions = with_errors(aid, trajectory, index, places, seed, runs)
     hidden = ~available(gnss.available or (), trajectory, index)
     positions[:, hidden], velocities[:, hidden] = np.nan, np.nan
     return AidReadings(index, positions), AidReadings(index, velocities)

@@ -21,16 +21,17 @@ def simulate_aids(
 
 
 def _each(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Iterator[AidReadings]:
-    satellites = iter(simulate_satellites(truth, trajectory, runs) if truth.gnss.used else ())
+    drawn = trajectory, truth.seed, runs
+    satellites = iter(simulate_satellites(truth.gnss, *drawn) if truth.gnss.used else ())
     for aid in truth.aids:
         match aid:
             case Height():
-                yield simulate_heights(truth, aid, trajectory, runs)
+                yield simulate_heights(aid, *drawn)
             case Velocity():
-                yield simulate_velocities(truth, aid, trajectory, runs)
+                yield simulate_velocities(aid, *drawn, truth.velocity_aids)
             case SatellitePosition() | Gnss():
                 yield next(satellites)
             case PositionAid():
-                yield simulate_positions(truth, aid, trajectory, runs)
+                yield simulate_positions(aid, *drawn)
             case HeadingAid():
-                yield simulate_headings(truth, aid, trajectory, runs)
+                yield simulate_headings(aid, *drawn, truth.magnetometer.epoch)

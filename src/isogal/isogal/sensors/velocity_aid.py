@@ -7,7 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Truth, Velocity
+from isogal.scenario import Velocity
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
 from isogal.sensors.position_aid import AidReadings, aid_index
@@ -16,19 +16,34 @@ from isogal.sensors.trajectory import Trajectory
 
 
 def simulate_velocities(
-    truth: Truth, settings: Velocity, trajectory: Trajectory, runs: Sequence[int]
+    settings: Velocity,
+    trajectory: Trajectory,
+    seed: int,
+    runs: Sequence[int],
+    every: Sequence[Velocity],
 ) -> AidReadings:
     """Return what a sensor as it really is reads in each run, (R, M, 3): m/s, forward, right,
-    down; NaN in axes that it does not have."""
-    index = aid_index(truth, settings.interval, trajectory)
+    down; NaN in axes that it does not have.
+
+    Parameters
+    ----------
+    settings : Velocity
+    trajectory : Trajectory
+    seed : int
+    runs : sequence of int
+    every : sequence of Velocity
+        All sensors of the velocity: one current or wind is drawn for those in the same medium.
+    """
+    index = aid_index(settings.interval, trajectory)
     velocity = at_arm(trajectory, settings.lever_arm)[1][index]
     to_body = np.swapaxes(matrix(trajectory.attitude[index]), 1, 2)
     result = np.full((len(runs), len(index), 3), np.nan)
     axes, prefix = list(settings.axes), settings.prefix
+    first = next(one for one in every if one.medium == settings.medium)
     for rows, run in zip(result, runs, strict=True):
-        scale, pitch, yaw = generator(truth.seed, run, f"{prefix}_mounting").standard_normal(3)
-        noise = generator(truth.seed, run, f"{prefix}_noise").standard_normal((len(index), 3))
-        flow = _flow(truth, settings.medium, trajectory, run)
+        scale, pitch, yaw = generator(seed, run, f"{prefix}_mounting").standard_normal(3)
+        noise = generator(seed, run, f"{prefix}_noise").standard_normal((len(index), 3))
+        flow = _flow(first, trajectory, seed, run)
         past_flow = velocity - flow(trajectory.time[index])
         body = np.einsum("kij,kj->ki", to_body, past_flow)
         turned = body + settings.number("misalignment") * np.cross(body, [0.0, pitch, yaw])
@@ -37,16 +52,17 @@ def simulate_velocities(
     return AidReadings(index, result)
 
 
-def _flow(truth: Truth, medium: str, trajectory: Trajectory, run: int) -> Callable[[Array], Array]:
+def _flow(
+    settings: Velocity, trajectory: Trajectory, seed: int, run: int
+) -> Callable[[Array], Array]:
     """Return what gives the current or wind (N, 3) m/s, north, east, down, at times (N,), s: drawn
     at those of the first sensor in a medium, and linear between them for the others."""
-    settings = next(one for one in truth.velocity_aids if one.medium == medium)
     sigma = settings.number("current_sigma")
     if sigma == 0.0:
         return lambda time: np.zeros((len(time), 3))
-    index = aid_index(truth, settings.interval, trajectory)
+    index = aid_index(settings.interval, trajectory)
     time, velocity = trajectory.time[index], at_arm(trajectory, settings.lever_arm)[1][index]
-    stream = generator(truth.seed, run, f"{settings.prefix}_current")
+    stream = generator(seed, run, f"{settings.prefix}_current")
     normal = stream.standard_normal((len(time), 2))
     elapsed = np.diff(time, prepend=0.0)
     ways = np.hypot(velocity[:, 0], velocity[:, 1]) * elapsed

@@ -304,7 +304,7 @@ def _evaluate(
     runs, scenario = record_of(collector, field_map), collector.scenario
     if runs is None:
         return None
-    bound = posterior_cramer_rao(scenario, trajectory, field_map)
+    bound = posterior_cramer_rao(scenario.true, trajectory, field_map)
     rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
     summary = summarise(runs, scenario, rms, wall_seconds=wall_seconds)
     write_json(out / "summary.json", summary)

@@ -148,6 +148,6 @@ def checked(scenario: Scenario, simulated: bool = True) -> tuple[Trajectory, Run
     field_map = maps_for_scenario(scenario, trajectory)
     if simulated:
         for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):
-            check_readings(one, trajectory, its_map)
+            check_readings(one.true, one.map, trajectory, its_map)
     nodes_of(scenario)
     return trajectory, field_map

@@ -192,7 +192,7 @@ def picture(progress: Progress | None, viewed: ViewedRun | None) -> Panel:
 def _figures(viewed: ViewedRun) -> Table:
     runs = viewed.runs
     sigma = np.sqrt(np.trace(runs.covariance[0], axis1=1, axis2=2))
-    level = Solution.of(runs).level(viewed.scenario.integrity)[0]
+    level = Solution.of(runs).level(viewed.assumed.integrity)[0]
     table = Table(box=None, pad_edge=False)
     for name in ("", "now", "so far (logarithmic)"):
         table.add_column(name, justify="right" if name == "now" else "left")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from isogal import plugins
 from isogal.arrays import Array
 from isogal.fields.measured import measured_field, of_instrument
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal_ros import topics
 from isogal_ros.messages.aids import each_aid
 from isogal_ros.messages.ins_solution import inertial_topics
@@ -46,7 +46,7 @@ class Adapter:
     """Returns (reduced reading, NaN = the instrument had none in range; variance)."""
 
 
-def adapter_of(scenario: Scenario, field: str | None = None) -> Adapter:
+def adapter_of(assumed: Assumed, field: str | None = None) -> Adapter:
     """Return the adapter of a field, by default of the one that the scenario matches.
 
     Raises
@@ -54,28 +54,28 @@ def adapter_of(scenario: Scenario, field: str | None = None) -> Adapter:
     InputError
         No installed package has an adapter for the field.
     """
-    make = plugins.load(plugins.MESSAGE_ADAPTERS, field or scenario.measured_field)
-    adapter: Adapter = make(scenario)
+    make = plugins.load(plugins.MESSAGE_ADAPTERS, field or assumed.measured_field)
+    adapter: Adapter = make(assumed)
     return adapter
 
 
-def adapters_of(scenario: Scenario) -> Iterator[Adapter]:
+def adapters_of(assumed: Assumed) -> Iterator[Adapter]:
     """Yield the adapters of all that a graph's instruments publish."""
-    for one in scenario.each_field:
+    for one in assumed.each_field:
         for field in of_instrument(measured_field(one).instrument):
             yield adapter_of(one, field.name)
 
 
-def topics_in_use(scenario: Scenario) -> tuple[Topic, ...]:
+def topics_in_use(assumed: Assumed) -> tuple[Topic, ...]:
     """Return the topics of a graph, with those of the instruments and aids that the scenario
     has."""
-    found = [*topics.OF_EVERY_GRAPH, *inertial_topics(scenario.ins)]
-    found += [topic for one in adapters_of(scenario) for topic in (one.raw, one.reduced)]
+    found = [*topics.OF_EVERY_GRAPH, *inertial_topics(assumed.ins)]
+    found += [topic for one in adapters_of(assumed) for topic in (one.raw, one.reduced)]
     if topics.MAGNETIC_FIELD in found:
         found.append(topics.SCALAR_FIELD)
-    found += [topic for aid in each_aid(scenario) for topic in (aid.topic, *aid.instead)]
-    if scenario.fusion.lag > 0.0:
+    found += [topic for aid in each_aid(assumed) for topic in (aid.topic, *aid.instead)]
+    if assumed.fusion.lag > 0.0:
         found.append(topics.SMOOTHED)
-    if scenario.ins.gives_solution:
+    if assumed.ins.gives_solution:
         found.append(topics.INS_ERROR)
     return tuple(dict.fromkeys(found))

@@ -14,7 +14,7 @@ import numpy as np
 from sensor_msgs.msg import LaserScan, NavSatFix, NavSatStatus, PointCloud2, Range
 
 from isogal.arrays import Array
-from isogal.scenario import Altimeter, Scenario
+from isogal.scenario import Altimeter, Assumed
 from isogal.sensors.beams import PARTS, beam_directions, thinned
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place, Reading
@@ -40,10 +40,10 @@ _MOST = 100_000
 """Ranges of a message at most."""
 
 
-def terrain(scenario: Scenario) -> Adapter:
+def terrain(assumed: Assumed) -> Adapter:
     """Return the adapter of the field terrain. The limits of range are those of the simulated
     instrument; a real one that looks straight down says its own in each message."""
-    settings = scenario.altimeter
+    settings = assumed.altimeter
     if not settings.sounds:
         raw = topics.CLEARANCE, partial(_write_range, settings), read_range
         write = partial(terrain_message, topics.TERRAIN)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.earth.frames import LocalFrame
-from isogal.scenario import Scenario
+from isogal.scenario import Settings
 from isogal.sensors.trajectory import first_place
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Message, Topic
@@ -73,10 +73,10 @@ def _frames(message: Message) -> Iterator[tuple[Message, str]]:
         yield from _frames(part)
 
 
-def map_frame(scenario: Scenario) -> LocalFrame:
+def map_frame(settings: Settings) -> LocalFrame:
     """Return the frame ``map`` of a scenario: ENU at the first route point, at the vehicle's
     height."""
-    return LocalFrame(*first_place(scenario.route), scenario.route.height)
+    return LocalFrame(*first_place(settings.route), settings.route.height)
 
 
 def framed(topic: Topic, frame: str, ns: int = 0) -> Message:

@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 
 from isogal.arrays import Array
 from isogal.maps.quantities import QUANTITIES
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place, Reading
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
@@ -30,10 +30,10 @@ _LARGEST = 2.0 * QUANTITIES["gradient"].highest
 """1/s²: the normal gradient's 3.1e-6 and what the Earth's crust adds."""
 
 
-def gradient(scenario: Scenario) -> Adapter:
+def gradient(assumed: Assumed) -> Adapter:
     """Return the adapter of the field gradient: of gravity's, and of the disturbing
     potential's."""
-    names = [PREFIX + name for name in scenario.gradiometer.components]
+    names = [PREFIX + name for name in assumed.gradiometer.components]
 
     def read_raw(message: PointCloud2) -> tuple[Array, Array | None]:
         value, covariance = read_gradient(message, names)

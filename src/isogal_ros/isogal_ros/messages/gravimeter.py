@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from geometry_msgs.msg import AccelWithCovarianceStamped
 
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place, Reading
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
@@ -22,12 +22,12 @@ SMALLEST_GRAVITY = 5.0
 """m/s²; below, the instrument gives nothing, or its axis points down."""
 
 
-def gravity(scenario: Scenario) -> Adapter:
+def gravity(assumed: Assumed) -> Adapter:
     """Return the adapter of the field gravity."""
     return accelerations(topics.GRAVITY, SMALLEST_GRAVITY, LARGEST_GRAVITY)
 
 
-def disturbance(scenario: Scenario) -> Adapter:
+def disturbance(assumed: Assumed) -> Adapter:
     """Return the adapter of the field disturbance."""
     return accelerations(topics.DISTURBANCE)
 

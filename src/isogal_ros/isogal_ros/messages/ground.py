@@ -6,7 +6,7 @@ from functools import partial
 
 from sensor_msgs.msg import FluidPressure
 
-from isogal.scenario import Height, Scenario
+from isogal.scenario import Assumed, Height
 from isogal.sensors.barometer import height_slope
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place, Reading
@@ -18,10 +18,10 @@ BAROMETER = "barometer_link"
 """Frame name."""
 
 
-def ground(scenario: Scenario) -> Adapter:
+def ground(assumed: Assumed) -> Adapter:
     """Return the adapter of the field ground; the section `height` says which pressure is that of
     height 0."""
-    settings = scenario.height
+    settings = assumed.height
     raw = topics.GROUND_PRESSURE, partial(_write, settings), partial(_read, settings)
     reduced = topics.GROUND_HEIGHT
     return Adapter(*raw, reduced, partial(terrain_message, reduced), read_terrain)

@@ -19,7 +19,7 @@ from isogal.inertial.rotations import (
     multiply,
     to_rotation_vector,
 )
-from isogal.scenario import Ins, Scenario
+from isogal.scenario import Assumed, Ins
 from isogal_ros import topics
 from isogal_ros.messages.aids import fill_twist
 from isogal_ros.messages.aids import read_velocity as read_twist
@@ -53,12 +53,12 @@ class SolutionMessages:
 
     Parameters
     ----------
-    scenario : Scenario
+    assumed : Assumed
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.topics = inertial_topics(scenario.ins)
-        self._whole, self._frame = scenario.ins.attitude, map_frame(scenario)
+    def __init__(self, assumed: Assumed) -> None:
+        self.topics = inertial_topics(assumed.ins)
+        self._whole, self._frame = assumed.ins.attitude, map_frame(assumed)
         self._messages = (
             [empty_odometry(topics.INS_SOLUTION)]
             if self._whole

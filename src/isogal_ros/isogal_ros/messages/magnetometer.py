@@ -19,7 +19,7 @@ from sensor_msgs.msg import MagneticField, PointCloud2
 from isogal.arrays import Array
 from isogal.magnetics.terms import COUNT
 from isogal.maps.quantities import QUANTITIES
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place, Reading
 from isogal_ros.messages.checks import (
@@ -40,10 +40,10 @@ FIELDS = ("anomaly", "variance", "terms")
 _EARTH = QUANTITIES["magnetic_field"]
 
 
-def magnetic(scenario: Scenario) -> Adapter:
+def magnetic(assumed: Assumed) -> Adapter:
     """Return the adapter of the field magnetic."""
     raw = topics.MAGNETIC_FIELD
-    if scenario.magnetometer.online:
+    if assumed.magnetometer.online:
         return Adapter(raw, _write_total, read_total, topics.TERMS, _write_terms, _read_terms)
     return Adapter(raw, _write_total, read_total, topics.ANOMALY, _write_anomaly, _read_anomaly)
 

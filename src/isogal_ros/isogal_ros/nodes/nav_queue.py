@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message
 
 from isogal.arrays import Array
 from isogal.fusion.outage import HELD
-from isogal.scenario import Scenario
+from isogal.scenario import Settings
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
@@ -76,7 +76,7 @@ class NavQueue(Generic[Item]):
     ----------
     node : GraphNode
         Listens to the navigator and tells its health.
-    scenario : Scenario
+    settings : Settings
         Says where the frame ``map`` is, and the navigator's rate.
     handle : callable
         Called with stamp (ns), item, and the navigator's state; None = it said nothing usable of
@@ -88,7 +88,7 @@ class NavQueue(Generic[Item]):
     def __init__(
         self,
         node: GraphNode,
-        scenario: Scenario,
+        settings: Settings,
         handle: Callable[[int, Item, NavSample | None], None],
         arrived: Callable[[], None] = lambda: None,
     ) -> None:
@@ -100,8 +100,8 @@ class NavQueue(Generic[Item]):
         self.newest = -1
         """Stamp of the newest state, ns; -1 = none."""
         self._newest_covariance = -1
-        self._frame = map_frame(scenario)
-        self._interval = from_seconds(1.0 / scenario.navigation_rate)
+        self._frame = map_frame(settings)
+        self._interval = from_seconds(1.0 / settings.navigation_rate)
         self._stamps: dict[int, _Stamp] = {}
         self._alone: deque[int] = deque(maxlen=KEPT)
         """Stamps of odometry that no fix has come for: within a step of the navigator's there is

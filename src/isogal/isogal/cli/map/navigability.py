@@ -75,7 +75,7 @@ def navigability(
     part = where.part(where.build() if where.window is None and _along_a_route(where) else None)
     field_map = map_.load(part and part.window, measured_field(settings).source)
     with Bars("headings") as bars:
-        found = compute(settings, field_map, headings, partial(bars, "headings"))
+        found = compute(settings.true, field_map, headings, partial(bars, "headings"))
     results.write(found)
 
 

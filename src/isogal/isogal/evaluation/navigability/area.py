@@ -22,7 +22,7 @@ from isogal.maps.error_ellipses import mean_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid
 from isogal.maps.variability import feature_variability
-from isogal.scenario import Scenario
+from isogal.scenario import MapError, Truth
 
 HEADINGS = 8
 MOST_NODES = 1000
@@ -116,7 +116,7 @@ class Navigability:
 
 
 class Area:
-    """A map and a scenario, as the kernels take them.
+    """A map, and what reads it, as the kernels take them.
 
     Raises
     ------
@@ -124,21 +124,21 @@ class Area:
         See `fitting`.
     """
 
-    def __init__(self, scenario: Scenario, field_map: FieldMap) -> None:
-        self.scenario, self.field_map = fitting(scenario, field_map), field_map
-        metres = np.stack(metres_per_radian(field_map.latitude, scenario.route.height), axis=1)
+    def __init__(self, truth: Truth, field_map: FieldMap) -> None:
+        self.truth, self.field_map = fitting(truth, field_map), field_map
+        metres = np.stack(metres_per_radian(field_map.latitude, truth.route.height), axis=1)
         values = np.ascontiguousarray(field_map.values, dtype=np.float64)
         self.ground = Ground(
             Grid(values, len(values), 0.0, 1.0, 0.0, 1.0),
             np.ascontiguousarray(metres * np.array(field_map.step)),
-            *map_error_at_nodes(scenario, field_map),
+            *map_error_at_nodes(truth.map_error, field_map),
         )
 
     def leg(self, heading: float) -> Leg:
         """Return the leg on a heading (rad) in the middle of the area."""
         axes = self.field_map.latitude, self.field_map.longitude
         middle = [float(axis[axis.size // 2]) for axis in axes]
-        return leg_to(self.scenario, middle[0], middle[1], heading, self.field_map.quantisation)
+        return leg_to(self.truth, middle[0], middle[1], heading, self.field_map.quantisation)
 
     def errors(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the RMS horizontal error (m) on arrival at nodes."""
@@ -164,16 +164,16 @@ class Area:
         return second_places(rows, columns, self.ground, thinned, prior, _SEPARATION, places, step)
 
 
-def fitting(scenario: Scenario, field_map: FieldMap) -> Scenario:
-    """Return the scenario with the reduction that a map of gravity or of any kind of gravity
+def fitting(truth: Truth, field_map: FieldMap) -> Truth:
+    """Return a truth with the reduction that a map of gravity or of any kind of gravity
     disturbance or anomaly needs.
 
     Raises
     ------
     InputError
-        The scenario measures several channels, or not what the map is of.
+        What is measured has several channels, or is not what the map is of.
     """
-    field = measured_field(scenario)
+    field = measured_field(truth)
     if field.channels is not None:
         raise InputError(f"field {field.name}: has several channels; the area needs one map")
     if field_map.unit != field.unit:
@@ -182,14 +182,14 @@ def fitting(scenario: Scenario, field_map: FieldMap) -> Scenario:
             f" {field.quantity}; give --set field=... and --set gravimeter.sigma=..."
         )
     if field.instrument != "gravimeter":
-        return scenario
+        return truth
     quantity = "gravity" if field_map.quantity == "gravity" else "disturbance"
-    gravimeter = scenario.gravimeter.model_copy(update={"quantity": quantity})
-    return scenario.model_copy(update={"gravimeter": gravimeter})
+    gravimeter = truth.gravimeter.model_copy(update={"quantity": quantity})
+    return truth.model_copy(update={"gravimeter": gravimeter})
 
 
 def navigability(
-    scenario: Scenario,
+    truth: Truth,
     field_map: FieldMap,
     headings: int = HEADINGS,
     progress: Callable[[int, int], None] | None = None,
@@ -198,11 +198,11 @@ def navigability(
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
         Sensors, speed, initial errors and batch length; its route does not count. The map's error
         is what the map says, or `map_error` where that is larger.
     field_map : FieldMap
-        Of what the scenario measures.
+        Of what is measured.
     headings : int
         How many, evenly spread.
     progress : function, optional
@@ -213,7 +213,7 @@ def navigability(
     InputError
         See `Area`.
     """
-    area = Area(scenario, field_map)
+    area = Area(truth, field_map)
     rows, columns = (
         np.arange(0, count, -(-count // MOST_NODES), dtype=np.int64) for count in field_map.shape
     )
@@ -261,15 +261,14 @@ def between(
     return found
 
 
-def map_error_at_nodes(scenario: Scenario, field_map: FieldMap) -> tuple[Array, Array]:
+def map_error_at_nodes(error: MapError, field_map: FieldMap) -> tuple[Array, Array]:
     """Return (n, m) 1-sigma and correlation length (m) of the map's error: what the map says, or
-    what the scenario does where that is larger."""
-    assumed = scenario.true.map_error
+    `error` where that is larger."""
     own = np.broadcast_to(np.nan_to_num(field_map.sigma), field_map.shape)
-    length = np.full(field_map.shape, assumed.correlation_length)
+    length = np.full(field_map.shape, error.correlation_length)
     if field_map.error_ellipses is not None:
         said = mean_length(field_map.error_ellipses)
-        length = np.where((own > assumed.sigma) & np.isfinite(said), said, length)
+        length = np.where((own > error.sigma) & np.isfinite(said), said, length)
     elif field_map.correlation_length is not None:
-        length = np.where(own > assumed.sigma, field_map.correlation_length, length)
-    return np.maximum(own, assumed.sigma), length
+        length = np.where(own > error.sigma, field_map.correlation_length, length)
+    return np.maximum(own, error.sigma), length

@@ -18,7 +18,7 @@ from isogal.evaluation.bound import bias_and_drift, linear_model, propagated
 from isogal.evaluation.navigability.kernels import Approach
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
-from isogal.scenario import Scenario
+from isogal.scenario import Route, Settings, Truth
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 MOST = 10
@@ -41,13 +41,13 @@ class Leg:
 
 
 def leg_to(
-    scenario: Scenario, latitude: float, longitude: float, heading: float, quantisation: float
+    truth: Truth, latitude: float, longitude: float, heading: float, quantisation: float
 ) -> Leg:
     """Return the leg that ends at a place.
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
         Its speed, height, interval of readings, sensors and initial errors count, and the batch
         length as the number of readings, or `route.duration` where that is shorter.
     latitude, longitude, heading : float
@@ -55,11 +55,12 @@ def leg_to(
     quantisation : float
         Step of the map's values.
     """
-    scenario = leg_scenario(scenario, latitude, longitude, heading)
-    trajectory = build_trajectory(scenario)
-    stride = scenario.steps_per_scan
+    straight = leg_route(truth, latitude, longitude, heading)
+    truth = truth.model_copy(update={"route": straight})
+    trajectory = build_trajectory(truth)
+    stride = truth.steps_per_scan
     scans = np.arange(stride, len(trajectory) + 1, stride)
-    stacked = _covariance(scenario, trajectory)
+    stacked = _covariance(truth, trajectory)
     T = len(scans)
     north, east = metres_per_radian(latitude, trajectory.height[-1])
     end = scans[-1]
@@ -70,13 +71,13 @@ def leg_to(
         ],
         axis=1,
     )
-    jacobian = measured_field(scenario).reduction(scenario).jacobian(trajectory.at(scans))
+    jacobian = measured_field(truth).reduction(truth).jacobian(trajectory.at(scans))
     basis = _basis(stacked, jacobian)
     rest = np.trace(stacked[-5:-3, -5:-3]) - (basis[-1, :2] ** 2).sum()
     approach = Approach(
         offset,
-        float(np.hypot(*trajectory.velocity[end, :2])) * scenario.gravimeter.interval,
-        effective_noise_variance(scenario.true.gravimeter, quantisation),
+        float(np.hypot(*trajectory.velocity[end, :2])) * truth.gravimeter.interval,
+        effective_noise_variance(truth.gravimeter, quantisation),
         np.ascontiguousarray(jacobian[:, :2].mean(axis=0)),
     )
     return Leg(
@@ -87,25 +88,25 @@ def leg_to(
     )
 
 
-def leg_scenario(
-    scenario: Scenario, latitude: float, longitude: float, heading: float
-) -> Scenario:
-    """Return the scenario with a straight route.
+def leg_route(settings: Settings, latitude: float, longitude: float, heading: float) -> Route:
+    """Return a straight route.
 
     Parameters
     ----------
-    scenario : Scenario
+    settings : Settings
+        How fast, how high and how long; see `leg_to`.
     latitude, longitude : float
         Where it ends, rad.
     heading : float
         rad.
     """
-    count = scenario.matcher.batch_length
-    if scenario.route.duration is not None:
-        count = min(count, int(scenario.route.duration / scenario.gravimeter.interval + 1e-9))
-    duration = max(count, 1) * scenario.gravimeter.interval
-    length = duration * scenario.route.speed
-    north, east = metres_per_radian(latitude, scenario.route.height)
+    route, interval = settings.route, settings.gravimeter.interval
+    count = settings.matcher.batch_length
+    if route.duration is not None:
+        count = min(count, int(route.duration / interval + 1e-9))
+    duration = max(count, 1) * interval
+    length = duration * route.speed
+    north, east = metres_per_radian(latitude, route.height)
 
     def ahead(metres: float) -> tuple[float, float]:
         return (
@@ -115,16 +116,13 @@ def leg_scenario(
 
     # the end lies a little beyond the place, so that the vehicle is there at the last reading
     ends = {"start": ahead(-length), "end": ahead(0.05 * length)}
-    route = scenario.route.model_copy(
-        update={**ends, "waypoints": None, "duration": duration},
-    )
-    return scenario.model_copy(update={"route": route})
+    return route.model_copy(update={**ends, "waypoints": None, "duration": duration})
 
 
-def _covariance(scenario: Scenario, trajectory: Trajectory) -> Array:
+def _covariance(truth: Truth, trajectory: Trajectory) -> Array:
     """Return (5 T, 5 T) the covariance of position, velocity (north, east) and of the readings'
     offset at all readings."""
-    model = linear_model(scenario, trajectory, [])
+    model = linear_model(truth, trajectory, [])
     P, per_scan = model.start, model.segments.per_scan
     crosses, rows = np.zeros((0, len(P))), []
     for stretch, (transition, *noise) in enumerate(model.transitions(), 1):
@@ -135,7 +133,7 @@ def _covariance(scenario: Scenario, trajectory: Trajectory) -> Array:
             rows.append(crosses[:, :4])
     T = len(rows)
     elapsed = np.arange(1, T + 1) * per_scan * model.segments.dt
-    bias, drift = bias_and_drift(scenario.informed, trajectory)
+    bias, drift = bias_and_drift(truth.gravimeter, truth.map_error, trajectory)
     stacked = np.zeros((T, 5, T, 5))
     stacked[:, 4, :, 4] = bias**2 + drift**2 * np.outer(elapsed, elapsed)
     for k, row in enumerate(rows):

@@ -24,7 +24,7 @@ from isogal.fields.measured import measured_field
 from isogal.inertial.error_model import STATES
 from isogal.inertial.rotations import from_heading, matrix
 from isogal.maps.field_map import FieldMap
-from isogal.scenario import Scenario
+from isogal.scenario import Truth
 from isogal.sensors.reduction import State
 
 _MAP, _OFFSET, _DRIFT = range(STATES, STATES + 3)
@@ -32,28 +32,27 @@ _MAP, _OFFSET, _DRIFT = range(STATES, STATES + 3)
 
 
 class Edges:
-    """The edges of a lattice, driven with a scenario's speed and sensors over a map."""
+    """The edges of a lattice, driven over a map with the speed and sensors of a truth."""
 
-    def __init__(self, scenario: Scenario, lattice: Lattice, field_map: FieldMap) -> None:
-        world, self._map = scenario.informed, field_map
-        self._world, self._length = world, lattice.length
-        self._velocity = world.route.speed * np.stack(
+    def __init__(self, truth: Truth, lattice: Lattice, field_map: FieldMap) -> None:
+        self._truth, self._map, self._length = truth, field_map, lattice.length
+        self._velocity = truth.route.speed * np.stack(
             [np.cos(lattice.heading), np.sin(lattice.heading)], axis=1
         )
         self._rotation = matrix(from_heading(lattice.heading))
-        self._noise = effective_noise_variance(world.gravimeter, field_map.quantisation)
+        self._noise = effective_noise_variance(truth.gravimeter, field_map.quantisation)
         middle = len(lattice.latitude) // 2, lattice.middle
         latitude, longitude, height = (
             np.full(len(self._velocity), value)
             for value in (
                 lattice.latitude[middle],
                 lattice.longitude[middle],
-                world.route.height,
+                truth.route.height,
             )
         )
         at = State(latitude, longitude, height, *self._velocity.T)
-        self._jacobian = measured_field(world).reduction(world).jacobian(at)
-        sensor, error, nothing = world.gravimeter, world.map_error, np.empty(0)
+        self._jacobian = measured_field(truth).reduction(truth).jacobian(at)
+        sensor, error, nothing = truth.gravimeter, truth.map_error, np.empty(0)
         self._states = [
             SlowError.of("map", 1.0, nothing, length=error.correlation_length).state,
             SlowError.of("offset", math.hypot(sensor.bias, error.offset), nothing).state,
@@ -61,14 +60,15 @@ class Edges:
         ]
 
     def _map_variance(self, latitude: Array, longitude: Array) -> Array:
-        """Return the variance of the map's error at places: what the map says, or what the
-        scenario does where that is larger."""
+        """Return the variance of the map's error at places: what the map says, or `map_error`
+        where that is larger."""
         said = np.nan_to_num(self._map.sigma_at(latitude, longitude))
-        return np.square(np.maximum(said, self._world.map_error.sigma))
+        return np.square(np.maximum(said, self._truth.map_error.sigma))
 
     def start(self, latitude: float, longitude: float) -> Array:
         """Return the covariance (n, n) at the start, a place in rad."""
-        P = initial_covariance(self._world, self._states)
+        truth = self._truth
+        P = initial_covariance(truth.initial_error, truth.imu.sensors, self._states)
         P[_MAP, _MAP] = self._map_variance(np.array(latitude), np.array(longitude))
         return P
 
@@ -89,11 +89,11 @@ class Edges:
             Of the lattice.
         """
         (north, east), length = self._velocity[direction], self._length[direction]
-        interval, speed = self._world.gravimeter.interval, self._world.route.speed
-        count = max(1, round(length / (speed * interval)))
-        dt, ones = length / (speed * count), np.ones(len(P))
-        meridian, normal = (one + self._world.route.height for one in radii(latitude))
-        gravity = normal_gravity(latitude, self._world.route.height)
+        interval, route = self._truth.gravimeter.interval, self._truth.route
+        count = max(1, round(length / (route.speed * interval)))
+        dt, ones = length / (route.speed * count), np.ones(len(P))
+        meridian, normal = (one + route.height for one in radii(latitude))
+        gravity = normal_gravity(latitude, route.height)
         segments = Segments(
             np.stack([latitude, north * ones, east * ones, 1 / meridian, 1 / normal], axis=1),
             np.stack([0.0 * ones, 0.0 * ones, -gravity], axis=1),
@@ -102,7 +102,7 @@ class Edges:
             dt,
             1,
         )
-        steps = transitions(segments, noise_density(self._world), self._states)
+        steps = transitions(segments, noise_density(self._truth.imu), self._states)
         transition, half = (np.array(each) for each in zip(*steps, strict=True))
         of_map = half[:, _MAP, _MAP].copy()  # of a variance of one
         h = np.zeros(P.shape[:2])

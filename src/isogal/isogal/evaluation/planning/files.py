@@ -22,7 +22,7 @@ def write_route(route: Assessed, path: Path) -> None:
 def _yaml(route: Assessed) -> str:
     import yaml
 
-    settings = route.scenario.route
+    settings = route.driven
     points = [[round(a, 7), round(b, 7), c] for a, b, c in settings.waypoints or ()]
     section = {
         "waypoints": points,
@@ -36,7 +36,7 @@ def _yaml(route: Assessed) -> str:
 def _geojson(route: Assessed) -> str:
     every = max(1, len(route.bound.time) // 200)
     index = np.arange(0, len(route.bound.time), every)
-    steps = index * route.scenario.steps_per_scan
+    steps = np.searchsorted(route.trajectory.time, route.bound.time[index])
     line = np.degrees(
         np.stack([route.trajectory.longitude[steps], route.trajectory.latitude[steps]], axis=1)
     )

@@ -23,7 +23,7 @@ from isogal.evaluation.planning.areas import Rings, inside
 from isogal.evaluation.planning.belief import Edges
 from isogal.evaluation.planning.lattice import Lattice, lattice_between
 from isogal.maps.field_map import FieldMap
-from isogal.scenario import Scenario
+from isogal.scenario import Route, Truth
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
 CLASSES = 10
@@ -66,14 +66,14 @@ class Assessed:
 
     waypoints: Array
     """(W, 2) latitude, longitude, rad."""
-    scenario: Scenario
+    driven: Route
     trajectory: Trajectory
     bound: BoundResult
 
     @property
     def length(self) -> float:
         """m."""
-        return float(self.trajectory.time[-1] * self.scenario.route.speed)
+        return float(self.trajectory.time[-1] * self.driven.speed)
 
     @property
     def error(self) -> float:
@@ -111,7 +111,7 @@ class _Way:
 
 
 def plan_route(
-    scenario: Scenario,
+    truth: Truth,
     field_map: FieldMap,
     request: RouteRequest,
     progress: Callable[[int, int], None] | None = None,
@@ -120,10 +120,10 @@ def plan_route(
 
     Parameters
     ----------
-    scenario : Scenario
+    truth : Truth
         Speed, turn rate, height, sensors and initial errors; its route's points do not count.
     field_map : FieldMap
-        Of what the scenario measures.
+        Of what is measured.
     request : RouteRequest
     progress : function, optional
         Called with the number of columns of the lattice that are done, and of all.
@@ -135,13 +135,13 @@ def plan_route(
     """
     request.check()
     lattice = lattice_between(request.start, request.goal, request.detour, list(request.areas))
-    least = 4.0 * scenario.route.speed / scenario.route.turn_rate
+    least = 4.0 * truth.route.speed / truth.route.turn_rate
     if lattice.straight < least:
         raise InputError(
             f"start and goal are {lattice.straight:.0f} m apart; with this speed and turn rate a"
             f" route needs {least:.0f} m"
         )
-    ends = _search(scenario, field_map, request, lattice, progress)
+    ends = _search(truth, field_map, request, lattice, progress)
     if not ends:
         raise InputError(
             f"the goal cannot be reached: no way keeps out of the areas within"
@@ -149,8 +149,8 @@ def plan_route(
         )
     straight = None
     if lattice.free[:, lattice.middle, len(lattice.rise) // 2].all():
-        straight = assess(scenario, field_map, np.array([request.start, request.goal]))
-    found = [assess(scenario, field_map, _corners(lattice, way.rows())) for way in ends]
+        straight = assess(truth, field_map, np.array([request.start, request.goal]))
+    found = [assess(truth, field_map, _corners(lattice, way.rows())) for way in ends]
     if straight is not None:
         found.append(straight)
     if request.ceiling is None:
@@ -165,36 +165,35 @@ def plan_route(
     return Plan(min(good, key=lambda one: one.length), straight)
 
 
-def assess(scenario: Scenario, field_map: FieldMap, waypoints: Array) -> Assessed:
+def assess(truth: Truth, field_map: FieldMap, waypoints: Array) -> Assessed:
     """Return the bound along a route (W, 2) as it is driven."""
-    driven = with_waypoints(scenario, waypoints)
-    trajectory = build_trajectory(driven)
-    return Assessed(
-        waypoints, driven, trajectory, posterior_cramer_rao(driven, trajectory, field_map)
-    )
+    driven = through(truth.route, waypoints)
+    truth = truth.model_copy(update={"route": driven})
+    trajectory = build_trajectory(truth)
+    bound = posterior_cramer_rao(truth, trajectory, field_map)
+    return Assessed(waypoints, driven, trajectory, bound)
 
 
-def with_waypoints(scenario: Scenario, waypoints: Array) -> Scenario:
-    """Return the scenario with a route through waypoints (W, 2), rad, to the last of them."""
+def through(route: Route, waypoints: Array) -> Route:
+    """Return a route with the same speed through waypoints (W, 2), rad, to the last of them."""
     points = tuple(
-        (math.degrees(latitude), math.degrees(longitude), scenario.route.speed)
+        (math.degrees(latitude), math.degrees(longitude), route.speed)
         for latitude, longitude in waypoints
     )
-    route = scenario.route.model_copy(update={"waypoints": points, "duration": None})
-    return scenario.model_copy(update={"route": route})
+    return route.model_copy(update={"waypoints": points, "duration": None})
 
 
 def _search(
-    scenario: Scenario,
+    truth: Truth,
     field_map: FieldMap,
     request: RouteRequest,
     lattice: Lattice,
     progress: Callable[[int, int], None] | None,
 ) -> list[_Way]:
     """Return the ways that reach the goal, one for each class of length at most."""
-    edges = Edges(scenario, lattice, field_map)
+    edges = Edges(truth, lattice, field_map)
     most = (1.0 + _DRIVEN * request.detour) * lattice.straight
-    columns, speed = len(lattice.free), scenario.route.speed
+    columns, speed = len(lattice.free), truth.route.speed
     start = _Way(0.0, edges.start(*request.start), 0.0, -1, lattice.middle, None)
     ways = [start]
     for column in range(columns):

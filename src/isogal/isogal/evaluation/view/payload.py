@@ -85,7 +85,7 @@ def _states(viewed: ViewedRun, projection: Projection) -> Table:
         "error": runs.horizontal_error[0],
         "unaided": runs.unaided_horizontal_error[0],
         **_covariances(covariance),
-        "level": Solution.of(runs).level(viewed.scenario.integrity)[0],
+        "level": Solution.of(runs).level(viewed.assumed.integrity)[0],
         "nees": nees_per_axis(error, covariance),
     }
     if not viewed.is_true:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from isogal.evaluation.records import Runs
-from isogal.scenario import Scenario
+from isogal.scenario import Assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class ViewedRun:
 
     runs: Runs
     """Of one run."""
-    scenario: Scenario
+    assumed: Assumed
     title: str
     subtitle: str = ""
     events: Sequence[Event] | None = None
@@ -74,7 +74,7 @@ class ViewedRun:
             said.append("Readings were not recorded.")
         elif detail.candidate_batch.size == 0:
             said.append(
-                f"Candidates were not recorded: the matcher {self.scenario.matcher.name} published"
+                f"Candidates were not recorded: the matcher {self.assumed.matcher.name} published"
                 " none."
             )
         if self.events is None:

@@ -22,7 +22,7 @@ class Reading(Measurement, Linear, Protocol):
 def reading_of(
     aid: AnyAid,
     value: ArrayLike,
-    scenario: Settings,
+    settings: Settings,
     rate: Array,
     stated: ArrayLike | None = None,
 ) -> Reading | None:
@@ -34,7 +34,7 @@ def reading_of(
     value : float or (3,) array
         Height (m); velocity in body axes (m/s); latitude, longitude (rad) and height (m); heading
         (rad); velocity of satellites, NED (m/s). NaN = not measured.
-    scenario : Settings
+    settings : Settings
         Whether the navigator's height is measured, and the epoch of a compass.
     rate : (3,) array
         What the gyroscopes read then, body axes, rad/s.
@@ -53,9 +53,9 @@ def reading_of(
         case Velocity():
             return VelocityReading.of(aid, read, covariance, rate)
         case PositionAid():
-            return position_fix(aid, read, scenario.height.measured, covariance)
+            return position_fix(aid, read, settings.height.measured, covariance)
         case HeadingAid():
-            epoch = scenario.magnetometer.epoch
+            epoch = settings.magnetometer.epoch
             whole = None if covariance is None else float(covariance)
             return HeadingReading.of(aid, float(read), epoch, whole)
         case Gnss():
