@@ -158,7 +158,7 @@ def data_of(scenario: Scenario, trajectory: Trajectory, field_map: ScalarMap, ru
         imu.angular_rate,
         trajectory.dt,
         trajectory.height,
-        history="whole",
+        history=True,
     )
     at = track[0, scans - 1]
     place = horizontal_difference(

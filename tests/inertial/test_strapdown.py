@@ -48,7 +48,7 @@ def test_without_noise_it_stays_on_the_route(route, rate, metres):
     )
     samples = truth.specific_force[None], truth.angular_rate[None]
     end, track = propagate(start, *samples, truth.dt, truth.height, history=True)
-    drift = horizontal_difference(*track[0].T, truth.latitude[1:], truth.longitude[1:])
+    drift = horizontal_difference(*track[0, :, :2].T, truth.latitude[1:], truth.longitude[1:])
     assert np.hypot(*drift.T).max() < metres
     schuler_rate = 1.0 / 800.0
     np.testing.assert_allclose(end.velocity[0], truth.velocity[-1], atol=metres * schuler_rate)
@@ -67,7 +67,7 @@ def test_schuler_oscillation_from_a_velocity_error():
     nav, *senses = standing(0.0, 6000)
     nav.velocity[0, 1] = 0.1
     _, track = propagate(nav, *senses, 1.0, np.zeros(6001), history=True)
-    error = horizontal_difference(*track[0].T, *nav.position[0, :2])[:, 1]
+    error = horizontal_difference(*track[0, :, :2].T, *nav.position[0, :2])[:, 1]
     crossings = np.flatnonzero(np.diff(np.sign(error)))
     period = 2.0 * (crossings[0] + 1.5)  # the pendulum is back at its start after half a period
     assert period == pytest.approx(SCHULER, rel=5e-3)
@@ -112,4 +112,4 @@ def test_start_is_unchanged_and_runs_are_independent():
         np.testing.assert_array_equal(np.hstack(alone)[0], np.hstack(end)[r])
         np.testing.assert_array_equal(alone_track[0], track[r])
     np.testing.assert_allclose(np.linalg.norm(end.attitude, axis=1), 1.0, atol=1e-15)
-    assert propagate(nav, force, rate, 0.5)[1].shape == (runs, 0, 2)
+    assert propagate(nav, force, rate, 0.5)[1].shape == (runs, 0, 10)

@@ -14,11 +14,12 @@ from helpers.studies import same_runs
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
-from isogal.fields.simulated_vehicle import unaided_track
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
+from isogal.sensors.initial import draw_initial_state
+from isogal.sensors.ins_solution import unaided_solution
 from isogal.sensors.trajectory import build_trajectory
 
 MAP = field_map_of(wavy)
@@ -126,7 +127,9 @@ def test_record_of_the_loop():
     np.testing.assert_array_equal(runs.latitude, trajectory.latitude[::10])
     assert (runs.error[:, 0] == runs.unaided_error[:, 0]).all()
     np.testing.assert_allclose(runs.covariance[:, 0], np.tile(300.0**2 * np.eye(2), (2, 1, 1)))
-    unaided = unaided_track(it, [2, 4], trajectory, simulate_imu(it, trajectory, [2, 4]))[:, ::10]
+    start = draw_initial_state(it.initial_error, trajectory, it.seed, [2, 4])
+    imu = simulate_imu(it, trajectory, [2, 4])
+    unaided = unaided_solution(start, trajectory, imu, it.samples_per_step > 1)[:, ::10]
     np.testing.assert_array_equal(
         runs.unaided_error,
         horizontal_difference(unaided[..., 0], unaided[..., 1], runs.latitude, runs.longitude),

@@ -11,7 +11,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.inertial.rotations import from_angles
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.ins_solution import simulate_solution
+from isogal.sensors.ins_solution import said, unaided_solution
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.aids import fill_twist
@@ -37,8 +37,8 @@ def rows(scenario):
     trajectory = build_trajectory(scenario())
     start = draw_initial_state(truth.initial_error, trajectory, truth.seed, [0])
     imu = simulate_imu(truth, trajectory, [0])
-    preintegrated = truth.samples_per_step > 1
-    return simulate_solution(truth.ins, start, trajectory, imu, preintegrated)[0]
+    solution = unaided_solution(start, trajectory, imu, truth.samples_per_step > 1)
+    return said(truth.ins, solution)[0]
 
 
 def say(made: Bench, seconds: float, row: np.ndarray, **frames: str) -> None:

@@ -8,15 +8,12 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
-from isogal.inertial.error_state import Estimate
-from isogal.inertial.gravity import Compensation
 from isogal.inertial.rotations import matrix
-from isogal.inertial.strapdown import propagate
 from isogal.scenario import Assumed, Truth
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import ImuData, simulate_imu, simulate_samples
 from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.ins_solution import simulate_solution
+from isogal.sensors.ins_solution import said, unaided_solution
 from isogal.sensors.position_aid import AidReadings
 from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -71,14 +68,11 @@ def simulate_vehicle(assumed: Assumed, truth: Truth, run: int) -> SimulatedVehic
     gravity = sensed_gravity(truth.gravity_field, trajectory, [run])
     imu = simulate_imu(truth, trajectory, [run], gravity)
     start = draw_initial_state(truth.initial_error, trajectory, truth.seed, [run])
-    preintegrated = truth.samples_per_step > 1
-    solution: Array | None = None
-    if truth.ins.gives_solution:
-        solution = simulate_solution(truth.ins, start, trajectory, imu, preintegrated)[0]
-        unaided = solution[:, :2]
-    else:
-        compensation = known_gravity(assumed.gravity_field, trajectory).compensation
-        unaided = unaided_track(start, trajectory, imu, preintegrated, compensation)[0]
+    given = truth.ins.gives_solution
+    known = None if given else known_gravity(assumed.gravity_field, trajectory).compensation
+    ins = unaided_solution(start, trajectory, imu, truth.samples_per_step > 1, known)
+    if given:
+        ins = said(truth.ins, ins)
     states = np.hstack([trajectory.position, trajectory.velocity, trajectory.attitude])
     samples = simulate_samples(
         truth, trajectory, run, None if gravity is None else gravity[0]
@@ -91,46 +85,12 @@ def simulate_vehicle(assumed: Assumed, truth: Truth, run: int) -> SimulatedVehic
         states,
         imu,
         samples,
-        unaided,
-        solution,
+        ins[0, :, :2],
+        ins[0] if given else None,
         simulate_aids(truth, trajectory, [run]),
         heights,
         _turn_rate(trajectory),
     )
-
-
-def unaided_track(
-    start: Estimate,
-    trajectory: Trajectory,
-    imu: ImuData,
-    preintegrated: bool,
-    compensation: Compensation | None = None,
-) -> Array:
-    """Return (R, K + 1, 2) rad, latitude and longitude of unaided INSs.
-
-    Parameters
-    ----------
-    start : Estimate
-        Of R runs.
-    trajectory : Trajectory
-    imu : ImuData
-        What their sensors measure.
-    preintegrated : bool
-        See `isogal.inertial.strapdown.propagate`.
-    compensation : Compensation, optional
-        Horizontal gravity that the strapdown takes off.
-    """
-    _, track = propagate(
-        start,
-        imu.specific_force,
-        imu.angular_rate,
-        trajectory.dt,
-        trajectory.height,
-        compensation,
-        history=True,
-        preintegrated=preintegrated,
-    )
-    return np.concatenate([start.position[:, None, :2], track], axis=1)
 
 
 def _turn_rate(trajectory: Trajectory) -> Array:

@@ -7,8 +7,6 @@ attitude, velocity with its rotation correction, gravity and Coriolis at the int
 trapezoid for the position (docs/mathematics.md, section 3.1; Titterton & Weston 2004, ch. 11;
 Groves 2013, ch. 5.4)."""
 
-from typing import Literal
-
 import numpy as np
 
 from isogal.arrays import Array
@@ -177,7 +175,7 @@ def _propagate(
     history: Array,
 ) -> None:
     """Advance R runs in place; `state` is their positions, velocities and attitudes, `height` (S +
-    1,) or (0,), `history` (R, S, 2), (R, S, 10) or (R, 0, 2)."""
+    1,) or (0,), `history` (R, S, 10) or (R, 0, 10)."""
     positions, velocities, attitudes = state
     runs, steps = force.shape[0], force.shape[1]
     for r in range(runs):
@@ -202,9 +200,7 @@ def _propagate(
                 velocity = (velocity[0], velocity[1], (height[k] - height[k + 1]) / dt)
                 position = (position[0], position[1], height[k + 1])
             if history.shape[1] > 0:
-                history[r, k, 0], history[r, k, 1] = position[0], position[1]
-            if history.shape[2] > 2:
-                history[r, k, 2] = position[2]
+                history[r, k, 0], history[r, k, 1], history[r, k, 2] = position
                 history[r, k, 3], history[r, k, 4], history[r, k, 5] = velocity
                 history[r, k, 6], history[r, k, 7] = attitude[0], attitude[1]
                 history[r, k, 8], history[r, k, 9] = attitude[2], attitude[3]
@@ -220,7 +216,7 @@ def propagate(
     dt: float,
     known_height: Array | None = None,
     compensation: Compensation | None = None,
-    history: bool | Literal["whole"] = False,
+    history: bool = False,
     preintegrated: bool = False,
 ) -> tuple[Estimate, Array]:
     """Run the strapdown over S intervals for R runs.
@@ -238,19 +234,19 @@ def propagate(
         by itself it is unstable (docs/mathematics.md, section 3.4).
     compensation : Compensation, optional
         Horizontal gravity that is taken off; default: none.
-    history : bool or "whole"
-        Whether to return latitude and longitude (rad) after each interval, or all of the state:
-        then height (m), velocity NED (m/s) and attitude as well.
+    history : bool
+        Whether to return the state after each interval: latitude, longitude (rad), height (m),
+        velocity NED (m/s) and attitude.
     preintegrated : bool
         Whether force and rate are those of `isogal.inertial.preintegration` rather than means.
 
     Returns
     -------
-    Estimate, (R, S, 2) or (R, S, 10) array (S = 0 without history)
+    Estimate, (R, S, 10) array (S = 0 without history)
     """
     end = Estimate(*(part.copy() for part in state))
     runs, steps = specific_force.shape[:2]
-    track = np.empty((runs, steps if history else 0, 10 if history == "whole" else 2))
+    track = np.empty((runs, steps if history else 0, 10))
     height = (
         np.empty(0) if known_height is None else np.ascontiguousarray(known_height, dtype=float)
     )

@@ -16,7 +16,6 @@ from isogal.evaluation.records import Runs
 from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
 from isogal.fields.scenario_map import maps_for_scenario, true_map
-from isogal.fields.simulated_vehicle import unaided_track
 from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
 from isogal.fusion.measurements import Measurement, reading_of
@@ -33,7 +32,7 @@ from isogal.scenario import Scenario
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.ins_solution import felt, simulate_solution
+from isogal.sensors.ins_solution import felt, said, unaided_solution
 from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -157,15 +156,14 @@ class Simulation:
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
         preintegrated = truth.samples_per_step > 1
         start = draw_initial_state(truth.initial_error, trajectory, truth.seed, runs)
-        if truth.ins.gives_solution:
-            solution = simulate_solution(truth.ins, start, trajectory, self._imu, preintegrated)
-            self.unaided = _errors(trajectory, solution[:, self.index], self.index)
-            self._imu = felt(solution, trajectory.dt, preintegrated)
-            start = Estimate(*np.split(solution[:, 0], [3, 6], axis=1))
-        else:
-            compensation = self._known.compensation
-            track = unaided_track(start, trajectory, self._imu, preintegrated, compensation)
-            self.unaided = _errors(trajectory, track[:, self.index], self.index)
+        given = truth.ins.gives_solution
+        compensation = None if given else self._known.compensation
+        ins = unaided_solution(start, trajectory, self._imu, preintegrated, compensation)
+        if given:
+            ins = said(truth.ins, ins)
+            self._imu = felt(ins, trajectory.dt, preintegrated)
+            start = Estimate(*np.split(ins[:, 0], [3, 6], axis=1))
+        self.unaided = _errors(trajectory, ins[:, self.index], self.index)
         self._start = start
         self._fields, self._maps = scenario.each_field, each_map(field_map)
         self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]

@@ -9,6 +9,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import Estimate
+from isogal.inertial.gravity import Compensation
 from isogal.inertial.inverse import inverse, level_attitude
 from isogal.inertial.rotations import from_angles, matrix, to_angles
 from isogal.inertial.strapdown import propagate
@@ -17,15 +18,18 @@ from isogal.sensors.imu import ImuData
 from isogal.sensors.trajectory import Trajectory
 
 
-def simulate_solution(
-    ins: Ins, start: Estimate, trajectory: Trajectory, imu: ImuData, preintegrated: bool
+def unaided_solution(
+    start: Estimate,
+    trajectory: Trajectory,
+    imu: ImuData,
+    preintegrated: bool,
+    compensation: Compensation | None = None,
 ) -> Array:
-    """Return (R, K + 1, 10) what unaided INSs say of themselves
-    (`isogal.inertial.inverse.COLUMNS`) at the ends of the trajectory's steps.
+    """Return (R, K + 1, 10) the states of unaided INSs (`isogal.inertial.inverse.COLUMNS`) at the
+    ends of the trajectory's steps.
 
     Parameters
     ----------
-    ins : Ins
     start : Estimate
         Of R runs.
     trajectory : Trajectory
@@ -33,6 +37,8 @@ def simulate_solution(
         What their sensors measure.
     preintegrated : bool
         See `isogal.inertial.strapdown.propagate`.
+    compensation : Compensation, optional
+        Horizontal gravity that the strapdown takes off.
     """
     first = np.concatenate([start.position, start.velocity, start.attitude], axis=1)
     _, track = propagate(
@@ -41,10 +47,11 @@ def simulate_solution(
         imu.angular_rate,
         trajectory.dt,
         trajectory.height,
-        history="whole",
+        compensation,
+        history=True,
         preintegrated=preintegrated,
     )
-    return said(ins, np.concatenate([first[:, None], track], axis=1))
+    return np.concatenate([first[:, None], track], axis=1)
 
 
 def said(ins: Ins, solution: Array) -> Array:

@@ -138,7 +138,7 @@ def follow(route: Route, rate: float, samples: int, use_height: bool) -> Followe
     path = _path(positions, times, route.height, use_height)
     force, turn = inverse(path[None], dt)
     begin = Estimate(*(np.array(part) for part in np.split(path[:1], [3, 6], axis=1)))
-    _, states = propagate(begin, force, turn, dt, path[:, 2], history="whole")
+    _, states = propagate(begin, force, turn, dt, path[:, 2], history=True)
     states = np.concatenate([path[:1], states[0]])
     return Followed(float(positions.time[0]), states, np.concatenate([force[0], turn[0]], axis=1))
 
