@@ -57,7 +57,7 @@ class Beginning:
             node.settings.outage_turn_rate,
             node.settings.manoeuvre_interval,
         ).of_vehicle(node.scenario.velocity_aids)
-        self.start = FilterState.start(initial_state(node.scenario, node.settings), model)
+        self.start = FilterState.start(initial_state(node.scenario.true, node.settings), model)
         """The scenario's."""
         self._placed: FilterState | None = None
         self._why_not = ""

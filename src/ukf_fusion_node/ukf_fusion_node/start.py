@@ -11,7 +11,7 @@ from isogal.errors import InputError
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_angles, from_matrix, matrix
-from isogal.scenario import Scenario
+from isogal.scenario import Truth
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_covariance, unit_quaternion
@@ -23,9 +23,9 @@ SPEED_SHARE = 0.25
 """1-sigma of the velocity that a pose leaves open, as a share of the speed."""
 
 
-def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> Estimate:
-    """Return the first state: what the parameters give, and the rest as the scenario draws it,
-    with errors as large as they really are.
+def initial_state(truth: Truth, settings: UkfFusionSettings) -> Estimate:
+    """Return the first state: what the parameters give, and the rest as it is drawn, with errors
+    as large as they really are.
 
     Raises
     ------
@@ -33,10 +33,9 @@ def initial_state(scenario: Scenario, settings: UkfFusionSettings) -> Estimate:
         Only some of the numbers of a start are given, or the position is impossible.
     """
     # two steps of the route are enough to know its start
-    route = scenario.route.model_copy(update={"duration": 2.0 / scenario.navigation_rate})
-    short = scenario.model_copy(update={"route": route})
-    sigma, seed = scenario.true.initial_error, scenario.seed
-    drawn = draw_initial_state(sigma, build_trajectory(short), seed, [settings.run])
+    route = truth.route.model_copy(update={"duration": 2.0 / truth.navigation_rate})
+    trajectory = build_trajectory(truth.model_copy(update={"route": route}))
+    drawn = draw_initial_state(truth.initial_error, trajectory, truth.seed, [settings.run])
     state = Estimate(drawn.position[0], drawn.velocity[0], drawn.attitude[0])
     return with_given(settings, state)
 

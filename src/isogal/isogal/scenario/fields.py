@@ -102,7 +102,7 @@ def settings_of(settings: _Assumed) -> tuple[_Assumed, ...]:
 
 def _of_entry(settings: _Assumed, index: int, entry: FieldEntry) -> _Assumed:
     changes: Document = {"fields": None, "field": entry.field}
-    for key in MERGED:
+    for key in (one for one in MERGED if one in type(settings).model_fields):
         section: Section | Document = getattr(settings, key)
         own: Document = entry.instrument if key == "gravimeter" else getattr(entry, key)
         whole = section.model_dump() if isinstance(section, Section) else section
