@@ -39,6 +39,7 @@ from isogal.inertial.rotations import from_angles, from_matrix, matrix
 from isogal.scenario import describe
 from isogal_ros import topics
 from isogal_ros.messages.altimeter import FAN
+from isogal_ros.messages.checks import ABSENT
 from isogal_ros.messages.frames import BASE, MAP, FrameNames
 from isogal_ros.messages.gravimeter import PLATFORM
 from isogal_ros.messages.stamps import set_stamp
@@ -46,8 +47,6 @@ from isogal_ros.topics import Message, Topic, type_name
 
 _NONE = 1e-9
 """Share of an axis in another below which they have nothing in common."""
-_NOT_MEASURED = -1.0
-"""Variance of what a sensor does not measure."""
 
 
 Triple = tuple[float, float, float]
@@ -321,17 +320,17 @@ def _transform(message: Message, name: str, of_covariance: str, turn: Array, siz
     width = math.isqrt(len(whole))
     covariance = np.array(whole, dtype=float).reshape(width, width)
     own = covariance[:3, :3]
-    if width == 3 and own[0, 0] == _NOT_MEASURED:  # all of it, in messages of sensor_msgs
+    if width == 3 and own[0, 0] == ABSENT:  # all of it, in messages of sensor_msgs
         own = np.zeros((3, 3))
-    absent = np.diag(own) == _NOT_MEASURED
+    absent = np.diag(own) == ABSENT
     given = np.array([vector.x, vector.y, vector.z])
     own = np.where(absent[:, None] | absent, 0.0, own)
     turned = size * (turn @ np.where(absent, 0.0, given))
     own = size**2 * (turn @ own @ turn.T)
     absent = (np.abs(turn) > _NONE) @ absent
-    own[absent, absent] = _NOT_MEASURED
+    own[absent, absent] = ABSENT
     vector.x, vector.y, vector.z = turned.tolist()
-    if width > 3 or covariance[0, 0] != _NOT_MEASURED:
+    if width > 3 or covariance[0, 0] != ABSENT:
         covariance[:3, :3] = own
     set_field(message, of_covariance, covariance.ravel())
 

@@ -9,7 +9,7 @@ from isogal.arrays import Array
 from isogal.scenario import ImuErrors
 from isogal.sensors.imu_model import noise_density
 from isogal_ros.messages.cdr import Reader
-from isogal_ros.messages.checks import BadMessageError, require_frame
+from isogal_ros.messages.checks import ABSENT, BadMessageError, require_frame
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.prepared import Prepared, numbers_of, write
 
@@ -68,7 +68,7 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array, Array | None
             " rad/s"
         )
     variances = [numbers[k] for k in _VARIANCES]
-    if variances[0] == -1.0 or variances[3] == -1.0:
+    if ABSENT in (variances[0], variances[3]):
         raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
     if min(variances) < 0.0:
         raise BadMessageError("negative variance")

@@ -17,7 +17,7 @@ from isogal.inertial.rotations import matrix, to_angles
 from isogal.scenario import Scenario, validate_scenario
 from isogal_ros import topics
 from isogal_ros.messages.cdr import Reader
-from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.checks import BadMessageError, require_unit
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.position import FARTHEST
@@ -61,8 +61,9 @@ def read_transforms(data: bytes) -> dict[str, Link]:
             parent, child = content.text(), content.text()
             numbers = np.array(content.take("7d"))
             turn = np.roll(numbers[3:], 1)  # w first
-            if not (np.abs(numbers) < FARTHEST).all() or abs(turn @ turn - 1.0) > 1e-3:
-                raise BadMessageError(f"transform to {child!r}: not finite, or no rotation")
+            if not (np.abs(numbers[:3]) < FARTHEST).all():
+                raise BadMessageError(f"transform to {child!r}: not finite, or not on the Earth")
+            require_unit(turn, f"rotation of the transform to {child!r}")
             found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
     except (struct.error, UnicodeDecodeError):
         raise BadMessageError("no transforms") from None
