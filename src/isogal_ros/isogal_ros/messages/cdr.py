@@ -2,9 +2,16 @@
 DDS-XTypes 1.3, section 7.4)."""
 
 import struct
+from functools import cache
 
 _HEAD = 4
 """Bytes before a message, of which the second says the byte order."""
+
+
+@cache
+def _numbers(form: str) -> tuple[struct.Struct, int]:
+    """Return what unpacks numbers of a format, and the size of one."""
+    return struct.Struct(form), struct.calcsize(f"={form[-1]}")
 
 
 class Reader:
@@ -23,10 +30,10 @@ class Reader:
     def take(self, form: str) -> tuple[float, ...]:
         """Return numbers of one size, by their format as in `struct`: they are aligned to their
         size from where the message begins."""
-        size = struct.calcsize(f"={form[-1]}")
+        numbers, size = _numbers(self._order + form)
         start = _HEAD + -(-(self._at - _HEAD) // size) * size
-        self._at = start + struct.calcsize(f"={form}")
-        return struct.unpack_from(self._order + form, self._data, start)
+        self._at = start + numbers.size
+        return numbers.unpack_from(self._data, start)
 
     def text(self) -> str:
         """Return a text."""
