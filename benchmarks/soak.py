@@ -71,8 +71,7 @@ class Signals:
         self._acts = not self._acts
         stop = signal.SIGKILL if self._fault.effect == "killed" else signal.SIGSTOP
         for name in self._fault.targets:
-            if processes.running[name].poll() is None:
-                processes.running[name].send_signal(stop if self._acts else signal.SIGCONT)
+            processes.send_signal(name, stop if self._acts else signal.SIGCONT)
 
 
 class Soak:

@@ -138,7 +138,8 @@ class Bench:
 
     def call(self, name: str, request: Any) -> Any:
         """Return what a service of the node answers."""
-        return self.bus.call(self.node, name, request)
+        service = self.bus.services(self.node)[name]
+        return service.callback(request, service.srv_type.Response())
 
     def imu(
         self,

@@ -16,6 +16,7 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader, parts, read, topic_of
 from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.cdr import Reader
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns
@@ -150,13 +151,15 @@ class Collector:
 def _one_that_is_ok(data: bytes) -> bool:
     """Whether serialised diagnostics are of one status, which is OK, as nearly all are: decoding
     each takes longer than all else of a recording."""
-    order = "<" if data[1] & 1 else ">"
+    content = Reader(data)
     try:
-        (length,) = struct.unpack_from(f"{order}I", data, 12)  # of frame_id, after the stamp
-        count, level = struct.unpack_from(f"{order}IB", data, 16 + (length + 3) // 4 * 4)
-    except struct.error:
+        content.take("iI")  # the stamp
+        content.text()
+        (count,) = content.take("I")
+        (level,) = content.take("B")
+    except (struct.error, UnicodeDecodeError):
         return False
-    return bool(count == 1 and bytes([level]) == DiagnosticStatus.OK)
+    return bool(count == 1 and bytes([int(level)]) == DiagnosticStatus.OK)
 
 
 def wanted_messages(reader: BagReader, wanted: Sequence[Topic]) -> Iterator[tuple[Topic, bytes]]:

@@ -211,11 +211,6 @@ class Bus(Context):
         names = {one: one.service_name.removeprefix(space) for one in node.services}
         return {name.lstrip("/"): one for one, name in names.items()}
 
-    def call(self, node: GraphNode, name: str, request: Any) -> Any:
-        """Return what a service of a node answers."""
-        service = self.services(node)[name]
-        return service.callback(request, service.srv_type.Response())
-
 
 @dataclass(eq=False)
 class Listener:

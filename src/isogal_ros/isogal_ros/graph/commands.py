@@ -4,6 +4,7 @@ all else to standard error."""
 
 import os
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from threading import Thread, get_native_id
 from typing import TYPE_CHECKING, Any
 
 import typer
+from pydantic import JsonValue
 
 from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
@@ -36,7 +38,7 @@ from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError, Plan, checked
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.running import run_in_process, run_processes
-from isogal_ros.graph.smoothing import smoothed_bag, thinned, write_bag
+from isogal_ros.graph.smoothing import WHOLE, smoothed_bag, thinned, write_bag
 from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
@@ -128,14 +130,35 @@ def run_command(
     return 0
 
 
-def _opened(bag: Path, chosen: "ReplayChoice") -> tuple[BagReader, Scenario | None]:
-    """Return a bag and the scenario that is run, None where nobody says one; raises InputError
-    where a change cannot be used."""
+def _played(
+    bag: Path, out: Path | None, chosen: "ReplayChoice", own: Mapping[str, JsonValue]
+) -> tuple[BagReader, Replay]:
+    """Return a bag, and what its replay leaves behind.
+
+    Parameters
+    ----------
+    bag : Path
+    out : Path, optional
+        Folder that is made before.
+    chosen : ReplayChoice
+        What is not as it was recorded.
+    own : mapping
+        Parameters of the filter's node, unless the user sets them.
+
+    Raises
+    ------
+    InputError
+        The bag, or what it needs, or a change, cannot be used.
+    """
+    of_filter = {**own, **filter_parameters(chosen.parameter or ())}
     reader = BagReader.foreign(bag, chosen.remap, chosen.driver)
     scenario = reader.scenario() if chosen.scenario is None else load_scenario(chosen.scenario)
     if scenario is not None and chosen.set_:
         scenario = changed_scenario(scenario, chosen.set_, f"{bag}: scenario")
-    return reader, scenario
+    if out is not None:
+        make_folder(out)
+    with interrupts() as interrupt, watching() as report:
+        return reader, replay(reader, interrupt, report, scenario, of_filter)
 
 
 @shared_maps()
@@ -165,12 +188,7 @@ def replay_command(
     InputError
         The bag or what it needs cannot be used.
     """
-    of_filter = filter_parameters(chosen.parameter or ())
-    reader, scenario = _opened(bag, chosen)
-    if out is not None:
-        make_folder(out)
-    with interrupts() as interrupt, watching() as report:
-        result = replay(reader, interrupt, report, scenario, of_filter)
+    _, result = _played(bag, out, chosen, {})
     summary = None
     if out is not None and not result.interrupted:
         route = build_trajectory(result.scenario)
@@ -208,18 +226,14 @@ def smooth_command(
     InputError
         The bag or what it needs cannot be used.
     """
-    of_filter = filter_parameters(chosen.parameter or ())
-    reader, scenario = _opened(bag, chosen)
-    make_folder(out)
-    with interrupts() as interrupt, watching() as report:
-        found = smoothed_bag(reader, interrupt, report, scenario, of_filter)
-    played = found.played
+    reader, played = _played(bag, out, chosen, WHOLE)
     if played.interrupted:
         note(f"interrupted; nothing is written of {bag}")
         return INTERRUPTED
+    found = smoothed_bag(reader, played)
     track = thinned(found.track, interval)
     paths = [str(path) for path in write_smoothed(track, out)]
-    write_bag(found, out / "bag")
+    write_bag(found, played.scenario, out / "bag")
     files = [*paths, str(out / "bag")]
     result = {"states": len(found.track.time), **found.figures, "files": files}
     for line in [*played.notes, *played.failures]:

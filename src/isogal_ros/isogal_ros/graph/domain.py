@@ -29,15 +29,15 @@ _LARGEST = 232
 _PARTICIPANTS = 120
 """Of a domain, whose ports are all below the next domain's."""
 _LAST_PORT = 65535
-_LOOKS, _MOST_LOOKS, _LOOK = 4, 30, 0.3
-"""Nodes that look one after the other for publishers in a domain that is in use, looks at most,
-and s of wall time between them. A node finds the others within 0.2 s, but one in eight loses the
-first answer, which comes again only after three seconds. A node's name may come before its
-publishers: two that look must have found the same, and nothing new during a look."""
+_SETTLED, _FAR, _LONGEST = 0.6, 1.5, 9.0
+"""s of wall time without news after which a domain that is in use is known, if all who are on this
+machine have been found; that it takes at least where others may be elsewhere; and at most. A node
+finds the others within 0.2 s, but one in eight loses the first answer, which comes again only
+after three seconds, and a node's name may come before its publishers."""
 _RESERVED, _GRAPH = "isogal-ros-domain", "isogal-ros-graph"
 """Names that are held: of a domain that is set aside, and of one in which a graph runs."""
 _LOOKER = f"isogal_domain_check_{os.getpid()}"
-"""Nodes that look for publishers."""
+"""Node that looks for publishers."""
 _Found = list[tuple[str, str, list[str]]]
 """Of each node its namespace, its name and the topics it publishes."""
 
@@ -141,28 +141,25 @@ def _published(domain: int, names: Collection[str]) -> str | None:
     present = participants(domain)
     if here and not present:
         return None
-    with ExitStack() as stack:
-        nodes: list[Node] = []
-        before: list[_Found] = []
-        for look in range(_MOST_LOOKS):
-            if look < _LOOKS:
-                nodes.append(stack.enter_context(quiet_node(_LOOKER, domain)))
-            end = time.monotonic() + _LOOK
-            while time.monotonic() < end:
-                for name in names:
-                    if any(node.count_publishers(name) for node in nodes):
-                        return name
-                time.sleep(0.01)
-            complete = [found for found in map(_found, nodes) if len(found) >= present]
-            same = len(complete) >= 2 and all(found == complete[0] for found in complete)
-            if same and complete[0] in before and (here or look >= _LOOKS):
+    with quiet_node(_LOOKER, domain) as looker:
+        begun = changed = now = time.monotonic()
+        known: _Found = []
+        while now < begun + _LONGEST:
+            time.sleep(0.01)
+            now = time.monotonic()
+            for name in names:
+                if looker.count_publishers(name):
+                    return name
+            if (found := _found(looker)) != known:
+                known, changed = found, now
+            complete = len(known) >= present and (here or now > begun + _FAR)
+            if complete and now > changed + _SETTLED:
                 break
-            before = complete
     return None
 
 
 def _found(looker: Node) -> _Found:
-    """Return the other nodes that one that looks has found, in order."""
+    """Return the other nodes that one has found, in order."""
     found = []
     for name, namespace in looker.get_node_names_and_namespaces():
         if name != _LOOKER:

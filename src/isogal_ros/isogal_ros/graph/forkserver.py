@@ -9,8 +9,8 @@ import os
 import signal
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from multiprocessing.forkserver import ensure_running
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from isogal.forkserver import CONTEXT, interrupts_blocked, preload
@@ -24,8 +24,14 @@ def start() -> None:
         ensure_running()
 
 
-class NodeProcess:
-    """One node in a process of its own.
+def start_node(
+    name: str,
+    module: str,
+    arguments: Sequence[str],
+    environment: Mapping[str, str],
+    log: Path,
+) -> BaseProcess:
+    """Start the process of a node, and return it.
 
     Parameters
     ----------
@@ -40,40 +46,12 @@ class NodeProcess:
     log : Path
         File that what it says is appended to.
     """
-
-    def __init__(
-        self,
-        name: str,
-        module: str,
-        arguments: Sequence[str],
-        environment: Mapping[str, str],
-        log: Path,
-    ) -> None:
-        start()
-        words = name, module, list(arguments), dict(environment), log
-        self._process = CONTEXT.Process(target=_be_node, args=words, name=name, daemon=True)
-        with interrupts_blocked():
-            self._process.start()
-
-    @property
-    def pid(self) -> int:
-        """Of the process."""
-        return self._process.pid or 0
-
-    def poll(self) -> int | None:
-        """Return the exit code, the negative number of a signal that has killed it; None while it
-        runs."""
-        return self._process.exitcode
-
-    def wait(self) -> None:
-        """Wait for its end."""
-        self._process.join()
-
-    def send_signal(self, number: int) -> None:
-        """Send a signal to it, if it runs."""
-        if self.poll() is None:
-            with suppress(ProcessLookupError):
-                os.kill(self.pid, number)
+    start()
+    words = name, module, list(arguments), dict(environment), log
+    process = CONTEXT.Process(target=_be_node, args=words, name=name, daemon=True)
+    with interrupts_blocked():
+        process.start()
+    return process
 
 
 def _be_node(

@@ -15,8 +15,8 @@ from isogal_ros import topics
 from isogal_ros.graph.plan import node_class
 from isogal_ros.nodes.base import KEYS
 from isogal_ros.nodes.settings import NodeSettings
-from isogal_ros.parameters.declaration import OF_RCLPY, known_values
-from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs, yaml_line
+from isogal_ros.parameters.declaration import OF_RCLPY, fields_of, known_values
+from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import scenario_from, settings_from
 
 Document = dict[str, dict[str, JsonValue]]
@@ -64,13 +64,15 @@ def scenario_of(
     keys : mapping, optional
         Parameters that count before those of the file.
     """
-    specs = {spec.name: spec for spec in parameter_specs(Scenario)}
-    sections = {name.partition(".")[0] for name in specs}
+    specs = parameter_specs(Scenario)
+    sections = {spec.name.partition(".")[0] for spec in specs}
     values = values_of(document, full_name) | dict(keys or {})
-    of_scenario = {
-        name: value for name, value in values.items() if name.partition(".")[0] in sections
-    }
-    return scenario_from(_fields(of_scenario, specs), where)
+    own = {name: value for name, value in values.items() if name.partition(".")[0] in sections}
+    try:
+        found = fields_of(known_values(own, specs), specs)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    return scenario_from(found, where)
 
 
 def full_name(namespace: str, name: str) -> str:
@@ -89,15 +91,10 @@ def check_node(document: Document, name: str, full: str, where: str) -> None:
     where : str
         What the line begins with.
     """
-    values: dict[str, JsonValue] = {
-        key: yaml_line(value) if isinstance(value, dict) else value
-        for key, value in values_of(document, full).items()
-    }
     kind = node_class(name)
     specs = kind.specs()
     try:
-        found = known_values(values, specs, KEYS)
-        found = {spec.name: spec.to_field(found[spec.name]) for spec in specs}
+        found = fields_of(known_values(values_of(document, full), specs, KEYS), specs)
     except InputError as error:
         raise InputError(f"{where}: {name}: {error}") from None
     kind.read(f"{where}: {name}", found)
@@ -163,28 +160,14 @@ def given_parameters(
     return found
 
 
-def _fields(
-    values: Mapping[str, JsonValue], specs: Mapping[str, ParameterSpec]
-) -> dict[str, JsonValue]:
-    """Return the model's values; what is no parameter stays as it is."""
-    return {
-        name: specs[name].to_field(specs[name].cast(value))
-        if name in specs and not isinstance(value, dict)
-        else value
-        for name, value in values.items()
-    }
-
-
 def _leaves(document: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
-    """Return values by dotted name; those inside a parameter that holds YAML stay together."""
-    yaml = {spec.name for spec in parameter_specs(Scenario)}
+    """Return values by dotted name."""
     values: dict[str, JsonValue] = {}
     for key, value in document.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict) and name not in yaml:
-            values |= _leaves(value, f"{name}.")
+        if isinstance(value, dict):
+            values |= _leaves(value, f"{prefix}{key}.")
         else:
-            values[name] = value
+            values[f"{prefix}{key}"] = value
     return values
 
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,7 +24,7 @@ from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.domain import DOMAIN, defaults, graph_domain, names_of, quiet_node
-from isogal_ros.graph.forkserver import NodeProcess
+from isogal_ros.graph.forkserver import start_node
 from isogal_ros.graph.plan import CLASSES, GraphError, Plan
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import figures_of
@@ -173,7 +174,7 @@ class Processes:
         """How often each node was started again."""
         self.running = {name: self._start(name) for name in plan.names}
 
-    def _start(self, name: str) -> NodeProcess:
+    def _start(self, name: str) -> BaseProcess:
         log = self._log(name)
         if name not in self.restarts:
             log.write_bytes(b"")  # in place of an earlier run's
@@ -184,14 +185,14 @@ class Processes:
         # without log files of its own: what a node logs is in its output
         arguments += ["--disable-external-lib-logs"]
         module, _ = CLASSES[topics.kind_of(name)]
-        return NodeProcess(name, module, arguments, self._environment, log)
+        return start_node(name, module, arguments, self._environment, log)
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"
 
     def ended(self) -> dict[str, int]:
         """Return the exit code of each process that has ended."""
-        codes = {name: process.poll() for name, process in self.running.items()}
+        codes = {name: process.exitcode for name, process in self.running.items()}
         return {name: code for name, code in codes.items() if code is not None}
 
     def compile(self) -> bool:
@@ -223,6 +224,13 @@ class Processes:
         words = " | ".join(line.strip() for line in lines if line.strip())
         return f"{name} ended ({how}){': ' + words if words else ''}; log: {self._log(name)}"
 
+    def send_signal(self, name: str, number: int) -> None:
+        """Send a signal to a process, if it runs."""
+        process = self.running[name]
+        if process.pid is not None and process.exitcode is None:
+            with suppress(ProcessLookupError):
+                os.kill(process.pid, number)
+
     def stop(self, interrupt: Interrupt) -> None:
         """End all: the recorder last, so that it hears everything."""
         last = {name for name in self.running if name == RECORDER}
@@ -231,15 +239,14 @@ class Processes:
                 asked, deadline = interrupt.count, time.monotonic() + PATIENCE
                 alive = names - self.ended().keys()
                 for name in alive:
-                    self.running[name].send_signal(number)
-                    # one that is stopped would not hear it
-                    self.running[name].send_signal(signal.SIGCONT)
+                    self.send_signal(name, number)
+                    self.send_signal(name, signal.SIGCONT)  # one that is stopped would not hear it
                 # another interrupt ends the wait
                 while alive and time.monotonic() < deadline and interrupt.count == asked:
                     time.sleep(0.01)
                     alive -= self.ended().keys()
             for name in names:
-                self.running[name].wait()
+                self.running[name].join()
 
 
 Inject = Callable[[Processes, float], None]

@@ -1,13 +1,12 @@
 """A recorded voyage, smoothed: its sensor messages are played to fresh nodes as by a replay, whose
 filter keeps its whole history."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydantic import JsonValue
 from rclpy.serialization import deserialize_message
 
 from isogal.afterwards import Sensed, smoothed_voyage
@@ -27,17 +26,15 @@ from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Places
 from isogal_ros.bags.writer import BagWriter, scenario_text
-from isogal_ros.graph.replay import Replay, replay
-from isogal_ros.graph.running import Report, no_report
+from isogal_ros.graph.replay import Replay
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.odometry import empty_odometry, fill_odom
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
-from isogal_ros.nodes.signals import Interrupt
 
-WHOLE = 1e8
-"""s that the history goes back: three years."""
+WHOLE = {"horizon": 1e8}
+"""Parameters of a filter whose history goes back three years, s."""
 Figures = dict[str, dict[str, float | None]]
 OF = "smoothed", "at_the_time"
 
@@ -46,7 +43,6 @@ OF = "smoothed", "at_the_time"
 class SmoothedBag:
     """What is known of a recorded voyage afterwards."""
 
-    played: Replay
     track: SmoothedTrack
     rates: Array
     """(K, 3) angular rates that the gyroscopes measured, rad/s."""
@@ -55,22 +51,15 @@ class SmoothedBag:
     m, `nees_per_axis`."""
 
 
-def smoothed_bag(
-    reader: BagReader,
-    interrupt: Interrupt,
-    report: Report = no_report,
-    scenario: Scenario | None = None,
-    parameters: Mapping[str, JsonValue] | None = None,
-) -> SmoothedBag:
-    """Smooth a recorded voyage; the arguments are those of `isogal_ros.graph.replay.replay`.
+def smoothed_bag(reader: BagReader, played: Replay) -> SmoothedBag:
+    """Smooth a recorded voyage that has been played to a filter which keeps its whole history
+    (`WHOLE`).
 
     Raises
     ------
     InputError
-        The bag cannot be replayed, or the filter has begun nowhere in it.
+        The filter has begun nowhere in the bag.
     """
-    whole = {"horizon": WHOLE, **(parameters or {})}
-    played = replay(reader, interrupt, report, scenario, whole)
     navigator = played.filter
     if navigator is None:
         raise InputError(f"{reader.path}: the filter has no start: {'; '.join(played.failures)}")
@@ -86,7 +75,7 @@ def smoothed_bag(
         _figures(played.outputs),
     )
     track = SmoothedTrack(stamps, states)
-    return SmoothedBag(played, track, rates, _errors(track, navigator, played.outputs))
+    return SmoothedBag(track, rates, _errors(track, navigator, played.outputs))
 
 
 def _maps(scenario: Scenario) -> Sequence[RouteMap]:
@@ -147,9 +136,8 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
     return {"position_error_rms": rms, "nees_per_axis": nees}
 
 
-def write_bag(found: SmoothedBag, folder: Path) -> None:
+def write_bag(found: SmoothedBag, scenario: Scenario, folder: Path) -> None:
     """Write a bag with the states on nav/smoothed; a bag in the folder is replaced."""
-    scenario = found.played.scenario
     frame, message = map_frame(scenario), empty_odometry(topics.SMOOTHED)
     writer = BagWriter(folder, {"scenario": scenario_text(scenario)}, replace=True)
     try:

@@ -1,6 +1,7 @@
 """Messages to arrays and back.
 
 stamps           which time does a stamp say, in whole nanoseconds?
+cdr              how are the first fields of a serialised message read without the rest?
 prepared         how are messages of every step serialised once, and then only written to?
 frames           which frames and axes have messages, and which the library?
 checks           what makes a message unusable?

@@ -18,6 +18,7 @@ from isogal.scenario.aids import SatellitePosition
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import (
+    ABSENT,
     BadMessageError,
     require_covariance,
     require_frame,
@@ -33,8 +34,6 @@ _YAW = 8
 """Place of the yaw's variance in the covariance of an orientation."""
 _STEEPEST = 0.1
 """Horizontal part of the bow below which it has no heading."""
-_NOT_MEASURED = -1.0
-"""Variance of an axis that a sensor does not measure."""
 _TO_FRD = np.diag(FRD_FLU)
 OTHER_DATUMS = (
     "nad27", "nad83", "ed50", "osgb", "pz90", "gcj02", "bd09", "sk42", "pulkovo", "tokyo", "agd",
@@ -129,7 +128,7 @@ def fill_twist(
     set_stamp(message.header.stamp, ns)
     linear = message.twist.twist.linear
     linear.x, linear.y, linear.z = np.nan_to_num(velocity).tolist()
-    found = np.where(np.isnan(velocity), _NOT_MEASURED, variance)
+    found = np.where(np.isnan(velocity), ABSENT, variance)
     for axis, value in enumerate(found.tolist()):
         message.twist.covariance[7 * axis] = value
 
@@ -158,7 +157,7 @@ def read_velocity(
     if not np.isfinite(velocity).all():
         raise BadMessageError("velocity is not finite")
     covariance = turn @ np.array(message.twist.covariance).reshape(6, 6)[:3, :3] @ turn.T
-    absent = np.diag(covariance) == _NOT_MEASURED
+    absent = np.diag(covariance) == ABSENT
     velocity[absent] = np.nan
     covariance[absent], covariance[:, absent] = 0.0, 0.0
     require_covariance(covariance)
@@ -241,7 +240,7 @@ def fill_heading(message: Imu, ns: int, heading: float, aid: HeadingAid) -> None
     message.orientation = Quaternion(w=math.cos(half), z=math.sin(half))
     variance = aid.number("sigma") ** 2 + aid.number("correlated_sigma") ** 2
     message.orientation_covariance[_YAW] = variance
-    message.angular_velocity_covariance[0] = message.linear_acceleration_covariance[0] = -1.0
+    message.angular_velocity_covariance[0] = message.linear_acceleration_covariance[0] = ABSENT
 
 
 def read_heading(message: Imu) -> tuple[float, float | None]:
@@ -255,7 +254,7 @@ def read_heading(message: Imu) -> tuple[float, float | None]:
         points up or down.
     """
     variance = float(message.orientation_covariance[_YAW])
-    if message.orientation_covariance[0] == -1.0:
+    if message.orientation_covariance[0] == ABSENT:
         raise BadMessageError("marked as without orientation (covariance -1)")
     turn = unit_quaternion(message.orientation)
     if not (math.isfinite(variance) and variance >= 0.0):

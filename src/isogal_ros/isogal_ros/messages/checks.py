@@ -9,6 +9,8 @@ from isogal.arrays import Array
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.topics import Message
 
+ABSENT = -1.0
+"""Variance of what a sensor does not measure, as sensor_msgs has it."""
 LARGEST = 1e30
 """Of a number in a covariance, in its unit: of a larger one products overflow."""
 
@@ -48,11 +50,16 @@ def require_covariance(covariance: Array) -> None:
 def unit_quaternion(orientation: Quaternion) -> Array:
     """Return an orientation as (4,) w, x, y, z; raises BadMessageError where it is no unit
     quaternion."""
-    q = orientation
-    turn = np.array([q.w, q.x, q.y, q.z])
-    if not (np.abs(turn) < 2.0).all() or abs(turn @ turn - 1.0) > 1e-3:  # NaN is not below
-        raise BadMessageError("orientation is not a unit quaternion")
+    turn = np.array([orientation.w, orientation.x, orientation.y, orientation.z])
+    require_unit(turn, "orientation")
     return turn
+
+
+def require_unit(quaternion: Array, what: str) -> None:
+    """Raise BadMessageError unless a quaternion (4,) is of length 1."""
+    # NaN is not below, and squares of what is overflow
+    if not (np.abs(quaternion) < 2.0).all() or abs(quaternion @ quaternion - 1.0) > 1e-3:
+        raise BadMessageError(f"{what} is not a unit quaternion")
 
 
 def require_reading(value: float, variance: float) -> None:

@@ -1,11 +1,9 @@
 """Messages as drivers and other packages publish them, turned into the graph's own.
 
-A node, or the reader of a recording, passes every message of a sensor through an `Entrance`. Three
-tables say what it can do; a further type, unit or sensor is a row:
-
-- `ROWS`: which other types of message a topic takes, and how one is copied;
-- `FORMS`: which vectors and numbers a type of the graph has, that turn and scale, and its frame;
-- `UNITS`: in which other units its numbers may come.
+A node, or the reader of a recording, passes every message of a sensor through an `Entrance`. What
+it can do is a table (`FORMS`): which vectors and numbers a type of the graph has, that turn and
+scale, and its frame; in which other units its numbers may come; and which other types are taken in
+its place.
 
 What cannot be seen in a message (unit, mounting, a frame of another name) is said by the parameter
 `drivers`, an entry for each topic (`Driver`)."""
@@ -39,6 +37,7 @@ from isogal.inertial.rotations import from_angles, from_matrix, matrix
 from isogal.scenario import describe
 from isogal_ros import topics
 from isogal_ros.messages.altimeter import FAN
+from isogal_ros.messages.checks import ABSENT
 from isogal_ros.messages.frames import BASE, MAP, FrameNames
 from isogal_ros.messages.gravimeter import PLATFORM
 from isogal_ros.messages.stamps import set_stamp
@@ -46,8 +45,6 @@ from isogal_ros.topics import Message, Topic, type_name
 
 _NONE = 1e-9
 """Share of an axis in another below which they have nothing in common."""
-_NOT_MEASURED = -1.0
-"""Variance of what a sensor does not measure."""
 
 
 Triple = tuple[float, float, float]
@@ -78,9 +75,13 @@ class Driver(BaseModel):
         return matrix(from_angles(*np.radians(self.rotation or (0.0, 0.0, 0.0))))
 
 
+Copy = Callable[[Message, Message], None]
+"""Copies a message of another type into one of the graph."""
+
+
 @dataclass(frozen=True)
 class Form:
-    """What a type of the graph holds; names of fields are dotted."""
+    """What a type of the graph holds, and how it may come; names of fields are dotted."""
 
     frame: str | None
     """In which its readers want it; None = in any."""
@@ -88,56 +89,25 @@ class Form:
     """Vectors, and the covariance of each, whose first three rows are its own."""
     numbers: tuple[tuple[str, int], ...] = ()
     """Numbers, and by which power of the unit they go."""
+    units: Mapping[str, float] = field(default_factory=dict)
+    """SI in each unit that it may come in."""
+    others: Mapping[type[Message], Copy] = field(default_factory=dict)
+    """Types that may come in its place."""
 
 
-FORMS: Mapping[type[Message], Form] = {
-    Imu: Form(
-        BASE,
-        (
-            ("linear_acceleration", "linear_acceleration_covariance"),
-            ("angular_velocity", "angular_velocity_covariance"),
-        ),
-    ),
-    AccelWithCovarianceStamped: Form(PLATFORM, (("accel.accel.linear", "accel.covariance"),)),
-    TwistWithCovarianceStamped: Form(BASE, (("twist.twist.linear", "twist.covariance"),)),
-    MagneticField: Form(None, (("magnetic_field", "magnetic_field_covariance"),)),
-    FluidPressure: Form(None, (), (("fluid_pressure", 1), ("variance", 2))),
-    Range: Form(None, (), (("range", 1), ("min_range", 1), ("max_range", 1), ("variance", 2))),
-    PoseWithCovarianceStamped: Form(MAP),
-    PointCloud2: Form(BASE),
-    LaserScan: Form(FAN),
-}
-"""By type of the graph."""
-UNITS: Mapping[type[Message], Mapping[str, float]] = {
-    AccelWithCovarianceStamped: {"m/s2": 1.0, "mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6},
-    FluidPressure: {"Pa": 1.0, "hPa": 1e2, "mbar": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5},
-    MagneticField: {"T": 1.0, "nT": 1e-9, "uT": 1e-6, "mT": 1e-3, "G": 1e-4},
-    TwistWithCovarianceStamped: {"m/s": 1.0, "kn": 1852.0 / 3600.0, "km/h": 1.0 / 3.6},
-    Range: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
-}
-"""SI in each unit, by type of the graph."""
-
-Copy = Callable[[Message, Message], None]
-"""Copies a message of another type into one of the graph."""
+def _number(copy: Copy) -> dict[type[Message], Copy]:
+    """Return the types that are a number, and what copies it."""
+    return {Float64: copy, Float32: copy}
 
 
 def _put(path: str) -> Copy:
     """Return what copies a number into a field."""
-
-    def copy(given: Float64, made: Message) -> None:
-        set_field(made, path, float(given.data))
-
-    return copy
+    return lambda given, made: set_field(made, path, float(given.data))
 
 
-def _copy(*pairs: tuple[str, str]) -> Copy:
-    """Return what copies fields to fields."""
-
-    def copy(given: Message, made: Message) -> None:
-        for source, target in pairs:
-            set_field(made, target, field_at(given, source))
-
-    return copy
+def _copy(source: str, target: str) -> Copy:
+    """Return what copies a field to a field."""
+    return lambda given, made: set_field(made, target, field_at(given, source))
 
 
 def _distance(given: Float64, made: Range) -> None:
@@ -157,35 +127,73 @@ def _odometry_twist(given: Odometry, made: TwistWithCovarianceStamped) -> None:
     made.twist, made.header.frame_id = given.twist, given.child_frame_id
 
 
-_NUMBERS: Mapping[type[Message], Copy] = {
-    AccelWithCovarianceStamped: _put("accel.accel.linear.z"),
-    FluidPressure: _put("fluid_pressure"),
-    MagneticField: _put("magnetic_field.z"),
-    Range: _distance,
-    Imu: _bearing,
+FORMS: Mapping[type[Message], Form] = {
+    Imu: Form(
+        BASE,
+        (
+            ("linear_acceleration", "linear_acceleration_covariance"),
+            ("angular_velocity", "angular_velocity_covariance"),
+        ),
+        others=_number(_bearing),
+    ),
+    AccelWithCovarianceStamped: Form(
+        PLATFORM,
+        (("accel.accel.linear", "accel.covariance"),),
+        units={"m/s2": 1.0, "mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6},
+        others={
+            **_number(_put("accel.accel.linear.z")),
+            AccelStamped: _copy("accel", "accel.accel"),
+            Vector3Stamped: _copy("vector", "accel.accel.linear"),
+            Imu: _copy("linear_acceleration", "accel.accel.linear"),
+        },
+    ),
+    TwistWithCovarianceStamped: Form(
+        BASE,
+        (("twist.twist.linear", "twist.covariance"),),
+        units={"m/s": 1.0, "kn": 1852.0 / 3600.0, "km/h": 1.0 / 3.6},
+        others={
+            TwistStamped: _copy("twist", "twist.twist"),
+            Vector3Stamped: _copy("vector", "twist.twist.linear"),
+            Odometry: _odometry_twist,
+        },
+    ),
+    MagneticField: Form(
+        None,
+        (("magnetic_field", "magnetic_field_covariance"),),
+        units={"T": 1.0, "nT": 1e-9, "uT": 1e-6, "mT": 1e-3, "G": 1e-4},
+        others={
+            **_number(_put("magnetic_field.z")),
+            Vector3Stamped: _copy("vector", "magnetic_field"),
+        },
+    ),
+    FluidPressure: Form(
+        None,
+        numbers=(("fluid_pressure", 1), ("variance", 2)),
+        units={"Pa": 1.0, "hPa": 1e2, "mbar": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5},
+        others=_number(_put("fluid_pressure")),
+    ),
+    Range: Form(
+        None,
+        numbers=(("range", 1), ("min_range", 1), ("max_range", 1), ("variance", 2)),
+        units={"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
+        others=_number(_distance),
+    ),
+    PoseWithCovarianceStamped: Form(
+        MAP, others={PoseStamped: _copy("pose", "pose.pose"), Odometry: _copy("pose", "pose")}
+    ),
+    PointCloud2: Form(BASE),
+    LaserScan: Form(FAN),
 }
-"""How a number becomes a message of the graph."""
-ROWS: Mapping[tuple[type[Message], type[Message]], Copy] = {
-    **{(kind, Float64): copy for kind, copy in _NUMBERS.items()},
-    **{(kind, Float32): copy for kind, copy in _NUMBERS.items()},
-    (AccelWithCovarianceStamped, AccelStamped): _copy(("accel", "accel.accel")),
-    (AccelWithCovarianceStamped, Vector3Stamped): _copy(("vector", "accel.accel.linear")),
-    (AccelWithCovarianceStamped, Imu): _copy(("linear_acceleration", "accel.accel.linear")),
-    (MagneticField, Vector3Stamped): _copy(("vector", "magnetic_field")),
-    (TwistWithCovarianceStamped, TwistStamped): _copy(("twist", "twist.twist")),
-    (TwistWithCovarianceStamped, Vector3Stamped): _copy(("vector", "twist.twist.linear")),
-    (TwistWithCovarianceStamped, Odometry): _odometry_twist,
-    (PoseWithCovarianceStamped, PoseStamped): _copy(("pose", "pose.pose")),
-    (PoseWithCovarianceStamped, Odometry): _copy(("pose", "pose")),
-}
-"""How messages of another type (second) become those of a topic's type (first)."""
-_TYPES = {type_name(other): other for _, other in ROWS}
-_TAKERS = {own for own, _ in ROWS}
+"""By type of the graph; of others nothing is known but that their frame may be any."""
+
+
+def _form(topic: Topic) -> Form:
+    return FORMS.get(topic.type, Form(None))
 
 
 def takes_others(topic: Topic) -> bool:
     """Whether a topic takes messages of other types than its own."""
-    return topic.type in _TAKERS
+    return bool(_form(topic).others)
 
 
 def type_taken(topic: Topic, names: Collection[str]) -> type[Message] | None:
@@ -193,8 +201,8 @@ def type_taken(topic: Topic, names: Collection[str]) -> type[Message] | None:
     first that the topic takes in its place; None = none of them."""
     if type_name(topic.type) in names:
         return topic.type
-    found = (_TYPES.get(name) for name in names)
-    return next((kind for kind in found if kind and (topic.type, kind) in ROWS), None)
+    others = {type_name(kind): kind for kind in _form(topic).others}
+    return next((others[name] for name in names if name in others), None)
 
 
 @dataclass(frozen=True)
@@ -217,7 +225,7 @@ class Entrance:
             topic = topics.topic_named(name, known, "drivers")
             if driver.from_tf and not driver.frame:
                 raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
-            units = UNITS.get(topic.type, {})
+            units = _form(topic).units
             if driver.unit and driver.unit not in units:
                 allowed = f"one of {', '.join(units)}" if units else "empty"
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
@@ -256,8 +264,8 @@ class Entrance:
             When it came, ns: the stamp of a message that has none.
         """
         driver = self.drivers.get(topic.name, Driver())
-        size = UNITS.get(topic.type, {}).get(driver.unit, 1.0)
-        form = FORMS.get(topic.type, Form(None))
+        form = _form(topic)
+        size = form.units.get(driver.unit, 1.0)
         if type(message) is not topic.type:
             message = _converted(topic, message, received, form)
         if topic.name in self.drivers:
@@ -291,7 +299,7 @@ def _converted(topic: Topic, given: Message, received: int, form: Form) -> Messa
     set_stamp(made.header.stamp, received)
     if hasattr(given, "header"):
         made.header = given.header
-    ROWS[topic.type, type(given)](given, made)
+    form.others[type(given)](given, made)
     return made
 
 
@@ -321,17 +329,17 @@ def _transform(message: Message, name: str, of_covariance: str, turn: Array, siz
     width = math.isqrt(len(whole))
     covariance = np.array(whole, dtype=float).reshape(width, width)
     own = covariance[:3, :3]
-    if width == 3 and own[0, 0] == _NOT_MEASURED:  # all of it, in messages of sensor_msgs
+    if width == 3 and own[0, 0] == ABSENT:  # all of it, in messages of sensor_msgs
         own = np.zeros((3, 3))
-    absent = np.diag(own) == _NOT_MEASURED
+    absent = np.diag(own) == ABSENT
     given = np.array([vector.x, vector.y, vector.z])
     own = np.where(absent[:, None] | absent, 0.0, own)
     turned = size * (turn @ np.where(absent, 0.0, given))
     own = size**2 * (turn @ own @ turn.T)
     absent = (np.abs(turn) > _NONE) @ absent
-    own[absent, absent] = _NOT_MEASURED
+    own[absent, absent] = ABSENT
     vector.x, vector.y, vector.z = turned.tolist()
-    if width > 3 or covariance[0, 0] != _NOT_MEASURED:
+    if width > 3 or covariance[0, 0] != ABSENT:
         covariance[:3, :3] = own
     set_field(message, of_covariance, covariance.ravel())
 

@@ -21,7 +21,12 @@ from sensor_msgs.msg import PointCloud2
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES, Estimate
 from isogal.matching.interfaces import Fix, Information
-from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
+from isogal_ros.messages.checks import (
+    BadMessageError,
+    require_covariance,
+    require_frame,
+    require_unit,
+)
 from isogal_ros.messages.frames import BASE
 from isogal_ros.messages.point import fill_point, number, numbers, read_point
 from isogal_ros.messages.stamps import to_ns, to_seconds
@@ -138,7 +143,6 @@ def _estimate(values: Mapping[str, Array]) -> Estimate:
     position = numbers(values, "from_position", 3)
     attitude = numbers(values, "from_attitude", 4)
     place = _place(position[:2], "field from_position")
-    if abs(attitude @ attitude - 1.0) > 1e-3:
-        raise BadMessageError("field from_attitude is not a unit quaternion")
+    require_unit(attitude, "field from_attitude")
     velocity = numbers(values, "from_velocity", 3)
     return Estimate(np.array([*place, position[2]]), velocity, attitude)

@@ -1,7 +1,6 @@
 """Inertial samples as Imu messages."""
 
 import math
-import struct
 
 import numpy as np
 from sensor_msgs.msg import Imu
@@ -9,15 +8,15 @@ from sensor_msgs.msg import Imu
 from isogal.arrays import Array
 from isogal.scenario import ImuErrors
 from isogal.sensors.imu_model import noise_density
-from isogal_ros.messages.checks import BadMessageError, require_frame
+from isogal_ros.messages.cdr import Reader
+from isogal_ros.messages.checks import ABSENT, BadMessageError, require_frame
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.prepared import Prepared, numbers_of, write
 
-_TEXT, _COUNT = 16, 37
-"""Where the text of the frame begins in a serialised message, and how many numbers follow it."""
 _RATE, _FORCE = slice(13, 16), slice(25, 28)
 _VARIANCES = [28, 32, 36, 16, 20, 24]
-"""Of the specific force, then of the angular rate."""
+"""Among the 37 numbers of a message: orientation, angular velocity and linear acceleration, each
+with its covariance. The variances are of the specific force, then of the angular rate."""
 LARGEST_FORCE, LARGEST_RATE = 1000.0, 100.0
 """m/s² and rad/s: no vehicle of this kind reaches them, a broken sensor does."""
 
@@ -55,8 +54,10 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array, Array | None
         The message is of another frame, not finite, beyond any vehicle, or says that it has no
         specific force or angular rate.
     """
-    own, numbers = _content(data)
-    require_frame(own, frame, "imu_frame")
+    content = Reader(data)
+    content.take("iI")  # the stamp
+    require_frame(content.text(), frame, "imu_frame")
+    numbers = content.take("37d")
     force, rate = numbers[_FORCE], numbers[_RATE]
     largest = max(map(abs, force)), max(map(abs, rate))
     if not math.isfinite(sum(force) + sum(rate)):
@@ -67,20 +68,9 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array, Array | None
             " rad/s"
         )
     variances = [numbers[k] for k in _VARIANCES]
-    if variances[0] == -1.0 or variances[3] == -1.0:
+    if ABSENT in (variances[0], variances[3]):
         raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
     if min(variances) < 0.0:
         raise BadMessageError("negative variance")
     declared = np.array(variances[3:]) if max(variances[3:]) > 0.0 else None
     return np.array(force) * FRD_FLU, np.array(rate) * FRD_FLU, declared
-
-
-def _content(data: bytes) -> tuple[str, tuple[float, ...]]:
-    """Return the frame of a serialised Imu and the numbers (37,) after its header: orientation,
-    angular velocity and linear acceleration, each with its covariance. CDR aligns them to eight
-    bytes from where the message begins, behind four that say how it is represented."""
-    order = "<" if data[1] & 1 else ">"
-    (length,) = struct.unpack_from(f"{order}I", data, _TEXT - 4)
-    start = 4 + -(-(_TEXT - 4 + length) // 8) * 8
-    numbers = struct.unpack_from(f"{order}{_COUNT}d", data, start)
-    return data[_TEXT : _TEXT + length - 1].decode(), numbers

@@ -16,7 +16,8 @@ from isogal.errors import InputError
 from isogal.inertial.rotations import matrix, to_angles
 from isogal.scenario import Scenario, validate_scenario
 from isogal_ros import topics
-from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.cdr import Reader
+from isogal_ros.messages.checks import BadMessageError, require_unit
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.position import FARTHEST
@@ -51,31 +52,18 @@ def pose_of(place: Array, rotation: Array) -> Pose:
 
 def read_transforms(data: bytes) -> dict[str, Link]:
     """Return the transforms of a serialised tf2_msgs/TFMessage, whose class is not among ROS 2's
-    wheels (CDR: OMG DDS-XTypes 1.3, section 7.4); raises BadMessageError where it is none."""
-    order, at, found = "<" if data[1:2] == b"\1" else ">", 4, {}
-
-    def take(form: str, align: int) -> tuple[float, ...]:
-        nonlocal at
-        at = 4 + -(-(at - 4) // align) * align
-        values = struct.unpack_from(order + form, data, at)
-        at += struct.calcsize(order + form)
-        return values
-
-    def text() -> str:
-        nonlocal at
-        (length,) = take("I", 4)
-        start, at = at, at + int(length)
-        return data[start : at - 1].decode()
-
+    wheels; raises BadMessageError where it is none."""
+    content, found = Reader(data), dict[str, Link]()
     try:
-        (count,) = take("I", 4)
+        (count,) = content.take("I")
         for _ in range(int(count)):
-            take("iI", 4)
-            parent, child = text(), text()
-            numbers = np.array(take("7d", 8))
+            content.take("iI")  # the stamp
+            parent, child = content.text(), content.text()
+            numbers = np.array(content.take("7d"))
             turn = np.roll(numbers[3:], 1)  # w first
-            if not (np.abs(numbers) < FARTHEST).all() or abs(turn @ turn - 1.0) > 1e-3:
-                raise BadMessageError(f"transform to {child!r}: not finite, or no rotation")
+            if not (np.abs(numbers[:3]) < FARTHEST).all():
+                raise BadMessageError(f"transform to {child!r}: not finite, or not on the Earth")
+            require_unit(turn, f"rotation of the transform to {child!r}")
             found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
     except (struct.error, UnicodeDecodeError):
         raise BadMessageError("no transforms") from None

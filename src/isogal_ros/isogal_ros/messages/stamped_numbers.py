@@ -10,13 +10,10 @@ from std_msgs.msg import Float64MultiArray
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.passage import Aided, Passage, Since
+from isogal_ros.messages.cdr import Reader
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
-
-_HEAD = {True: struct.Struct("<I12x2d"), False: struct.Struct(">I12x2d")}
-"""By whether the byte order is little-endian: the length of layout.dim, then, after
-layout.data_offset and the length of data, the first two numbers."""
 
 
 def fill_numbers(message: Float64MultiArray | Prepared, ns: int, *arrays: Array) -> None:
@@ -34,9 +31,12 @@ def peek_numbers_ns(serialised: bytes) -> int:
     BadMessageError
         It has a layout, or too few numbers, or its stamp is not finite.
     """
-    if len(serialised) < 36:
-        raise BadMessageError("too few numbers")
-    layout, seconds, rest = _HEAD[bool(serialised[1] & 1)].unpack_from(serialised, 4)
+    content = Reader(serialised)
+    try:
+        layout, _, _ = content.take("3I")  # lengths of dim, data_offset, and of the data
+        seconds, rest = content.take("2d")
+    except struct.error:
+        raise BadMessageError("too few numbers") from None
     if layout or not (abs(seconds) < 1e10 and 0 <= rest < SECOND):
         raise BadMessageError("begins with a layout, or with no stamp")
     return int(seconds) * SECOND + int(rest)

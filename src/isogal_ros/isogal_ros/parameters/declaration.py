@@ -43,7 +43,7 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
         values = known_values(overrides, specs, known)
         for spec in specs:
             _declare(node, spec, values[spec.name])
-        found = {spec.name: spec.to_field(values[spec.name]) for spec in specs}
+        found = fields_of(values, specs)
     except InputError as error:
         raise InputError(f"{node.get_name()}: {error}") from None
     casts = {spec.name: spec.cast for spec in specs}
@@ -83,6 +83,12 @@ def known_values(
             raise InputError(f"unknown parameter '{name}'{hint}")
     kept |= {outer: yaml_line(nested(part)) for outer, part in parts.items()}
     return {spec.name: spec.cast(kept.get(spec.name, spec.default)) for spec in specs}
+
+
+def fields_of(values: Values, specs: Sequence[ParameterSpec]) -> Values:
+    """Return the model's values for those of all parameters; raises InputError where there is
+    none."""
+    return {spec.name: spec.to_field(values[spec.name]) for spec in specs}
 
 
 def on_change(node: Node, specs: Sequence[ParameterSpec], apply: Callable[[Values], None]) -> None:
