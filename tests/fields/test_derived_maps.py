@@ -50,10 +50,10 @@ def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance, there):
     route = build_trajectory(it)
     found = there.value(route.latitude, route.longitude)
     assert found.shape == (len(route) + 1, 2)
-    # cut out of the file 25 km away, and float32
+    # cut out of the file 25 km away
     difference = found - expected.value(route.latitude, route.longitude)
     assert np.abs(difference).max() < 0.02 * found.std()
-    assert there.values.dtype == np.float32
+    assert there.values.dtype == np.float64  # for which kernels are compiled
     first, second = there.channels
     assert np.shares_memory(second.values, there.values)
     assert first.values.size < 0.3 * expected.channels[0].values.size

@@ -141,7 +141,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         if self._pose is not None:
             pose, self._pose = self._pose, None
             self.guard(topics.INITIAL_POSE, self._take_pose, pose)
-        self._smoothed.publish(self.navigator)
+        self._smoothed.publish(self._navigation.ns, self.navigator)
         self._navigation.keep()
 
     @property

@@ -15,7 +15,7 @@ from isogal_ros.messages.odometry import POSE, empty_odometry, fill_odom
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamped_numbers import fill_nav_covariance
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.stamps import among, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.track import Track
 from ukf_fusion_node.transforms import Transforms
@@ -106,28 +106,37 @@ class Smoothed:
         self.lag = node.scenario.fusion.lag
         """s; 0 = nothing is published."""
         self._frame, self._reached = map_frame(node.scenario), -np.inf
+        self._stamps: list[int] = []
+        """Of the steps after that time, ns."""
         self._message = empty_odometry(topics.SMOOTHED)
         self._publisher = node.advertise(topics.SMOOTHED) if self.lag > 0.0 else None
 
-    def publish(self, navigator: InertialNavigator | None) -> None:
-        """Publish the states that are a lag old, if it is time to look back."""
-        if self._publisher is None or navigator is None:
+    def publish(self, ns: int, navigator: InertialNavigator | None) -> None:
+        """Publish the states that are a lag old, if it is time to look back; a step has ended at a
+        stamp (ns)."""
+        if self._publisher is None:
+            return
+        self._stamps.append(ns)
+        if navigator is None:
             return
         until = navigator.time - self.lag
         if until < self._reached + SHARE * self.lag:
             return
         stamps, rates = navigator.samples(self._reached, until)
+        each_ns = among(stamps.tolist(), self._stamps)
+        self._stamps = [ns for ns in self._stamps if to_seconds(ns) > until]
         self._reached = until
         if not len(stamps):
             return
         states = navigator.smoothed(stamps)
-        for stamp, rate, state in zip(stamps.tolist(), rates, states, strict=True):
-            _fill(self._message, from_seconds(stamp), self._frame, state, rate)
+        for stamp, rate, state in zip(each_ns, rates, states, strict=True):
+            _fill(self._message, stamp, self._frame, state, rate)
             self._publisher.publish(self._message)
 
     def begin_anew(self) -> None:
         """Publish what comes after a reset, whatever its stamps are."""
         self._reached = -np.inf
+        self._stamps.clear()
 
 
 def _fill(

@@ -224,7 +224,7 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
         vehicle="real",
         namespace="ship",
         log_level="warn",
-        set=f"{SHORT} route.height=0.0 matcher.name=tercom 'route.start=[-36.0, 147.0]'",
+        set=f"{SHORT} route.height=0.0 matcher.name=tercom 'route.start=[-37.9, 144.6]'",
     )
     made.describe()
     assert set(made.nodes) == {*topics.NODES, RECORDER} - {topics.INS_SIM}
@@ -233,7 +233,7 @@ def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
         assert keys["namespace"] == "ship"
         assert keys["ros_arguments"] == ["--log-level", "warn"]
         assert own["use_sim_time"] is False
-        assert own["route.start"] == [-36.0, 147.0]
+        assert own["route.start"] == [-37.9, 144.6]
         assert ("matcher.name" in own) is ("matcher" in node_class(name).sections)
         assert topics.INS_SIM not in own.get("peers", ())
     assert made.nodes[topics.GRAVIMETER]["parameters"][1]["simulate"] is False

@@ -6,9 +6,13 @@ import pytest
 from helpers.node_bench import bench
 from isogal_ros import topics
 from isogal_ros.messages.adapter import topics_in_use
+from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.position import read_position
+from isogal_ros.messages.stamps import to_ns
 
 LAG = "fusion.lag=20"
+TODAY = 1_764_187_200_123_456_789
+"""ns; a float of seconds is 11 ns off, and up to 119 of others."""
 
 
 @pytest.fixture
@@ -46,6 +50,19 @@ def test_it_knows_of_a_fix_that_came_within_the_lag(made) -> None:
     variance = np.reshape(later[25].pose.covariance, (6, 6))[1, 1]
     assert variance < 0.1 * np.reshape(then[25].pose.covariance, (6, 6))[1, 1]
     assert later[25].child_frame_id == "base_link" and later[25].header.frame_id == "map"
+
+
+def test_stamps_of_today_are_those_of_the_samples_to_the_nanosecond(scenario) -> None:
+    stamps = [TODAY + k * 1_000_000_007 for k in range(60)]
+    with bench(topics.UKF_FUSION, scenario(LAG), start_time=float("nan")) as made:
+        for ns in stamps:
+            message = topics.IMU.type()
+            message.header.frame_id = "base_link"
+            fill_imu(message, ns, np.array([0.0, 0.0, -9.8]), np.zeros(3))
+            made.publish(topics.IMU, message)
+        said = [to_ns(message.header.stamp) for message in made.heard["nav/smoothed"]]
+    assert len(said) > 35
+    assert said == stamps[: len(said)]
 
 
 def test_without_a_lag_there_is_no_such_topic(scenario) -> None:

@@ -2,9 +2,9 @@
 scenario's map in a process of its own.
 
 A Fourier transform of a large map takes several times its memory, most of which a process never
-gives back. So that nodes stay small, another process computes the maps and leaves them in files:
-the values as float32, no larger than the route needs. Processes that start together take them from
-one folder (`shared_maps`), where each map is computed once."""
+gives back. So that nodes stay small, another process computes the maps and leaves them in files,
+no larger than the route needs. Processes that start together take them from one folder
+(`shared_maps`), where each map is computed once."""
 
 import contextlib
 import hashlib
@@ -15,7 +15,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,11 +110,7 @@ def compute(settings: Settings, margin: float) -> ChannelMap:
     check_coverage(disturbance, *route, partly=partly)
     maps = channels.maps(settings, disturbance)
     check_coverage(maps, *route, partly=partly)
-    cut = [channel.window(*window[:4]) for channel in maps.channels]
-    # float32 rounds to a ten-millionth: 1e-5 E of 100 E
-    return ChannelMap(
-        [replace(channel, values=channel.values.astype(np.float32)) for channel in cut]
-    )
+    return ChannelMap([channel.window(*window[:4]) for channel in maps.channels])
 
 
 def _read(folder: Path) -> ChannelMap:

@@ -233,7 +233,7 @@ def smooth_command(
     found = smoothed_bag(reader, played)
     track = thinned(found.track, interval)
     paths = [str(path) for path in write_smoothed(track, out)]
-    write_bag(found, played.scenario, out / "bag")
+    write_bag(found, played, out / "bag")
     files = [*paths, str(out / "bag")]
     result = {"states": len(found.track.time), **found.figures, "files": files}
     for line in [*played.notes, *played.failures]:

@@ -31,7 +31,7 @@ from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.odometry import empty_odometry, fill_odom
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.messages.stamps import among, peek_ns, to_seconds
 
 WHOLE = {"horizon": 1e8}
 """Parameters of a filter whose history goes back three years, s."""
@@ -119,7 +119,7 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
     """Return the figures of the errors; none where the truth is not known."""
     if not outputs.truth:
         return {}
-    true = Places(outputs.truth).at([from_seconds(time) for time in track.time.tolist()])
+    true = Places(outputs.truth).at(_stamps(track, outputs))
     known = np.isfinite(true).all(axis=1)
     if not known.any():
         return {}
@@ -136,15 +136,19 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
     return {"position_error_rms": rms, "nees_per_axis": nees}
 
 
-def write_bag(found: SmoothedBag, scenario: Scenario, folder: Path) -> None:
+def _stamps(track: SmoothedTrack, outputs: Collector) -> list[int]:
+    """Return the stamps (ns) of the states: the filter has published each."""
+    return among(track.time.tolist(), outputs.first_nav)
+
+
+def write_bag(found: SmoothedBag, played: Replay, folder: Path) -> None:
     """Write a bag with the states on nav/smoothed; a bag in the folder is replaced."""
+    scenario = played.scenario
     frame, message = map_frame(scenario), empty_odometry(topics.SMOOTHED)
     writer = BagWriter(folder, {"scenario": scenario_text(scenario)}, replace=True)
     try:
-        for time, state, rate in zip(
-            found.track.time.tolist(), found.track.states, found.rates, strict=True
-        ):
-            ns = from_seconds(time)
+        stamps = _stamps(found.track, played.outputs)
+        for ns, state, rate in zip(stamps, found.track.states, found.rates, strict=True):
             nav = np.concatenate(state.estimate)
             fill_odom(message, ns, frame, nav, state.turn_rate(rate), state.covariance)
             writer.put(topics.SMOOTHED, message, ns)

@@ -19,7 +19,8 @@ FREE_EVERY = 5.0
 
 class Heartbeat:
     """Publishes diagnostics while no data comes; gives memory back; says where the process stood
-    still so long that others took it for gone; ends the node with the process that started it.
+    still so long that others, where a node has any (`isogal_ros.graph.bus`), took it for gone;
+    ends the node with the process that started it.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ class Heartbeat:
         """Do what is due."""
         node, health, now = self._node, self._node.health, time.monotonic()
         stood, self._beaten = now - (self._beaten or now), now
-        if stood > LEASE:
+        if stood > LEASE and not getattr(node.context, "alone", False):
             health.count("stood still")
             took = "others took it for gone, what they said is lost"
             health.concern("standing still", f"stood still for {stood:.0f} s; {took}", ERROR)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isogal.arrays import Values
+from isogal.arrays import Array, Values
 from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.formats.format import Asked, FileGrid, file_format
@@ -165,10 +165,8 @@ def _values(
     down = source.height - rows.stop, source.height - rows.start
     cut = Window.from_slices(down, (columns.start, columns.stop))
     raw = source.read(band, window=cut, masked=True)
-    packed = scale != 1.0 or offset != 0.0
-    kind = np.float32 if raw.dtype == np.float32 and not packed else np.float64
-    values: Values = raw.data.astype(kind)
-    if packed:
+    values: Array = raw.data.astype(np.float64)
+    if scale != 1.0 or offset != 0.0:
         values = values * scale + offset
     values[np.ma.getmaskarray(raw) | ~np.isfinite(values)] = np.nan
     return values[::-1]

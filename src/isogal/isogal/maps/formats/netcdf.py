@@ -330,13 +330,11 @@ def unpacked(
     data: "Variable", raw: "np.ma.MaskedArray[tuple[int, ...], np.dtype[np.generic]]"
 ) -> Values:
     """Apply scale and offset (CF 8.1) to values whose missing ones netCDF4 has masked, and make
-    those NaN; float32 stays float32, all else becomes float64."""
+    those NaN; all becomes float64, for which kernels are compiled."""
     scale = float(getattr(data, "scale_factor", 1.0))
     offset = float(getattr(data, "add_offset", 0.0))
-    packed = scale != 1.0 or offset != 0.0
-    kind = np.float32 if raw.dtype == np.float32 and not packed else np.float64
-    values: Values = np.ma.filled(raw.astype(kind), np.nan)
-    if packed:
+    values: Array = np.ma.filled(raw.astype(np.float64), np.nan)
+    if scale != 1.0 or offset != 0.0:
         values *= scale
         values += offset
     return values
