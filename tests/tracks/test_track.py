@@ -50,6 +50,11 @@ def test_a_track_off_the_map_is_refused():
         fit_to_map(far, DISTURBANCE)
 
 
+def test_a_track_without_readings_is_refused():
+    with pytest.raises(InputError, match="0 of 60 readings have a value, at least 3 are needed"):
+        fit_to_map(changed(value=np.full(60, np.nan)), DISTURBANCE)
+
+
 def test_readings_where_the_map_is_empty_are_named():
     values = DISTURBANCE.values.copy()
     track, _, _ = made_track(DISTURBANCE)

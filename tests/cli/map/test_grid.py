@@ -44,6 +44,17 @@ def test_it_writes_a_map_that_says_its_error(survey, tmp_path):
     assert text.endswith(f"{out}\n")
 
 
+def test_a_column_that_is_not_used_is_said(survey, tmp_path):
+    header, first, *others = survey.read_text().splitlines()
+    lines = [f"{header},height", f"{first},", *(f"{line},300" for line in others)]
+    path = tmp_path / "gaps.csv"
+    path.write_text("\n".join(lines))
+    text = answer("map", "grid", path, tmp_path / "map.nc", "--spacing", 2000)
+    assert f"height is not used: 1 of {len(lines) - 1} readings have none" in " ".join(
+        text.split()
+    )
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

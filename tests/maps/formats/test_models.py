@@ -97,6 +97,7 @@ def test_emag2_as_csv(tmp_path):
     assert np.argwhere(np.isnan(sea.values)).tolist() == [[10, 10]]
     assert sea.values[0, 0] == pytest.approx(10.0 * math.sin(4340) + 1590, abs=1e-3)
     assert air.values[3, 0] == pytest.approx(0.5 * 1593) and set(sea.sigma[0]) == {25, 26, 27}
+    assert "UpCont.csv:upcont" in load_map(emag2(tmp_path / "EMAG2_V3_UpCont.csv")).provenance
     window = Window(*np.radians([-36.5, -36.4, 144.9, 145.0]))
     assert load_map(path, window=window).values.shape < sea.values.shape
     assert "has no variable 'tmi'; it has sealevel, upcont" in refused(path, "tmi")

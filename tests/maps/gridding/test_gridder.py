@@ -24,6 +24,7 @@ from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.gridder import GridSettings, grid_survey, learn_model
 from isogal.maps.gridding.kriging import Kriging
+from isogal.maps.gridding.validation import LeftOut, far_off
 from isogal.maps.load import load_map
 
 __all__ = ["four_places"]
@@ -105,6 +106,19 @@ def test_blunders_are_named_by_line_and_time():
     assert (first["line"], first["time"]) == (line[100], time[100])
     assert first["off"] == pytest.approx(200.0 * MGAL, rel=0.1) and first["sigmas"] > 6.0
     assert all(abs(one["off"]) < 0.5 * first["off"] for one in others)
+    named = replace(model.survey, line_names={int(line[100]): "L7A"})
+    errors = np.where(np.arange(len(named)) == 100, 1.0, 0.0)
+    ones = np.ones(len(named))
+    out = LeftOut(np.arange(len(named)), errors, 1e-4 * ones, ones, ones, named.line)
+    assert [one["line"] for one in far_off(named, named, out)] == ["L7A"]
+
+
+def test_readings_that_say_nothing_make_no_map():
+    places, _ = flight_lines(9, 1000.0, 600.0, 9e3)
+    _, readings = drawn(places, seed=5)
+    survey = survey_at(places, readings, sigma=np.full(len(places), 1e3))
+    with refusal("nowhere do the readings say more"):
+        grid_survey(survey, GridSettings("kriging", spacing=2000.0))
 
 
 def test_sources_continue_upward():

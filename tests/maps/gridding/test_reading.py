@@ -98,6 +98,11 @@ GOOD = rows(LAT, LON, VALUE)
         ("lat,lon,dg[mGal]", [*GOOD, "1,2"], "line 62 has 2 cells"),
         ("lat,lon,dg[mGal]", [*GOOD, "1,2,high"], "value in line 62 is 'high', not a number"),
         ("lat,lon,dg[mGal]", [*GOOD, "1,2,1_0"], "value in line 62 is '1_0', not a number"),
+        (
+            *("lat;lon;dg[mGal]", [row.replace(",", ";").replace(".", ",") for row in GOOD]),
+            r"line 2 is '.*', not a number \(write 1.5, not 1,5\)",
+        ),
+        ("lat,lon,dg[mGal],sigma", rows(LAT, LON, VALUE, VALUE), "sigma in line 2 is 0, must be"),
         (GOOD[0], GOOD[1:], "has no header; it needs a header with"),
         ("lat,lon,dg[mGal]", [*GOOD, *GOOD], "120 of 120 readings are duplicates"),
         (
@@ -119,6 +124,22 @@ def test_bad_files_are_refused_in_one_line(tmp_path, header, lines, message):
         read_survey(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_column_with_gaps_is_not_used_and_said(tmp_path):
+    lines = rows(LAT, LON, 100.0 + VALUE, VALUE)
+    lines[3] = ",".join(part if k != 2 else "" for k, part in enumerate(lines[3].split(",")))
+    survey = read_survey(written(tmp_path / "a.csv", "lat,lon,height,dg[mGal]", lines))
+    assert survey.height is None and dict(survey.incomplete) == {"height": 1}
+    whole = written(tmp_path / "b.csv", "lat,lon,height,dg[mGal]", lines[4:])
+    assert read_survey(whole).height is not None and not read_survey(whole).incomplete
+
+
+def test_lines_keep_their_names(tmp_path):
+    lines = [f"{row},L{k // 20}A" for k, row in enumerate(GOOD)]
+    survey = read_survey(written(tmp_path / "a.csv", "lat,lon,dg[mGal],line", lines))
+    named = [survey.line_names[number] for number in survey.line.tolist()]
+    assert named == [f"L{k // 20}A" for k in range(N)]
 
 
 def netcdf(path, **columns):

@@ -212,6 +212,11 @@ def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
     """
     if len(track) < FEWEST:
         raise InputError(f"{track.where}: needs at least {FEWEST} readings, has {len(track)}")
+    if (given := int(np.isfinite(track.value).sum())) < FEWEST:
+        raise InputError(
+            f"{track.where}: {given} of {len(track)} readings have a value, at least {FEWEST} are"
+            " needed"
+        )
     at_track = field_map.value(track.latitude, track.longitude)
     on_map = np.isfinite(at_track)
     usable = on_map & np.isfinite(track.value)

@@ -184,6 +184,11 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
     """Say how readings that were left out agree with the map of the others."""
     factor, unit = shown_unit(unit)
     left_out, off = report["left_out"], report["mean_absolute_error"]
+    for name, count in report.get("incomplete", {}).items():
+        yield (
+            f"{name} is not used: {count} of {report['readings']} readings have none (give all of"
+            " them, or leave these readings out)"
+        )
     if len(off) > 1:
         tried = ", ".join(f"{name} {factor * error:.3g} {unit}" for name, error in off.items())
         yield f"method {report['method']}; mean absolute error of readings left out: {tried}"
@@ -204,7 +209,8 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
     if far := report["far_off"]:
         yield f"readings over 6 of their 1-sigmas off what the others predict: {len(far)}"
     for one in far[:10]:
-        when = "".join(f"{key} {one[key]:.10g}, " for key in ("line", "time") if key in one)
+        when = f"line {one['line']}, " if "line" in one else ""
+        when += f"time {one['time']:.10g}, " if "time" in one else ""
         place = f"latitude {one['latitude']:.5f}, longitude {one['longitude']:.5f}"
         yield f"  {when}{place}: {factor * one['off']:+.3g} {unit}, {one['sigmas']:.0f} sigmas"
     if crossings := report.get("cross_overs"):

@@ -43,8 +43,9 @@ def _read(path: Path, asked: Asked, window: Window | None) -> FieldMap:
             height = _SURFACES[_surface(path, None)][1]
             known = replace(grid, quantity="magnetic_anomaly", unit="nT", height=height)
             return known.load(asked, window)
-    column, height = _SURFACES[_surface(path, asked.variable)]
-    where = f"{path}:{asked.variable or 'sealevel'}"
+    surface = _surface(path, asked.variable)
+    column, height = _SURFACES[surface]
+    where = f"{path}:{surface}"
     table = _rows(path, window, where)
     latitude, longitude = table[:, _LATITUDE], table[:, _LONGITUDE]
 

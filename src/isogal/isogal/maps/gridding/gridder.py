@@ -218,11 +218,13 @@ def _left_out_by(survey: Survey, settings: GridSettings) -> str:
     """Return whether lines or blocks are left out; raises InputError where the survey lacks what
     is asked for."""
     if settings.height is not None and survey.height is None:
-        raise InputError(f"{survey.where}: has no column height, which a chosen height needs")
+        raise InputError(
+            f"{survey.where}: has no column height without gaps, which a chosen height needs"
+        )
     by = settings.left_out or ("blocks" if survey.line is None else "lines")
     if by == "lines":
         if survey.line is None:
-            raise InputError(f"{survey.where}: has no column line; leave out blocks")
+            raise InputError(f"{survey.where}: has no column line without gaps; leave out blocks")
         if np.unique(survey.line).size < _FEWEST_LINES:
             return "blocks"
     return by
@@ -233,6 +235,8 @@ def _prepared(
 ) -> tuple[Survey, dict[str, object]]:
     """Return the survey levelled and in blocks, as asked for, and what there is to say of that."""
     report: dict[str, object] = {"readings": len(survey), "gap_m": gap}
+    if survey.incomplete:
+        report["incomplete"] = dict(survey.incomplete)
     if survey.line is not None:
         report["lines"] = int(np.unique(survey.line).size)
     if settings.level:
@@ -276,6 +280,11 @@ def grid_survey(
     nodes = np.meshgrid(latitude, longitude, indexing="ij")
     places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
     at = _at_nodes(model, places, progress)
+    if not np.isfinite(at["value"]).any():
+        raise InputError(
+            f"{survey.where}: nowhere do the readings say more of the field than the noise that"
+            " they have (sigma) hides; there is nothing to map"
+        )
     field_map = FieldMap(
         latitude,
         longitude,

@@ -1,5 +1,6 @@
 """Survey readings from files: tables of text, Geosoft XYZ, MGD77, NetCDF."""
 
+import math
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -22,6 +23,7 @@ _NAMES = {
 }
 """Names of columns, in any case."""
 _COLUMNS = {kind: Column(names, gaps=True) for kind, names in _NAMES.items()}
+_COLUMNS["sigma"] = _COLUMNS["sigma"]._replace(least=math.ulp(0.0))
 
 
 def read_survey(
@@ -65,8 +67,11 @@ def read_survey(
     if rows.line is not None:
         wanted.pop("line", None)
     columns: dict[str, Array | None] = {**rows.read(wanted, ())}
+    names: dict[int, str] = {}
     if rows.line is not None:
-        columns["line"] = _numbered(rows.line)
+        names = _numbered(rows.line)
+        number = {line: k for k, line in names.items()}
+        columns["line"] = np.array([float(number[line]) for line in rows.line])
     if columns.get("latitude") is None:
         columns |= geographic(columns["x"], columns["y"], crs, rows.where)
     return survey_of(
@@ -74,6 +79,7 @@ def read_survey(
         unit=unit or rows.units.get(name),
         quantity=quantity or rows.quantities.get(name),
         where=f"{rows.where}:{name}",
+        line_names=names,
     )
 
 
@@ -97,8 +103,9 @@ def _value(rows: Rows, used: Iterable[Column], variable: str | None) -> str:
     )
 
 
-def _numbered(lines: list[str]) -> Array:
-    """Return a number for each survey line (N,): its name where all are whole numbers."""
+def _numbered(lines: list[str]) -> dict[int, str]:
+    """Return the name of each survey line by a number of its own: its name where all are whole
+    numbers."""
     names = list(dict.fromkeys(lines))
     try:
         numbers = [float(name) for name in names]
@@ -106,8 +113,7 @@ def _numbered(lines: list[str]) -> Array:
         numbers = []
     if len(set(numbers)) < len(names) or any(number % 1.0 for number in numbers):
         numbers = list(map(float, range(len(names))))
-    of = dict(zip(names, numbers, strict=True))
-    return np.array([of[name] for name in lines])
+    return {round(number): name for number, name in zip(numbers, names, strict=True)}
 
 
 def geographic(x: Array | None, y: Array | None, crs: str | None, where: str) -> dict[str, Array]:

@@ -135,7 +135,8 @@ class Rows:
                     found[k] = _number(text.strip(), column)
                 except ValueError:
                     shown = f"'{text.strip()[:40]}'" if text.strip() else "empty"
-                    raise self._bad(name, k, f"{shown}, not a number") from None
+                    hint = " (write 1.5, not 1,5)" if "," in text else ""
+                    raise self._bad(name, k, f"{shown}, not a number{hint}") from None
         if column is TIME and plain:
             found = _seconds(found, unit, f"{self.where}: {self.names[i]}")
         if column.gaps:
@@ -292,8 +293,8 @@ def _of_text(text: str, needed: str, where: str) -> Rows:
     if header is None:
         what = "has no header" if rows else "is empty"
         raise InputError(f"{where}: {what}; it needs a header with {needed}")
-    mark: str | None = max(",;\t", key=(rows or [header])[0].count)
-    mark = mark if mark is not None and mark in header else None
+    marks = [mark for mark in ",;\t" if mark in header]
+    mark = max(marks, key=(rows or [header])[0].count, default=None)
     line = _lines(lines) if here[0] else None
     names, _ = _split(header, [], mark, where)
     if (table := _plain(rows, mark)) is not None and table.shape[1] == len(names):

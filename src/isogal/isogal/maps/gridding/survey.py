@@ -1,7 +1,8 @@
 """Survey readings at scattered points or along lines, and what must be true of them before a map
 is made of them."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -43,6 +44,11 @@ class Survey:
     """(N,) 1-sigma of the readings."""
     line: Integers | None = None
     """(N,) number of the survey line of each reading; None = stations."""
+    line_names: Mapping[int, str] = field(default_factory=dict)
+    """What the file calls the lines, by their numbers."""
+    incomplete: Mapping[str, int] = field(default_factory=dict)
+    """How many readings lack a height, sigma, line or time that others have; then none of it is
+    used."""
     time: Array | None = None
     """(N,) when each was taken, as the file says it."""
     file_unit: str = ""
@@ -167,6 +173,7 @@ def survey_of(
     unit: str | None,
     quantity: str | None,
     where: str,
+    line_names: Mapping[int, str] | None = None,
 ) -> Survey:
     """Return a survey from the columns of a file.
 
@@ -179,6 +186,8 @@ def survey_of(
     unit, quantity : str or None
         As the file says or the user gave; None = not known.
     where : str
+    line_names : mapping, optional
+        See `Survey`.
 
     Raises
     ------
@@ -199,9 +208,16 @@ def survey_of(
         )
     check_plausible((float(value[keep].min()), float(value[keep].max())), quantity, factor, where)
 
+    incomplete: dict[str, int] = {}
+
     def column(name: str) -> Array | None:
         one = columns.get(name)
-        return None if one is None or not np.isfinite(one[keep]).all() else one[keep]
+        if one is None or not (known := np.isfinite(one[keep])).any():
+            return None
+        if not known.all():
+            incomplete[name] = int((~known).sum())
+            return None
+        return one[keep]
 
     line, sigma = column("line"), column("sigma")
     return without_duplicates(
@@ -215,7 +231,9 @@ def survey_of(
             height=column("height"),
             sigma=None if sigma is None else sigma * factor,
             line=None if line is None else np.rint(line).astype(np.int64),
+            line_names=line_names or {},
             time=column("time"),
+            incomplete=incomplete,
             file_unit=unit,
             file_factor=factor,
         )

@@ -91,14 +91,14 @@ class LeftOut:
         }
 
 
-def far_off(survey: Survey, blocks: Survey, out: LeftOut) -> list[dict[str, float]]:
+def far_off(survey: Survey, blocks: Survey, out: LeftOut) -> list[dict[str, float | str]]:
     """Return the readings of a survey that are further off than `_FAR` of their 1-sigmas from what
     the others predict, the worst first: blunders, or what no other reading has seen. Of a block
     (`block_reduced`) that is so far off it is the reading that is furthest off there."""
     from scipy.spatial import cKDTree
 
     sigmas = np.sqrt(out.ratio)
-    tree, found = cKDTree(survey.places[:, :2]), list[dict[str, float]]()
+    tree, found = cKDTree(survey.places[:, :2]), list[dict[str, float | str]]()
     for k in np.argsort(-sigmas)[: int((sigmas > _FAR).sum())].tolist():
         row = int(out.rows[k])
         predicted = float(blocks.value[row] - out.error[k])
@@ -108,9 +108,11 @@ def far_off(survey: Survey, blocks: Survey, out: LeftOut) -> list[dict[str, floa
             near = own if own.size else near
         worst = int(near[np.argmax(np.abs(survey.value[near] - predicted))])
         place = np.degrees([survey.latitude[worst], survey.longitude[worst]]).tolist()
-        one = {"latitude": place[0], "longitude": place[1]}
+        one: dict[str, float | str] = {"latitude": place[0], "longitude": place[1]}
         if survey.line is not None:
-            one["line"] = int(survey.line[worst])
+            number = int(survey.line[worst])
+            name = survey.line_names.get(number, "")
+            one["line"] = number if name in ("", str(number)) else name
         if survey.time is not None:
             one["time"] = float(survey.time[worst])
         off = float(survey.value[worst]) - predicted
