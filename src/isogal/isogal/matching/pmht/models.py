@@ -97,11 +97,7 @@ class Fault(NamedTuple):
 
 
 FAULTS = (
-    Fault(NONE, 0.64),
-    # inertial sensors worse than their data sheet are no fault: by the time that readings show it
-    # the navigator is sure of biases that are wrong
-    Fault(NONE, 0.05, growth=WORSE),
-    Fault(NONE, RARE, growth=WORSE**2),
+    Fault(NONE, 0.7),
     Fault(BIASED, 0.1, bias=1.0),
     Fault(BIASED, 0.1, bias=1.0, drift=1.0),
     Fault(NOISIER, 0.05, noise=3.0),
@@ -110,6 +106,8 @@ FAULTS = (
     # probable one, starts that are three times worse are taken for delays
     Fault(NAVIGATOR, 0.05, start=WORSE),
     Fault(NAVIGATOR, RARE, start=WORSE, growth=WORSE),
+    Fault(NAVIGATOR, RARE, growth=WORSE),
+    Fault(NAVIGATOR, RARE, growth=WORSE**2),
     Fault(LATE, 0.02, delay=LATE_S),
     *(Fault(FILTERED, 0.01, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
     Fault(SHAKEN, RARE, coupling=COUPLING),
@@ -158,7 +156,7 @@ class Models(NamedTuple):
     def odds(self, log_weight: Array) -> Array:
         """Return log weights (M,) beside that of all models without a fault; as they are where
         there is none of these."""
-        plain = np.logaddexp.reduce(log_weight[(self.family == NONE) & (self.growth == 1.0)])
+        plain = np.logaddexp.reduce(log_weight[self.family == NONE])
         return log_weight - plain if np.isfinite(plain) else log_weight
 
     @property
@@ -300,11 +298,11 @@ def models_of(assumed: Assumed, states: States) -> Models:
         gone |= {COARSE}
     faults = [fault for fault in FAULTS if fault.family not in gone]
     if assumed.sigma == 0.0 or assumed.trust == 1.0:
-        faults = [fault for fault in faults if fault == FAULTS[0] or fault.family == DECEIVED]
+        faults = [fault for fault in faults if fault.family in (NONE, DECEIVED)]
     fine, usual = _map_errors(assumed, True), _map_errors(assumed, False)
     rows = []
     for fault in faults:
-        errors = fine if fault == FAULTS[0] else usual
+        errors = fine if fault.family == NONE else usual
         if fault.family == COARSE:
             length = COARSE_LENGTH * assumed.step
             errors = [(share * assumed.rough, length, 0.0) for share in COARSE_SHARES]
@@ -406,11 +404,10 @@ def table_of(
 
 
 def few(models: Models, noise: float) -> Models:
-    """Return the models by which a place is searched for: those of the first of `FAULTS`, of the
-    usual length, with no map error and with sigmas that are at least a factor of two apart, down
-    to what readings of a 1-sigma can distinguish."""
-    plain = (models.family == NONE) & (models.growth == 1.0)
-    plain = np.flatnonzero(plain & (models.length == np.median(models.length)))
+    """Return the models by which a place is searched for: those without a fault, of the usual
+    length, with no map error and with sigmas that are at least a factor of two apart, down to
+    what readings of a 1-sigma can distinguish."""
+    plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
     sigma = models.sigma[plain]
     wanted = sigma > NARROW * noise
     wanted[-2::-2], wanted[-1] = False, True  # every second step of SIGMA_STEP
