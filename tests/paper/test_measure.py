@@ -18,6 +18,6 @@ def test_retrodiction_revises_the_past_and_standard_aiding_does_not(two_maps):
 
 
 def test_drift_by_theory_ends_with_the_runs(two_maps):
-    scenario = Plan(1, str(two_maps), 1200.0).scenario(Setting())
-    assert np.isnan(drift_by_theory(scenario, 1300.0))
-    assert 70.0 < drift_by_theory(scenario, 1200.0) < 400.0
+    truth = Plan(1, str(two_maps), 1200.0).scenario(Setting()).true
+    assert np.isnan(drift_by_theory(truth, 1300.0))
+    assert 70.0 < drift_by_theory(truth, 1200.0) < 400.0
