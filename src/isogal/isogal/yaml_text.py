@@ -18,7 +18,8 @@ def parse_yaml(text: str, where: str) -> Any:
     ------
     InputError
         One line that begins with `where`: it is no YAML, says what cannot be (such as a date
-        2020-99-99), has a key twice in one mapping, is nested too deeply, refers to itself, or stands for more than `LARGEST`.
+        2020-99-99), has a key twice in one mapping, is nested too deeply, refers to itself, or
+        stands for more than `LARGEST`.
     """
     try:
         return yaml.load(text, Loader=_Loader)
