@@ -147,6 +147,11 @@ def test_map_sigma_may_be_auto_or_a_number(value):
             "route.waypoints.1.2: input should be greater than 0, not 0",
         ),
         ("route=5", "route: input should be a valid dictionary or instance of Route, not 5"),
+        ("gnss.available=[[9, 5]]", "gnss.available: must be [[from, to], ...], s since the"),
+        (
+            "gnss.deception={start: 300, end: 200}",
+            "gnss.deception: end (200 s) must be after start (300 s)",
+        ),
     ],
 )
 def test_bad_values_give_one_line_that_names_the_key(override, message):

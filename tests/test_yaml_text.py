@@ -26,6 +26,8 @@ def test_what_is_said_is_read() -> None:
         ("a: [1\nb: 2", r"not valid YAML \(line 2\): "),
         ("a: \x00", "special characters"),
         ("a: 2020-99-99", "month must be in"),
+        ("a: 1\nb: {c: 1, c: 2}", r"\(line 2\): key 'c' is there twice"),
+        ("a: 1\nb: 2\na: 1", r"\(line 3\): key 'a' is there twice"),
         ("a: !!int ''", "not valid YAML: "),
         ("a: !!int x", "invalid literal"),
         ("a: !!bool x", "not valid YAML: "),

@@ -89,6 +89,12 @@ def test_a_bad_file_is_refused_by_column(tmp_path, keys, says):
         scans(keys.pop("source", path), **keys)
 
 
+def test_a_column_without_any_reading_is_refused(tmp_path):
+    path = write(tmp_path / "a.csv", {"time": EVERY_MINUTE, "faa": np.full(11, np.nan)})
+    with pytest.raises(InputError, match=r"readings\.source: .*column faa has no value at all"):
+        scans(path)
+
+
 @pytest.fixture
 def scenario(tmp_path):
     map_file = tmp_path / "map.nc"

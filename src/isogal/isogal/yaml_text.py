@@ -18,7 +18,8 @@ def parse_yaml(text: str, where: str) -> Any:
     ------
     InputError
         One line that begins with `where`: it is no YAML, says what cannot be (such as a date
-        2020-99-99), is nested too deeply, refers to itself, or stands for more than `LARGEST`.
+        2020-99-99), has a key twice in one mapping, is nested too deeply, refers to itself, or
+        stands for more than `LARGEST`.
     """
     try:
         return yaml.load(text, Loader=_Loader)
@@ -38,8 +39,20 @@ def _one_line(text: object) -> str:
     return " ".join(str(text).split())[:200]
 
 
+def _check_keys(node: yaml.MappingNode) -> None:
+    """Raise ComposerError for a key that is there twice (YAML 1.1, section 3.2.1.3)."""
+    known = set[tuple[str, str]]()
+    for key, _ in node.value:
+        if isinstance(key, yaml.ScalarNode) and key.tag != "tag:yaml.org,2002:merge":
+            if (key.tag, key.value) in known:
+                problem = f"key '{key.value}' is there twice"
+                raise yaml.composer.ComposerError(None, None, problem, key.start_mark)
+            known.add((key.tag, key.value))
+
+
 class _Loader(yaml.SafeLoader):
-    """Counts what references stand for before anything is made of them."""
+    """Counts what references stand for before anything is made of them, and refuses a key that is
+    there twice, of which PyYAML silently takes the last."""
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
@@ -56,6 +69,8 @@ class _Loader(yaml.SafeLoader):
             raise yaml.composer.ComposerError(None, None, "refers to itself", mark)
         if not refers:
             self._sizes[node] = self._size(node)
+        if not refers and isinstance(node, yaml.MappingNode):
+            _check_keys(node)
         if self._sizes[node] > LARGEST:
             problem = f"stands for more than {LARGEST} characters"
             raise yaml.composer.ComposerError(None, None, problem, mark)

@@ -119,6 +119,8 @@ def _read(readings: Readings, line: str | None, quantity: str) -> tuple[Array, A
             f" allowed: {allowed}"
         )
     value = found["value"] * factor
+    if not np.isfinite(value).any():
+        raise InputError(f"readings.source: {rows.where}: column {name} has no value at all")
     if readings.reduced and name == _DOWN:
         value = -value
     if of is not None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from isogal.scenario.section import Document, NonNegative, Positive, Section
 
@@ -12,7 +12,10 @@ from isogal.scenario.section import Document, NonNegative, Positive, Section
 def _in_order(times: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     for begin, end in times:
         if not 0.0 <= begin < end:
-            raise ValueError(f"[{begin:g}, {end:g}] is no time from 0 s on")
+            raise ValueError(
+                f"must be [[from, to], ...], s since the start with 0 <= from < to, not"
+                f" [{begin:g}, {end:g}]"
+            )
     return times
 
 
@@ -206,6 +209,12 @@ class Deception(Section):
     """m/s; of a walk"""
     size: NonNegative = 100.0
     """m of a jump, s of a delay"""
+
+    @model_validator(mode="after")
+    def _check_times(self) -> "Deception":
+        if self.end is not None and self.end <= self.start:
+            raise ValueError(f"end ({self.end:g} s) must be after start ({self.start:g} s)")
+        return self
 
 
 class PositionAid(Section):
