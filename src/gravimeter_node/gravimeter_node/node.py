@@ -32,11 +32,15 @@ from isogal_ros.nodes.nav_sample import NavSample
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.nodes.stuck import Repetitions
+from isogal_ros.nodes.time_jumps import TimeJumps
 
 STUCK = 6
 """Readings of exactly the same value, one after the other, after which the instrument of a vehicle
 that moves counts as stuck, at least (`Repetitions`): where steps are coarse, or the land is flat,
 the same value comes again and again."""
+GAP = 10
+"""Scans by which the stamp of a reading may be ahead of the one before: of a single one that is
+further the stamp is wrong, or the instrument was off, and that is for the next to say."""
 MOVES = 0.5
 """m/s: what a slower vehicle reads may well be the same once more."""
 
@@ -83,7 +87,8 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
             self._raw = self.advertise(raw_topic)
             self.listen(topics.TRUTH_FIX, self._simulate, raw=True)
         else:
-            self._thinning = Thinning(from_seconds(self.scenario.gravimeter.interval))
+            interval = from_seconds(self.scenario.gravimeter.interval)
+            self._thinning, self._time_jumps = Thinning(interval), TimeJumps(GAP * interval)
             self.listen(self._adapter.raw, self._take)
             if self._vehicle is not None:
                 self.listen(topics.SCALAR_FIELD, self._take_scalar)
@@ -121,6 +126,8 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
 
     def _read(self, ns: int, sensed: Reading, variance: Reading | None) -> None:
         require_later(ns, self._newest)
+        if self._newest >= 0:
+            self._time_jumps.check(ns, self._newest)
         self._newest = ns
         if self._thinning.takes(ns):
             self._use(ns, sensed, self._variance if variance is None else variance)

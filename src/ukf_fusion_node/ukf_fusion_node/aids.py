@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -30,12 +30,14 @@ from isogal_ros.messages.aids import (
     read_pressure,
     read_velocity,
 )
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import NED_ENU, map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message, Topic
 from ukf_fusion_node.measuring import AidReport, Measured
 from ukf_fusion_node.settings import UkfFusionSettings
+from ukf_fusion_node.stamp_queue import StampQueue
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
@@ -43,6 +45,7 @@ _Read = tuple[Callable[[Array], Measurement | None], Callable[[Innovation], str]
 """What returns the measurement for the angular rate (3,) of its time (None = there is no number),
 and what says of one that cannot be right what is wrong with it."""
 NO_FIX = "the receiver has no fix"
+NO_NAVIGATOR = "there was no navigator yet"
 SWITCHED_OFF = "switched off by the service toggle"
 
 
@@ -56,11 +59,11 @@ class _Source:
     """ns by which they come later than their stamps."""
     publishers: Callable[[], int]
     measured: Measured
+    waiting: StampQueue[_Read]
     is_on: bool = True
     """Whether nobody has switched it off."""
     newest: int = -1
     """Stamp of the newest reading; -1 = none yet."""
-    waiting: dict[int, _Read] = field(default_factory=dict)
 
     def is_due(self, ns: int, now: int, begin: int) -> bool:
         """Whether a reading of a stamp up to `ns` is still to come; it is waited for as long as
@@ -100,9 +103,13 @@ class Aids:
         is used."""
 
         def take(message: Message) -> None:
-            reading, ns = self._read(aid, message), to_ns(message.header.stamp)
+            ns = to_ns(message.header.stamp)
+            try:
+                source.waiting.add(ns, self._read(aid, message))
+            except BadMessageError as error:
+                source.measured.absent(str(error))
+                raise
             source.newest = max(source.newest, ns)
-            source.waiting[ns] = reading
             self._advance()
 
         def toggle(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -114,7 +121,8 @@ class Aids:
         publishers = node.listen(topic, take).get_publisher_count
         measured = Measured(topic.name, node.health, interval)
         times = from_seconds(interval), from_seconds(aid.settings.delay)
-        source = self._sources[topic.name] = _Source(*times, publishers, measured)
+        waiting = StampQueue[_Read](from_seconds(node.settings.max_gap))
+        source = self._sources[topic.name] = _Source(*times, publishers, measured, waiting)
         node.create_service(SetBool, f"toggle/{topic.name}", toggle)
 
     def are_due(self, ns: int, now: int) -> bool:
@@ -125,14 +133,15 @@ class Aids:
         return any(source.is_due(ns, now, begin) for source in self._sources.values())
 
     def apply(self, navigator: InertialNavigator | None, ns: int) -> None:
-        """Apply the readings up to a stamp, which the navigator has reached."""
-        if navigator is not None:
-            self._report.tick(ns, navigator)
+        """Apply the readings up to a stamp, which the navigator has reached. Those that are ahead
+        of it by more than a gap in its samples may be are of another clock: it refuses them."""
+        if navigator is None:
+            return
+        self._report.tick(ns, navigator)
         for source in self._sources.values():
-            for stamp in sorted(stamp for stamp in source.waiting if stamp <= ns):
-                reading, describe = source.waiting.pop(stamp)
-                if navigator is None:
-                    continue
+            for stamp, (reading, describe) in source.waiting.due(ns):
+                if stamp > ns:
+                    source.newest = ns
                 time = to_seconds(stamp)
                 if not source.is_on:
                     source.measured.absent(SWITCHED_OFF)
@@ -141,6 +150,19 @@ class Aids:
                 else:
                     result = navigator.measure(time, measurement)
                     source.measured.take(stamp, result, describe)
+
+    def pass_by(self, ns: int) -> None:
+        """Let the readings up to a stamp go, at which there is no navigator yet."""
+        for source in self._sources.values():
+            for _ in source.waiting.due(ns):
+                source.measured.absent(NO_NAVIGATOR)
+
+    def begin_anew(self) -> None:
+        """Forget what has come: time may begin anew."""
+        self._first = sys.maxsize
+        for source in self._sources.values():
+            source.waiting.forget()
+            source.newest = source.measured.newest = -1
 
     def _read(self, aid: Aid, message: Message) -> _Read:
         """Return the reading that a message of an aid is; raises BadMessageError where it cannot

@@ -19,51 +19,12 @@ from isogal_ros.topics import FIX, INFORMATION, Message
 from ukf_fusion_node.measuring import Measured
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.settings import UkfFusionSettings
+from ukf_fusion_node.stamp_queue import StampQueue
 
-KEPT = 8192
-"""Fixes that wait at most, and stamps kept of those that have come: hours of them, more than the
-filter goes back."""
 IMPROBABLE = 23.0
 """Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
 LOG_EVERY = 5.0
 """s of wall time between lines about fixes."""
-
-
-class FixQueue:
-    """Says which fixes are to be used now, in whatever order they come.
-
-    Parameters
-    ----------
-    ahead : int
-        How far ahead of the navigator a fix may be to wait for it, ns.
-    """
-
-    def __init__(self, ahead: int = 0) -> None:
-        self._ahead = ahead
-        self._known: dict[int, None] = {}
-        self._waiting: dict[int, FixMessage] = {}
-
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
-
-    def add(self, ns: int, message: FixMessage) -> None:
-        """Take a fix of a stamp; raises BadMessageError where there has been one of it, or too
-        many wait."""
-        if ns == 0:  # within the horizon at a run's beginning, and a position of much later
-            raise BadMessageError("stamp is zero: not set")
-        if ns in self._known:
-            raise BadMessageError(f"a fix of {to_seconds(ns):.3f} s has come before")
-        if len(self._waiting) >= KEPT:
-            raise BadMessageError(f"more than {KEPT} fixes wait")
-        if len(self._known) >= KEPT:
-            del self._known[next(iter(self._known))]
-        self._known[ns], self._waiting[ns] = None, message
-
-    def due(self, now: int) -> list[tuple[int, FixMessage]]:
-        """Take out stamps and fixes that need not wait any longer for the navigator, which is at a
-        time (ns)."""
-        found = [ns for ns in self._waiting if not 0 < ns - now <= self._ahead]
-        return [(ns, self._waiting.pop(ns)) for ns in found]
 
 
 def read_fix(message: NavSatFix) -> FixMessage:
@@ -101,7 +62,7 @@ class Fixes:
         self._guard, self._navigation, self._within = node.guard, navigation, within
         self._answer, self._health, self._log = answer, node.health, node.get_logger()
         self._measured, self._odd = Measured(FIX.name, node.health), 0
-        self._queue = FixQueue(from_seconds(node.settings.max_gap))
+        self._queue = StampQueue[FixMessage](from_seconds(node.settings.max_gap))
         node.listen(FIX, self._take_position)
         self._information = node.listen(
             INFORMATION, lambda one: self._take(one, read_fix_information)
@@ -129,6 +90,10 @@ class Fixes:
             self._guard(FIX, self._apply, message)
             self._navigation.matched(ns)
             self._answer()
+
+    def begin_anew(self) -> None:
+        """Forget the fixes that have come: time may begin anew."""
+        self._queue.forget()
 
     def _apply(self, message: FixMessage) -> None:
         """Correct the filter; raises BadMessageError where the fix cannot be used, or the filter

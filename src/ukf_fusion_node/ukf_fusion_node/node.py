@@ -11,7 +11,7 @@ from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
-from isogal_ros.messages.imu import read_imu
+from isogal_ros.messages.imu import read_imu, require_noise
 from isogal_ros.messages.stamps import peek_ns, to_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
@@ -34,8 +34,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
     sections: ClassVar[Sequence[str]] = (
         "seed", "field", "fields", "route", "imu", "ins", "initial_error", "gravimeter",
         "readings", "map", "gravity", "height", "velocity", "heights", "velocities", "gnss",
-        "positions", "headings",
-        "magnetometer", "matcher", "fusion", "integrity", "truth",
+        "positions", "headings", "magnetometer", "matcher", "fusion", "integrity", "truth",
     )  # fmt: skip
     settings_model: ClassVar[type[NodeSettings]] = UkfFusionSettings
 
@@ -48,8 +47,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self._navigation = Navigation(self)
         self._aids = Aids(self, self._go_on)
         self._held: deque[tuple[int, topics.Message]] = deque()
-        """Stamps (ns) of IMU samples (serialised), or of solutions of an INS, that wait for other
-        sensors, and these."""
+        """Stamps (ns) and samples (serialised), or solutions, that wait for other sensors."""
         self.outputs, self._smoothed = Outputs(self), Smoothed(self)
         self._frame = map_frame(self.scenario)
         self._solutions: Solutions | None = None
@@ -75,7 +73,9 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         return self._navigation.navigator if self._navigation.aligned else None
 
     def _reset(self) -> str:
-        self._smoothed.begin_anew()
+        for part in (self._smoothed, self._aids, self._fixes):
+            part.begin_anew()
+        self._held.clear()
         self.outputs.newest, self._pose = -1, None
         return self._navigation.reset()
 
@@ -97,7 +97,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         force, rate, declared = read_imu(message, self.settings.imu_frame)
         # before anything is concluded from it: an old sample says nothing of those of now
         self._navigation.require_later(ns)
-        used = declared if self.scenario.imu.declared_noise else None
+        used = require_noise(declared) if self.scenario.imu.declared_noise else None
         self._take_sample(ns, force, rate, declared=used)
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
@@ -109,6 +109,8 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
             return
         if self._navigation.begin(ns, solutions.last):
             self._publish()
+        if self._navigation.navigator is None:
+            self._aids.pass_by(ns)
         self.health.tick(ns)
 
     def _take_sample(
@@ -124,6 +126,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
             if self._navigation.begin(ns):
                 self._publish()
             if self._navigation.navigator is None:
+                self._aids.pass_by(ns)
                 self.health.tick(ns)
                 return
         for _ in self._navigation.sample(ns, force, rate, interval, declared):

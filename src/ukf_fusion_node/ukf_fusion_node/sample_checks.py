@@ -13,6 +13,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.stuck import Repetitions
+from isogal_ros.nodes.time_jumps import TimeJumps
 from isogal_ros.topics import Topic
 
 if TYPE_CHECKING:
@@ -145,33 +146,6 @@ class SampleMonitor:
         """That there has been no sample for long; None = there has."""
         gone = 0.0 if self._heard is None else self._clock() - self._heard
         return f"no IMU samples for {gone:.0f} s of wall time" if gone > SILENT else None
-
-
-class TimeJumps:
-    """Holds a sample whose stamp jumps ahead back until the next one says that time has passed: a
-    single wrong stamp would make the filter bridge hours, and refuse all samples after it.
-
-    Parameters
-    ----------
-    longest : int
-        Longest gap that is believed at once, ns.
-    """
-
-    def __init__(self, longest: int) -> None:
-        self._longest = longest
-        self._held: int | None = None
-
-    def check(self, ns: int, newest: int) -> None:
-        """Look at a stamp after the newest that was used; raises BadMessageError where it has to
-        wait for the next."""
-        if ns - newest <= self._longest:
-            self._held = None
-            return
-        held, self._held = self._held, ns
-        if held is None or not 0 < ns - held <= self._longest:
-            raise BadMessageError(
-                f"stamp is {(ns - newest) / 1e9:.0f} s ahead; used if the next one is, too"
-            )
 
 
 _Sample = tuple[list[float], list[float]]

@@ -1,6 +1,8 @@
 """What is said of inertial samples: which are missing, what is not known since, whether they point
 upwards, and how far an alignment by them is."""
 
+from collections import deque
+
 from isogal.arrays import Array
 from isogal.fusion.alignment import Alignment
 from isogal.fusion.outage import HELD
@@ -10,6 +12,11 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import ERROR, OK, WARN
 from ukf_fusion_node.sample_checks import GravityDirection, UnresolvedGap
 from ukf_fusion_node.settings import UkfFusionSettings
+
+LEARNT = 30
+"""Samples after which it is known how fast they come."""
+FAST = 0.75
+"""Of the interval that was told: less is no jitter."""
 
 
 class SampleReport:
@@ -29,6 +36,8 @@ class SampleReport:
         self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
         self._noted = -SECOND
         """When samples of a fast IMU were missing, ns."""
+        self._row: deque[float] = deque(maxlen=LEARNT)
+        """The newest intervals between samples that are steps, s."""
         self._gravity = GravityDirection()
 
     def begin(self) -> None:
@@ -40,12 +49,23 @@ class SampleReport:
         """Tell of samples that are missing in an interval (s) since the newest state (its stamp);
         return the time that they leave uncovered, s."""
         samples = round(interval / self._dt) - 1
+        self._row.append(interval)
         if samples < 1:
-            self._health.state(OK, "navigating")
+            self._health.state(*self._steps)
             return 0.0
         self._health.count("IMU samples missing", samples)
         self._missing(samples, to_seconds(ns) + interval, interval)
         return interval - self._dt
+
+    @property
+    def _steps(self) -> tuple[bytes, str]:
+        """Level and text of the node's state where no sample is missing: whether samples, each of
+        which is a step of the filter, come much faster than told."""
+        mean = sum(self._row) / len(self._row)
+        if len(self._row) < LEARNT or mean > FAST * self._dt:
+            return OK, "navigating"
+        text = f"IMU samples come at {1.0 / mean:.0f} Hz, imu.rate says {1.0 / self._dt:g}"
+        return WARN, f"{text}: each is a step of the filter, which takes its time"
 
     def stream(self, stream: SampleStream, missing: int) -> None:
         """Tell of samples of a fast IMU that are missing since the last step, for a second by the

@@ -26,8 +26,8 @@ from isogal_ros.messages.ins_solution import (
 )
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.time_jumps import TimeJumps
 from ukf_fusion_node.navigation import Navigation
-from ukf_fusion_node.sample_checks import TimeJumps
 
 LONGEST = 600.0
 """s without solutions that are filled in; after longer it may be another INS, or one that was

@@ -189,3 +189,15 @@ def test_a_reading_that_comes_again_as_none_has_before_is_let_go(scenario, noise
         assert gone == [len(noise)] * empty
         assert made.node.health.figures["readings repeated"] == empty
         assert not any("stuck: " in text for _, text, _ in made.says())
+
+
+def test_one_stamp_far_ahead_is_dropped_and_several_are_a_gap(scenario) -> None:
+    place = (-0.637, 2.5656)
+    with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
+        for k, second in enumerate((10, 3600, 20, 30, 500, 510)):
+            made.reading(second, 9.7952 + 1e-6 * k, topic=topics.GRAVIMETRY)
+            if second in (10, 20, 30, 510):
+                made.nav(second, *place)
+        assert stamps(made, topics.GRAVITY) == [10, 20, 30, 510]
+        assert made.node.health.dropped == {topics.GRAVIMETRY.name: 2}
+        made.told("used if the next one is, too")

@@ -2,13 +2,18 @@
 
 import math
 import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from hypothesis import given
+from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import NavSatStatus
 
-from helpers.node_bench import Bench, bench
+from helpers.node_bench import Bench, bench, nav_messages
 from isogal.earth.frames import LocalFrame
 from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
@@ -16,10 +21,12 @@ from isogal_ros import topics
 from isogal_ros.mavlink.decoding import SenderClock
 from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
 from isogal_ros.mavlink.node import MAVLINK
+from isogal_ros.mavlink.pace import Pace
 from isogal_ros.messages.aids import read_position_fix, read_velocity
 from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
-from isogal_ros.messages.frames import NED_ENU, map_frame
+from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
 from isogal_ros.messages.imu import read_imu
+from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes.health import WARN
 
@@ -47,16 +54,27 @@ def received(receiver, kind: str):
         found += decoder.parse_buffer(data)
 
 
-def node(receiver, scenario, message: str, **own):
-    address = "{}:{}".format(*receiver.getsockname())
-    return bench(MAVLINK, scenario(), address=address, message=message, **own)
-
-
 def batch(made: Bench, seconds: float, lost: bool, published: bool) -> None:
     fix = Fix(seconds, *PLACE, np.eye(2), None if published else "no", reset=lost)
     message = topics.INFORMATION.type()
     fill_fix_information(message, from_seconds(seconds), FixMessage(fix))
     made.publish(topics.INFORMATION, message)
+
+
+@contextmanager
+def node(receiver, scenario, message: str, **own) -> Iterator[Bench]:
+    """A node that knows that the navigator is aligned."""
+    address = "{}:{}".format(*receiver.getsockname())
+    with bench(MAVLINK, scenario(), address=address, message=message, **own) as made:
+        nav_fix(made, NavSatStatus.STATUS_FIX)
+        yield made
+
+
+def nav_fix(made: Bench, status: int) -> None:
+    """Publish what the navigator says of an early stamp on nav/fix."""
+    message = framed(topics.NAV_FIX, BASE)
+    fill_fix(message, 1, *PLACE, 100.0, np.eye(3), status)
+    made.publish(topics.NAV_FIX, message)
 
 
 def test_gps_input(receiver, scenario) -> None:
@@ -124,6 +142,33 @@ def test_it_is_silent_while_the_navigator_has_diverged(receiver, scenario) -> No
         made.nav(2.5, *PLACE)
         (found,) = received(receiver, VISION)
         assert found.reset_counter == 1
+
+
+def test_it_is_silent_until_the_navigator_is_aligned(receiver, scenario) -> None:
+    with node(receiver, scenario, VISION) as made:
+        nav_fix(made, NavSatStatus.STATUS_NO_FIX)
+        odometry = nav_messages(made.scenario, from_seconds(1.0), *PLACE)[-1]
+        made.publish(*odometry)
+        assert not received(receiver, VISION)
+        assert made.says()[-1][:2] == (WARN, "silent: the navigator is not aligned")
+        made.nav(2.0, *PLACE)
+        assert len(received(receiver, VISION)) == 1
+
+
+@given(st.integers(1, 50), st.integers(1, 50), st.integers(0, 1000))
+def test_the_rate_is_kept_whatever_the_jitter(odometry, rate, seed) -> None:
+    """Of stamps that jitter by a fiftieth of their interval as many go on as are asked for, or
+    all."""
+    jitter = np.random.default_rng(seed).uniform(-0.02, 0.02, 10 * odometry)
+    stamps = ((np.arange(10 * odometry) + jitter) / odometry * 1e9).astype(int) + 10**9
+    pace = Pace(10**9 // rate)
+    taken = sum(pace.takes(ns) for ns in stamps.tolist())
+    assert abs(taken - 10 * min(rate, odometry)) <= 2
+
+
+def test_time_that_begins_anew_holds_nothing_up() -> None:
+    pace = Pace(10**9)
+    assert [pace.takes(s * 10**9) for s in (100, 1, 2, 50, 51)] == [True] * 5
 
 
 def test_another_likelier_place_silences_it_but_not_another_graphs(receiver, scenario) -> None:

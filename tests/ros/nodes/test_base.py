@@ -4,15 +4,22 @@ import ctypes
 from pathlib import Path
 
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.node import Node
 
-from helpers.node_bench import bench, stamps
+from helpers.node_bench import PATIENCE, bench, stamps
 from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
+from isogal_ros.graph.domain import local_context
 from isogal_ros.nodes import heartbeat
 from isogal_ros.nodes.base import FAILURE, SUCCESS
 from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.spin import make_executor
+from isogal_ros.parameters.values import node_values
+from ukf_fusion_node.node import UkfFusionNode
 
 
 def test_every_transition(scenario) -> None:
@@ -46,6 +53,28 @@ def test_every_transition(scenario) -> None:
         assert made.says()[-1][2]["ready"] == "True"
         assert made.node.trigger_shutdown() == SUCCESS
         assert made.node.finished
+
+
+@pytest.mark.parametrize("transition", [Transition.TRANSITION_ACTIVATE, 77])
+def test_a_transition_that_the_state_does_not_have_is_refused(
+    domain, scenario, transition
+) -> None:
+    """By a client, as lifecycle managers are: the executor would raise."""
+    values = node_values(scenario(), {}, UkfFusionNode.sections)
+    with local_context(domain) as context:
+        node, asker = UkfFusionNode("asked", values, context), Node("asker", context=context)
+        executor = make_executor(context)
+        for one in (node, asker):
+            executor.add_node(one)
+        client = asker.create_client(ChangeState, "asked/change_state")
+        assert client.wait_for_service(PATIENCE)
+        answer = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        executor.spin_until_future_complete(answer, PATIENCE)
+        executor.shutdown()
+        assert answer.result().success is False
+        assert node.active
+        for one in (node, asker):
+            one.destroy_node()
 
 
 def test_what_cannot_be_configured_stays_unconfigured(scenario, tmp_path) -> None:

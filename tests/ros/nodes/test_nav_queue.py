@@ -31,7 +31,13 @@ class Buffer:
             self.handlers[topic.name] = handler
             return extra
 
-        node = SimpleNamespace(listen=listen, health=None)
+        self.watches, self.wall_time = {}, 0.0
+        node = SimpleNamespace(
+            listen=listen,
+            health=SimpleNamespace(tick=lambda ns: None),
+            monotonic=lambda: self.wall_time,
+            watch=self.watches.__setitem__,
+        )
         self.buffer = NavQueue(node, SCENARIO, lambda *_: None, self.arrived)
 
     def arrived(self) -> None:
@@ -132,3 +138,17 @@ def test_odometry_within_steps_does_not_crowd_out_the_steps() -> None:
             buffer.handlers[topic.name](serialize_message(odom))
     assert buffer.buffer.at(2 * S).ns == 2 * S
     assert not buffer.buffer.changes
+
+
+def test_a_reading_that_nothing_answers_is_said() -> None:
+    """A navigator that is silent, or whose clock is another."""
+    buffer = Buffer()
+    (unanswered,) = buffer.watches.values()
+    buffer.buffer.put(1_700_000_000 * S, None)
+    assert unanswered() is None
+    buffer.wall_time = 11.0
+    assert unanswered() == "1 readings wait for nav/* of 1700000000.000 s, which has not come"
+    buffer.feed(5 * S, *PLACE)
+    assert "is at 5.000 s" in unanswered()
+    buffer.feed(1_700_000_000 * S, *PLACE)
+    assert unanswered() is None

@@ -20,8 +20,8 @@ from isogal_ros.nodes import nav_queue
 from isogal_ros.nodes.health import WARN
 from isogal_ros.nodes.spin import make_executor
 from isogal_ros.parameters.values import node_values
-from ukf_fusion_node import fixes
-from ukf_fusion_node.fixes import FixQueue
+from ukf_fusion_node import stamp_queue
+from ukf_fusion_node.stamp_queue import StampQueue
 
 
 def test_readings_that_wait_for_a_silent_navigator(scenario, flight, monkeypatch) -> None:
@@ -37,13 +37,13 @@ def test_readings_that_wait_for_a_silent_navigator(scenario, flight, monkeypatch
 
 def test_a_burst_of_fixes_is_bounded_and_told(monkeypatch) -> None:
     """Those that wait are kept, those that were used are forgotten first."""
-    monkeypatch.setattr(fixes, "KEPT", 10)
-    queue = FixQueue(from_seconds(1000.0))
+    monkeypatch.setattr(stamp_queue, "KEPT", 10)
+    queue = StampQueue(from_seconds(1000.0))
     queue.add(1, FixMessage(None))
     assert [ns for ns, _ in queue.due(10)] == [1]
     for second in range(100, 110):
         queue.add(from_seconds(second), FixMessage(None))
-    with pytest.raises(BadMessageError, match="more than 10 fixes wait"):
+    with pytest.raises(BadMessageError, match="more than 10 wait"):
         queue.add(from_seconds(110.0), FixMessage(None))
     assert len(queue.due(from_seconds(109.0))) == 10
     queue.add(from_seconds(110.0), FixMessage(None))

@@ -18,14 +18,14 @@ from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, WARN
 from isogal_ros.topics import INFORMATION, UKF_FUSION
-from ukf_fusion_node.fixes import FixQueue
+from ukf_fusion_node.stamp_queue import StampQueue
 
 WHOLE = FixMessage(Fix(10.0, -0.6, 2.5, np.eye(2)))
 
 
 def test_a_stamp_that_nobody_has_set_is_refused() -> None:
     """Within the horizon it would be a fix of the run's beginning."""
-    queue = FixQueue()
+    queue = StampQueue()
     with pytest.raises(BadMessageError, match="not set"):
         queue.add(0, WHOLE)
     assert not queue
@@ -45,7 +45,7 @@ def test_a_position_is_used_where_nobody_publishes_the_whole(scenario) -> None:
 
 
 def test_a_fix_waits_for_the_navigator_but_not_long() -> None:
-    queue = FixQueue(100)
+    queue = StampQueue(100)
     queue.add(150, WHOLE)
     queue.add(300, WHOLE)
     assert queue.due(100) == [(300, WHOLE)]  # to be refused
@@ -54,7 +54,7 @@ def test_a_fix_waits_for_the_navigator_but_not_long() -> None:
 
 @given(st.permutations([30, 10, 20] * 2), st.integers(0, 40))
 def test_in_any_order_each_stamp_is_used_once(arrivals, now) -> None:
-    queue, used, repeated = FixQueue(100), [], 0
+    queue, used, repeated = StampQueue(100), [], 0
     for stamp in arrivals:
         try:
             queue.add(stamp, WHOLE)

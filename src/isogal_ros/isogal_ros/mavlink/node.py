@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import NavSatFix, PointCloud2
+from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.errors import InputError
 from isogal_ros import topics
@@ -20,6 +20,7 @@ from isogal_ros.mavlink.encoding import (
     gps_input,
     vision_position_estimate,
 )
+from isogal_ros.mavlink.pace import Pace
 from isogal_ros.mavlink.receiving import Receiver
 from isogal_ros.mavlink.settings import MavlinkSettings
 from isogal_ros.mavlink.silence import Silence
@@ -53,8 +54,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             None, self.settings.system_id, self.settings.component_id
         )
         self._silence, self._frame = Silence(), map_frame(self.scenario)
-        self._interval = from_seconds(1.0 / self.settings.rate)
-        self._last: int | None = None
+        self._pace = Pace(from_seconds(1.0 / self.settings.rate))
         self._receiver: Receiver | None = None
         if self.settings.receive:
             at = host_and_port("receive", self.settings.receive)
@@ -77,17 +77,17 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
                 self._silence.probability(float(figures_of(item).get("diverged", "0")))
 
     def _take_fix(self, message: NavSatFix) -> None:
-        self._silence.fix(to_ns(message.header.stamp))
+        aligned = message.status.status != NavSatStatus.STATUS_NO_FIX
+        self._silence.fix(to_ns(message.header.stamp), aligned)
 
     def _take_odometry(self, message: Odometry) -> None:
         ns = to_ns(message.header.stamp)
         self.health.tick(ns)
-        if self._silence.holds:
-            self.health.state(WARN, "silent: the navigator has diverged")
+        if (why := self._silence.why) is not None:
+            self.health.state(WARN, f"silent: {why}")
             return
-        if self._last is not None and 0 <= ns - self._last < self._interval:
+        if not self._pace.takes(ns):
             return
-        self._last = ns
         own = self.settings
         if own.message == GPS_INPUT:
             made = gps_input(self._dialect, message, self._frame, own.satellites)

@@ -26,7 +26,7 @@ from isogal_ros.messages.checks import (
     unit_quaternion,
 )
 from isogal_ros.messages.frames import BASE, FRD_FLU
-from isogal_ros.messages.position import fill_fix, read_covariance, read_pose, read_position
+from isogal_ros.messages.position import fill_fix, read_covariance, read_place, read_pose
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
@@ -186,8 +186,9 @@ def fill_position(message: NavSatFix, ns: int, place: Array, aid: PositionAid) -
 
 def read_position_fix(message: NavSatFix) -> tuple[Array, Array | None] | None:
     """Return latitude, longitude (rad), height (m) as (3,), and the covariance (3, 3) NED, m²,
-    None where it is not known; None where the aid has no fix. The frame of what is
-    measured may have any name that is not a datum's.
+    None where it is not known; None where the aid has no fix. A height that is not available is
+    NaN, as the message has it. The frame of what is measured may have any name that is not a
+    datum's.
 
     Raises
     ------
@@ -203,7 +204,9 @@ def read_position_fix(message: NavSatFix) -> tuple[Array, Array | None] | None:
         )
     if message.status.status == NavSatStatus.STATUS_NO_FIX:
         return None
-    place = np.array(read_position(message, frame=""))
+    if math.isinf(message.altitude):
+        raise BadMessageError("position is not finite")
+    place = np.array([*read_place(message), message.altitude])
     if message.position_covariance_type == NavSatFix.COVARIANCE_TYPE_UNKNOWN:
         return place, None
     covariance = read_covariance(message)

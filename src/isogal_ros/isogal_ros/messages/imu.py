@@ -72,5 +72,15 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array, Array | None
         raise BadMessageError("marked as without specific force or angular rate (covariance -1)")
     if min(variances) < 0.0:
         raise BadMessageError("negative variance")
-    declared = np.array(variances[3:]) if max(variances[3:]) > 0.0 else None
+    declared = np.array(variances[3:]) if any(variances[3:]) else None
     return np.array(force) * FRD_FLU, np.array(rate) * FRD_FLU, declared
+
+
+def require_noise(variance: Array | None) -> Array | None:
+    """Return a declared variance (3,) of the rate; raise BadMessageError where it is none that the
+    filter can compute with."""
+    if variance is not None and not (variance <= LARGEST_RATE**2).all():  # NaN is not below
+        raise BadMessageError(
+            f"variance of the angular rate is not finite, or above {LARGEST_RATE**2:g} (rad/s)²"
+        )
+    return variance

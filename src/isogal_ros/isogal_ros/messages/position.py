@@ -73,18 +73,22 @@ def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, 
         The message is of another frame, not finite, or of no place on Earth.
     """
     require_frame(message, frame)
-    if not (
-        math.isfinite(message.latitude)
-        and math.isfinite(message.longitude)
-        and math.isfinite(message.altitude)
-    ):
+    if not math.isfinite(message.altitude):
+        raise BadMessageError("position is not finite")
+    return *read_place(message), message.altitude
+
+
+def read_place(message: NavSatFix) -> tuple[float, float]:
+    """Return (latitude rad, longitude rad); raises BadMessageError where that is no place on
+    Earth."""
+    if not (math.isfinite(message.latitude) and math.isfinite(message.longitude)):
         raise BadMessageError("position is not finite")
     if abs(message.latitude) > 90.0 or abs(message.longitude) > 360.0:
         raise BadMessageError(
             f"no such place: latitude {message.latitude:.4f}, longitude"
             f" {message.longitude:.4f} deg"
         )
-    return math.radians(message.latitude), math.radians(message.longitude), message.altitude
+    return math.radians(message.latitude), math.radians(message.longitude)
 
 
 def read_point(point: Point, frame: LocalFrame) -> Array:

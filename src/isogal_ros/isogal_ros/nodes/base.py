@@ -11,10 +11,12 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeAlias
 
+from lifecycle_msgs.srv import ChangeState
 from pydantic import JsonValue
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -109,6 +111,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             parameter_overrides=overrides,
             automatically_declare_parameters_from_overrides=True,
         )
+        self._guard_transitions()
         clock = getattr(context, "monotonic", None)  # of nodes that are alone on a bus
         self.monotonic: Callable[[], float] = clock or time.monotonic
         self.exit_code = 0
@@ -143,6 +146,27 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         except BaseException:
             self.destroy_node()
             raise
+
+    def _guard_transitions(self) -> None:
+        """Refuse a transition that the node's state does not have: rclpy raises, which would end
+        the process of whoever is asked."""
+
+        def guarded(
+            ask: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
+            request: ChangeState.Request,
+            response: ChangeState.Response,
+        ) -> ChangeState.Response:
+            try:
+                return ask(request, response)
+            except rclpy_implementation.RCLError:
+                number = request.transition.id
+                self.log(WARN, f"change_state: no transition {number} from the node's state")
+                response.success = False
+                return response
+
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(guarded, service.callback)
 
     def _mount(self) -> None:
         """Note how messages of sensors come, and where the sensors are."""

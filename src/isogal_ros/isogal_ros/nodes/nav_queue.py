@@ -29,6 +29,8 @@ LATE = 5
 REPEATED = 1024
 """Messages of one topic kept of one stamp: in retrodiction one for each fix of a batch. Also the
 number of changes kept where nobody takes them out."""
+UNANSWERED = 10.0
+"""s of wall time that an item waits before that is said."""
 ROUNDING = 1e-7
 """m; what degrees and back may leave where nothing moved."""
 
@@ -109,12 +111,27 @@ class NavQueue(Generic[Item]):
         node.listen(topics.NAV_FIX, lambda data: self._take(data, True), raw=True)
         node.listen(topics.NAV_ODOM, lambda data: self._take(data, False), raw=True)
         self._extra = node.listen(topics.NAV_COVARIANCE, self._take_covariance, raw=True)
+        self._monotonic, self._first_in_line = node.monotonic, (-1, 0.0)
+        node.watch("waiting for the navigator", self._unanswered)
 
     def put(self, ns: int, item: Item) -> None:
         """Take an item."""
         self.waiting.append((ns, item))
         self._arrived()
         self._process()
+
+    def _unanswered(self) -> str | None:
+        """Say that the navigator's state of a stamp does not come; None = nothing waits for
+        long."""
+        first, now = (self.waiting[0][0] if self.waiting else -1), self._monotonic()
+        if first != self._first_in_line[0]:
+            self._first_in_line = first, now
+        if first < 0 or now - self._first_in_line[1] < UNANSWERED:
+            return None
+        at = "has not come" if self.newest < 0 else f"is at {to_seconds(self.newest):.3f} s"
+        return (
+            f"{len(self.waiting)} readings wait for nav/* of {to_seconds(first):.3f} s, which {at}"
+        )
 
     def _process(self) -> None:
         """Deal with the waiting items as far as the navigator's states reach."""

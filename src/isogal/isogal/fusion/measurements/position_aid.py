@@ -42,7 +42,7 @@ def position_fix(
     ----------
     aid : scenario.PositionAid
     place : (3,) array
-        Latitude, longitude (rad), height (m).
+        Latitude, longitude (rad), height (m; NaN = it has none now).
     height_measured : bool
         Whether the navigator's height is measured rather than known; the aid's is used then, if it
         has one.
@@ -50,7 +50,7 @@ def position_fix(
         Of its whole error, NED, m², as the aid states it; None = as the scenario has it.
     """
     unequal = np.square(aid.unequal)
-    size = 3 if height_measured and aid.height else 2
+    size = 3 if height_measured and aid.height and np.isfinite(place[2]) else 2
     if covariance is None:
         white = np.diag(unequal * aid.sigma**2)[:size, :size]
     else:
