@@ -105,6 +105,7 @@ def noisy(batch, seed=3):
     [
         ({"correlated_sigma": 3e-5, "correlation_time": 45.0}, {}),
         ({"cross_coupling": 1e-3}, {}),
+        ({"dynamic_pressure": 3e-8}, {}),
         ({"platform_tilt": 2e-3, "platform_time": 60.0}, {}),
         ({}, {"bias": 5.0, "scale": 0.01, "weather_sigma": 3.0, "weather_time": 100.0}),
         ({"correlated_sigma": 1e-5, "cross_coupling": 5e-4}, {"bias": 2.0}),
