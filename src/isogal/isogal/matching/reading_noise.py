@@ -57,7 +57,7 @@ def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_
 
 def height_states(settings: Height, reduction: Reduction, at: State) -> list[_State]:
     """Return what an error of the measured height makes of reduced readings (docs/mathematics.md,
-    section 3.11).
+    section 3.11); nothing where their reduction does not depend on the height.
 
     Parameters
     ----------
@@ -65,6 +65,8 @@ def height_states(settings: Height, reduction: Reduction, at: State) -> list[_St
         Of T readings, as measured and estimated.
     """
     slope = reduction.height_slope(at)
+    if not slope.any():
+        return []
     each = [
         ("height_bias", settings.bias, np.inf, slope),
         ("height_scale", settings.scale, np.inf, slope * np.asarray(at.height)),
