@@ -329,6 +329,13 @@ def test_in_turns_cross_coupling_counts():
     assert coupled < 1.001 * blind
 
 
+def test_dynamic_pressure_at_a_constant_speed_is_a_constant_offset():
+    speed = 22.0
+    bias = rms(gravimeter={"bias": 1e-5})
+    pressure = rms(gravimeter={"dynamic_pressure": 1e-5 / speed**2})
+    assert rms() < pressure == pytest.approx(bias, rel=1e-3)
+
+
 def test_what_comes_later_informs_the_past_and_costs_nothing():
     both = bound(how={"smoothed": True})
     assert both.smoothed is not None and bound().smoothed is None

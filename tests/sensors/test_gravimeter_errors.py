@@ -94,6 +94,17 @@ def test_cross_coupling_acts_in_turns_only():
     assert np.abs(error[:, turned < 1e-3]).max() < 1e-5
 
 
+def test_dynamic_pressure_is_a_share_of_the_square_of_the_speed():
+    trajectory = trajectory_of(speed=20.0)
+    index = scans(trajectory)
+    settings = Gravimeter(sigma=1e-9, dynamic_pressure=5e-3)
+    error = np.stack(
+        [reading_errors(settings, RunScans(0, run, trajectory, index)) for run in range(400)]
+    )
+    np.testing.assert_allclose(error, np.tile(error[:, :1], len(index)), atol=1e-6)
+    assert error[:, 0].std() == pytest.approx(5e-3 * 20.0**2, rel=0.1)
+
+
 def test_missing_readings_by_chance_in_gaps_and_in_turns():
     trajectory = trajectory_of(waypoints=TURNS, duration=None)
     index = scans(trajectory)

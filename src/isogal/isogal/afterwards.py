@@ -120,7 +120,7 @@ def _errors(
     """Return the slow errors of a field's readings; None where there are others."""
     others = (
         *(settings.filter_time, settings.delay, settings.delay_sigma),
-        *(settings.cross_coupling, settings.platform_tilt),
+        *(settings.cross_coupling, settings.dynamic_pressure, settings.platform_tilt),
     )
     if any(others) or any(figures.get(fault, 0.0) > LIKELY for fault in FAULTS):
         return None

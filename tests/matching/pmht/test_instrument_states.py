@@ -19,7 +19,7 @@ from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import TENSOR_ORDER, States
 from isogal.matching.reading_noise import height_states, joined, noise_states
 from isogal.scenario import Gravimeter, Height
-from isogal.sensors.reduction import State
+from isogal.sensors.reduction import AsRead, State
 
 T, SIGMA = 12, 1e-5
 TIME = 1000.0 + INTERVAL * np.arange(T)
@@ -105,6 +105,7 @@ def noisy(batch, seed=3):
     [
         ({"correlated_sigma": 3e-5, "correlation_time": 45.0}, {}),
         ({"cross_coupling": 1e-3}, {}),
+        ({"dynamic_pressure": 3e-8}, {}),
         ({"platform_tilt": 2e-3, "platform_time": 60.0}, {}),
         ({}, {"bias": 5.0, "scale": 0.01, "weather_sigma": 3.0, "weather_time": 100.0}),
         ({"correlated_sigma": 1e-5, "cross_coupling": 5e-4}, {"bias": 2.0}),
@@ -121,6 +122,17 @@ def test_as_one_covariance(keys, height, steps):
     batch = noisy(replace(batch, velocity=TURNING, instrument=InstrumentErrors(joined(states))))
     field_map = plane(2e-8, -3e-8)
     as_one_covariance(batch, field_map, steps)
+
+
+def test_readings_that_do_not_depend_on_the_height_have_no_states_of_it():
+    at = State(*np.zeros((2, T)), 300.0, *TURNING.T)
+    height = Height(source="barometer")
+    assert [name for name, *_ in height_states(height, Slope(), at)] == [
+        "height_bias",
+        "height_scale",
+        "height_weather",
+    ]
+    assert height_states(height, AsRead(), at) == []
 
 
 def test_channels_of_a_scan_with_correlated_noise():

@@ -106,8 +106,8 @@ def gravimeter_errors(
     settings: Gravimeter, trajectory: Trajectory, index: Integers
 ) -> list[SlowError]:
     """Return those of an instrument: noise correlated in time, cross-coupling with the two
-    horizontal accelerations, and what its platform's tilt takes of the vertical and of the
-    horizontal specific force. What they are by is (S, 1).
+    horizontal accelerations, dynamic pressure, and what its platform's tilt takes of the vertical
+    and of the horizontal specific force. What they are by is (S, 1).
 
     Parameters
     ----------
@@ -122,6 +122,9 @@ def gravimeter_errors(
     if (sigma := settings.cross_coupling) > 0.0:
         moving = accelerations(time, velocity)[1:]
         found += [SlowError.of("coupling", sigma, by[:, None]) for by in moving.T]
+    if (sigma := settings.dynamic_pressure) > 0.0:
+        square = (velocity[1:] ** 2).sum(axis=1)
+        found.append(SlowError.of("dynamic_pressure", sigma, square[:, None]))
     if (sigma := settings.platform_tilt) > 0.0:
         half, lasting = 0.5 * settings.platform_time, settings.platform_time
         found.append(SlowError.of("levelling", abs(mean_error(settings)), always, time=half))

@@ -25,6 +25,7 @@ OF_ONE_NUMBER = (
     "correlated_sigma",
     "bias_walk",
     "cross_coupling",
+    "dynamic_pressure",
     "platform_tilt",
     "filter_time",
     "delay",

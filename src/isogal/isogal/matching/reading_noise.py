@@ -19,8 +19,8 @@ _State = tuple[str, float, float, Array]
 
 
 def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_State]:
-    """Return what is correlated in time, what the vehicle's accelerations add, and what a platform
-    that is not level does (docs/mathematics.md, section 2.8).
+    """Return what is correlated in time, what the vehicle's accelerations and its speed add, and
+    what a platform that is not level does (docs/mathematics.md, section 2.8).
 
     The walk of the bias is not among them, which is the matcher's, nor is the mean of the
     platform's error (`platform.mean_error`).
@@ -42,6 +42,9 @@ def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_
         share = instrument.cross_coupling
         found.append(("coupling_forward", share, np.inf, forward))
         found.append(("coupling_right", share, np.inf, right))
+    if instrument.dynamic_pressure > 0.0:
+        square: Array = (velocity**2).sum(axis=1)
+        found.append(("dynamic_pressure", instrument.dynamic_pressure, np.inf, square))
     if instrument.platform_tilt > 0.0:
         force: Array = np.gradient(velocity, time, axis=0) if several else 0.0 * velocity
         north, east = force[:, 0], force[:, 1]
@@ -54,7 +57,7 @@ def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_
 
 def height_states(settings: Height, reduction: Reduction, at: State) -> list[_State]:
     """Return what an error of the measured height makes of reduced readings (docs/mathematics.md,
-    section 3.11).
+    section 3.11); nothing where their reduction does not depend on the height.
 
     Parameters
     ----------
@@ -62,6 +65,8 @@ def height_states(settings: Height, reduction: Reduction, at: State) -> list[_St
         Of T readings, as measured and estimated.
     """
     slope = reduction.height_slope(at)
+    if not slope.any():
+        return []
     each = [
         ("height_bias", settings.bias, np.inf, slope),
         ("height_scale", settings.scale, np.inf, slope * np.asarray(at.height)),

@@ -17,6 +17,7 @@ class Gravimeter(Section):
         "correlated_sigma",
         "bias_walk",
         "cross_coupling",
+        "dynamic_pressure",
         "platform_tilt",
     )
 
@@ -43,6 +44,9 @@ class Gravimeter(Section):
     cross_coupling: NonNegative = 0.0
     """1-sigma of what a reading takes from the vehicle's forward and from its lateral
     acceleration, unit of sigma per m/s²"""
+    dynamic_pressure: NonNegative = 0.0
+    """1-sigma of what a reading takes from the square of the vehicle's speed, unit of sigma per
+    m²/s²: of a barometer (field: ground) 0.051 s²/m times that of its pressure coefficient"""
     platform_tilt: NonNegative = Field(0.0, le=0.1)
     """1-sigma of a gravimeter's tilt about north and east, rad"""
     platform_time: Positive = 300.0

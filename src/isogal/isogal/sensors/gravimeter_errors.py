@@ -29,14 +29,18 @@ def noise_of(settings: Gravimeter) -> Noise:
 
 
 def reading_errors(settings: Gravimeter, scans: RunScans) -> Array:
-    """Return (scans,) what noise, the vehicle's accelerations and the platform's tilt add to the
-    readings of a run, in their unit; `settings` is what is true of it."""
+    """Return (scans,) what noise, the vehicle's accelerations, its speed and the platform's tilt
+    add to the readings of a run, in their unit; `settings` is what is true of it."""
     error = noise_of(settings).draw(scans.seed, scans.run, scans.time)
     if settings.cross_coupling > 0.0:
         share = generator(scans.seed, scans.run, "gravimeter_coupling").standard_normal(2)
         trajectory, before = scans.trajectory, np.concatenate([[0], scans.index])
         moving = accelerations(trajectory.time[before], trajectory.velocity[before, :2])[1:]
         error += settings.cross_coupling * (moving @ share)
+    if settings.dynamic_pressure > 0.0:
+        random = generator(scans.seed, scans.run, "gravimeter_dynamic_pressure")
+        square = (scans.trajectory.velocity[scans.index, :2] ** 2).sum(axis=1)
+        error += settings.dynamic_pressure * random.standard_normal() * square
     return error + levelling_error(settings, scans)
 
 
