@@ -107,11 +107,15 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
             for sample in found:
                 self._take_sample(*sample)
             return
-        if self._navigation.begin(ns, solutions.last):
+        self._begins(ns, solutions.last)
+
+    def _begins(self, ns: int, solution: Array | None = None) -> bool:
+        if self._navigation.begin(ns, solution):
             self._publish()
         if self._navigation.navigator is None:
             self._aids.pass_by(ns)
         self.health.tick(ns)
+        return self._navigation.navigator is not None
 
     def _take_sample(
         self,
@@ -122,13 +126,8 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         declared: Array | None = None,
     ) -> None:
         self._checks.take(ns, force, rate, stepped=interval is not None)
-        if self._navigation.navigator is None:
-            if self._navigation.begin(ns):
-                self._publish()
-            if self._navigation.navigator is None:
-                self._aids.pass_by(ns)
-                self.health.tick(ns)
-                return
+        if self._navigation.navigator is None and not self._begins(ns):
+            return
         for _ in self._navigation.sample(ns, force, rate, interval, declared):
             self._step()
         if (between := self._navigation.between()) is not None:

@@ -15,6 +15,8 @@ FEWEST = 30
 """Readings that a covariance can be learnt from."""
 _WIDEST = 10.0  # deg; beyond, one plane is too crude
 _SAME_PLACE = 0.5  # m
+_OTHERS = "height", "sigma", "line", "time"
+"""Columns that a survey may have besides."""
 _MOST_DUPLICATES = 0.2  # of all readings
 
 
@@ -200,26 +202,12 @@ def survey_of(
     keep = np.isfinite(latitude) & np.isfinite(longitude) & np.isfinite(value)
     if not keep.any():
         raise InputError(f"{where}: has no reading at all (all missing)")
-    if np.abs(latitude[keep]).max() > 90.0 or np.abs(longitude[keep]).max() > 360.0:
-        raise InputError(
-            f"{where}: coordinates reach {np.abs(latitude[keep]).max():.6g} and"
-            f" {np.abs(longitude[keep]).max():.6g}, which are no latitudes and longitudes (deg);"
-            " are they swapped or projected (--crs)?"
-        )
+    _check_degrees(latitude[keep], longitude[keep], where)
     check_plausible((float(value[keep].min()), float(value[keep].max())), quantity, factor, where)
-
-    incomplete: dict[str, int] = {}
-
-    def column(name: str) -> Array | None:
-        one = columns.get(name)
-        if one is None or not (known := np.isfinite(one[keep])).any():
-            return None
-        if not known.all():
-            incomplete[name] = int((~known).sum())
-            return None
-        return one[keep]
-
-    line, sigma = column("line"), column("sigma")
+    others = {name: one[keep] for name in _OTHERS if (one := columns.get(name)) is not None}
+    missing = {name: int((~np.isfinite(one)).sum()) for name, one in others.items()}
+    whole = {name: one for name, one in others.items() if not missing[name]}
+    line, sigma = whole.get("line"), whole.get("sigma")
     return without_duplicates(
         Survey(
             np.radians(latitude[keep]),
@@ -228,16 +216,26 @@ def survey_of(
             unit=QUANTITIES[quantity].unit,
             quantity=quantity,
             where=where,
-            height=column("height"),
+            height=whole.get("height"),
             sigma=None if sigma is None else sigma * factor,
             line=None if line is None else np.rint(line).astype(np.int64),
             line_names=line_names or {},
-            time=column("time"),
-            incomplete=incomplete,
+            time=whole.get("time"),
+            incomplete={name: count for name, count in missing.items() if 0 < count < keep.sum()},
             file_unit=unit,
             file_factor=factor,
         )
     )
+
+
+def _check_degrees(latitude: Array, longitude: Array, where: str) -> None:
+    """Raise InputError unless coordinates are of places."""
+    most = np.abs(latitude).max(), np.abs(longitude).max()
+    if most[0] > 90.0 or most[1] > 360.0:
+        raise InputError(
+            f"{where}: coordinates reach {most[0]:.6g} and {most[1]:.6g}, which are no latitudes"
+            " and longitudes (deg); are they swapped or projected (--crs)?"
+        )
 
 
 def without_duplicates(survey: Survey) -> Survey:
