@@ -3,12 +3,20 @@
 import numpy as np
 import pytest
 
-from helpers.navigators import ROUTE, fly
+from helpers.navigators import ROUTE, fly, start_of
 from isogal.earth.frames import horizontal_difference
+from isogal.fields.known_gravity import WORST_MAP_SIGMA, KnownGravity, Residual
 from isogal.fusion.aid_monitor import AGREED_FOR, REJECTED_FOR
+from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import Outcome, position_fix, satellite_velocity
-from isogal.scenario import Deception, Gnss, PositionAid
+from isogal.fusion.measurements import (
+    LearntMapError,
+    Outcome,
+    position_fix,
+    satellite_velocity,
+)
+from isogal.fusion.state import FilterState
+from isogal.scenario import Deception, Gnss, Gravity, PositionAid, Scenario
 from isogal.sensors.satellites import simulate_satellites
 
 GNSS = Gnss(available=((0.0, 1200.0),))
@@ -143,3 +151,21 @@ def test_of_two_that_disagree_inertial_data_tell_which_is_wrong(wrong, satellite
     it = positions(1000, wrong, satellites)
     assert {name for name, one in it.monitors.items() if one.wrong_since is not None} == blamed
     assert off(it) < 3.0 * np.sqrt(np.trace(it.state.covariance[:2, :2]))
+
+
+def test_what_a_bad_map_leaves_of_gravity_is_not_held_against_them() -> None:
+    """Those without satellites allow for it, unless it is specified how much that is."""
+    for sigma in (None, 1e-5):
+        residual = Residual(0.0, 1.0, sigma)
+        scenario = Scenario(route=ROUTE, gravity=Gravity(field="normal"), gnss=GNSS)
+        model = filter_model(scenario, KnownGravity(residual=residual, map_sigma=2e-5))
+        start = FilterState.start(start_of(scenario, FLIGHT.trajectory, 0), model)
+        it = on(InertialNavigator(model, start), fixes_of(), 50)
+        it.measure(50.0, LearntMapError(1e-6, 4000.0))
+        on(it, fixes_of(), 200)
+        most = residual.given(WORST_MAP_SIGMA, 4000.0)[0]
+        assert it.state.residual_gravity[0] == residual.given(1e-6, 4000.0)[0]
+        without = it.monitors[SATELLITES]._branches
+        assert len(without) > 2
+        for one in without:
+            assert one.after.merged.residual_gravity[0] == pytest.approx(most)

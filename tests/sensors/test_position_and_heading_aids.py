@@ -61,7 +61,7 @@ def test_the_truth_of_an_entry_is_its_own():
         ("heights=[{name: a}]", "heights.0: it and height must have a sensor"),
         ("positions=[{name: A b}]", "name"),
         ("positions=[{interval: 0.3}]", "positions.0.interval"),
-        ("positions=[{available: [[5, 1]]}]", "no time from 0 s on"),
+        ("positions=[{available: [[5, 1]]}]", "s since the start with 0 <= from < to"),
         ("positions=[{truth: {interval: 5}}]", "cannot differ"),
         ("headings=[{kind: sextant}]", "kind"),
     ],

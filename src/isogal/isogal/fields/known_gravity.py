@@ -16,6 +16,8 @@ from isogal.sensors.trajectory import Trajectory
 
 UNSPECIFIED_MAP_SIGMA = 2e-5
 """m/s², of a map's disturbance where none is given: between good surveys and terrain models."""
+WORST_MAP_SIGMA = 8e-5
+"""m/s², that few maps exceed, as global models do among mountains."""
 RESOLUTION_SIGMA = 1e-6
 """m/s², 1-sigma of what is left of horizontal gravity for the cells of a map."""
 
@@ -68,6 +70,13 @@ class KnownGravity:
     def residual_length(self) -> float:
         """Its correlation length along the track, m."""
         return self._left[1]
+
+    @property
+    def most_left(self) -> float:
+        """1-sigma of what a bad map leaves, m/s², of each component; as specified where it is."""
+        if self.residual is None:
+            return 0.0
+        return self.residual.given(max(self.map_sigma, WORST_MAP_SIGMA), self.map_length)[0]
 
     @property
     def _left(self) -> tuple[float, float]:

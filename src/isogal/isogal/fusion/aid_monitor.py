@@ -262,10 +262,14 @@ class AidMonitor:
 
     def _branch(self, navigator: "InertialNavigator") -> None:
         """Let another navigator without the aid begin."""
-        now = navigator.time
+        now, known = navigator.time, navigator.known.copy()
         self._next_branch = now + BRANCH
-        self._branches.append(Without(now, now, navigator.known.copy()))
-        self._alone.append(Without(now, now, navigator.known.copy()))
+        for state in known.states:  # the map may be worse than has been learnt by then
+            state.residual_gravity[0] = max(
+                state.residual_gravity[0], navigator.model.gravity.most_left
+            )
+        self._branches.append(Without(now, now, known))
+        self._alone.append(Without(now, now, known.copy()))
 
     def _separation(self, full: FilterState, branch: Without) -> float:
         """Return the normalised squared difference of a state with the aid, or for longer, and one
