@@ -17,11 +17,11 @@ from helpers.node_bench import Bench, bench, nav_messages
 from isogal.earth.frames import LocalFrame
 from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
+from isogal.sensors.scans import Thinning
 from isogal_ros import topics
 from isogal_ros.mavlink.decoding import SenderClock
 from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
-from isogal_ros.mavlink.node import MAVLINK
-from isogal_ros.mavlink.pace import Pace
+from isogal_ros.mavlink.node import EARLY, MAVLINK
 from isogal_ros.messages.aids import read_position_fix, read_velocity
 from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
@@ -161,13 +161,13 @@ def test_the_rate_is_kept_whatever_the_jitter(odometry, rate, seed) -> None:
     all."""
     jitter = np.random.default_rng(seed).uniform(-0.02, 0.02, 10 * odometry)
     stamps = ((np.arange(10 * odometry) + jitter) / odometry * 1e9).astype(int) + 10**9
-    pace = Pace(10**9 // rate)
+    pace = Thinning(10**9 // rate, EARLY)
     taken = sum(pace.takes(ns) for ns in stamps.tolist())
     assert abs(taken - 10 * min(rate, odometry)) <= 2
 
 
 def test_time_that_begins_anew_holds_nothing_up() -> None:
-    pace = Pace(10**9)
+    pace = Thinning(10**9, EARLY)
     assert [pace.takes(s * 10**9) for s in (100, 1, 2, 50, 51)] == [True] * 5
 
 

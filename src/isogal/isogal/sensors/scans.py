@@ -18,18 +18,22 @@ class Thinning:
     ----------
     interval : int
         Between scans.
+    early : float
+        How much too early a reading may be, in intervals.
     """
 
-    def __init__(self, interval: int) -> None:
-        self._interval = interval
+    def __init__(self, interval: int, early: float = EARLY) -> None:
+        self._interval, self._early = interval, early
         self._due = -interval  # long ago: the first reading is a scan
 
     def takes(self, time: int) -> bool:
-        """Whether the reading of a time is a scan; times increase."""
-        if time < self._due - EARLY * self._interval:
+        """Whether the reading of a time is a scan; times increase, or begin anew further back than
+        two intervals."""
+        late = time - self._due
+        if -2 * self._interval <= late < -self._early * self._interval:
             return False
         # a later reading is not of a faster instrument: there is a gap, or the instrument is slow
-        in_time = time <= self._due + (1.0 - EARLY) * self._interval
+        in_time = abs(late) <= (1.0 - self._early) * self._interval
         self._due = (self._due if in_time else time) + self._interval
         return True
 

@@ -3,7 +3,6 @@
 node        subscriptions, and the datagrams
 settings    the node's own parameters
 silence     when nothing may be sent
-pace        how many messages a second are sent
 encoding    messages of the graph as messages of MAVLink
 receiving   the datagrams of a flight controller, published on the graph's topics
 decoding    messages of MAVLink as messages of the graph

@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.errors import InputError
+from isogal.sensors.scans import Thinning
 from isogal_ros import topics
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
@@ -20,7 +21,6 @@ from isogal_ros.mavlink.encoding import (
     gps_input,
     vision_position_estimate,
 )
-from isogal_ros.mavlink.pace import Pace
 from isogal_ros.mavlink.receiving import Receiver
 from isogal_ros.mavlink.settings import MavlinkSettings
 from isogal_ros.mavlink.silence import Silence
@@ -33,6 +33,8 @@ from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 
 MAVLINK = "isogal_mavlink"
+EARLY = 0.05
+"""Of the interval between messages, by which one may come before its time: stamps jitter."""
 
 
 class MavlinkNode(GraphNode[MavlinkSettings]):
@@ -54,7 +56,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             None, self.settings.system_id, self.settings.component_id
         )
         self._silence, self._frame = Silence(), map_frame(self.scenario)
-        self._pace = Pace(from_seconds(1.0 / self.settings.rate))
+        self._pace = Thinning(from_seconds(1.0 / self.settings.rate), EARLY)
         self._receiver: Receiver | None = None
         if self.settings.receive:
             at = host_and_port("receive", self.settings.receive)
