@@ -47,7 +47,6 @@ FOLDERS = {
     "faults": ("--out", "x"),
     "compare": ("--out", "x"),
     "map fetch": ("--base-url", "http://127.0.0.1:9", "--out", "x"),
-    "map convert --to": ("x", "--to", "ggmplus"),
     "mag calibrate --report": ("--out", "y.yaml", "--report", "x"),
 }
 CASES = [

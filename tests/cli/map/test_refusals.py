@@ -38,7 +38,6 @@ CASES = {
     ],
     "convert MAP": [
         (("out.tif",), "out.tif: must end in .nc"),
-        (("out.nc", "--to", "gif"), "--to gif: must be netcdf or ggmplus"),
         (("out.nc", "--sigma", "inf"), "--sigma: must be finite, is inf"),
         (("out.nc", "--sigma", "nan"), "'--sigma'"),
         (("out.nc", "--correlation-length", "0"), "--correlation-length: must be > 0"),

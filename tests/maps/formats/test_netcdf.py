@@ -190,9 +190,13 @@ def test_a_huge_grid_is_refused_before_it_is_read(tmp_path):
     assert np.isfinite(part.values).any()
 
 
-@pytest.mark.parametrize(
-    "layout", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"]
-)
+def test_the_newest_classic_format_is_refused_with_what_converts_it(tmp_path, small_map):
+    """What is missing at its end would be read as zeros."""
+    path = netcdf(tmp_path / "map.nc", small_map, layout="NETCDF3_64BIT_DATA")
+    assert "convert it with 'nccopy -k nc4'" in refused(path)
+
+
+@pytest.mark.parametrize("layout", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET"])
 def test_classic_files(tmp_path, small_map, layout):
     good, bad = netcdf(tmp_path / "map.nc", small_map, layout=layout), tmp_path / "bad.nc"
     same(load_map(good), small_map)

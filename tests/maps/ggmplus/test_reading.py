@@ -60,6 +60,22 @@ def test_values_are_where_the_format_puts_them(folder):
     np.testing.assert_allclose((lat + 90.0) / 0.002 % 1.0, 0.5, atol=1e-6)
 
 
+@pytest.mark.parametrize("extension", sorted(set(KINDS) - {"dg"}))
+def test_other_kinds_of_tiles(tmp_path, extension):
+    kind = KINDS[extension]
+    middle = 9.8 if extension == "ga" else 0.0
+    tile_by_hand(
+        tmp_path / f"S40E140.{extension}",
+        kind,
+        lambda lat, lon: middle + 300.0 * kind.step * np.sin(40.0 * lat) * np.cos(25.0 * lon),
+    )
+    part = load_map(tmp_path, window=window(-37.1, -37.08, 141.0, 141.02))
+    lat, lon = np.degrees(part.latitude), np.degrees(part.longitude)
+    wave = np.sin(40.0 * lat[:, None]) * np.cos(25.0 * lon)
+    assert (part.quantity, part.quantisation) == (kind.quantity, kind.step)
+    np.testing.assert_allclose((part.values - middle) / kind.step, 300.0 * wave, atol=0.51)
+
+
 def test_tiles_are_joined(folder):
     field_map = load_map(folder, None, "disturbance", window(-37.2, -37.0, 144.8, 145.3))
     lat, lon = np.radians(np.full(200, -37.1)), np.radians(np.linspace(144.8, 145.3, 200))

@@ -43,7 +43,7 @@ def synth(
 
 @dataclass(frozen=True)
 class Target:
-    """The file or folder that is written."""
+    """The file that is written."""
 
     PANEL: ClassVar[str] = RESULTS
 
@@ -51,34 +51,26 @@ class Target:
         Path,
         typer.Argument(
             metavar="OUT",
-            help="NetCDF file to write; with --to ggmplus, a folder.",
+            help="NetCDF file to write.",
             rich_help_panel=ARGUMENTS,
         ),
     ]
-    to: Annotated[str, text("FORMAT", "netcdf or ggmplus.")] = "netcdf"
     sigma: Annotated[
         float | None, number("1-sigma of the map's error to write into it, SI (nT).", least=0.0)
     ] = None
     correlation_length: Annotated[float | None, number("Of that error.", "M", positive)] = None
 
     def check(self) -> None:
-        """Raise InputError unless the name fits the format."""
-        if self.to not in ("netcdf", "ggmplus"):
-            raise InputError(f"--to {self.to}: must be netcdf or ggmplus")
-        if self.to == "netcdf":
-            require_suffix(self.out, *NETCDF, otherwise=" (or give --to ggmplus)")
-        check_output(self.out, folder=self.to == "ggmplus")
+        """Raise InputError unless the file can be written, and its name says what it is."""
+        require_suffix(self.out, *NETCDF)
+        check_output(self.out)
 
     def write(self, field_map: "FieldMap", variable: str | None) -> None:
         """Write a map; as this variable, where it can be the name of one. Raises InputError."""
         from isogal.maps.formats.netcdf_writing import write_netcdf
-        from isogal.maps.ggmplus.writing import write_ggmplus
 
-        if self.to == "netcdf":
-            named = variable is not None and variable.isidentifier()
-            write_netcdf(field_map, self.out, variable if named else None)
-        else:
-            write_ggmplus(field_map, self.out)
+        named = variable is not None and variable.isidentifier()
+        write_netcdf(field_map, self.out, variable if named else None)
 
 
 @with_groups

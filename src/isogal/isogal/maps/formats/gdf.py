@@ -7,8 +7,6 @@ from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
-import numpy as np
-
 from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.formats.format import Asked, FileGrid, file_format, grid_in_memory
@@ -36,7 +34,6 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
             f"{where}: has {table.shape[0]} points, the header says {expected}; cut short?"
         )
     latitude, longitude, values = grid_of_points(table[:, 1], table[:, 0], table[:, -1], where)
-    _check_limits(header, np.degrees(latitude), np.degrees(longitude), where)
     yield grid_in_memory(
         f"{where}:{functional or '?'} ({header.get('modelname', 'unknown model')})",
         (latitude, longitude),
@@ -78,25 +75,6 @@ def _number(header: dict[str, str], key: str, where: str) -> float | None:
         return float(header[key].split()[0])
     except (ValueError, IndexError):
         raise InputError(f"{where}: header {key} is not a number: '{header[key][:40]}'") from None
-
-
-def _check_limits(
-    header: dict[str, str], latitude: np.ndarray, longitude: np.ndarray, where: str
-) -> None:
-    """Compare the points with the limits in the header: a file cut short lacks its last rows."""
-    for key, found in (
-        ("latlimit_north", latitude[-1]),
-        ("latlimit_south", latitude[0]),
-        ("longlimit_west", longitude[0]),
-        ("longlimit_east", longitude[-1]),
-    ):
-        limit = _number(header, key, where)
-        step = _number(header, "gridstep", where)
-        if limit is not None and abs(limit - found) > 0.5 * (step or latitude[1] - latitude[0]):
-            raise InputError(
-                f"{where}: points end at {found:.6g} deg, the header says {key} {limit:.6g}; cut"
-                " short, or swapped?"
-            )
 
 
 FORMAT = file_format("gdf", (".gdf",), _open)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from isogal.arrays import Array, Values
 from isogal.errors import InputError
@@ -86,7 +85,10 @@ def open_netcdf(path: str | Path) -> Iterator["Dataset"]:
         _check_classic(path)
         with netCDF4.Dataset(str(path)) as dataset:
             dataset.set_auto_scale(False)
-            _check_size(dataset, path)
+            if dataset.data_model == "NETCDF3_64BIT_DATA":  # cut short, the rest is read as zeros
+                raise InputError(
+                    f"{path}: is of the classic format CDF-5; convert it with 'nccopy -k nc4'"
+                )
             yield dataset
 
 
@@ -110,46 +112,6 @@ def _check_classic(path: Path) -> None:
         raise InputError(
             f"{path}: cannot be read as NetCDF: damaged header, or cut short? ({damage})"
         )
-
-
-def _check_size(dataset: "Dataset", path: Path) -> None:
-    """Raise InputError where a file of the newest classic format (CDF-5), which scipy does not
-    know, is smaller than its header and its numbers: what is missing would be read as zeros."""
-    if dataset.data_model == "NETCDF3_64BIT_DATA":
-        variables = dataset.variables.values()
-        numbers = sum(item.size * item.dtype.itemsize for item in variables)
-        needed = _header_size(dataset) + numbers
-        if (size := path.stat().st_size) < needed:
-            raise InputError(
-                f"{path}: has {size} bytes, its header and numbers need {needed}; cut short?"
-            )
-
-
-def _header_size(dataset: "Dataset") -> int:
-    """Return the size of a CDF-5 file's header, bytes (NetCDF User's Guide, appendix B): a word is
-    4 bytes, a count 8, and names and values end at a word."""
-
-    def named(name: str) -> int:
-        return 8 + _padded(len(name.encode()))
-
-    def attributes(holder: "Dataset | Variable") -> int:
-        values = ((name, holder.getncattr(name)) for name in holder.ncattrs())
-        return 12 + sum(named(name) + 12 + _padded(_bytes(value)) for name, value in values)
-
-    dimensions = 12 + sum(named(name) + 8 for name in dataset.dimensions)
-    variables = 12 + sum(
-        named(name) + 8 + 8 * item.ndim + attributes(item) + 20
-        for name, item in dataset.variables.items()
-    )
-    return 12 + dimensions + attributes(dataset) + variables
-
-
-def _bytes(value: ArrayLike) -> int:
-    return len(value.encode()) if isinstance(value, str) else int(np.asarray(value).nbytes)
-
-
-def _padded(count: int) -> int:
-    return -(-count // 4) * 4
 
 
 def _choose(dataset: "Dataset", name: str | None, quantity: str | None, where: str) -> str:

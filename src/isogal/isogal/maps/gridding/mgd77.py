@@ -47,35 +47,6 @@ _FIELDS = (
     _Field("gravity[mGal]", 91, 7, 0.1, "GRA_OBS"),
     _Field("gravity_anomaly[mGal]", 104, 5, 0.1, "FREEAIR"),
 )
-_OF_TABLE = [
-    "SURVEY_ID",
-    "TIMEZONE",
-    "DATE",
-    "TIME",
-    "LAT",
-    "LON",
-    "POS_TYPE",
-    "NAV_QUALCO",
-    "BAT_TTIME",
-    "CORR_DEPTH",
-    "BAT_CPCO",
-    "BAT_TYPCO",
-    "BAT_QUALCO",
-    "MAG_TOT",
-    "MAG_TOT2",
-    "MAG_RES",
-    "MAG_RESSEN",
-    "MAG_DICORR",
-    "MAG_SDEPTH",
-    "MAG_QUALCO",
-    "GRA_OBS",
-    "EOTVOS",
-    "FREEAIR",
-    "GRA_QUALCO",
-    "LINEID",
-    "POINTID",
-]
-"""Fields of MGD77T in their order, where a file does not name them."""
 
 
 def table_of(text: str, suffix: str, where: str) -> tuple[list[str], Array, list[int]]:
@@ -99,7 +70,7 @@ def table_of(text: str, suffix: str, where: str) -> tuple[list[str], Array, list
     """
     numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
     of_table = suffix == _TABLE
-    read, lines = _tabular(numbered) if of_table else (_record, numbered)
+    read, lines = _tabular(numbered, where) if of_table else (_record, numbered)
     found = list[list[float]]()
     number = list[int]()
     for k, line in lines:
@@ -143,13 +114,12 @@ _OF_TIME = (10, 3), (13, 4), (17, 2), (19, 2), (21, 2), (23, 5)
 
 
 def _tabular(
-    lines: list[tuple[int, str]],
+    lines: list[tuple[int, str]], where: str
 ) -> tuple[Callable[[str], list[float]], list[tuple[int, str]]]:
     """Return what reads a row of a table, and the rows without that of the names."""
-    names = _OF_TABLE
-    if lines and "LAT" in (head := [name.strip() for name in lines[0][1].split("\t")]):
-        names, lines = head, lines[1:]
-    at = {name: k for k, name in enumerate(names)}
+    at = {name.strip(): k for k, name in enumerate(lines[0][1].split("\t"))} if lines else {}
+    if not {"LAT", "LON"} <= at.keys():
+        raise InputError(f"{where}: has no header of MGD77T, which names its fields")
 
     def read(line: str) -> list[float]:
         cells = [cell.strip() for cell in line.split("\t")]
@@ -167,7 +137,7 @@ def _tabular(
             time = _seconds(zone, day, clock // 100, clock % 100)
         return [time, *(field.sign * number(field.of_table) for field in _FIELDS)]
 
-    return read, lines
+    return read, lines[1:]
 
 
 def _number(text: str) -> float:

@@ -60,7 +60,7 @@ def read_survey(
             f"{rows.where}: has no columns latitude and longitude (or x and y, with --crs); it has"
             f" {', '.join(rows.names) or 'none'}"
         )
-    name = _value(rows, used.values(), variable)
+    name = value_column(rows, used.values(), variable)
     own = rows.names.index(name)
     wanted = {kind: column for kind, column in used.items() if rows.index(column) != own}
     wanted["value"] = Column((name,), gaps=True)
@@ -83,8 +83,9 @@ def read_survey(
     )
 
 
-def _value(rows: Rows, used: Iterable[Column], variable: str | None) -> str:
-    """Return the name of the column of values."""
+def value_column(rows: Rows, used: Iterable[Column], variable: str | None) -> str:
+    """Return the name of the column of values beside those that are used for something else;
+    raises InputError where it cannot be told."""
     if variable is not None:
         if variable.casefold() not in rows.names:
             raise InputError(

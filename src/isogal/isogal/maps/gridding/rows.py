@@ -223,7 +223,7 @@ def read_rows(path: str | Path, needed: str) -> Rows:
     if suffix in mgd77.SUFFIXES:
         names, table, number = mgd77.table_of(text, suffix, str(path))
         return _named(names, list(table.T), number, None, str(path))
-    return _of_text(text, needed, str(path))
+    return rows_of_text(text, needed, str(path))
 
 
 def _named(
@@ -270,7 +270,8 @@ def _of_netcdf(path: Path) -> Rows:
     return replace(rows, units=units, quantities=known)
 
 
-def _of_text(text: str, needed: str, where: str) -> Rows:
+def rows_of_text(text: str, needed: str, where: str) -> Rows:
+    """Return the rows of a text; parameters and errors as of `read_rows`, `where`: its file."""
     header: str | None = None
     plain, here = False, ("", "")
     rows, numbers, lines = list[str](), list[int](), list[tuple[str, str]]()
