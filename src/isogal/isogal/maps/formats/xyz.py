@@ -1,8 +1,8 @@
 """XYZ text: a table of longitude, latitude and value, one point a line, on a regular grid.
 
-Columns are those of `isogal.maps.gridding.rows`, named by the first line (``lon lat dg``; a leading
-# is allowed); a unit may follow a name in brackets (``dg[mGal]``). A file without such a line needs
-the order of its columns, ``lon,lat,dg``, as the variable asked for."""
+Columns are those of `isogal.maps.gridding.rows`, named by the first line (``lon lat dg``; a
+leading # is allowed); a unit may follow a name in brackets (``dg[mGal]``). A file without such a
+line needs the order of its columns, ``lon,lat,dg``, as the variable asked for."""
 
 import re
 from collections.abc import Iterator

@@ -15,15 +15,15 @@ from isogal.maps.ggmplus.tiles import (
     CELLS,
     KINDS,
     NAME,
-    PER_DEGREE,
-    STEP_DEG,
+    SIZE_DEG,
     Kind,
     cells_of,
     extent_of,
+    map_of_cells,
+    places_of,
     tile_name,
-    tiles_of,
 )
-from isogal.maps.quantities import QUANTITIES, check_plausible, value_range
+from isogal.maps.quantities import check_plausible, value_range
 
 
 def is_ggmplus(path: Path) -> bool:
@@ -94,50 +94,38 @@ def _extension(path: Path, there: set[str], variable: str | None, quantity: str 
 
 def _read_window(folder: Path, extension: str, window: Window) -> FieldMap:
     rows, columns = cells_of(window)
-    names = {tile_name(*corner, extension): corner for corner in tiles_of(window)}
+    places = places_of(rows, columns, SIZE_DEG)
+    names = {tile_name(*tile, extension): place for tile, place in places.items()}
     missing = [name for name in names if not (folder / name).is_file()]
     if len(missing) == len(names):
         raise EmptyWindowError(f"{folder}: has none of the tiles needed: {', '.join(missing)}")
     check_size(len(rows) * len(columns), str(folder), window)
     values = np.full((len(rows), len(columns)), np.nan)
     kind = KINDS[extension]
-    for name, (south, west) in names.items():
-        if name not in missing:
-            place = ((south + 90) * PER_DEGREE - rows.start, west * PER_DEGREE - columns.start)
+    for name, where in names.items():
+        for place in where if name not in missing else ():
             _read_tile(folder / name, kind, place, values)
     note = f"; no tile {', '.join(missing)}" if missing else ""
-    unit = QUANTITIES[kind.quantity].unit
-    return FieldMap(
-        np.radians(-90.0 + STEP_DEG * (np.array(rows) + 0.5)),
-        np.radians(STEP_DEG * (np.array(columns) + 0.5)),
-        values,
-        unit=unit,
-        quantity=kind.quantity,
-        quantisation=kind.step,
-        provenance=f"GGMplus {folder}:{extension}{note}",
-        file_unit=unit,
-    )
+    provenance = f"GGMplus {folder}:{extension}{note}"
+    return map_of_cells(rows, columns, values, kind.quantity, kind.step, provenance)
 
 
 def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) -> None:
-    """Copy the part of a tile that lies in ``values``, column by column to need no memory; its
-    cell (0, 0) belongs at row, column ``place``."""
-    dtype = np.dtype(kind.dtype)
-    expected = CELLS * CELLS * dtype.itemsize
+    """Copy the part of a tile that lies in ``values``; its cell (0, 0) belongs at row, column
+    ``place``."""
+    dtype, size = np.dtype(kind.dtype), path.stat().st_size
+    if size != (expected := CELLS * CELLS * dtype.itemsize):
+        raise InputError(
+            f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
+            " short?"
+        )
     top, left = place
-    inside = slice(max(-top, 0), min(values.shape[0] - top, CELLS))
     there = values[max(top, 0) : top + CELLS, max(left, 0) : left + CELLS]
-    with reading(path), path.open("rb") as file:
-        size = path.stat().st_size
-        if size != expected:
-            raise InputError(
-                f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
-                " short?"
-            )
-        file.seek(max(-left, 0) * CELLS * dtype.itemsize)
-        for column in range(there.shape[1]):
-            raw = np.fromfile(file, dtype, CELLS)[inside]
-            there[:, column] = np.where(raw == kind.no_data, np.nan, raw * kind.step)
+    with reading(path):  # mapped: only what is looked at takes memory
+        tile = np.memmap(path, dtype, "r", shape=(CELLS, CELLS)).T
+    raw = tile[max(-top, 0) :, max(-left, 0) :][: there.shape[0], : there.shape[1]]
+    np.multiply(raw, kind.step, out=there)
+    there[raw == kind.no_data] = np.nan
     found = value_range(there)
     if not math.isnan(found[0]):
         check_plausible(found, kind.quantity, 1.0, str(path), fixed=True)

@@ -10,7 +10,15 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
+from isogal.arrays import Array
 from isogal.maps.axes import MARGIN, TWO_PI, Window
+from isogal.maps.field_map import FieldMap
+from isogal.maps.quantities import QUANTITIES
+
+Tile = tuple[int, int]
+"""South-west corner, deg; the synthetic map has tiles of the same cells, too."""
 
 STEP_DEG = 0.002
 CELLS = 2500
@@ -44,27 +52,50 @@ NAME = re.compile(r"([NS])(\d\d)([EW])(\d\d\d)\.(ga|dg|xi|eta|ha)")
 
 
 def tile_name(south: int, west: int, extension: str) -> str:
-    """Return the file name of the tile with this south-west corner (deg, multiples of 5)."""
-    west = (west + 180) % 360 - 180
+    """Return the file name of the tile with this south-west corner (deg)."""
     vertical, horizontal = "S" if south < 0 else "N", "W" if west < 0 else "E"
     return f"{vertical}{abs(south):02d}{horizontal}{abs(west):03d}.{extension}"
 
 
-def corner_of(name: str) -> tuple[int, int]:
+def corner_of(name: str) -> Tile:
     """Return the south-west corner (deg) of a tile by its file name."""
     south, west = int(name[1:3]), int(name[4:7])
     return -south if name[0] == "S" else south, -west if name[3] == "W" else west
 
 
-def tiles_of(window: Window) -> list[tuple[int, int]]:
-    """Return the south-west corners (deg) of all tiles that a window touches; west may exceed
-    180."""
-    rows, columns = cells_of(window)
-    return [
-        (tile_row * SIZE_DEG - 90, tile_column * SIZE_DEG)
-        for tile_row in range(rows.start // CELLS, (rows.stop - 1) // CELLS + 1)
-        for tile_column in range(columns.start // CELLS, (columns.stop - 1) // CELLS + 1)
-    ]
+def tiles_of(window: Window) -> list[Tile]:
+    """Return all tiles that a window touches."""
+    return list(places_of(*cells_of(window), SIZE_DEG))
+
+
+def places_of(rows: range, columns: range, side: int) -> dict[Tile, list[tuple[int, int]]]:
+    """Return the tiles of a side (deg) that some cells (`cells_of`) lie in, and at which of these
+    rows and columns each has its first cell: at several, where the columns go round the Earth."""
+    places: dict[Tile, list[tuple[int, int]]] = {}
+    cells = side * PER_DEGREE
+    for row in range(rows.start // cells, -(-rows.stop // cells)):
+        for column in range(columns.start // cells, -(-columns.stop // cells)):
+            tile = side * row - 90, (side * column + 180) % 360 - 180
+            place = row * cells - rows.start, column * cells - columns.start
+            places.setdefault(tile, []).append(place)
+    return places
+
+
+def map_of_cells(
+    rows: range, columns: range, values: Array, quantity: str, step: float, provenance: str
+) -> FieldMap:
+    """Return a map of values (n, m), unit inside, that are kept in steps, on some cells."""
+    unit = QUANTITIES[quantity].unit
+    return FieldMap(
+        np.radians(-90.0 + STEP_DEG * (np.array(rows) + 0.5)),
+        np.radians(STEP_DEG * (np.array(columns) + 0.5)),
+        values,
+        unit=unit,
+        quantity=quantity,
+        quantisation=step,
+        provenance=provenance,
+        file_unit=unit,
+    )
 
 
 def cells_of(window: Window) -> tuple[range, range]:

@@ -8,9 +8,9 @@ from isogal.errors import InputError
 from isogal.maps.axes import TooManyCellsError, Window, check_size
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
-from isogal.maps.ggmplus.tiles import cells_of
-from isogal.maps.synthetic.terrain import CELLS, QUANTA, STEP_DEG
-from isogal.maps.synthetic.tiles import VERSION, Progress, Tile, read_tiles
+from isogal.maps.ggmplus.tiles import cells_of, map_of_cells, places_of
+from isogal.maps.synthetic.terrain import CELLS, QUANTA, SIZE_DEG
+from isogal.maps.synthetic.tiles import VERSION, Progress, read_tiles
 from isogal.maps.tiled_map import WHOLE_CELLS, ScalarMap, TiledMap
 
 _NAME = f"synthetic map {VERSION}"
@@ -43,7 +43,7 @@ def synthetic_map(quantity: str, window: Window, progress: Progress | None = Non
     rows, columns = _cells(window)
     check_size(len(rows) * len(columns), _NAME, window)
     values = np.empty((len(rows), len(columns)))
-    places = _places(rows, columns)
+    places = places_of(rows, columns, SIZE_DEG)
     for tile, numbers in read_tiles(quantity, places, progress):
         for top, side in places[tile]:
             part = numbers[
@@ -51,17 +51,8 @@ def synthetic_map(quantity: str, window: Window, progress: Progress | None = Non
                 max(-side, 0) : len(columns) - side,
             ]
             values[max(top, 0) : top + CELLS, max(side, 0) : side + CELLS] = part
-    unit = "m" if quantity == "height" else "m/s²"
-    return FieldMap(
-        np.radians(-90.0 + STEP_DEG * (np.array(rows) + 0.5)),
-        np.radians(STEP_DEG * (np.array(columns) + 0.5)),
-        np.multiply(values, QUANTA[quantity], out=values),
-        unit=unit,
-        quantity=quantity,
-        quantisation=QUANTA[quantity],
-        provenance=_NAME,
-        file_unit=unit,
-    )
+    np.multiply(values, QUANTA[quantity], out=values)
+    return map_of_cells(rows, columns, values, quantity, QUANTA[quantity], _NAME)
 
 
 def synthetic_map_along(
@@ -74,7 +65,9 @@ def synthetic_map_along(
         return synthetic_map(quantity, corridor.window._replace(most_cells=WHOLE_CELLS), progress)
     except TooManyCellsError:
         tiled = TiledMap(partial(synthetic_map, quantity), corridor)
-        needed = {tile for window in tiled.windows() for tile in _places(*_cells(window))}
+        needed = {
+            tile for window in tiled.windows() for tile in places_of(*_cells(window), SIZE_DEG)
+        }
         for _ in read_tiles(quantity, sorted(needed), progress):
             pass
         return tiled
@@ -89,15 +82,3 @@ def _cells(window: Window) -> tuple[range, range]:
             f"map: the synthetic map ends at 89 deg south and north; asked for {window.text()}"
         )
     return rows, columns
-
-
-def _places(rows: range, columns: range) -> dict[Tile, list[tuple[int, int]]]:
-    """Return the tiles that some cells lie in, and at which of these rows and columns each has its
-    first cell (at several, where the columns go round the Earth)."""
-    places: dict[Tile, list[tuple[int, int]]] = {}
-    for row in range(rows.start // CELLS, -(-rows.stop // CELLS)):
-        for column in range(columns.start // CELLS, -(-columns.stop // CELLS)):
-            tile = row - 90, (column + 180) % 360 - 180
-            place = row * CELLS - rows.start, column * CELLS - columns.start
-            places.setdefault(tile, []).append(place)
-    return places

@@ -33,11 +33,12 @@ from numpy.typing import NDArray
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
+from isogal.maps.ggmplus.tiles import PER_DEGREE, STEP_DEG
 from isogal.maps.interpolation import Grid, values_at
 from isogal.maps.synthetic.lattice_noise import sum_of_octaves
 
-STEP_DEG = 0.002
-CELLS = 500
+SIZE_DEG = 1
+CELLS = SIZE_DEG * PER_DEGREE
 """Cells along a side of a tile."""
 QUANTA = {"disturbance": 1e-6, "gravity": 1e-6, "height": 1e-3}
 """Steps of the numbers kept: 0.1 mGal and 1 mm."""

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.maps.cache import Maker, cache_folder, read_array, read_or_make
-from isogal.maps.ggmplus.tiles import corner_of, tile_name
+from isogal.maps.ggmplus.tiles import Tile, corner_of, tile_name
 from isogal.maps.synthetic.terrain import make_tile
 
 VERSION = 1
 """Part of the cache's folder name: raise it whenever a number of `terrain` changes."""
-Tile = tuple[int, int]
-"""South-west corner, deg."""
 Progress = Callable[[int, int], None]
 """Called with (tiles ready, tiles needed)."""
 
