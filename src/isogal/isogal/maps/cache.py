@@ -66,8 +66,7 @@ def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, N
     """Give one array of each of many cache files, making those that are absent or damaged, in any
     order.
 
-    Processes that ask at the same time share the work: each takes what no other is making, then
-    waits for the rest. Where the folder cannot be written, the arrays are made and not kept.
+    Where the folder cannot be written, the arrays are made and not kept.
 
     Parameters
     ----------
@@ -76,28 +75,19 @@ def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, N
     name : str
         Which array is wanted.
     """
-    waiting = list(makers)
-    for wait in (False, True):
-        left, waiting = waiting, []
-        for path in left:
-            array = read_array(path, name)
-            if array is None:
-                array = _make(path, makers[path], name, wait)
-            if array is None:
-                waiting.append(path)
-            else:
-                yield path, array
+    # each process in another order, so that they share the work
+    for path in sorted(makers, key=lambda path: hash((os.getpid(), path))):
+        array = read_array(path, name)
+        yield path, _made(path, makers[path], name) if array is None else array
 
 
-def _make(path: Path, maker: Maker, name: str, wait: bool) -> Numbers | None:
-    """Make a cache file; None if another process is making it, unless it is to wait for that."""
+def _made(path: Path, maker: Maker, name: str) -> Numbers:
+    """Return an array of a cache file, which is made if it is absent or damaged."""
     arrays: Arrays | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with locked(path, wait) as mine:
-            if not mine:
-                return None
-            array = read_array(path, name)  # another process may have finished it meanwhile
+        with locked(path, wait=True):  # until another process that is making it has finished
+            array = read_array(path, name)
             if array is not None:
                 return array
             arrays = maker()
@@ -105,4 +95,4 @@ def _make(path: Path, maker: Maker, name: str, wait: bool) -> Numbers | None:
                 np.savez(temporary, **arrays)
     except (OSError, InputError) as error:
         _LOG.warning("%s is not kept in the cache: %s", path.name, error)
-    return (maker() if arrays is None else arrays)[name]
+    return np.asarray((maker() if arrays is None else arrays)[name])

@@ -47,10 +47,7 @@ class ChannelMap:
                     f"channel {number} of a vector map is in {other.unit}, channel 0 in"
                     f" {first.unit}"
                 )
-            same = other.values.shape == first.values.shape and np.allclose(
-                other.grid[2:], first.grid[2:], rtol=1e-12
-            )
-            if not same:
+            if not other.on_grid_of(first):
                 raise InputError(
                     f"channel {number} of a vector map is on another grid than channel 0"
                 )

@@ -276,6 +276,11 @@ class FieldMap:
         grid = self.grid._replace(values=np.ascontiguousarray(nodes))
         return bilinear_at(grid, lat, lon).reshape(shape)[()]
 
+    def on_grid_of(self, other: "FieldMap") -> bool:
+        """Tell whether the nodes are those of another map."""
+        same = self.shape == other.shape
+        return same and np.allclose(self.grid[2:], other.grid[2:], rtol=1e-12)
+
     def covers(self, latitude: ArrayLike, longitude: ArrayLike) -> Booleans:
         """Tell where the map has a value (all sixteen nodes around the point)."""
         return np.isfinite(self.value(latitude, longitude))

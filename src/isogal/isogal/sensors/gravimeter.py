@@ -24,37 +24,6 @@ NO_ARM = (0.0, 0.0, 0.0)
 """An instrument at the inertial sensors."""
 
 
-def reading_jacobian(
-    quantity: str, latitude: ArrayLike, v_north: ArrayLike, v_east: ArrayLike
-) -> Array:
-    """Return d(reading)/d(navigator's error) (..., 4) for errors (north m, east m, v_north m/s,
-    v_east m/s) at the scan.
-
-    Parameters
-    ----------
-    quantity : str
-        What a reading is reduced to.
-    latitude : (...) array_like
-        rad.
-    v_north, v_east : (...) array_like
-        m/s.
-
-    Notes
-    -----
-    A reduction with a wrong velocity or latitude adds a wrong Eötvös term; for the disturbance it
-    also subtracts normal gravity at the wrong latitude. Zero for any quantity that is not reduced
-    with the navigator's estimate.
-    """
-    lat = np.asarray(latitude, dtype=float)
-    jacobian = np.zeros((*lat.shape, 4))
-    if quantity in ("gravity", "disturbance"):
-        jacobian[..., 2], jacobian[..., 3] = eotvos_jacobian(lat, v_north, v_east)
-        jacobian[..., 0] = -2.0 * EARTH_RATE * np.sin(lat) * np.asarray(v_east) / radii(lat)[0]
-    if quantity == "disturbance":
-        jacobian[..., 0] -= normal_gravity_gradient_north(lat)
-    return jacobian
-
-
 class GravityReduction(Reduction):
     """From a gravimeter's reading (m/s²) to gravity on the map's surface.
 
@@ -63,8 +32,6 @@ class GravityReduction(Reduction):
     arm : (forward, right, down), optional
         Of the instrument from the inertial sensors, m.
     """
-
-    quantity = "gravity"
 
     def __init__(self, arm: tuple[float, float, float] = NO_ARM) -> None:
         self._arm = arm
@@ -93,8 +60,13 @@ class GravityReduction(Reduction):
         return np.asarray(FREE_AIR * height + eotvos(at.latitude, height, north, east) + down)
 
     def jacobian(self, at: State) -> Array:
-        """Return `reading_jacobian`."""
-        return reading_jacobian(self.quantity, at.latitude, at.v_north, at.v_east)
+        """Return d(reduced)/d(navigator's error) (..., 4): with a wrong velocity or latitude a
+        wrong Eötvös term is added."""
+        lat = np.asarray(at.latitude, dtype=float)
+        jacobian = np.zeros((*lat.shape, 4))
+        jacobian[..., 2], jacobian[..., 3] = eotvos_jacobian(lat, at.v_north, at.v_east)
+        jacobian[..., 0] = -2.0 * EARTH_RATE * np.sin(lat) * np.asarray(at.v_east) / radii(lat)[0]
+        return jacobian
 
     def height_slope(self, at: State) -> Array:
         """Return the free-air gradient, s⁻²."""
@@ -105,8 +77,6 @@ class DisturbanceReduction(GravityReduction):
     """From a gravimeter's reading (m/s²) to the gravity disturbance: reduced gravity less normal
     gravity at the navigator's latitude."""
 
-    quantity = "disturbance"
-
     def raw(self, value: ArrayLike, at: State) -> Array:
         """Return what is measured over a point of a given disturbance."""
         return super().raw(np.asarray(value) + normal_gravity(at.latitude), at)
@@ -114,3 +84,9 @@ class DisturbanceReduction(GravityReduction):
     def reduce(self, raw: ArrayLike, at: State) -> Array:
         """Return the disturbance from a reading and the navigator's state."""
         return super().reduce(raw, at) - normal_gravity(at.latitude)
+
+    def jacobian(self, at: State) -> Array:
+        """Return that of gravity, less what a wrong latitude changes normal gravity by."""
+        jacobian = super().jacobian(at)
+        jacobian[..., 0] -= normal_gravity_gradient_north(np.asarray(at.latitude, dtype=float))
+        return jacobian

@@ -1,9 +1,9 @@
 """What all aids of a simulated vehicle measure."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from isogal.scenario import Gnss, HeadingAid, Height, PositionAid, Truth, Velocity
-from isogal.scenario.aids import SatellitePosition
+from isogal.scenario.aids import AnyAid, SatellitePosition
 from isogal.sensors.barometer import simulate_heights
 from isogal.sensors.heading_aid import simulate_headings
 from isogal.sensors.position_aid import AidReadings, simulate_positions
@@ -17,21 +17,20 @@ def simulate_aids(
 ) -> tuple[AidReadings, ...]:
     """Return what the aids of some runs measure, as they really are, in the order of
     `Settings.aids`."""
-    return tuple(_each(truth, trajectory, runs))
-
-
-def _each(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) -> Iterator[AidReadings]:
     drawn = trajectory, truth.seed, runs
     satellites = iter(simulate_satellites(truth.gnss, *drawn) if truth.gnss.used else ())
-    for aid in truth.aids:
+
+    def readings(aid: AnyAid) -> AidReadings:
         match aid:
             case Height():
-                yield simulate_heights(aid, *drawn)
+                return simulate_heights(aid, *drawn)
             case Velocity():
-                yield simulate_velocities(aid, *drawn, truth.velocity_aids)
+                return simulate_velocities(aid, *drawn, truth.velocity_aids)
             case SatellitePosition() | Gnss():
-                yield next(satellites)
+                return next(satellites)
             case PositionAid():
-                yield simulate_positions(aid, *drawn)
+                return simulate_positions(aid, *drawn)
             case HeadingAid():
-                yield simulate_headings(aid, *drawn, truth.magnetometer.epoch)
+                return simulate_headings(aid, *drawn, truth.magnetometer.epoch)
+
+    return tuple(map(readings, truth.aids))

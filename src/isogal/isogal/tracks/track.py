@@ -14,7 +14,7 @@ from isogal.maps.corridor import corridor_of
 from isogal.maps.quantities import QUANTITIES, fitting_unit
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Magnetometer
-from isogal.sensors.gravimeter import reading_jacobian
+from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
 from isogal.sensors.magnetometer import MagneticReduction, MainField
 from isogal.sensors.reduction import State
 
@@ -184,11 +184,12 @@ class Track:
             return MagneticReduction(main_field).jacobian(
                 State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
             )
-        reduced = "gravity" if quantity == "gravity" else "disturbance"
+        reduced = GravityReduction() if quantity == "gravity" else DisturbanceReduction()
+        here = State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
         if self.reduction == "latitude":  # that of a track at rest, whatever its velocity error
-            at_rest = reading_jacobian(reduced, self.latitude, 0.0, 0.0)
-            return at_rest * np.array([1.0, 0.0, 0.0, 0.0])
-        return reading_jacobian(reduced, self.latitude, *self.velocity.T)
+            return reduced.jacobian(here) * np.array([1.0, 0.0, 0.0, 0.0])
+        north, east = self.velocity.T
+        return reduced.jacobian(here._replace(v_north=north, v_east=east))
 
     def normal_gravity_in_doubt(self, quantity: str) -> float:
         """Return by how much the readings may be wrong per metre of latitude (unit/m), because it

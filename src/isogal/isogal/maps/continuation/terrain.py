@@ -93,10 +93,7 @@ def _on_grid_of(field_map: FieldMap, terrain: FieldMap) -> Array:
             f"{terrain.provenance or 'terrain'}: must be a map of height, is one of"
             f" {terrain.quantity}"
         )
-    same = terrain.values.shape == field_map.values.shape and np.allclose(
-        terrain.grid[2:], field_map.grid[2:], rtol=1e-12
-    )
-    if same:
+    if terrain.on_grid_of(field_map):
         return np.array(terrain.values, dtype=np.float64)
     ground = np.empty(field_map.values.shape)
     for row, latitude in zip(ground, field_map.latitude, strict=True):

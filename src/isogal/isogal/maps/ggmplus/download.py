@@ -101,32 +101,35 @@ def sha256(path: Path) -> str:
 
 def _append(url: str, part: Path, size: int, timeout: float, progress: Progress | None) -> str:
     """Fetch what is missing; returns why another try may help where something still is."""
-    there = _size(part)
-    if there > size:
-        part.unlink()
-        there = 0
+    there = _size(part) if _size(part) <= size else 0
     headers = {"User-Agent": "isogal", "Accept-Encoding": "identity"}
     if there:
         headers["Range"] = f"bytes={there}-"
     request = urllib.request.Request(url, headers=headers)
     try:
         with urllib.request.urlopen(request, timeout=timeout) as answer:
-            span = answer.headers.get("Content-Range", "")
             if answer.status != 206:  # a server that does not resume
                 there = 0
-            elif not span.startswith(f"bytes {there}-"):
-                span = span[:60] or "no Content-Range"
-                return f"the server resumes elsewhere than asked ({span})"
+            elif not answer.headers.get("Content-Range", "").startswith(f"bytes {there}-"):
+                return "the server resumes elsewhere than asked"
             length = answer.headers.get("Content-Length", "")
             if length.isdecimal() and there + int(length) != size:
                 part.unlink(missing_ok=True)
-                raise InputError(
-                    f"{url}: the server's file has {there + int(length)} bytes, a tile has {size};"
-                    " wrong address?"
-                )
-            there = _copy(answer, part, there, size, progress)
+                said = f"the server's file has {there + int(length)} bytes, a tile has {size}"
+                raise InputError(f"{url}: {said}; wrong address?")
+            with part.open("ab") as file:
+                file.truncate(there)
+                while chunk := answer.read(_CHUNK):
+                    there += len(chunk)
+                    if there > size:
+                        part.unlink()
+                        said = f"the server sends more than the {size} bytes of a tile"
+                        raise InputError(f"{url}: {said}; wrong address?")
+                    file.write(chunk)
+                    if progress is not None:
+                        progress(there, size)
     except urllib.error.HTTPError as error:
-        return _refusal(url, part, error)
+        return _refusal(url, error)
     except (
         urllib.error.URLError,
         http.client.HTTPException,
@@ -140,41 +143,16 @@ def _append(url: str, part: Path, size: int, timeout: float, progress: Progress 
         return f"cannot be reached ({why}); offline?"
     except OSError as error:
         raise InputError(f"{part}: cannot be written: {error.strerror or error}") from None
-    if there > size:
-        part.unlink(missing_ok=True)
-        raise InputError(
-            f"{url}: the server sends more than the {size} bytes of a tile; wrong address?"
-        )
     return f"the connection broke off at {there} of {size} bytes"
 
 
-def _copy(
-    answer: http.client.HTTPResponse, part: Path, there: int, size: int, progress: Progress | None
-) -> int:
-    """Write what arrives behind the first bytes of a file; returns how many there are then, more
-    than the size where the server goes on beyond it."""
-    with part.open("r+b" if there else "wb") as file:
-        file.truncate(there)
-        file.seek(there)
-        while there <= size and (chunk := answer.read(_CHUNK)):
-            there += len(chunk)
-            if there <= size:
-                file.write(chunk)
-                if progress is not None:
-                    progress(there, size)
-    return there
-
-
-def _refusal(url: str, part: Path, error: urllib.error.HTTPError) -> str:
+def _refusal(url: str, error: urllib.error.HTTPError) -> str:
     """Return why another try may help, by a status of HTTP; raises the error that it means where
     none does."""
     with contextlib.suppress(OSError):
         error.close()
     if error.code in (404, 410):
         raise AbsentError
-    if error.code == 416:  # what is on disk is not a part of the server's file
-        part.unlink(missing_ok=True)
-        return "the server cannot resume"
     reason = f"the server answers {error.code} {error.reason}"
     if error.code not in _AGAIN:
         raise InputError(f"{url}: {reason}")

@@ -19,7 +19,7 @@ parameters learnt from other lines (or blocks): those learnt from a reading itse
 Variances of the field's errors are multiplied by a²; the noise of readings is not."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -214,12 +214,7 @@ class Amplitude:
             candidates.append((rough, roughness))
         costs = [_validated(rough, roughness, errors) for rough, roughness in candidates]
         rough, roughness = candidates[int(np.argmin(costs))]
-        amplitude = _scaled(rough, roughness, errors)
-        apart = amplitude.at(errors.places, errors.share, errors.part)
-        for out in folds(errors.part):
-            others, own = _scaled(rough, roughness[~out], errors[~out]), errors[out]
-            apart[out] = others.at(own.places, own.share, own.part)
-        return amplitude, apart
+        return _by_others(_scaled, rough, roughness, errors)
 
     def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:
         """Return (P,) the factor of the variance at places (P, 2+), where a share (P,) of the
@@ -237,13 +232,24 @@ class Amplitude:
         }
 
 
-def _scaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
-    """Return the factor learnt from errors whose roughness (M,) is known, scaled."""
-    amplitude = _unscaled(rough, roughness, errors)
+def _by_others(
+    learnt: Callable[[_Rough, Array, Errors], Amplitude],
+    rough: _Rough,
+    roughness: Array,
+    errors: Errors,
+) -> tuple[Amplitude, Array]:
+    """Return the factor learnt from errors whose roughness (M,) is known, and that of each (M,) as
+    it is learnt from the other sets of lines (or blocks)."""
+    amplitude = learnt(rough, roughness, errors)
     apart = amplitude.at(errors.places, errors.share, errors.part)
     for out in folds(errors.part):
-        others, own = _unscaled(rough, roughness[~out], errors[~out]), errors[out]
+        others, own = learnt(rough, roughness[~out], errors[~out]), errors[out]
         apart[out] = others.at(own.places, own.share, own.part)
+    return amplitude, apart
+
+
+def _scaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
+    amplitude, apart = _by_others(_unscaled, rough, roughness, errors)
     log_factor = amplitude.rough.log_factor + errors.scale(apart)
     return replace(amplitude, rough=replace(amplitude.rough, log_factor=log_factor))
 
