@@ -61,7 +61,7 @@ def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance, there):
     assert [first.sigma, second.sigma] == pytest.approx(sigma, rel=1e-3)
     assert first.sigma > 0.0
     window = corridor_of(route.latitude, route.longitude).window
-    assert MapSource.of(it)(window=window).quantity == "disturbance"
+    assert MapSource.of(it)(window).quantity == "disturbance"
 
 
 def none_left(*_, **__):

@@ -174,7 +174,7 @@ def test_fields_that_do_not_change_with_height_stay(tmp_path):
     )
     it = scenario(ground, "field=terrain", "gravimeter.sigma=5", "route.height=4000")
     window = Window(*np.radians([-36.55, -36.5, 146.95, 147.0]))
-    assert "continued" not in flown(it)(window=window).provenance
+    assert "continued" not in flown(it)(window).provenance
 
 
 def test_what_cannot_be_continued_names_the_way_out(low):

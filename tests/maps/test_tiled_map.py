@@ -23,7 +23,7 @@ MARGIN = 5_000.0
 CORNERS = [[-36.75, 146.7], [-36.25, 147.3]]
 
 
-def part_of(whole, *, window):
+def part_of(whole, window):
     """Read a map that is in memory as a reader does."""
     part = whole.window(*window[:4])
     if part.values.size > window.most_cells:
@@ -121,10 +121,10 @@ def test_where_there_is_no_map_a_batch_gets_one_without_values_there(tiled):
 
 
 def test_what_cannot_be_read_is_no_empty_map(tiled):
-    def endless(*, window):
+    def endless(window):
         raise TooManyCellsError("too many")
 
-    def damaged(*, window):
+    def damaged(window):
         raise InputError("map.nc: damaged")
 
     start = tiled.near(*ORIGIN)
@@ -182,9 +182,9 @@ def test_overview_is_empty_off_the_corridor(whole, tiled):
 def test_a_small_map_is_read_as_a_whole(whole, tiled, monkeypatch):
     asked = []
 
-    def load(*, window):
+    def load(window):
         asked.append(window[:4])
-        return part_of(whole, window=window)
+        return part_of(whole, window)
 
     assert isinstance(map_along(load, tiled.corridor), FieldMap)
     assert asked == [tiled.corridor.window[:4]]

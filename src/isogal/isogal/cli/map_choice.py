@@ -86,7 +86,7 @@ class MapChoice(SourceOptions):
                     "the synthetic map has no end: give --window, --route or --scenario"
                 )
             return make_synthetic(self._synthetic_quantity(measured), window)
-        return self._read(window=window)
+        return self._read(window)
 
     def load_along(self, corridor: "Corridor", measured: str = "gravity") -> "ScalarMap":
         """Read the map along a route, in parts if it is large; see `load`."""
@@ -106,7 +106,7 @@ class MapChoice(SourceOptions):
             return self.load_along(part, measured)
         return self.load(part, measured)
 
-    def _read(self, *, window: "Window | None") -> "FieldMap":
+    def _read(self, window: "Window | None") -> "FieldMap":
         from isogal.maps.load import load_map
 
         return load_map(

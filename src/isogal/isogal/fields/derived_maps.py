@@ -67,34 +67,29 @@ def derived_maps(settings: Settings, margin: float) -> ChannelMap:
         The map cannot be read or transformed, or does not cover the route.
     """
     content = settings.model_dump(mode="json")
-    shared, kept = os.environ.get(SHARED), None
-    if shared is not None:
-        used = {key: content[key] for key in _SECTIONS & content.keys()}
-        text = json.dumps([used, margin], sort_keys=True)
-        kept = Path(shared) / hashlib.sha256(text.encode()).hexdigest()
-        if kept.exists():
-            return _read(kept)
+    used = {key: content[key] for key in _SECTIONS & content.keys()}
+    text, shared = json.dumps([used, margin], sort_keys=True), os.environ.get(SHARED)
     with tempfile.TemporaryDirectory(prefix="isogal-", dir=shared) as temporary:
-        folder = Path(temporary) / "maps"
-        folder.mkdir()
-        try:
-            child = subprocess.run(
-                [sys.executable, "-m", __spec__.name, folder],
-                input=json.dumps({"scenario": content, "margin": margin}).encode(),
-                capture_output=True,
-                check=False,
-            )
-        except OSError:  # no other process can be started
-            return compute(settings, margin)
-        if child.returncode == _REFUSED:
-            raise InputError(child.stdout.decode())
-        if child.returncode:
-            return compute(settings, margin)  # which raises here what went wrong there
-        maps = _read(folder)
-        if kept is not None:
+        kept = Path(shared or temporary) / hashlib.sha256(text.encode()).hexdigest()
+        if not kept.exists():
+            folder = Path(temporary) / "maps"
+            folder.mkdir()
+            try:
+                child = subprocess.run(
+                    [sys.executable, "-m", __spec__.name, folder],
+                    input=json.dumps({"scenario": content, "margin": margin}).encode(),
+                    capture_output=True,
+                    check=False,
+                )
+            except OSError:  # no other process can be started
+                return compute(settings, margin)
+            if child.returncode == _REFUSED:
+                raise InputError(child.stdout.decode())
+            if child.returncode:
+                return compute(settings, margin)  # which raises here what went wrong there
             with contextlib.suppress(OSError):  # another process was first
                 folder.rename(kept)
-        return maps
+        return _read(kept)
 
 
 def compute(settings: Settings, margin: float) -> ChannelMap:
@@ -104,8 +99,8 @@ def compute(settings: Settings, margin: float) -> ChannelMap:
     window = corridor_of(*route, margin).window
     source, channels = MapSource.of(settings), measured_field(settings).channels
     if channels is None:
-        return ChannelMap([source.flown(settings.route.height, window=window)])
-    disturbance = source(window=window.grown(channels.reach))
+        return ChannelMap([source.flown(settings.route.height, window)])
+    disturbance = source(window.grown(channels.reach))
     partly = settings.route.track is not None
     check_coverage(disturbance, *route, partly=partly)
     maps = channels.maps(settings, disturbance)

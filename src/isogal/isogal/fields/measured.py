@@ -96,12 +96,6 @@ def fields() -> dict[str, MeasuredField]:
     return {name: field_named(name) for name in plugins.names(plugins.FIELDS)}
 
 
-def require_one_field(settings: Settings) -> None:
-    """Raise InputError where a scenario has a list of fields, which not everything takes."""
-    if settings.fields is not None:
-        raise InputError("fields: one field is needed here, not a list of fields")
-
-
 def measured_field(settings: Settings) -> MeasuredField:
     """Return the field that a scenario measures and matches; where its readings are recorded ones
     that are values of the map, with a reduction that leaves them as they are.
@@ -112,7 +106,8 @@ def measured_field(settings: Settings) -> MeasuredField:
         `gravimeter.sigma` is not in this field's unit, or keys `OF_ONE_NUMBER` are given where
         they do not count; or the scenario has several fields.
     """
-    require_one_field(settings)
+    if settings.fields is not None:
+        raise InputError("fields: one field is needed here, not a list of fields")
     field, sigma = field_named(settings.measured_field), settings.gravimeter.sigma
     for key in OF_ONE_NUMBER:
         if field.channels is not None and getattr(settings.gravimeter, key) != getattr(

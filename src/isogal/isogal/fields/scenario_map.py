@@ -52,7 +52,7 @@ def map_for_scenario(
     if margin is None:
         if several:
             raise InputError("map.margin: a number is needed where a reading has several")
-        return MapSource.of(settings).flown(settings.route.height, window=EVERYWHERE)
+        return MapSource.of(settings).flown(settings.route.height, EVERYWHERE)
     if several:
         return derived_maps(settings, margin)
     route = trajectory or build_trajectory(settings)
@@ -98,7 +98,7 @@ def _at_flown_height(settings: Settings, source: ScalarMap, corridor: Corridor) 
     flown = partial(MapSource.of(settings).flown, settings.route.height)
     small = isinstance(source, FieldMap) and source.values.size <= _SMALL
     if small and settings.map.terrain is None:
-        return flown(window=corridor.window)
+        return flown(corridor.window)
     if isinstance(source, FieldMap):
         return derived_maps(settings, corridor.margin).channels[0]
     if settings.map.terrain is not None:

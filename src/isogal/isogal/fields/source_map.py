@@ -60,7 +60,7 @@ class MapSource:
         settings = self.settings.model_copy(update={"variable": variable})
         return MapSource(settings, quantity, self.key, quantity or "")
 
-    def __call__(self, *, window: Window) -> FieldMap:
+    def __call__(self, window: Window) -> FieldMap:
         """Return the map in a window.
 
         Raises
@@ -82,7 +82,7 @@ class MapSource:
             return self._checked(synthetic_map_along(self._synthetic, corridor))
         return map_along(self, corridor)
 
-    def flown(self, height: float, *, window: Window) -> FieldMap:
+    def flown(self, height: float, window: Window) -> FieldMap:
         """Return the map in a window at the height of the flight (m, as `route.height`).
 
         Raises
@@ -90,7 +90,7 @@ class MapSource:
         InputError
             The map cannot be read, or not be continued.
         """
-        field_map = self(window=window)
+        field_map = self(window)
         if not self.continues(field_map, height):
             return field_map
         rise = height - (self._level(field_map) or 0.0)
@@ -99,7 +99,7 @@ class MapSource:
             reach = max(reach, _RIM_ON_GROUND)
         wide = window.grown(reach)._replace(most_cells=2 * window.most_cells)
         try:
-            return self._continued(self(window=wide), height, wide).window(*window[:4])
+            return self._continued(self(wide), height, wide).window(*window[:4])
         except InputError as error:
             raise InputError(
                 f"{error} (the map at route.height; with map.continuation: none it is taken as it"
@@ -149,7 +149,7 @@ class MapSource:
     def _disturbance(self, window: Window) -> FieldMap | None:
         """Return the map of the disturbance that the source of a map of gravity holds as well."""
         try:
-            return self.other("disturbance")(window=window)
+            return self.other("disturbance")(window)
         except InputError:
             return None
 
@@ -248,7 +248,7 @@ def _from_ground(terrain: str, height: float, source: FieldMap) -> FieldMap:
     from isogal.maps.continuation.terrain import from_terrain
 
     ground = MapSource(Map(source=terrain), "height", "map.terrain", "the ground's height")(
-        window=source.extent
+        source.extent
     )
     if source.quantity != "gravity":
         return from_terrain(source, ground, height)

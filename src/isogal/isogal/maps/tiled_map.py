@@ -12,7 +12,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,24 +36,10 @@ _BATCH = 100_000.0  # m; longer batches are matched as well, but their tiles are
 _KEPT_CELLS = 4_000_000  # of parts that were read, 32 MB
 
 
-class Load(Protocol):
-    """How a part of a map is read: a function, which can be pickled if the map is sent to other
-    processes."""
-
-    def __call__(self, *, window: Window) -> FieldMap:
-        """Read what the map has in a window, with the nodes around it that interpolation needs.
-
-        Raises
-        ------
-        EmptyWindowError
-            There is nothing.
-        TooManyCellsError
-            There is more than the window allows.
-        InputError
-            The map cannot be read.
-        """
-        ...
-
+Load = Callable[[Window], FieldMap]
+"""Reads what a map has in a window, with the nodes around it that interpolation needs; can be
+pickled if the map is sent to other processes. Raises EmptyWindowError where there is nothing,
+TooManyCellsError where there is more than the window allows, else InputError."""
 
 LookUp = Callable[[FieldMap, Array, Array], Array | tuple[Array, ...]]
 _of_start = partial(delegated, lambda tiled: tiled._start)
@@ -84,7 +69,7 @@ class TiledMap:
         self._load = load
         if start is None:
             lat, lon = float(corridor.latitude[0]), float(corridor.longitude[0])
-            start = load(window=Window(lat, lat, lon, lon).grown(corridor.margin))
+            start = load(Window(lat, lat, lon, lon).grown(corridor.margin))
         self._start = start
         grid = start.grid
         self._side = TILE_CELLS * grid.latitude_step, TILE_CELLS * grid.longitude_step
@@ -237,7 +222,7 @@ class TiledMap:
             self._read.move_to_end(window)
         else:
             try:
-                self._read[window] = self._load(window=window)
+                self._read[window] = self._load(window)
             except EmptyWindowError:
                 self._read[window] = None
             while len(self._read) > 1 and self._cells_kept() > _KEPT_CELLS:
@@ -292,7 +277,7 @@ def map_along(load: Load, corridor: Corridor) -> ScalarMap:
         The map cannot be read.
     """
     try:
-        return load(window=corridor.window._replace(most_cells=WHOLE_CELLS))
+        return load(corridor.window._replace(most_cells=WHOLE_CELLS))
     except TooManyCellsError:
         return TiledMap(load, corridor)
 

@@ -12,7 +12,7 @@ from isogal.scenario import HeadingAid
 from isogal.seeds import generator
 from isogal.sensors.magnetometer import field_vector
 from isogal.sensors.noise import Noise
-from isogal.sensors.position_aid import AidReadings, aid_index, available
+from isogal.sensors.position_aid import AidReadings, aid_index, within
 from isogal.sensors.trajectory import Trajectory
 
 _CELL = 0.5
@@ -47,7 +47,7 @@ def simulate_headings(
     for k, run in enumerate(runs):
         mounting = generator(seed, run, f"{aid.prefix}_mounting").standard_normal()
         found[k] = heading + errors.draw(seed, run, time) + aid.number("bias") * mounting
-    seen = available(aid.available, trajectory, index)
+    seen = within(aid.available, time)
     if aid.kind == "course":
         seen &= np.hypot(*trajectory.velocity[index, :2].T) >= aid.slowest
     found[:, ~seen] = np.nan

@@ -32,7 +32,7 @@ def simulate_positions(
     offset = matrix(trajectory.attitude[index]) @ np.array(aid.lever_arm)
     measured = trajectory.position[index] + curvilinear(trajectory, offset, index)
     positions = with_errors(aid, trajectory, index, measured, seed, runs)
-    positions[:, ~available(aid.available, trajectory, index)] = np.nan
+    positions[:, ~within(aid.available, trajectory.time[index] - trajectory.time[0])] = np.nan
     return AidReadings(index, positions)
 
 
@@ -60,14 +60,6 @@ def aid_index(interval: float, trajectory: Trajectory) -> Integers:
     """Return (M,) the ends of the steps at which an aid of an interval (s) measures."""
     step = round(interval / trajectory.dt)
     return np.arange(step, len(trajectory) + 1, step)
-
-
-def available(
-    times: Sequence[tuple[float, float]] | None, trajectory: Trajectory, index: Integers
-) -> Booleans:
-    """Return (M,) whether an aid measures then: always, or between times since the start (s)."""
-    since = trajectory.time[index] - trajectory.time[0]
-    return within(times, since)
 
 
 def within(times: Sequence[tuple[float, float]] | None, since: Array) -> Booleans:

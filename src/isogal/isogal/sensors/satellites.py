@@ -13,9 +13,9 @@ from isogal.seeds import generator
 from isogal.sensors.position_aid import (
     AidReadings,
     aid_index,
-    available,
     curvilinear,
     with_errors,
+    within,
 )
 from isogal.sensors.trajectory import Trajectory
 
@@ -37,7 +37,7 @@ def simulate_satellites(
         places[k] = place[index]
         velocities[k] = speed[index] + (gnss.velocity_sigma or np.nan) * noise * aid.unequal
     positions = with_errors(aid, trajectory, index, places, seed, runs)
-    hidden = ~available(gnss.available or (), trajectory, index)
+    hidden = ~within(gnss.available or (), trajectory.time[index] - trajectory.time[0])
     positions[:, hidden], velocities[:, hidden] = np.nan, np.nan
     return AidReadings(index, positions), AidReadings(index, velocities)
 
