@@ -18,18 +18,7 @@ from isogal.scenario import Assumed, Gravimeter, Settings, Truth
 from isogal.sensors.noise import RunScans
 from isogal.sensors.reduction import AsRead, Reduction
 
-OF_ONE_NUMBER = (
-    "sigma",
-    "bias",
-    "drift",
-    "correlated_sigma",
-    "bias_walk",
-    "cross_coupling",
-    "dynamic_pressure",
-    "platform_tilt",
-    "filter_time",
-    "delay",
-)
+OF_ONE_NUMBER = (*Gravimeter.errors, "filter_time", "delay")
 """Keys of the section `gravimeter` that hold for instruments whose readings are one number."""
 
 
