@@ -153,6 +153,10 @@ def test_map_sigma_may_be_auto_or_a_number(value):
             "gnss.deception={start: 300, end: 200}",
             "gnss.deception: end (200 s) must be after start (300 s)",
         ),
+        (
+            "gnss.deception.kind=walk",
+            "gnss: deception.kind (walk): there is no receiver to deceive; give available, or",
+        ),
     ],
 )
 def test_bad_values_give_one_line_that_names_the_key(override, message):
@@ -184,6 +188,16 @@ def test_a_choice_of_types_is_named_once():
     assert str(caught.value).startswith("scenario: matcher.map_sigma: ")
     assert "function" not in str(caught.value)
     assert "must be a number or 'auto', not 'automatic'" in str(caught.value)
+
+
+def test_times_of_aids_after_the_end_are_said():
+    keys = "gnss.available=[[0, 50], [60, 70]]", "positions=[{available: [[80, 90]]}]"
+    scenario = load_scenario(None, keys)
+    assert scenario.never_available(100.0) == []
+    assert scenario.never_available(60.0) == [
+        "gnss.available: [60, 70] is after the end of the run, 60 s",
+        "positions.0.available: [80, 90] is after the end of the run, 60 s",
+    ]
 
 
 def test_several_mistakes_are_all_named():
