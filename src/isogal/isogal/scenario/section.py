@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from pydantic_core import ErrorDetails
 
 from isogal.errors import InputError
 
@@ -126,8 +125,8 @@ _ALLOWED = {
 """What a value may be, by the type of pydantic's error or the word that such types begin with."""
 
 
-def _allowed(item: ErrorDetails) -> str:
-    """Return what the value of an error may be, in words that follow "must be"."""
+def _allowed(item: Mapping[str, Any]) -> str:
+    """Return what the value of one of pydantic's errors may be, in words after "must be"."""
     kind = item["type"]
     words = _ALLOWED.get(kind) or _ALLOWED.get(kind.partition("_")[0])
     return words.format(**item.get("ctx", {})) if words else f"otherwise ({item['msg']})"
