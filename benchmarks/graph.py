@@ -71,6 +71,11 @@ class Usage:
     @property
     def per_step(self) -> dict[str, float]:
         """Processor time of each process, ms a step."""
+        if len(self._seen) < 2:
+            raise SystemExit(
+                "graph.py: the run was over before its processes were seen twice; give"
+                " a longer --duration"
+            )
         (first, before), (last, after) = self._seen
         return {
             name: 1e3 * (seconds - before[name]) / (last - first)

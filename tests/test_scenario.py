@@ -1,6 +1,8 @@
 """Scenarios: the defaults that users rely on, files and overrides, one clear line for each kind of
 bad input."""
 
+import re
+
 import pytest
 
 from isogal.errors import InputError
@@ -97,12 +99,11 @@ def test_map_sigma_may_be_auto_or_a_number(value):
         ("route.grade=quantum", "unknown key 'route.grade', did you mean 'imu.grade'?"),
         ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
         ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.grades, imu.rate, "),
-        ("gravimeter.sigma=-1", "gravimeter.sigma: input should be greater than 0, not -1"),
-        ("gravimeter.sigma=.inf", "gravimeter.sigma: input should be a finite number, not inf"),
+        ("gravimeter.sigma=-1", "gravimeter.sigma: must be greater than 0, not -1"),
+        ("gravimeter.sigma=.inf", "gravimeter.sigma: must be a finite number, not inf"),
         (
             "gravimeter.sigma=much",
-            "gravimeter.sigma: input should be a valid number, unable to parse string as a number,"
-            " not 'much'",
+            "gravimeter.sigma: must be a number, not 'much'",
         ),
         (
             "gravimeter.interval=10.5",
@@ -110,7 +111,7 @@ def test_map_sigma_may_be_auto_or_a_number(value):
         ),
         (
             "gravimeter.quantity=magnetic",
-            "gravimeter.quantity: input should be 'gravity' or 'disturbance', not 'magnetic'",
+            "gravimeter.quantity: must be 'gravity' or 'disturbance', not 'magnetic'",
         ),
         (
             "imu.grade=best",
@@ -130,27 +131,31 @@ def test_map_sigma_may_be_auto_or_a_number(value):
             "field=magnetik",
             "field: unknown field 'magnetik' (did you mean 'magnetic'?); allowed: disturbance, ",
         ),
-        ("matcher.name=5", "matcher.name: input should be a valid string, not 5"),
+        ("matcher.name=5", "matcher.name: must be a text, not 5"),
         ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
-        ("matcher.batch_length=15.5", "matcher.batch_length: input should be a valid integer"),
-        ("seed=-1", "seed: input should be greater than or equal to 0, not -1"),
+        ("matcher.batch_length=15.5", "matcher.batch_length: must be a whole number"),
+        ("seed=-1", "seed: must be at least 0, not -1"),
         (
             "route.start=[95, 0]",
-            "route.start.0: input should be less than or equal to 89.9, not 95",
+            "route.start.0: must be at most 89.9, not 95",
         ),
-        ("route.start=[-38]", "route.start.1: field required"),
+        ("route.start=[-38]", "route.start.1: must be given"),
         ("route.start=null", "route: give start and end, or waypoints"),
         ("route.end=[-38.0, 144.5]", "route: start and end must differ"),
         ("route.waypoints=[[-38, 144, 22]]", "route: waypoints needs at least two points"),
         (
             "route.waypoints=[[-38, 144, 22], [-37, 145, 0]]",
-            "route.waypoints.1.2: input should be greater than 0, not 0",
+            "route.waypoints.1.2: must be greater than 0, not 0",
         ),
-        ("route=5", "route: input should be a valid dictionary or instance of Route, not 5"),
+        ("route=5", "route: must be a section of keys, not 5"),
         ("gnss.available=[[9, 5]]", "gnss.available: must be [[from, to], ...], s since the"),
         (
             "gnss.deception={start: 300, end: 200}",
             "gnss.deception: end (200 s) must be after start (300 s)",
+        ),
+        (
+            "gnss.deception.kind=walk",
+            "gnss: deception.kind (walk): there is no receiver to deceive; give available, or",
         ),
     ],
 )
@@ -163,13 +168,36 @@ def test_bad_values_give_one_line_that_names_the_key(override, message):
     assert "pydantic" not in text
 
 
+@pytest.mark.parametrize("text", ["abc", "-1.5", ".nan", "null", "[]", "[[a]]", "{a: 1}"])
+def test_no_key_is_refused_in_the_words_of_a_library(text):
+    refused = []
+    for key in known_keys(Scenario):
+        try:
+            load_scenario(None, [f"{key}={text}"])
+        except InputError as error:
+            refused.append(str(error))
+    assert len(refused) > 10
+    foreign = re.compile("input should|extra inputs|value_error|valid|otherwise|instance", re.I)
+    assert not [line for line in refused if foreign.search(line)]
+
+
 def test_a_choice_of_types_is_named_once():
     """`map_sigma` may be a number or a word: the line still names the key alone."""
     with pytest.raises(InputError) as caught:
         load_scenario(None, ["matcher.map_sigma=automatic"])
     assert str(caught.value).startswith("scenario: matcher.map_sigma: ")
     assert "function" not in str(caught.value)
-    assert "'auto'" in str(caught.value)
+    assert "must be a number or 'auto', not 'automatic'" in str(caught.value)
+
+
+def test_times_of_aids_after_the_end_are_said():
+    keys = "gnss.available=[[0, 50], [60, 70]]", "positions=[{available: [[80, 90]]}]"
+    scenario = load_scenario(None, keys)
+    assert scenario.never_available(100.0) == []
+    assert scenario.never_available(60.0) == [
+        "gnss.available: [60, 70] is after the end of the run, 60 s",
+        "positions.0.available: [80, 90] is after the end of the run, 60 s",
+    ]
 
 
 def test_several_mistakes_are_all_named():
@@ -203,7 +231,7 @@ def test_a_file_that_cannot_be_read(tmp_path, path):
     ("seed", "--set seed: must be KEY=VALUE, for example"),
     ("=5", "--set =5: must be KEY=VALUE"),
     ("seed=[1", "--set seed=[1: the value is not valid YAML"),
-    ("seed.x=1", "scenario: seed: input should be a valid integer"),
+    ("seed.x=1", "scenario: seed: must be a whole number"),
 ])  # fmt: skip
 def test_bad_overrides(override, message):
     with pytest.raises(InputError) as caught:

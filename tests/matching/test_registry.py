@@ -49,7 +49,7 @@ def test_unknown_options_are_refused(name):
 def test_bad_values_of_options_are_refused():
     with pytest.raises(
         InputError,
-        match=r"matcher\.options of pmht: trust: input should be .* 1, not 0\.5",
+        match=r"matcher\.options of pmht: trust: must be .* 1, not 0\.5",
     ):
         load_matcher(Matcher(options={"trust": 0.5}))
 

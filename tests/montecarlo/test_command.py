@@ -118,6 +118,18 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
     assert {**after, "time": None} == {**expected, "time": None}
 
 
+TRACK = Path(__file__).parents[2] / "examples" / "recorded_track" / "track.csv"
+RECORDED = [
+    word
+    for key in (
+        f"route={{track: {TRACK}}}",
+        f"readings={{source: {TRACK}, column: nothing}}",
+        "field=disturbance",
+    )
+    for word in ("--set", key)
+]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -127,6 +139,8 @@ def test_interrupted_by_the_terminal_it_keeps_runs_and_goes_on(
         (["--runs", "2", "--matcher", "phmt"], "matcher.name"),
         (["--runs", "2", "--set", "map.source=/nowhere.nc"], "/nowhere.nc"),
         (["--runs", "2", "--set", "gravimeter.sigma=-1"], "gravimeter.sigma"),
+        # before a map is made, which may take long
+        (["--runs", "2", *RECORDED, "--set", "map.source=/nowhere.nc"], "has no column nothing"),
     ],
 )
 def test_bad_input_is_one_line(arguments, tmp_path, words, message):

@@ -84,13 +84,13 @@ def test_the_field_of_gravity_is_felt():
         ([], "must have an entry for each field"),
         ([GRAVITY, GRAVITY], "two entries are called 'gravity'"),
         ([{"field": "gravty"}], "fields.0.field: unknown field 'gravty'"),
-        ([{"sigma": 1e-5}], "fields.0.field: field required"),
+        ([{"sigma": 1e-5}], "fields.0.field: must be given"),
         ([GRAVITY, {"field": "magnetic", "map": {"sorce": "x"}}], "did you mean 'fields.1.map.s"),
         ([{"field": "gravity", "sgma": 1.0}], "did you mean 'fields.0.sigma'"),
         ([{"field": "gravity", "name": "Two words"}], "fields.0.name"),
         ([GRAVITY | {"interval": 0.3}], "whole number of IMU samples"),
         ([GRAVITY | {"matcher": {"mode": "retrodiction"}}], "retrodiction takes one field"),
-        (["gravity"], "fields.0: input should be a valid dictionary"),
+        (["gravity"], "fields.0: must be a section of keys"),
     ],
 )
 def test_bad_lists_are_one_line(fields, words):

@@ -129,9 +129,9 @@ def test_maps_that_cannot_be_used():
     [
         ("components=[nn,nx]", f"unknown 'nx'; allowed: {', '.join(TENSOR_COMPONENTS)}"),
         ("components=[nn,nn]", "components: each once"),
-        ("components=[]", "gradiometer.components: tuple should have at least 1 item"),
-        ("components=[nn,ne,nd,ee,ed,dd]", "components: tuple should have at most 5 items"),
-        ("sigma_eotvos=0", "gradiometer.sigma_eotvos: input should be greater than 0"),
+        ("components=[]", "gradiometer.components: must be a list of 1 or more"),
+        ("components=[nn,ne,nd,ee,ed,dd]", "components: must be a list of 5 or fewer"),
+        ("sigma_eotvos=0", "gradiometer.sigma_eotvos: must be greater than 0"),
         ("sigma=1", "unknown key 'gradiometer.sigma', did you mean 'gradiometer.sigma_eotvos'"),
         ("covariance_eotvos=[[1,0],[0,1]]", "covariance_eotvos: must have 5 rows of 5 numbers"),
         (f"covariance_eotvos={(np.eye(5) - 2.0).tolist()}", "symmetric and positive definite"),

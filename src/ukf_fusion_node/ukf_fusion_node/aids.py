@@ -92,11 +92,13 @@ class Aids:
         self._sources: dict[str, _Source] = {}
         self._first = sys.maxsize
         """Stamp of the first IMU sample."""
+        each = []
         for aid in each_aid(node.scenario):
-            for topic in (aid.topic, *aid.instead):
+            either = aid.topic, *aid.instead
+            for topic in either:
                 self._add(node, topic, aid)
-        every = {name: source.measured for name, source in self._sources.items()}
-        self._report = AidReport(node, every)
+            each.append({topic.name: self._sources[topic.name].measured for topic in either})
+        self._report = AidReport(node, each)
 
     def _add(self, node: GraphNode[UkfFusionSettings], topic: Topic, aid: Aid) -> None:
         """Listen to a topic of an aid, and offer the service toggle/<topic>, which says whether it

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -83,6 +83,11 @@ class Measured:
         """Note that a message could not be used, and why."""
         self.not_used, self.why = self.not_used + 1, why
 
+    @property
+    def has_come(self) -> bool:
+        """Whether there was any message."""
+        return self.used + self.not_used > 0
+
     def in_use(self, ns: int) -> bool:
         """Whether measurements are used at a stamp (ns)."""
         return self.newest >= 0 and ns - self.newest <= self._silent
@@ -121,12 +126,14 @@ class AidReport:
     Parameters
     ----------
     node : GraphNode
-    aids : mapping
-        By topic.
+    aids : sequence of mappings
+        Of each aid the topics on which it may come, the usual one first. Of one that has come on
+        another, or not at all, nothing is said of the topics on which it never came.
     """
 
-    def __init__(self, node: GraphNode, aids: Mapping[str, Measured]) -> None:
-        self._aids, self._publisher = aids, node.advertise(topics.NAV_AIDS)
+    def __init__(self, node: GraphNode, aids: Sequence[Mapping[str, Measured]]) -> None:
+        self._each, self._publisher = aids, node.advertise(topics.NAV_AIDS)
+        self._aids = {name: one for either in aids for name, one in either.items()}
         self._message = topics.NAV_AIDS.type()
         self._period = from_seconds(node.settings.diagnostics_period)
         self._space = f"{node.get_namespace().strip('/')}/".lstrip("/")
@@ -143,7 +150,9 @@ class AidReport:
         self._said, self._last = in_use, ns
         set_stamp(self._message.header.stamp, ns)
         self._message.status = [
-            aid.status(self._space + name, name in in_use) for name, aid in self._aids.items()
+            self._aids[name].status(self._space + name, name in in_use)
+            for either in self._each
+            for name in [name for name, aid in either.items() if aid.has_come] or list(either)[:1]
         ]
         self._message.status.append(self._navigator(navigator))
         self._publisher.publish(self._message)

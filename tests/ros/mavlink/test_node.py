@@ -10,6 +10,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.clock import ClockType
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatStatus
 
@@ -280,6 +281,13 @@ def test_the_sensors_of_an_autopilot(scenario) -> None:
     speed, of_speed = read_velocity(velocity, "", NED_ENU)
     np.testing.assert_allclose(speed, [0.0, 10.0, np.nan], atol=1e-12)
     assert of_speed[0, 0] == pytest.approx(0.04)
+
+
+def test_it_receives_by_wall_time(scenario) -> None:
+    """With `use_sim_time` and without /clock a timer of the node's clock stands still."""
+    with Autopilot(scenario) as autopilot:
+        (timer,) = (one for one in autopilot.bench.node.timers if one.timer_period_ns == 5_000_000)
+        assert timer.clock.clock_type == ClockType.STEADY_TIME
 
 
 def test_ardupilots_units_and_a_velocity(scenario) -> None:

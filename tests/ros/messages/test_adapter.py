@@ -134,6 +134,23 @@ def test_gravity_that_is_not_the_earths_is_refused(value) -> None:
             read(message)
 
 
+@pytest.mark.parametrize(
+    ("quantity", "value", "words"),
+    [
+        ("gravity", 979_812.3, "979812 is not the Earth's; .*: is it mGal\\?"),
+        ("gravity", 979.8, "is it Gal"),
+        ("gravity", -35.2, "is it an anomaly in mGal"),
+        ("disturbance", 35.2, "is it an anomaly in mGal"),
+        ("gravity", 3.0, "z is up: is it an anomaly in mGal"),
+        ("gravity", 0.2, "z is up$"),
+    ],
+)
+def test_gravity_in_another_unit_names_it(quantity, value, words) -> None:
+    adapter = adapter_of(load_scenario(), quantity)
+    with pytest.raises(BadMessageError, match=words):
+        adapter.read_raw(adapter.write_raw(1, value, 1e-10, None))
+
+
 def test_topics_of_sensors_that_are_not_there_are_not_in_use() -> None:
     plain = set(topics_in_use(load_scenario()))
     assert {topics.GRAVIMETRY, topics.GRAVITY, topics.DISTURBANCE, topics.POSE} <= plain

@@ -116,15 +116,16 @@ def test_keys_of_other_nodes_are_no_error(probe) -> None:
     [
         ({"matcher.batch_lenght": 12}, ["unknown parameter 'matcher.batch_lenght'; did you mean"]),
         ({"rate": 1.0}, ["unknown parameter 'rate'"]),
-        ({"matcher.batch_length": 1}, ["matcher.batch_length", "range"]),
-        ({"matcher.batch_length": "many"}, ["matcher.batch_length", "integer", "'many'"]),
-        ({"gravimeter.sigma": -1e-5}, ["gravimeter.sigma", "range"]),
+        ({"matcher.batch_length": 1}, ["matcher.batch_length: must be >= 2, <= 1000, not 1"]),
+        ({"matcher.batch_length": "many"}, ["matcher.batch_length", "whole number", "'many'"]),
+        ({"gravimeter.sigma": -1e-5}, ["gravimeter.sigma: must be > 0, not -1e-05"]),
+        ({"gravimeter.sigma": 0.0}, ["gravimeter.sigma: must be greater than 0, not 0.0"]),
         ({"gravimeter.quantity": "weight"}, ["gravimeter.quantity", "'gravity' or 'disturbance'"]),
         ({"matcher.map_sigma": "often"}, ["matcher.map_sigma"]),
         ({"matcher.options": "{a: ["}, ["matcher.options", "YAML"]),
         ({"matcher.stride": 40}, ["stride (40) must not exceed batch_length (30)"]),
         ({"truth.imu.grade": 3, "truth": ""}, ["unknown parameter 'truth.imu.grade'"]),
-        ({"recorders": -1}, ["recorders", "range"]),
+        ({"recorders": -1}, ["recorders: must be >= 0"]),
     ],
 )
 def test_bad_parameters_are_one_clear_line(context, values, words) -> None:

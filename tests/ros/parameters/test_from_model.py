@@ -9,7 +9,7 @@ from rcl_interfaces.msg import ParameterType
 from isogal import plugins
 from isogal.scenario import Scenario
 from isogal_ros.graph.plan import CLASSES, node_class
-from isogal_ros.parameters.from_model import parameter_specs
+from isogal_ros.parameters.from_model import limits, parameter_specs
 
 
 def test_every_parameter_is_typed_and_described() -> None:
@@ -26,8 +26,8 @@ def test_every_parameter_is_typed_and_described() -> None:
 def test_ranges_come_from_the_model() -> None:
     specs = {spec.name: spec.descriptor for spec in parameter_specs(Scenario)}
     speed = specs["route.speed"].floating_point_range[0]
-    assert 0.0 < speed.from_value < 1e-300
-    assert speed.to_value == 1000.0
+    assert (speed.from_value, speed.to_value) == (0.0, 1000.0)
+    assert specs["route.speed"].additional_constraints == "> 0"
     length = specs["matcher.batch_length"].integer_range[0]
     assert (length.from_value, length.to_value) == (2, 1000)
 
@@ -43,6 +43,7 @@ class Model(BaseModel):
     """A field of each kind."""
 
     strict: int = Field(3, gt=1, lt=9)
+    open: float = Field(0.1, gt=0.0, lt=0.5)
     either: float | Literal["auto", "off"] = 0.5
     maybe: float | None = Field(None, gt=0.0)
     text: str | None = None
@@ -55,9 +56,13 @@ class Model(BaseModel):
 SPECS = {spec.name: spec for spec in parameter_specs(Model)}
 
 
-def test_open_ends_of_a_range_are_the_next_number() -> None:
-    (limits,) = SPECS["strict"].descriptor.integer_range
-    assert (limits.from_value, limits.to_value) == (2, 8)
+def test_open_ends_of_a_range_are_the_next_whole_number_or_a_constraint() -> None:
+    (ends,) = SPECS["strict"].descriptor.integer_range
+    assert (ends.from_value, ends.to_value) == (2, 8)
+    assert limits(SPECS["strict"].descriptor) == ">= 2, <= 8"
+    (ends,) = SPECS["open"].descriptor.floating_point_range
+    assert (ends.from_value, ends.to_value) == (0.0, 0.5)
+    assert limits(SPECS["open"].descriptor) == "> 0, < 0.5"
 
 
 @pytest.mark.parametrize(

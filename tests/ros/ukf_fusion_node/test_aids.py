@@ -12,11 +12,11 @@ from helpers.node_bench import Bench, bench
 from isogal_ros import topics
 from isogal_ros.messages.frames import ANTENNA, framed
 from isogal_ros.messages.position import fill_fix
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.stamps import from_seconds, set_stamp
 from isogal_ros.nodes.health import OK, WARN
 
 AID = "positions=[{sigma: 20, interval: 2}]"
-(POSITION, _) = topics.aid_topics("position")
+(POSITION, POSE) = topics.aid_topics("position")
 
 
 @pytest.fixture
@@ -47,6 +47,21 @@ def aid(made: Bench):
     return next(
         one for one in made.heard[topics.NAV_AIDS.name][-1].status if one.name == POSITION.name
     )
+
+
+def test_an_aid_is_said_by_the_topic_on_which_it_comes(aided) -> None:
+    def said() -> dict[str, bytes]:
+        newest = aided.heard[topics.NAV_AIDS.name][-1].status
+        return {one.name: one.level for one in newest if one.name.startswith("position")}
+
+    drive(aided, 1, 2, float)
+    assert said() == {POSITION.name: WARN}
+    pose = framed(POSE, "map")
+    set_stamp(pose.header.stamp, from_seconds(2.0))
+    aided.imu(2)
+    aided.publish(POSE, pose)
+    aided.imu(3)
+    assert list(said()) == [POSE.name]
 
 
 @pytest.mark.parametrize(

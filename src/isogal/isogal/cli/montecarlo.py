@@ -63,7 +63,7 @@ def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
     """Return the runs of a scenario; raises InputError where its matcher, route or map cannot be
     used."""
     from isogal.fields.scenario_map import maps_for_scenario
-    from isogal.fields.simulator import check_readings
+    from isogal.fields.simulator import check_readings, check_recorded
     from isogal.maps.several import each_map
     from isogal.matching.registry import build_run_matcher
     from isogal.montecarlo.cases import Case
@@ -71,6 +71,9 @@ def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
 
     build_run_matcher(settings)
     trajectory = build_trajectory(settings)
+    check_recorded(settings, trajectory)
+    for line in settings.never_available(trajectory.time[-1]):
+        note(line)
     field_map = maps_for_scenario(settings, trajectory)
     for one, its_map in zip(settings.each_field, each_map(field_map), strict=True):
         check_readings(one.true, one.map, trajectory, its_map)

@@ -188,12 +188,17 @@ def true_readings(
 def check_readings(
     truth: Truth, matched: Map, trajectory: Trajectory, field_map: RouteMap
 ) -> None:
-    """Raise InputError where readings of a field can neither be simulated (`true_map`) nor taken
-    from their file."""
-    if truth.readings.recorded:
-        recorded(truth, trajectory)
-    else:
+    """Raise InputError where readings of a field cannot be simulated (`true_map`)."""
+    if not truth.readings.recorded:
         true_readings(truth, trajectory, true_map(truth, matched, trajectory, field_map))
+
+
+def check_recorded(assumed: Assumed, trajectory: Trajectory) -> None:
+    """Raise InputError where a field's recorded readings cannot be taken from their file; no map
+    is needed for it, which may take long to make."""
+    for one in assumed.each_field:
+        if one.readings.recorded:
+            recorded(one, trajectory)
 
 
 def recorded(settings: Settings, trajectory: Trajectory) -> Recorded:

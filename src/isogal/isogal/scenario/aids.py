@@ -356,6 +356,15 @@ class Gnss(Section):
     """whether inertial data may show that satellites are wrong; false where they are too poor"""
     deception: Deception = Deception()
 
+    @model_validator(mode="after")
+    def _somebody_to_deceive(self) -> "Gnss":
+        if self.deception.kind != "none" and self.available is None:
+            raise ValueError(
+                f"deception.kind ({self.deception.kind}): there is no receiver to deceive; give"
+                " available, or deception.kind: none"
+            )
+        return self
+
     @property
     def used(self) -> bool:
         """Whether there is a receiver."""

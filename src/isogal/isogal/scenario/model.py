@@ -180,6 +180,21 @@ class Settings(Section):
         places = *satellites, *(self.positions or ())
         return (*(self.heights or ()), *self.velocity_aids, *places, *(self.headings or ()))
 
+    def never_available(self, end: float) -> list[str]:
+        """Return a line for each of the times in which an aid is available that is not before the
+        end of a run, s: a study may cut the run short, so they are no error."""
+        sections = {"gnss": self.gnss} | {
+            f"{key}.{n}": one
+            for key in ("positions", "headings")
+            for n, one in enumerate(getattr(self, key) or ())
+        }
+        return [
+            f"{name}.available: [{since:g}, {until:g}] is after the end of the run, {end:g} s"
+            for name, section in sections.items()
+            for since, until in section.available or ()
+            if since >= end
+        ]
+
     @property
     def longest_delay(self) -> float:
         """By how much the aids' measurements may come late, s."""

@@ -83,18 +83,53 @@ def validated(model: type[_Model], document: Value, prefix: str = "", where: str
 def describe(error: ValidationError, model: type[BaseModel], prefix: str = "") -> str:
     """Turn a validation error of a model into one line: every bad key, what it was, what it may
     be. The prefix, with its dot, goes before each key."""
-    parts = []
+    allowed: dict[tuple[str, str], list[str]] = {}
     for item in error.errors():
         inside = ".".join(str(part) for part in item["loc"] if not _is_type(str(part)))
         key = prefix + inside if inside else prefix.removesuffix(".")
+        colon = f"{key}: " if key else ""
         if item["type"] == "extra_forbidden":
-            parts.append(f"unknown key '{key}'{_nearest(inside, model, prefix)}")
+            allowed[f"unknown key '{key}'{_nearest(inside, model, prefix)}", ""] = []
         elif item["type"] == "value_error":
-            parts.append(f"{key + ': ' if key else ''}{item['msg'].removeprefix('Value error, ')}")
+            allowed[f"{colon}{item['ctx']['error']}", ""] = []
+        elif item["type"] == "missing":
+            allowed[f"{colon}must be given", ""] = []
         else:
-            message = item["msg"][0].lower() + item["msg"][1:]
-            parts.append(f"{key}: {message}, not {item['input']!r}")
-    return "; ".join(dict.fromkeys(parts))
+            ends = f"{colon}must be ", f", not {item['input']!r}"
+            allowed.setdefault(ends, []).append(_allowed(item))
+    return "; ".join(
+        begin + " or ".join(dict.fromkeys(words)) + end for (begin, end), words in allowed.items()
+    )
+
+
+_ALLOWED = {
+    "bool": "true or false",
+    "int": "a whole number",
+    "float": "a number",
+    "finite": "a finite number",
+    "string": "a text",
+    "literal": "{expected}",
+    "tuple": "a list",
+    "list": "a list",
+    "dict": "a section of keys",
+    "model": "a section of keys",
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "too_short": "a list of {min_length} or more",
+    "too_long": "a list of {max_length} or fewer",
+    "string_too_short": "a text of {min_length} or more characters",
+    "string_pattern_mismatch": "a text like {pattern}",
+}
+"""What a value may be, by the type of pydantic's error or the word that such types begin with."""
+
+
+def _allowed(item: Mapping[str, Any]) -> str:
+    """Return what the value of one of pydantic's errors may be, in words after "must be"."""
+    kind = item["type"]
+    words = _ALLOWED.get(kind) or _ALLOWED.get(kind.partition("_")[0])
+    return words.format(**item.get("ctx", {})) if words else f"otherwise ({item['msg']})"
 
 
 def known_keys(model: type[BaseModel], prefix: str = "") -> list[str]:

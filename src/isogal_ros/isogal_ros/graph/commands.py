@@ -96,6 +96,8 @@ def run_command(
     """
     typer.echo("Preparing the map and the route ...", err=True)
     trajectory, field_map = checked(scenario)
+    for line in scenario.never_available(trajectory.time[-1]):
+        note(line)
     folder = out / "bag" if bag is None else bag
     make_folder(out)
     prepare_folder(folder, replace=bag is None)

@@ -11,7 +11,7 @@ from pydantic import JsonValue
 from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import maps_for_scenario
-from isogal.fields.simulator import check_readings
+from isogal.fields.simulator import check_readings, check_recorded
 from isogal.maps.several import RunMap, each_map
 from isogal.matching.registry import build_run_matcher
 from isogal.scenario import Scenario
@@ -145,6 +145,8 @@ def checked(scenario: Scenario, simulated: bool = True) -> tuple[Trajectory, Run
     """
     trajectory = build_trajectory(scenario)
     build_run_matcher(scenario)
+    if simulated:
+        check_recorded(scenario, trajectory)
     field_map = maps_for_scenario(scenario, trajectory)
     if simulated:
         for one, its_map in zip(scenario.each_field, each_map(field_map), strict=True):

@@ -4,6 +4,8 @@ import socket
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from rclpy.clock import Clock, ClockType
+
 from isogal.errors import InputError
 from isogal_ros.mavlink.decoding import ROWS, Received, Row, SenderClock, time_of
 from isogal_ros.messages.checks import BadMessageError
@@ -55,7 +57,8 @@ class Receiver:
             self.close()
             raise InputError(f"receive: {at[0]}:{at[1]}: {error.strerror or error}") from None
         self._socket.setblocking(False)
-        node.create_timer(PERIOD, self._look)
+        # by wall time: the node's clock may be one that only begins with what is received
+        node.create_timer(PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _look(self) -> None:
         for _ in range(_MOST):

@@ -20,6 +20,8 @@ LARGEST_GRAVITY, LARGEST_DISTURBANCE = 20.0, 1.0
 """m/s²; beyond, the unit is another."""
 SMALLEST_GRAVITY = 5.0
 """m/s²; below, the instrument gives nothing, or its axis points down."""
+_UNITS = {"mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6}
+"""m/s² in the units that readings may be in by mistake, see `isogal_ros.messages.drivers`."""
 
 
 def gravity(assumed: Assumed) -> Adapter:
@@ -67,5 +69,19 @@ def _read(
     value, variance = message.accel.accel.linear.z, float(message.accel.covariance[14])
     require_reading(value, variance)
     if not smallest <= value <= largest:
-        raise BadMessageError(f"{value:.3g} is not the Earth's; the unit is m/s², z is up")
+        raise BadMessageError(
+            f"{value:.6g} is not the Earth's; the unit is m/s², z is up{_meant(value, largest)}"
+        )
     return value, variance
+
+
+def _meant(value: float, largest: float) -> str:
+    """Say which unit a value may be in that cannot be in m/s², of an instrument whose values are
+    at most `largest`; empty where none fits."""
+    smallest = SMALLEST_GRAVITY if largest == LARGEST_GRAVITY else 0.0
+    for unit, size in _UNITS.items():
+        if smallest <= abs(value) * size <= largest:
+            return f": is it {unit}? (parameter drivers, unit: {unit})"
+    if LARGEST_DISTURBANCE < abs(value) <= LARGEST_DISTURBANCE / _UNITS["mGal"]:
+        return ": is it an anomaly in mGal? Gravity itself is wanted"
+    return ""

@@ -8,10 +8,9 @@ import textwrap
 from collections.abc import Iterator
 
 import yaml
-from rcl_interfaces.msg import ParameterDescriptor
 
 from isogal.scenario import Scenario
-from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
+from isogal_ros.parameters.from_model import ParameterSpec, limits, parameter_specs
 
 WIDTH = 99
 """Columns of the file."""
@@ -47,23 +46,11 @@ def lines() -> Iterator[str]:
 
 def comment(spec: ParameterSpec) -> str:
     """Return what a parameter is, its limits and what stands for null."""
-    parts = [
-        spec.descriptor.description or "see docs",
-        limits(spec.descriptor),
-        spec.descriptor.additional_constraints,
-    ]
+    ends, constraints = limits(spec.descriptor), spec.descriptor.additional_constraints
+    parts = [spec.descriptor.description or "see docs", ends]
+    if constraints not in ends:
+        parts.append(constraints)
     return "; ".join(part for part in parts if part)
-
-
-def limits(descriptor: ParameterDescriptor) -> str:
-    """Return a numeric parameter's range in words; empty where it has none."""
-    for item in (*descriptor.floating_point_range, *descriptor.integer_range):
-        low, high = item.from_value, item.to_value
-        largest = sys.float_info.max if isinstance(low, float) else 2**63 - 1
-        lower = "> 0" if 0.0 < low < 1e-300 else f">= {low:g}"
-        upper = f"<= {high:.12g}"
-        return f"{lower}, {upper}" if high < largest else lower
-    return ""
 
 
 def text() -> str:

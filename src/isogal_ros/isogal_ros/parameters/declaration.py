@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from isogal.errors import InputError, nearest
-from isogal_ros.parameters.from_model import ParameterSpec, yaml_line
+from isogal_ros.parameters.from_model import ParameterSpec, limits, yaml_line
 from isogal_ros.parameters.values import Values, nested
 
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -116,5 +116,7 @@ def _declare(node: Node, spec: ParameterSpec, value: JsonValue) -> None:
         raise InputError(
             f"parameter {spec.name} must be of type {wanted}, not {value!r}"
         ) from None
-    except InvalidParameterValueException as error:
-        raise InputError(f"parameter {spec.name}: {error}") from None
+    except InvalidParameterValueException:
+        raise InputError(
+            f"parameter {spec.name}: must be {limits(spec.descriptor)}, not {value!r}"
+        ) from None

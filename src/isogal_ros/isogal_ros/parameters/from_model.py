@@ -158,6 +158,18 @@ def _spec(name: str, field: Schema, read_only: bool) -> ParameterSpec:
     return ParameterSpec(name, yaml_line(default), descriptor, is_yaml=True, empty=empty)
 
 
+def limits(descriptor: ParameterDescriptor) -> str:
+    """Return a numeric parameter's range in words; empty where it has none."""
+    open_ends = descriptor.additional_constraints
+    for item in (*descriptor.floating_point_range, *descriptor.integer_range):
+        low, high = item.from_value, item.to_value
+        largest = sys.float_info.max if isinstance(low, float) else 2**63 - 1
+        lower = f"> {low:g}" if f"> {low:g}" in open_ends else f">= {low:g}"
+        upper = f"< {high:g}" if f"< {high:g}" in open_ends else f"<= {high:.12g}"
+        return f"{lower}, {upper}" if high < largest else lower
+    return ""
+
+
 def _words(field: Schema) -> tuple[str, ...]:
     """Return the words that a field may be; none where it may be any text."""
     return tuple(field.get("enum", [field["const"]] if "const" in field else []))
@@ -167,16 +179,23 @@ def _number(
     content: Schema, default: float | None, descriptor: ParameterDescriptor, nullable: bool
 ) -> ParameterSpec:
     """Return the parameter of a number; completes its descriptor. A range of ROS includes its
-    ends: one that the model leaves out is the next number."""
+    ends: one that the model leaves out is the next whole number, or else a constraint beside."""
     whole = content["type"] == "integer"
     kind = int if whole else float
     lows = [content["minimum"]] if "minimum" in content else []
     highs = [content["maximum"]] if "maximum" in content else []
     if (end := content.get("exclusiveMinimum")) is not None:
-        lows.append(end + 1 if whole else math.nextafter(end, math.inf))
+        lows.append(end + 1 if whole else end)
     if (end := content.get("exclusiveMaximum")) is not None:
-        highs.append(end - 1 if whole else math.nextafter(end, -math.inf))
+        highs.append(end - 1 if whole else end)
     low, high = max(lows, default=None), min(highs, default=None)
+    if not whole:
+        ends_left_out = (">", "exclusiveMinimum", low), ("<", "exclusiveMaximum", high)
+        descriptor.additional_constraints = ", ".join(
+            f"{sign} {end:g}"
+            for sign, key, end in ends_left_out
+            if end is not None and end == content.get(key)
+        )
     if nullable:
         low = 0
         descriptor.additional_constraints = "0 stands for null"
