@@ -25,7 +25,7 @@ from ukf_fusion_node.node import UkfFusionNode
 def test_every_transition(scenario) -> None:
     with bench(topics.UKF_FUSION, scenario(), autostart=False) as made:
         assert not (made.node.configured or made.node.active)
-        assert "imu/data_raw" not in {item.topic_name[1:] for item in made.node.listeners}
+        assert "imu/data_raw" not in made.node.listening
         assert made.node.trigger_configure() == SUCCESS
         made.imu(1)
         assert made.node.samples == 0  # let go
@@ -41,7 +41,6 @@ def test_every_transition(scenario) -> None:
         made.heard["nav/fix"].clear()
         assert made.node.trigger_configure() == SUCCESS
         assert made.node.trigger_activate() == SUCCESS
-        made.publishers.clear()  # the node listens by a new subscription
         made.imu(1)
         made.wait(lambda: stamps(made, topics.NAV_FIX) == [0, 1])  # begun anew
         made.wait(lambda: made.node.ready)

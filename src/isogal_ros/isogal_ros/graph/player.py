@@ -71,7 +71,7 @@ class Player:
         """By name."""
         self._due = deque(recorded.in_order())
         fed = [topic for topic, messages in recorded.sensors.items() if messages]
-        self._publishers = {topic: self.bus.publisher(topic) for topic in fed}
+        self._publish = {topic: self.bus.source(topic) for topic in fed}
         self._ticked = 0.0
         try:
             for name in names:
@@ -104,7 +104,7 @@ class Player:
 
     def kill(self, name: str) -> None:
         """Take a node off, as if its process had been killed."""
-        self.bus.remove(self.nodes.pop(name))
+        self.nodes.pop(name).destroy_node()
 
     def steps(self, until: float = math.inf) -> Iterator[int]:
         """Yield the stamp (ns) of each IMU sample up to a time (s), and then play what the sensors
@@ -116,7 +116,7 @@ class Player:
             self.bus.now = to_seconds(ns)
             while self._due and self._due[0][0] <= ns:
                 _, topic, data = self._due.popleft()
-                self._publishers[topic].publish(data)
+                self._publish[topic](data)
                 self.bus.run()
             if self.bus.now >= self._ticked + TICK:
                 self._ticked = self.bus.now

@@ -71,7 +71,7 @@ class Receiver:
         if not self._node.active:
             return
         row = self._wanted[found.get_type()]
-        now = self._node.get_clock().now().nanoseconds
+        now = self._node.now_ns()
         try:
             for topic, message in row.decode(found, self._clock.stamp(time_of(found), now)):
                 self._publishers[topic].publish(message)

@@ -48,7 +48,7 @@ class Listening:
     take : callable
         Takes a message, serialised if `raw`.
     single : bool, optional
-        Whether to use one publisher only; a node on a bus (`isogal_ros.graph.bus`) has no others.
+        Whether to use one publisher only, of those by the middleware.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Listening:
         raw: bool = False,
         single: bool = False,
     ) -> None:
-        self._node, self._topic, self._take, self._raw = node, topic, take, raw
+        self.node, self.topic, self._take, self._raw = node, topic, take, raw
         self._refused = False
         self.type: type[topics.Message] = topic.type
         """Of the messages that are taken: the topic's own, or one that a driver publishes."""
@@ -73,22 +73,36 @@ class Listening:
         """Whom the one that is used has succeeded, although it seems to be there still."""
         self._beside: set[bytes] = set()
         """Those beside which the one that is used has been heard: they do not succeed it."""
-        self._subscription = self._subscribe(LOSSLESS)
+        self.topic_name = str(node.resolve_topic_name(topic.name))
+        """The resolved name."""
+        self._subscription: Subscription | None = None
+        """None = there is none at present, or the node hears only what is on its bus."""
+        bus = node.bus
+        if bus is None or (bus.is_open and not bus.publishers(topic.name)):
+            self.open()
+
+    def open(self) -> None:
+        """Hear what comes by the middleware."""
+        if self._subscription is None:
+            self._subscription = self._subscribe(LOSSLESS)
+
+    def deliver(self, data: bytes) -> None:
+        """Take a serialised message."""
+        self._take(data if self._raw else deserialize_message(data, self.type))
 
     def _subscribe(self, profile: QoSProfile) -> Subscription:
-        topic, events = self._topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
-        made = self._node.create_subscription(
+        topic, events = self.topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
+        made = self.node.create_subscription(
             self.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
         )
         self._connected, self._settled = -1, False
-        self._single = self._single and isinstance(made, Subscription)
         if self._single:
             foretell(made, self._sort)
         return made
 
     def _refresh(self) -> None:
         """See anew who publishes."""
-        there = self._node.publishers_of(self.topic_name)
+        there = self.node.publishers_of(self.topic_name)
         self._there = {gid: name or _NAMELESS for gid, name in there.items()}
         self._beside &= self._there.keys()
 
@@ -106,9 +120,9 @@ class Listening:
             why = None if gid is None else self._drop(gid, connected <= 1)
             self._settled = connected == 1
             if why is not None:
-                self._node.health.drop(self._topic.name, why)
+                self.node.health.drop(self.topic.name, why)
             else:
-                self._take(data if self._raw else deserialize_message(data, self.type))
+                self.deliver(data)
 
     def _drop(self, gid: bytes, alone: bool) -> str | None:
         """Return why a message of a publisher, which may be the only one now, is not to be used
@@ -154,58 +168,57 @@ class Listening:
         }
         if not others:
             return None
-        too = f"{self._topic.name} is published by {', '.join(sorted(others))}, too"
+        too = f"{self.topic.name} is published by {', '.join(sorted(others))}, too"
         return f"{too}: {self._name(self._used)} is used"
 
     def _refuse(self, _event: QoSRequestedIncompatibleQoSInfo) -> None:
         """Note that a publisher offers less than is asked for."""
         self._refused = True
 
-    @property
-    def topic_name(self) -> str:
-        """The resolved name."""
-        return str(self._subscription.topic_name)
-
     def get_publisher_count(self) -> int:
         """Return how many publishers are connected."""
-        return 0 if self._is_down else int(self._subscription.get_publisher_count())
+        bus, made = self.node.bus, self._subscription
+        on_bus = 0 if bus is None else bus.publishers(self.topic.name)
+        return on_bus + (0 if made is None else int(made.get_publisher_count()))
 
     def adapt(self) -> None:
         """Take less where a publisher has offered less, or another type, and tell of several
         publishers; a timer calls this."""
         if self._is_down and not self._is_up_again():
             return
+        if self._subscription is None:
+            return
         if self._single:
             self._refresh()
-            self._node.health.concern(f"publishers of {self._topic.name}", self._several())
+            self.node.health.concern(f"publishers of {self.topic.name}", self._several())
         if self._retyped():
             return
         # one that is heard without loss is not to lose messages for another that is not used
         if not self._refused or (self._single and self.get_publisher_count()):
             return
         self._refused = False
-        self._node.get_logger().warning(
-            f"{self._topic.name}: a publisher is best effort, and is heard as such: what gets lost"
+        self.node.get_logger().warning(
+            f"{self.topic.name}: a publisher is best effort, and is heard as such: what gets lost"
             " on its way is missing"
         )
         before, self._subscription = self._subscription, self._subscribe(_BEST_EFFORT)
-        self._node.destroy_subscription(before)
+        self.node.destroy_subscription(before)
 
     def _retyped(self) -> bool:
         """Listen to another type of message that the topic takes, where only that is published."""
-        if not takes_others(self._topic) or self.get_publisher_count():
+        if not takes_others(self.topic) or self.get_publisher_count():
             return False
-        infos = self._node.get_publishers_info_by_topic(self.topic_name)
-        kind = type_taken(self._topic, [info.topic_type for info in infos])
+        infos = self.node.get_publishers_info_by_topic(self.topic_name)
+        kind = type_taken(self.topic, [info.topic_type for info in infos])
         if kind in (None, self.type):
             return False
-        self._node.get_logger().warning(
-            f"{self._topic.name}: published as {topics.type_name(kind)}, which is taken for"
-            f" {topics.type_name(self._topic.type)}"
+        self.node.get_logger().warning(
+            f"{self.topic.name}: published as {topics.type_name(kind)}, which is taken for"
+            f" {topics.type_name(self.topic.type)}"
         )
         # a process has one type of a topic, and its executor holds what is destroyed for a while
-        self.end()
-        self.type, self._is_down = kind, True
+        self.node.destroy_subscription(self._subscription)
+        self._subscription, self.type, self._is_down = None, kind, True
         return True
 
     def _is_up_again(self) -> bool:
@@ -216,7 +229,3 @@ class Listening:
             return False
         self._is_down = False
         return True
-
-    def end(self) -> None:
-        """Listen no more."""
-        self._node.destroy_subscription(self._subscription)
