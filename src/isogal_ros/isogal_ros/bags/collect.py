@@ -4,9 +4,7 @@ written."""
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
@@ -14,7 +12,7 @@ from sensor_msgs.msg import NavSatStatus
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader, parts, read, topic_of
+from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.cdr import Reader
 from isogal_ros.messages.checks import BadMessageError
@@ -22,9 +20,6 @@ from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic
-
-if TYPE_CHECKING:
-    from mcap.records import McapRecord
 
 LEVELS = {
     DiagnosticStatus.WARN: "WARN",
@@ -162,11 +157,14 @@ def _one_that_is_ok(data: bytes) -> bool:
     return bool(count == 1 and bytes([int(level)]) == DiagnosticStatus.OK)
 
 
-def wanted_messages(reader: BagReader, wanted: Sequence[Topic]) -> Iterator[tuple[Topic, bytes]]:
+def wanted_messages(
+    reader: BagReader, wanted: Sequence[Topic], new: bool = False
+) -> Iterator[tuple[Topic, bytes]]:
     """Yield topic and serialised message of a bag, of the topics that are wanted, in whatever
-    namespace they were recorded, as the graph has them."""
+    namespace they were recorded, as the graph has them; of a bag that is being written, only what
+    is new since the last time if that is asked for."""
     found: dict[str, Topic | None] = {}
-    for message in reader.messages():
+    for message in reader.new_messages() if new else reader.messages():
         name = message.topic
         if name not in found:
             found[name] = next((topic for topic in wanted if topic_of(name, topic.name)), None)
@@ -176,45 +174,3 @@ def wanted_messages(reader: BagReader, wanted: Sequence[Topic]) -> Iterator[tupl
             with suppress(BadMessageError):  # of a driver that says nothing that can be used
                 data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
                 yield topic, data
-
-
-@dataclass
-class Follower:
-    """Takes the messages of a bag's whole chunks into a collector, each once, while the bag is
-    written. A chunk that is being written is left for the next look."""
-
-    folder: Path
-    collector: Collector
-    messages: int = 0
-    """Taken so far, of topics that are wanted."""
-    _places: dict[Path, int] = field(default_factory=dict)
-    """Bytes of each file that were read."""
-    _topics: dict[tuple[Path, int], Topic | None] = field(default_factory=dict)
-
-    def look(self) -> int:
-        """Take what is new; return how many messages that was."""
-        from mcap.exceptions import EndOfFile, InvalidMagic
-
-        before = self.messages
-        for file in parts(self.folder):
-            # what is not whole yet is read again from its begin
-            with file.open("rb") as stream, suppress(EndOfFile, InvalidMagic, struct.error):
-                for place, records in read(stream, self._places.get(file, 0)):
-                    for record in records:
-                        self._take(file, record)
-                    self._places[file] = place
-        return self.messages - before
-
-    def _take(self, file: Path, item: "McapRecord") -> None:
-        from mcap.records import Channel, Message
-
-        if isinstance(item, Channel):
-            wanted = self.collector.topics()
-            self._topics[file, item.id] = next(
-                (topic for topic in wanted if topic_of(item.topic, topic.name)), None
-            )
-        elif isinstance(item, Message):
-            topic = self._topics.get((file, item.channel_id))
-            if topic is not None:
-                self.collector.take(topic, item.data)
-                self.messages += 1

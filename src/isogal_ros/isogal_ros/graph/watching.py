@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -29,7 +29,8 @@ from isogal.evaluation.view.record import ViewedRun
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
-from isogal_ros.bags.collect import Collector, Follower
+from isogal_ros.bags.collect import Collector, wanted_messages
+from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.viewing import viewed_run
 from isogal_ros.graph.running import Progress, Report
 
@@ -66,18 +67,24 @@ class Watch:
         self.collector = Collector(scenario)
         self.trajectory, self.field_map = trajectory, field_map
         self.progress: Progress | None = None
-        self._follower = Follower(folder, self.collector)
-        self._lock = threading.Lock()
-        self._seen = -1
+        self._folder, self._lock = folder, threading.Lock()
+        self._reader: BagReader | None = None
+        """None = the recording has not begun."""
+        self._messages, self._seen = 0, -1
         self._viewed: ViewedRun | None = None
 
     def look(self) -> tuple[int, ViewedRun | None]:
         """Return how many messages there are and what they say; None before the first scan."""
         with self._lock:
-            self._follower.look()
-            if self._follower.messages != self._seen:
+            with suppress(InputError):  # there is no file yet
+                self._reader = self._reader or BagReader(self._folder)
+                wanted = self.collector.topics()
+                for topic, data in wanted_messages(self._reader, wanted, new=True):
+                    self.collector.take(topic, data)
+                    self._messages += 1
+            if self._messages != self._seen:
                 self._viewed = viewed_run(self.collector, self.field_map, TITLE)
-                self._seen = self._follower.messages
+                self._seen = self._messages
             return self._seen, self._viewed
 
     def frame(self) -> Frame:
