@@ -17,13 +17,13 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
+from ukf_fusion_node.beginning import placed
 from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs, Smoothed
 from ukf_fusion_node.sample_checks import SampleChecks
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.solution import Solution, Solutions
-from ukf_fusion_node.start import placed
 
 
 class UkfFusionNode(GraphNode[UkfFusionSettings]):

@@ -12,8 +12,7 @@ from isogal.inertial.rotations import rotate
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR
-from isogal_ros.nodes.stuck import Repetitions
-from isogal_ros.nodes.time_jumps import TimeJumps
+from isogal_ros.nodes.stuck import Repetitions, TimeJumps
 from isogal_ros.topics import Topic
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from isogal_ros.messages.ins_solution import (
 )
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.time_jumps import TimeJumps
+from isogal_ros.nodes.stuck import TimeJumps
 from ukf_fusion_node.navigation import Navigation
 
 LONGEST = 600.0

@@ -5,8 +5,8 @@ import pytest
 from sensor_msgs.msg import PointCloud2
 
 from isogal.matching.interfaces import Candidates
-from isogal_ros.messages.candidates import candidates_cloud, read_candidates
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.point import candidates_cloud, read_candidates
 
 
 def test_both_ways() -> None:

@@ -23,7 +23,7 @@ def filter_bench(scenario):
 
 
 def test_the_path_stays_short_and_whole_and_ends_with_the_newest(scenario, monkeypatch) -> None:
-    monkeypatch.setattr("ukf_fusion_node.track.PATH_POSES", 4)
+    monkeypatch.setattr("ukf_fusion_node.outputs.PATH_POSES", 4)
     with bench(topics.UKF_FUSION, scenario(), path_interval=2.0) as made:
         for k in range(1, 14):
             made.imu(k)

@@ -14,9 +14,9 @@ from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.cdr import Reader
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import read_position
+from isogal_ros.messages.prepared import Reader
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic

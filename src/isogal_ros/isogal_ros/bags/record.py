@@ -18,8 +18,8 @@ from isogal.maps.tiled_map import ScalarMap
 from isogal_ros import topics
 from isogal_ros.bags.collect import Collector
 from isogal_ros.messages.adapter import Adapter, adapter_of
-from isogal_ros.messages.candidates import read_candidates
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.point import read_candidates
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 
