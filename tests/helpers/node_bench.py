@@ -17,7 +17,7 @@ from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.faults.trials import Track, track_of
+from isogal_ros.faults.campaign import Track, track_of
 from isogal_ros.graph.bus import Bus, services
 from isogal_ros.graph.plan import Plan, node_class
 from isogal_ros.graph.player import Player

@@ -6,7 +6,7 @@ from rclpy.serialization import serialize_message
 
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.record import Collector
 from isogal_ros.nodes.health import OK, WARN, status
 
 

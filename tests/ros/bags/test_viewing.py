@@ -1,7 +1,7 @@
 """What was said of aids, as times over which each was used."""
 
 from isogal.evaluation.view.record import AidUse
-from isogal_ros.bags.collect import Said
+from isogal_ros.bags.record import Said
 from isogal_ros.bags.viewing import uses_of
 
 SECOND = 1_000_000_000

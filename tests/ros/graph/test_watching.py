@@ -15,8 +15,8 @@ from rich.console import Console
 from helpers.command_line import answer, refusal
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.sensors.trajectory import build_trajectory
-from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Collector
 from isogal_ros.graph.running import Progress
 from isogal_ros.graph.watching import Watch, curve, picture, serve
 

@@ -16,8 +16,8 @@ from helpers.player import Player
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Collector
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph import launching
 from isogal_ros.graph.domain import DOMAIN

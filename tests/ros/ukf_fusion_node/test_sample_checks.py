@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.node_bench import bench, played, stamps
 from isogal_ros import topics
-from isogal_ros.faults.trials import Feed
+from isogal_ros.faults.campaign import Feed
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.nodes.health import OK, WARN
 from ukf_fusion_node.sample_checks import (

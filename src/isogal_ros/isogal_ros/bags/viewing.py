@@ -19,9 +19,8 @@ from isogal.maps.several import first_map
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import Places, record_of
+from isogal_ros.bags.record import Collector, Places, Said, record_of
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.health import without_numbers
 

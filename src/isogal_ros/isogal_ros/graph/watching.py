@@ -29,8 +29,8 @@ from isogal.evaluation.view.record import ViewedRun
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
-from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Collector, wanted_messages
 from isogal_ros.bags.viewing import viewed_run
 from isogal_ros.graph.running import Progress, Report
 
