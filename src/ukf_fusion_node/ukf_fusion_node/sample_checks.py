@@ -10,15 +10,10 @@ from typing import TYPE_CHECKING
 from isogal.arrays import Array, Booleans
 from isogal.inertial.rotations import rotate
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.health import ERROR
-from isogal_ros.nodes.stuck import Repetitions, TimeJumps
-from isogal_ros.topics import Topic
+from isogal_ros.nodes.stuck import Repetitions
 
 if TYPE_CHECKING:
-    from isogal_ros.nodes.base import GraphNode
-    from ukf_fusion_node.navigation import Navigation
-    from ukf_fusion_node.settings import UkfFusionSettings
+    pass
 
 AXES = (
     "accelerometer x", "accelerometer y", "accelerometer z",
@@ -266,56 +261,3 @@ class UnresolvedGap:
         if self._since is not None and ns - self._since > self._settles and not undecided:
             self._since = None
         return None if self._since is None else UNRESOLVED
-
-
-class SampleChecks:
-    """What is asked of an inertial sample before the filter takes it; takes back those that were
-    not true.
-
-    Parameters
-    ----------
-    node : GraphNode
-        Its settings say what the vehicle can do; its health is told.
-    navigation : Navigation
-    topic : Topic
-        Of the samples.
-    """
-
-    def __init__(
-        self, node: "GraphNode[UkfFusionSettings]", navigation: "Navigation", topic: Topic
-    ) -> None:
-        self.time_jumps = TimeJumps(from_seconds(node.settings.max_gap))
-        limits = node.settings.max_acceleration, node.settings.max_turn_rate
-        self._monitor = SampleMonitor(*limits, node.monotonic, navigation.noisy)
-        self._spikes = Spikes()
-        self._health, self._navigation, self._topic = node.health, navigation, topic
-        node.watch("silent", lambda: self._monitor.silent, ERROR)
-
-    def take(self, ns: int, force: Array, rate: Array, stepped: bool) -> None:
-        """Check a sample.
-
-        Parameters
-        ----------
-        ns : int
-            Stamp.
-        force, rate : (3,) arrays
-            FRD, m/s² and rad/s.
-        stepped : bool
-            Whether its interval is known otherwise than by its stamp.
-
-        Raises
-        ------
-        BadMessageError
-            It cannot be true.
-        """
-        try:
-            self._monitor.take(force, rate)
-        except StuckError as error:
-            self._navigation.back(error.samples)
-            raise
-        self._health.concern("stuck", self._monitor.stuck)
-        untrue = self._spikes.take(force, rate)
-        if untrue and self._navigation.back(1):
-            self._health.drop(self._topic.name, untrue)
-        if self._navigation.navigator is not None and not stepped:
-            self.time_jumps.check(ns, self._navigation.ns)

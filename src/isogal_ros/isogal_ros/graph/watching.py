@@ -21,7 +21,6 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.evaluation.integrity import Solution
 from isogal.evaluation.view.page import Frame
@@ -41,11 +40,10 @@ LINES_EVERY = 5.0
 """s between lines about the progress where there is no terminal."""
 _PER_SECOND, _LOOKS_PER_SECOND = 5.0, 1.0
 """How often the terminal shows the progress, and the dashboard looks at the recording."""
-_BARS = "▁▂▃▄▅▆▇█"
 _LAST = 6
 """Batches and messages shown."""
-_WIDTH, _BAR_WIDTH = 60, 20
-"""Characters of a curve, and of the bar, which leaves room for words beside it."""
+_BAR_WIDTH = 20
+"""Characters of the bar, which leaves room for words beside it."""
 
 
 class Watch:
@@ -200,16 +198,15 @@ def _figures(viewed: ViewedRun) -> Table:
     runs = viewed.runs
     sigma = np.sqrt(np.trace(runs.covariance[0], axis1=1, axis2=2))
     level = Solution.of(runs).level(viewed.assumed.integrity)[0]
-    table = Table(box=None, pad_edge=False)
-    for name in ("", "now", "so far (logarithmic)"):
-        table.add_column(name, justify="right" if name == "now" else "left")
+    table = Table("", "now", "mean", "most", box=None, pad_edge=False)
     for name, values in (
         ("error", runs.horizontal_error[0]),
         ("claimed, 1 sigma", sigma),
         ("protection level", level),
         ("unaided INS", runs.unaided_horizontal_error[0]),
     ):
-        table.add_row(name, f"{values[-1]:.0f} m", curve(values))
+        figures = values[-1], values.mean(), values.max()
+        table.add_row(name, *(f"{value:.0f} m" for value in figures))
     return table
 
 
@@ -232,19 +229,6 @@ def _messages(viewed: ViewedRun) -> Text:
         for event in (viewed.events or ())[-_LAST:]
     ]
     return Text("\n".join(lines) or "No warnings.")
-
-
-def curve(values: Array) -> str:
-    """Return the values (N,) as a row of bars, on a logarithmic scale from the least to the
-    most."""
-    known = values[np.isfinite(values) & (values > 0.0)]
-    if known.size == 0:
-        return ""
-    groups = np.array_split(known, min(_WIDTH, known.size))
-    heights = np.log([float(group.mean()) for group in groups])
-    low, high = float(heights.min()), float(heights.max())
-    scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0
-    return "".join(_BARS[round((height - low) * scale)] for height in heights.tolist())
 
 
 @contextmanager
