@@ -5,15 +5,11 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from isogal.arrays import Array, Booleans
 from isogal.inertial.rotations import rotate
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.nodes.stuck import Repetitions
-
-if TYPE_CHECKING:
-    pass
 
 AXES = (
     "accelerometer x", "accelerometer y", "accelerometer z",
