@@ -116,16 +116,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             automatically_declare_parameters_from_overrides=True,
         )
         self._guard_transitions()
-        self.bus: Bus | None = getattr(context, "bus", None)
-        """That carries its messages; None = the middleware does."""
-        quiet = self.bus is not None and self.bus.quiet
-        set_logger_level(
-            self.get_logger().name, LoggingSeverity.FATAL if quiet else LoggingSeverity.UNSET
-        )
-        alone = self.bus if self.bus is not None and self.bus.alone else None
-        self.monotonic: Callable[[], float] = (
-            time.monotonic if alone is None else lambda: alone.now
-        )
+        alone = self._join(context)
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
@@ -146,7 +137,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
                 from_seconds(self.settings.diagnostics_period),
                 self.log,
                 # where there is no wall time, that of the data
-                time.monotonic if alone is None else None,
+                None if alone else time.monotonic,
             )
             on_change(self, specs, lambda new: self.changed(new) if self.configured else None)
             steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
@@ -158,6 +149,20 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         except BaseException:
             self.destroy_node()
             raise
+
+    def _join(self, context: Context | None) -> bool:
+        """Note the bus that carries the node's messages, where its context is one; return whether
+        its time is that of the data on the bus."""
+        self.bus: Bus | None = getattr(context, "bus", None)
+        """None = the middleware carries them."""
+        quiet = self.bus is not None and self.bus.quiet
+        level = LoggingSeverity.FATAL if quiet else LoggingSeverity.UNSET
+        set_logger_level(self.get_logger().name, level)
+        self.monotonic = time.monotonic
+        if (bus := self.bus) is not None and bus.alone:
+            self.monotonic = lambda: bus.now
+            return True
+        return False
 
     def _guard_transitions(self) -> None:
         """Refuse a transition that the node's state does not have: rclpy raises, which would end
