@@ -4,10 +4,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 
-from isogal.evaluation.view.record import AidUse
+from isogal.evaluation.view.record import AidUse, Event
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.record import Collector, Said
+from isogal_ros.bags.record import Collector
 from isogal_ros.bags.viewing import uses_of
 from isogal_ros.nodes.health import OK, WARN, status
 
@@ -28,17 +28,14 @@ def test_only_what_is_not_ok_and_batches_are_kept_whatever_the_frame(frame) -> N
     assert (collector.said, collector.batches) == ([], {})
     hear(warns)
     hear(fine, warns)
-    assert [(one.name, one.text) for one in collector.said] == [("y", "not well")] * 2
+    assert [(one.source, one.text) for one in collector.said] == [("y", "not well")] * 2
     hear(fine, batch)
     assert list(collector.batches) == [1_500_000_000]
 
 
-SECOND = 1_000_000_000
-
-
 def test_a_use_goes_on_until_something_else_is_said() -> None:
     said = [
-        Said(time * SECOND, level, name, text)
+        Event(time, level, name, text)
         for time, level, name, text in (
             (0, "OK", "gnss/fix", "used"),
             (0, "WARN", "velocity/data_raw", "never: nothing has come yet"),

@@ -316,7 +316,7 @@ def heard(one: Launch, name: str) -> Collector:
     assert reader.cut is None
     own = {topic.split("/")[1] for topic in reader.types}
     assert own <= {name, "clock", "diagnostics", "tf", "tf_static"}
-    assert {said.name.split("/")[0] for said in collected.said} <= {name}
+    assert {said.source.split("/")[0] for said in collected.said} <= {name}
     return collected
 
 

@@ -5,7 +5,7 @@ import struct
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from typing import NamedTuple, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,6 +15,7 @@ from sensor_msgs.msg import NavSatStatus
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs, Texts
+from isogal.evaluation.view.record import Event
 from isogal.fix import Candidates, Status
 from isogal.maps.channels import channels_of
 from isogal.maps.several import RunMap, first_map
@@ -36,16 +37,6 @@ LEVELS = {
     DiagnosticStatus.ERROR: "ERROR",
     DiagnosticStatus.STALE: "STALE",
 }
-
-
-class Said(NamedTuple):
-    """Something that a node said of itself."""
-
-    ns: int
-    """Stamp."""
-    level: str
-    name: str
-    text: str
 
 
 class Collector:
@@ -73,9 +64,9 @@ class Collector:
         self.candidates: dict[int, bytes] = {}
         self.batches: dict[int, dict[str, str]] = {}
         """Figures of each batch by stamp of its end, from the diagnostics."""
-        self.aids: list[Said] = []
+        self.aids: list[Event] = []
         """What the navigator said of each aid; its level is OK where it was used."""
-        self.said: list[Said] = []
+        self.said: list[Event] = []
         """Diagnostics that are not OK."""
         self.namespace: str | None = None
         """Of the nodes whose diagnostics are kept; None = of all."""
@@ -105,9 +96,9 @@ class Collector:
             self.last_nav[ns] = data
         elif topic is topics.NAV_AIDS:
             array = deserialize_message(data, topics.NAV_AIDS.type)
-            ns = to_ns(array.header.stamp)
+            time = to_seconds(to_ns(array.header.stamp))
             self.aids += [
-                Said(ns, LEVELS.get(item.level, "OK"), item.name, item.message)
+                Event(time, LEVELS.get(item.level, "OK"), item.name, item.message)
                 for item in array.status
                 if not item.name.endswith(topics.NAVIGATOR)
             ]
@@ -119,11 +110,6 @@ class Collector:
         self.namespace = reader.texts.get("namespace")
         for topic, data in wanted_messages(reader, self.topics()):
             self.take(topic, data)
-
-    @property
-    def warnings(self) -> list[tuple[int, str]]:
-        """Stamps and words of diagnostics at WARN or ERROR."""
-        return [(one.ns, f"{one.name}: {one.text}") for one in self.said]
 
     def fix_positions(self) -> dict[int, tuple[float, float] | None]:
         """Return latitude and longitude (rad) of each batch's fix by stamp; None where the batch
@@ -147,7 +133,8 @@ class Collector:
                 continue
             if item.level != DiagnosticStatus.OK:
                 level = LEVELS.get(item.level, "ERROR")
-                self.said.append(Said(to_ns(array.header.stamp), level, item.name, item.message))
+                time = to_seconds(to_ns(array.header.stamp))
+                self.said.append(Event(time, level, item.name, item.message))
             if item.name.endswith(f"{topics.PMHT_MM}: batch"):
                 figures = figures_of(item) | {"message": item.message}
                 self.batches[from_seconds(float(figures["stamp"]))] = figures

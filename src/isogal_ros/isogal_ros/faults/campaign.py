@@ -134,7 +134,9 @@ class Feed:
         self.track = track_of(self.collector)
         self.duration = to_seconds(max(self.collector.truth))
         """s."""
-        self.reports = {without_numbers(text) for _, text in self.collector.warnings}
+        self.reports = {
+            without_numbers(f"{one.source}: {one.text}") for one in self.collector.said
+        }
         """What was reported at WARN or ERROR, without its numbers."""
 
     def player(self, checkpoints: Path | None = None) -> Player:

@@ -355,7 +355,7 @@ class Player:
         known = len(self.collector.said)
         self.collector.take(topic, data)
         new = self.collector.said[known:]
-        self.reports += [(self.bus.now, f"{one.name}: {one.text}") for one in new]
+        self.reports += [(self.bus.now, f"{one.source}: {one.text}") for one in new]
 
     def start(self, name: str, without: Collection[str] = ()) -> None:
         """Make a node and let it begin, without some of its own parameters."""
