@@ -165,7 +165,9 @@ class LockStep:
         if not (self.complete or waits):
             self.complete = True
             if self.changed and self._full:
-                self._all_again()
+                self._absent = self.absent()
+                if not self._absent:
+                    self._all_again()
             self._go_on()
 
     def watch(self, waited: float) -> None:
