@@ -73,8 +73,6 @@ class LockStep:
         self.changed = False
         """Whether not all may answer: somebody left or came, and no whole step was answered since
         then."""
-        self.forgotten = 0
-        """Steps that were not waited for."""
         self._known: frozenset[bytes] | None = None
         self._without: set[str] = set()
         self._topics = {
@@ -194,7 +192,6 @@ class LockStep:
             text = f"a node has left or was started again: {self._missing()}"
             self._node.health.concern("waiting", text)
         self._change()
-        self.forgotten += 1
         self._node.health.count("steps not waited for")
         self._absent = self.absent()
         self.complete = True

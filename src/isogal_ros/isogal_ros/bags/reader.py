@@ -46,7 +46,6 @@ class Recorded:
     data: bytes
     """Serialised."""
     log_ns: int
-    publish_ns: int = 0
 
 
 @dataclass
@@ -143,7 +142,7 @@ class BagReader:
                 elif isinstance(item, Message):
                     topic = self._channels[file, item.channel_id]
                     if topic is not None:
-                        yield Recorded(topic, item.data, item.log_time, item.publish_time)
+                        yield Recorded(topic, item.data, item.log_time)
 
     def _records(self, file: Path) -> "Iterator[McapRecord]":
         """Yield the records of a file and of its chunks. Where it is cut off or damaged, end, and
