@@ -28,10 +28,11 @@ from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.bus import Bus, Listener
+from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.domain import graph_domain, names_of
 from isogal_ros.graph.plan import CLASSES, Plan
 from isogal_ros.graph.running import Progress, run_in_process, run_processes
+from isogal_ros.nodes.listening import Listening
 from isogal_ros.nodes.signals import interrupts
 
 Figures = dict[str, float | dict[str, dict[str, float]] | list[dict[str, str | float]]]
@@ -164,15 +165,15 @@ PUBLISH = "publish: serialise and hand on"
 def watch_callbacks(clock: Clock) -> None:
     """Time what nodes of one process do with each message, decoding included, and publishing: what
     is published inside a callback counts as publication only."""
-    take = Listener.take
+    deliver = Listening.deliver
 
-    def timed_take(listener: Listener, data: bytes) -> None:
-        name = f"{listener.node.get_name()}: {listener.topic_name.lstrip('/')}"
+    def timed_take(listening: Listening, data: bytes) -> None:
+        name = f"{listening.node.get_name()}: {listening.topic.name.lstrip('/')}"
         if name.startswith(RECORDER):
             name = f"{RECORDER}: write"
-        clock.timed(name, take)(listener, data)
+        clock.timed(name, deliver)(listening, data)
 
-    Listener.take = timed_take
+    Listening.deliver = timed_take
     clock.watch(PUBLISH, Bus, "send")
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import MagneticField
 
@@ -18,8 +17,8 @@ from isogal.inertial.error_state import BATCH
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.faults.trials import Track, track_of
-from isogal_ros.graph.bus import Bus
+from isogal_ros.faults.campaign import Track, track_of
+from isogal_ros.graph.bus import Bus, services
 from isogal_ros.graph.plan import Plan, node_class
 from isogal_ros.graph.player import Player
 from isogal_ros.graph.running import run_in_process
@@ -109,7 +108,7 @@ class Bench:
             self.bus.close()
             raise
         self.heard: dict[str, list[Any]] = defaultdict(list)
-        self.publishers: dict[str, Publisher] = {}
+        self.publishers: dict[str, Callable[[Any], None]] = {}
         for topic in {*topics.ALL, *topics_in_use(scenario)}:
             self.bus.hear(topic, partial(self._hear, topic))
         self.bus.tick()
@@ -127,18 +126,18 @@ class Bench:
 
     def publish(self, topic: Topic, message: Any) -> None:
         """Publish one message to the node."""
-        self.publisher(topic).publish(message)
+        self.publisher(topic)(message)
         self.bus.run()
 
-    def publisher(self, topic: Topic) -> Publisher:
-        """Return a publisher that the node listens to."""
+    def publisher(self, topic: Topic) -> Callable[[Any], None]:
+        """Return what publishes to the node."""
         if topic.name not in self.publishers:
-            self.publishers[topic.name] = self.bus.publisher(topic)
+            self.publishers[topic.name] = self.bus.source(topic)
         return self.publishers[topic.name]
 
     def call(self, name: str, request: Any) -> Any:
         """Return what a service of the node answers."""
-        service = self.bus.services(self.node)[name]
+        service = services(self.node)[name]
         return service.callback(request, service.srv_type.Response())
 
     def imu(

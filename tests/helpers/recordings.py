@@ -13,9 +13,8 @@ from isogal.fields.scenario_map import maps_for_scenario
 from isogal.maps.several import RunMap
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
-from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import record_of
+from isogal_ros.bags.record import Collector, record_of, wanted_messages
 from isogal_ros.bags.writer import BagWriter
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.messages.position import read_position

@@ -27,12 +27,10 @@ from isogal_ros.messages.magnetometer import read_scalar
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
-from isogal_ros.nodes.nav_queue import NavQueue
-from isogal_ros.nodes.nav_sample import NavSample
+from isogal_ros.nodes.nav_queue import NavQueue, NavSample
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
-from isogal_ros.nodes.stuck import Repetitions
-from isogal_ros.nodes.time_jumps import TimeJumps
+from isogal_ros.nodes.stuck import Repetitions, TimeJumps
 
 STUCK = 6
 """Readings of exactly the same value, one after the other, after which the instrument of a vehicle

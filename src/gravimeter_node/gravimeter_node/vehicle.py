@@ -43,7 +43,8 @@ class Vehicle:
     def has_scalar(self) -> bool:
         """Whether there is a scalar instrument as well as the vector one."""
         if not self._heard:
-            self._heard = self._node.count_publishers(topics.SCALAR_FIELD.name) > 0
+            scalar = self._node.listening[topics.SCALAR_FIELD.name]
+            self._heard = scalar.get_publisher_count() > 0
         return self._heard
 
     def simulate(self, vectors: Mapping[int, Array]) -> None:

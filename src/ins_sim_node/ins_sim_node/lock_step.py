@@ -67,15 +67,12 @@ class LockStep:
         self.complete = True
         """Whether all answers to the step are there."""
         self._full = True
+        """Whether the step was begun while nothing was absent, and nobody has left or come."""
         self._absent: set[str] = set()
         """Answers that nobody gives at present: nav, fix, and those of `_reading_of`."""
-        self._answered = self._answered_before = 0
-        """How many steps, begun while nothing was absent, have had all their answers; and when
-        somebody left or came."""
         self.changed = False
-        """Whether not all may answer: somebody left or came."""
-        self.forgotten = 0
-        """Steps that were not waited for."""
+        """Whether not all may answer: somebody left or came, and no whole step was answered since
+        then."""
         self._known: frozenset[bytes] | None = None
         self._without: set[str] = set()
         self._topics = {
@@ -165,17 +162,16 @@ class LockStep:
         waits = self._needs_readings or self._needs_fix or self._nav < 1 + self._fixes
         if not (self.complete or waits):
             self.complete = True
-            self._answered += self._full
+            if self.changed and self._full:
+                self._absent = self.absent()
+                if not self._absent:
+                    self._all_again()
             self._go_on()
 
     def watch(self, waited: float) -> None:
         """Look after the step under way, which was published `waited` s ago."""
         if self.changed:
             self._absent = self.absent()
-            if self._absent:
-                self._answered_before = self._answered
-            elif self._answered > self._answered_before:
-                self._all_again()
         timeout = self._node.settings.reply_timeout
         silent = waited > SILENT and not self.complete
         text = f"waits for an answer: {self._missing()}" if silent else None
@@ -196,7 +192,6 @@ class LockStep:
             text = f"a node has left or was started again: {self._missing()}"
             self._node.health.concern("waiting", text)
         self._change()
-        self.forgotten += 1
         self._node.health.count("steps not waited for")
         self._absent = self.absent()
         self.complete = True
@@ -236,8 +231,7 @@ class LockStep:
 
     def _change(self) -> None:
         """Note that not all may answer, until a whole step has been answered."""
-        self.changed = True
-        self._answered_before = self._answered
+        self.changed, self._full = True, False
 
     def _all_again(self) -> None:
         self.changed = False

@@ -1,10 +1,8 @@
 """Gravity map matching: batches of reduced readings to position fixes.
 
-node      subscriptions: reduced readings, the navigator's states
+node      subscriptions: reduced readings, the navigator's states; restarts
 scans     scans in order of time
-warm_up   one batch before the first
 verdict   what batches say, one after the other
-restart   what a restarted node goes on from
 outputs   messages on pmht_mm/*
 """
 

@@ -3,29 +3,80 @@
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fields.measured import measured_field
+from isogal.fields.measured import measured_field, reading_sigma
 from isogal.fields.scenario_map import maps_for_scenario
+from isogal.maps.channels import ChannelMap, RouteMap
+from isogal.maps.field_map import FieldMap
 from isogal.maps.several import each_map
+from isogal.maps.tiled_map import TiledMap
+from isogal.matching.interfaces import Batch, Matcher
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
+from isogal.matching.scans import Collected
+from isogal.scenario import Scenario
+from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.nav_sample import NavSample
+from isogal_ros.nodes.checkpoint import Checkpoint
+from isogal_ros.nodes.nav_queue import NavSample
 from isogal_ros.nodes.spin import main_of
 from isogal_ros.parameters.values import Values, scenario_from
 from pmht_mm_node.outputs import Outputs
-from pmht_mm_node.restart import are_scans, checkpoint_of
 from pmht_mm_node.scans import Scans
 from pmht_mm_node.verdict import Report
-from pmht_mm_node.warm_up import warm_up
+
+
+def checkpoint_of(node: GraphNode, field_map: RouteMap, matcher: Matcher) -> Checkpoint:
+    """Return the checkpoint of a node with a map; the matcher's package may have dataclasses in
+    its memory."""
+
+    def map_of(known: Any) -> Any:
+        batch = known["batch"]
+        if not isinstance(batch, Batch):
+            raise TypeError("a map of no batch")
+        return field_map.near(batch.latitude, batch.longitude)
+
+    packages = {"isogal", type(matcher).__module__.partition(".")[0]}
+    maps = FieldMap | ChannelMap | TiledMap
+    return Checkpoint(node, lambda value: isinstance(value, maps), map_of, packages)
+
+
+def are_scans(collected: tuple[Collected, ...]) -> bool:
+    """Whether what a checkpoint has of each field are scans at places."""
+    return all(
+        isinstance(one, Collected)
+        and all(
+            np.isfinite([scan.time, scan.latitude, scan.longitude]).all() for scan in one.scans
+        )
+        for one in collected
+    )
+
+
+def warm_up(scenarios: Sequence[Scenario], maps: Sequence[RouteMap]) -> None:
+    """Match a made-up batch of each field at the start of the route; the results are thrown
+    away."""
+    for scenario, field_map in zip(scenarios, maps, strict=True):
+        matching, trajectory = MapMatching(scenario, [field_map]), build_trajectory(scenario)
+        (builder,) = matching.batches.builders
+        reading = np.zeros((1, 1) if builder.expansion is None else builder.expansion.shape)
+        for scan in range(1, scenario.matcher.batch_length + 1):
+            k = min(scan * scenario.steps_per_scan, len(trajectory))
+            place = trajectory.latitude[k], trajectory.longitude[k], trajectory.height[k]
+            noise = reading_sigma(scenario) * (-1.0) ** scan
+            reading[:, 0] = field_map.value(*place[:2]) + noise
+            time = scan * scenario.gravimeter.interval
+            matching.add(0, time, np.array(place), trajectory.velocity[k], reading)
+        sigma = np.array([100.0, 100.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4])
+        matching.match(np.diag(sigma**2))
+
 
 SAME = 1e-6
 """s, within which two stamps are the same: seconds since 1970 in double precision are good to

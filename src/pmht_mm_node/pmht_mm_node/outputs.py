@@ -7,13 +7,13 @@ from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import from_matrix
 from isogal.matching.interfaces import Batch, Fix
 from isogal_ros import topics
-from isogal_ros.messages.candidates import candidates_cloud
 from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.frames import BASE, MAP, map_frame
+from isogal_ros.messages.point import candidates_cloud
 from isogal_ros.messages.position import NOT_MEASURED, fill_fix, fill_pose
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.nav_sample import NavSample
+from isogal_ros.nodes.nav_queue import NavSample
 
 
 class Outputs:

@@ -15,8 +15,7 @@ from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.nav_queue import Jump, NavQueue
-from isogal_ros.nodes.nav_sample import NavSample, moved
+from isogal_ros.nodes.nav_queue import Jump, NavQueue, NavSample, moved
 
 Reading = tuple[Array | float, Array | float]
 """A reading, NaN = none, and its variance."""

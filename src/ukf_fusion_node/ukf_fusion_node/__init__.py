@@ -2,8 +2,7 @@
 
 node           subscriptions: IMU samples, fixes and the information that belongs to them
 settings       the node's own parameters
-start          the filter's first state, or one that a user gives
-beginning      from which of several states a navigator begins
+beginning      the filter's first state: which of several, or one that a user gives
 navigation     the filter from its start on, and what survives a restart
 sample_checks  what is wrong with IMU samples that could each be right
 sample_report  what is said of samples that are missing, and of an alignment
@@ -11,9 +10,7 @@ solution       an INS in place of the samples
 aids           sensors beside the IMU
 fixes          fixes applied to the filter, each once
 measuring      what became of measurements, counted by topic
-outputs        messages on nav/*
-track          the way so far on nav/path
-transforms     frames of the vehicle
+outputs        messages on nav/*, and frames of the vehicle
 """
 
 from isogal.threads import one_thread

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array
 from isogal.fields.known_gravity import known_gravity
 from isogal.fusion.alignment import Alignment
 from isogal.fusion.assumed import filter_model
@@ -19,11 +19,14 @@ from isogal.fusion.state import FilterState
 from isogal.passage import Since
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
+from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, WARN
+from isogal_ros.nodes.stuck import TimeJumps
 from ukf_fusion_node.beginning import Beginning
+from ukf_fusion_node.sample_checks import SampleMonitor, Spikes, StuckError
 from ukf_fusion_node.sample_report import SampleReport
 from ukf_fusion_node.settings import UkfFusionSettings
 
@@ -63,6 +66,13 @@ class Navigation:
         """Stamp of the last fix, or of the start."""
         self.rate = np.zeros(3)
         """Angular rate of the newest sample, FRD."""
+        self._inertial = inertial_topics(node.scenario.ins)[-1].name
+        self.time_jumps = TimeJumps(from_seconds(node.settings.max_gap))
+        limits = node.settings.max_acceleration, node.settings.max_turn_rate
+        # what an INS felt may well come twice, where it is at rest, or to its last digit
+        noisy = (np.array(self.model.noise) > 0.0) & self._has_imu
+        self._monitor, self._spikes = SampleMonitor(*limits, node.monotonic, noisy), Spikes()
+        node.watch("silent", lambda: self._monitor.silent, ERROR)
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -72,12 +82,6 @@ class Navigation:
         latitude, longitude, height = start.position.tolist()
         navigator.imu(dt, np.array([0.0, 0.0, -9.8]), np.zeros(3), height)
         navigator.measure(dt, PositionFix(latitude, longitude, np.eye(2) * 1e6))
-
-    @property
-    def noisy(self) -> Booleans:
-        """(6,) which axes of the IMU have noise, so that a value does not come twice: what an INS
-        felt may well, where it is at rest, or to its last digit."""
-        return (np.array(self.model.noise) > 0.0) & self._has_imu
 
     @property
     def state(self) -> FilterState:
@@ -125,6 +129,35 @@ class Navigation:
         if self.navigator is not None:
             newest = self.ns if self._stream is None else self._stream.ns
             require_later(ns, max(newest, self._published))
+
+    def check(self, ns: int, force: Array, rate: Array, stepped: bool) -> None:
+        """Look at a sample before the filter takes it, and take back those that were not true.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp.
+        force, rate : (3,) arrays
+            FRD, m/s² and rad/s.
+        stepped : bool
+            Whether its interval is known otherwise than by its stamp.
+
+        Raises
+        ------
+        BadMessageError
+            It cannot be true.
+        """
+        try:
+            self._monitor.take(force, rate)
+        except StuckError as error:
+            self.back(error.samples)
+            raise
+        self._health.concern("stuck", self._monitor.stuck)
+        untrue = self._spikes.take(force, rate)
+        if untrue and self.back(1):
+            self._health.drop(self._inertial, untrue)
+        if self.navigator is not None and not stepped:
+            self.time_jumps.check(ns, self.ns)
 
     def begin(self, ns: int, solution: Array | None = None) -> bool:
         """Begin with the first sample (its stamp), or with the first solution (10,) of an INS, if

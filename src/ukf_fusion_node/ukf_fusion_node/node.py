@@ -12,18 +12,18 @@ from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.imu import read_imu, require_noise
+from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.stamps import peek_ns, to_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
+from ukf_fusion_node.beginning import placed
 from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs, Smoothed
-from ukf_fusion_node.sample_checks import SampleChecks
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.solution import Solution, Solutions
-from ukf_fusion_node.start import placed
 
 
 class UkfFusionNode(GraphNode[UkfFusionSettings]):
@@ -51,16 +51,14 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self.outputs, self._smoothed = Outputs(self), Smoothed(self)
         self._frame = map_frame(self.scenario)
         self._solutions: Solutions | None = None
-        self._inertial = topics.IMU
+        self._inertial = inertial_topics(self.scenario.ins)[-1]
         if self.scenario.ins.gives_solution:
             preintegrated = self._navigation.model.preintegrated
             self._solutions = Solutions(
                 self, preintegrated, lambda one: self._hold(to_ns(one.header.stamp), one)
             )
-            self._inertial = self._solutions.topic
         else:
             self.listen(topics.IMU, lambda data: self._hold(peek_ns(data), data), raw=True)
-        self._checks = SampleChecks(self, self._navigation, self._inertial)
         self.listen(topics.INITIAL_POSE, self._take_pose)
         self._fixes = Fixes(self, self._navigation, lambda: self._within, self._answer)
         self._pose: PoseWithCovarianceStamped | None = None
@@ -102,7 +100,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
 
     def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
         """Take what an INS felt since its last solution for samples."""
-        found = solutions.samples(ns, message, self._navigation, self._checks.time_jumps)
+        found = solutions.samples(ns, message, self._navigation)
         if self._navigation.navigator is not None:
             for sample in found:
                 self._take_sample(*sample)
@@ -125,7 +123,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         interval: float | None = None,
         declared: Array | None = None,
     ) -> None:
-        self._checks.take(ns, force, rate, stepped=interval is not None)
+        self._navigation.check(ns, force, rate, stepped=interval is not None)
         if self._navigation.navigator is None and not self._begins(ns):
             return
         for _ in self._navigation.sample(ns, force, rate, interval, declared):

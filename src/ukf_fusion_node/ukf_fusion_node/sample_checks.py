@@ -5,21 +5,11 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from isogal.arrays import Array, Booleans
 from isogal.inertial.rotations import rotate
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.stamps import from_seconds
-from isogal_ros.nodes.health import ERROR
 from isogal_ros.nodes.stuck import Repetitions
-from isogal_ros.nodes.time_jumps import TimeJumps
-from isogal_ros.topics import Topic
-
-if TYPE_CHECKING:
-    from isogal_ros.nodes.base import GraphNode
-    from ukf_fusion_node.navigation import Navigation
-    from ukf_fusion_node.settings import UkfFusionSettings
 
 AXES = (
     "accelerometer x", "accelerometer y", "accelerometer z",
@@ -57,9 +47,6 @@ UNLIKE = (
     " attitude is lost"
 )
 """What is wrong where it differs."""
-UNRESOLVED = (
-    "samples were missing for long: whether there was a sharp manoeuvre is for fixes to say"
-)
 
 
 class StuckError(BadMessageError):
@@ -227,96 +214,3 @@ class GravityDirection:
             found = f"specific force over a minute is {mean:.3g} m/s² upwards, not {GRAVITY:.3g}"
             self._text = f"{found}: {UNLIKE}" if abs(mean - GRAVITY) > MOST else None
         return self._text
-
-
-class UnresolvedGap:
-    """What is not known after a long gap in the samples, until fixes have agreed with the
-    navigator for a time.
-
-    The filter goes on as if the vehicle had made no manoeuvre in it, or one of the size that it
-    was set to expect (`isogal.fusion.outage`). A sharper turn is neither, and one heading error
-    suits a few fixes as well as another: the first that contradict it may come after minutes.
-
-    Parameters
-    ----------
-    settles : int
-        How long, ns.
-    """
-
-    def __init__(self, settles: int) -> None:
-        self._settles = settles
-        self._since: int | None = None
-
-    def begin(self, ns: int) -> None:
-        """Note a gap that ended at a stamp."""
-        self._since = ns
-
-    def renew(self, ns: int) -> None:
-        """Note that a fix did not agree; without a gap that is no matter of this."""
-        if self._since is not None:
-            self._since = ns
-
-    def text(self, ns: int, undecided: bool) -> str | None:
-        """Say it, at a stamp; None = there is nothing unresolved any more.
-
-        Parameters
-        ----------
-        undecided : bool
-            Whether the filter itself leaves it open.
-        """
-        if self._since is not None and ns - self._since > self._settles and not undecided:
-            self._since = None
-        return None if self._since is None else UNRESOLVED
-
-
-class SampleChecks:
-    """What is asked of an inertial sample before the filter takes it; takes back those that were
-    not true.
-
-    Parameters
-    ----------
-    node : GraphNode
-        Its settings say what the vehicle can do; its health is told.
-    navigation : Navigation
-    topic : Topic
-        Of the samples.
-    """
-
-    def __init__(
-        self, node: "GraphNode[UkfFusionSettings]", navigation: "Navigation", topic: Topic
-    ) -> None:
-        self.time_jumps = TimeJumps(from_seconds(node.settings.max_gap))
-        limits = node.settings.max_acceleration, node.settings.max_turn_rate
-        self._monitor = SampleMonitor(*limits, node.monotonic, navigation.noisy)
-        self._spikes = Spikes()
-        self._health, self._navigation, self._topic = node.health, navigation, topic
-        node.watch("silent", lambda: self._monitor.silent, ERROR)
-
-    def take(self, ns: int, force: Array, rate: Array, stepped: bool) -> None:
-        """Check a sample.
-
-        Parameters
-        ----------
-        ns : int
-            Stamp.
-        force, rate : (3,) arrays
-            FRD, m/s² and rad/s.
-        stepped : bool
-            Whether its interval is known otherwise than by its stamp.
-
-        Raises
-        ------
-        BadMessageError
-            It cannot be true.
-        """
-        try:
-            self._monitor.take(force, rate)
-        except StuckError as error:
-            self._navigation.back(error.samples)
-            raise
-        self._health.concern("stuck", self._monitor.stuck)
-        untrue = self._spikes.take(force, rate)
-        if untrue and self._navigation.back(1):
-            self._health.drop(self._topic.name, untrue)
-        if self._navigation.navigator is not None and not stepped:
-            self.time_jumps.check(ns, self._navigation.ns)

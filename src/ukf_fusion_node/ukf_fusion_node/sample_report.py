@@ -10,11 +10,14 @@ from isogal.fusion.sample_stream import SampleStream
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import ERROR, OK, WARN
-from ukf_fusion_node.sample_checks import GravityDirection, UnresolvedGap
+from ukf_fusion_node.sample_checks import GravityDirection
 from ukf_fusion_node.settings import UkfFusionSettings
 
 LEARNT = 30
 """Samples after which it is known how fast they come."""
+UNRESOLVED = (
+    "samples were missing for long: whether there was a sharp manoeuvre is for fixes to say"
+)
 FAST = 0.75
 """Of the interval that was told: less is no jitter."""
 
@@ -33,7 +36,10 @@ class SampleReport:
         self._health, self._max_gap, self._dt = node.health, node.settings.max_gap, dt
         self._sample = 1.0 / node.scenario.imu.rate
         batch = node.scenario.matcher.batch_length * node.scenario.gravimeter.interval
-        self._unresolved = UnresolvedGap(from_seconds(2.0 * batch))
+        self._settles = from_seconds(2.0 * batch)
+        self._gap: int | None = None
+        """Stamp (ns) of the end of a long gap, or of the last fix since then that did not agree
+        with the filter; None = fixes have agreed with it for `_settles` since."""
         self._noted = -SECOND
         """When samples of a fast IMU were missing, ns."""
         self._row: deque[float] = deque(maxlen=LEARNT)
@@ -105,7 +111,7 @@ class SampleReport:
             said = self._gravity.take(to_seconds(ns), force, attitude)
             self._health.concern("upright", said, ERROR)
         if missing > HELD:
-            self._unresolved.begin(ns)
+            self._gap = ns
 
     def alignment(self, alignment: Alignment) -> None:
         """Tell how far an alignment is."""
@@ -119,9 +125,17 @@ class SampleReport:
 
     def unfit(self, ns: int) -> None:
         """Note that a fix did not agree with the filter, at a stamp of that."""
-        self._unresolved.renew(ns)
+        if self._gap is not None:
+            self._gap = ns
 
     def unresolved(self, ns: int, undecided: bool) -> None:
         """Tell what is not known of the last long gap, at a stamp; `undecided`: the filter itself
-        leaves it open."""
-        self._health.concern("gap", self._unresolved.text(ns, undecided))
+        leaves it open.
+
+        The filter goes on as if the vehicle had made no manoeuvre in it, or one of the size that
+        it was set to expect (`isogal.fusion.outage`). A sharper turn is neither, and one heading
+        error suits a few fixes as well as another: the first that contradict it may come after
+        minutes."""
+        if self._gap is not None and ns - self._gap > self._settles and not undecided:
+            self._gap = None
+        self._health.concern("gap", None if self._gap is None else UNRESOLVED)

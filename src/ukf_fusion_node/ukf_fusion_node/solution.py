@@ -26,7 +26,6 @@ from isogal_ros.messages.ins_solution import (
 )
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.nodes.time_jumps import TimeJumps
 from ukf_fusion_node.navigation import Navigation
 
 LONGEST = 600.0
@@ -73,7 +72,6 @@ class Solutions:
         self._twists: dict[int, TwistWithCovarianceStamped] = {}
         self._newest = -1
         """Stamp of the newest solution."""
-        self.topic = topics.INS_SOLUTION if ins.attitude else topics.INS_SOLUTION_FIX
         if ins.attitude:
             node.listen(topics.INS_SOLUTION, hold)
         else:
@@ -111,9 +109,7 @@ class Solutions:
         """The newest solution (10,) that was taken; None = none yet."""
         return self._inverse.last
 
-    def samples(
-        self, ns: int, message: Solution, navigation: Navigation, time_jumps: TimeJumps
-    ) -> list[Sample]:
+    def samples(self, ns: int, message: Solution, navigation: Navigation) -> list[Sample]:
         """Return what the INS felt since its last solution.
 
         Parameters
@@ -123,7 +119,6 @@ class Solutions:
         message : Odometry or Joined
         navigation : Navigation
             Whose newest stamp the message's must be later than.
-        time_jumps : TimeJumps
 
         Raises
         ------
@@ -133,7 +128,7 @@ class Solutions:
         solution = self.read(message)
         navigation.require_later(ns)
         if navigation.navigator is not None:
-            time_jumps.check(ns, navigation.ns)
+            navigation.time_jumps.check(ns, navigation.ns)
         try:
             found = self._inverse.take(to_seconds(ns), solution)
         except NothingFeltError as error:

@@ -1,12 +1,14 @@
-"""What a collector keeps of diagnostics."""
+"""What the record of a run takes of messages, and what a recording is viewed as."""
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 
+from isogal.evaluation.view.record import AidUse, Event
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.record import Collector
+from isogal_ros.bags.viewing import uses_of
 from isogal_ros.nodes.health import OK, WARN, status
 
 
@@ -26,6 +28,29 @@ def test_only_what_is_not_ok_and_batches_are_kept_whatever_the_frame(frame) -> N
     assert (collector.said, collector.batches) == ([], {})
     hear(warns)
     hear(fine, warns)
-    assert [(one.name, one.text) for one in collector.said] == [("y", "not well")] * 2
+    assert [(one.source, one.text) for one in collector.said] == [("y", "not well")] * 2
     hear(fine, batch)
     assert list(collector.batches) == [1_500_000_000]
+
+
+def test_a_use_goes_on_until_something_else_is_said() -> None:
+    said = [
+        Event(time, level, name, text)
+        for time, level, name, text in (
+            (0, "OK", "gnss/fix", "used"),
+            (0, "WARN", "velocity/data_raw", "never: nothing has come yet"),
+            (1, "OK", "gnss/fix", "used"),
+            (5, "WARN", "gnss/fix", "not since 2 s: the receiver has no fix"),
+            (5, "OK", "velocity/data_raw", "used"),
+            (6, "WARN", "gnss/fix", "not since 3 s: the receiver has no fix"),
+            (9, "OK", "gnss/fix", "used"),
+            (12, "OK", "gnss/fix", "used"),
+        )
+    ]
+    assert uses_of(said) == [
+        AidUse("gnss/fix", 0.0, 5.0, True, "used"),
+        AidUse("velocity/data_raw", 0.0, 5.0, False, "never: nothing has come yet"),
+        AidUse("gnss/fix", 5.0, 9.0, False, "not since 2 s: the receiver has no fix"),
+        AidUse("velocity/data_raw", 5.0, 5.0, True, "used"),
+        AidUse("gnss/fix", 9.0, 12.0, True, "used"),
+    ]

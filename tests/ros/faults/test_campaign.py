@@ -10,10 +10,19 @@ import pytest
 
 from helpers.node_bench import bench, stamps
 from isogal_ros import topics
-from isogal_ros.faults import campaign, trials
-from isogal_ros.faults.campaign import OUTCOMES, PAGE, page_of, run_campaign, table_of, two_batches
+from isogal_ros.faults import campaign
+from isogal_ros.faults.campaign import (
+    OUTCOMES,
+    PAGE,
+    Feed,
+    Outcome,
+    page_of,
+    run_campaign,
+    run_trial,
+    table_of,
+    two_batches,
+)
 from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
-from isogal_ros.faults.trials import Feed, Outcome, run_trial
 from isogal_ros.nodes.signals import Interrupt
 
 
@@ -51,7 +60,7 @@ def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeyp
     ],
 )
 def test_a_trial_that_hangs_or_fails_is_one(feed, monkeypatch, change, limit, words) -> None:
-    monkeypatch.setattr(trials, "LIMIT", limit)
+    monkeypatch.setattr(campaign, "LIMIT", limit)
     (error,) = run_trial(feed, Fault("x", ("imu",), change, 5.0)).errors
     assert words in error
 
@@ -75,7 +84,7 @@ def test_a_leap_of_one_stamp_costs_one_sample(scenario) -> None:
 
 def test_an_interrupt_while_simulating_keeps_nothing(scenario, tmp_path, monkeypatch) -> None:
     interrupt, short = Interrupt(), scenario("route.duration=400.0")
-    monkeypatch.setattr(trials, "run_in_process", lambda *_: interrupt(signal.SIGINT))
+    monkeypatch.setattr(campaign, "run_in_process", lambda *_: interrupt(signal.SIGINT))
     table = run_campaign(short, tmp_path, 1, False, interrupt)
     assert table["trials"] == 0
     assert not (tmp_path / OUTCOMES).exists()

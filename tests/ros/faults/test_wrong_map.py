@@ -7,8 +7,7 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from helpers.node_bench import played
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal_ros.faults.campaign import two_batches
-from isogal_ros.faults.trials import Feed
+from isogal_ros.faults.campaign import Feed, two_batches
 
 WRONG = {
     "other sign": lambda north, east: -wavy(north, east),

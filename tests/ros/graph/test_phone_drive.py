@@ -12,8 +12,7 @@ import pytest
 from isogal.scenario import changed_scenario, load_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.player import Player
-from isogal_ros.graph.recorded import load
+from isogal_ros.graph.player import Player, load
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "examples" / "phone_drive"), str(ROOT / "benchmarks")]

@@ -11,7 +11,7 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph import recorded as of_bag
+from isogal_ros.graph import player as of_bag
 from isogal_ros.graph.replay import replay
 from isogal_ros.nodes.signals import Interrupt
 

@@ -11,7 +11,7 @@ from helpers.packages import ROOT
 from isogal.earth.frames import horizontal_difference
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.record import Collector
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import node_class
 from isogal_ros.messages.imu import read_imu

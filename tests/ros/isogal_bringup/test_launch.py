@@ -16,8 +16,8 @@ from helpers.player import Player
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Collector
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph import launching
 from isogal_ros.graph.domain import DOMAIN
@@ -316,7 +316,7 @@ def heard(one: Launch, name: str) -> Collector:
     assert reader.cut is None
     own = {topic.split("/")[1] for topic in reader.types}
     assert own <= {name, "clock", "diagnostics", "tf", "tf_static"}
-    assert {said.name.split("/")[0] for said in collected.said} <= {name}
+    assert {said.source.split("/")[0] for said in collected.said} <= {name}
     return collected
 
 

@@ -9,7 +9,7 @@ from isogal.errors import InputError
 from isogal.fields.measured import fields
 from isogal.scenario import load_scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.record import Collector
 from isogal_ros.messages.adapter import adapter_of, topics_in_use
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.position import NOT_MEASURED

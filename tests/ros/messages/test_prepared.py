@@ -11,6 +11,7 @@ from isogal_ros import topics
 from isogal_ros.messages.frames import FrameNames
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.prepared import Prepared, numbers_of, serialised, write
+from isogal_ros.messages.stamps import among, from_seconds, to_seconds
 
 EACH = (
     topics.CLOCK, topics.IMU, topics.NAV_FIX, topics.NAV_ODOM, topics.NAV_COVARIANCE,
@@ -74,3 +75,14 @@ def test_what_is_neither_stamp_nor_number() -> None:
 def test_numbers_that_do_not_follow_one_another() -> None:
     with pytest.raises(ValueError, match="ParameterValue"):
         Prepared(ParameterValue(double_array_value=[0.0]))
+
+
+TODAY = 1_764_187_200_123_456_789
+
+
+def test_times_in_seconds_are_the_stamps_that_they_were_made_of() -> None:
+    stamps = [TODAY + k * 20_000_001 for k in range(100)]
+    seconds = [to_seconds(ns) for ns in stamps]
+    assert among(reversed(seconds), stamps) == stamps[::-1]
+    assert [from_seconds(time) for time in seconds] != stamps  # a float64 is coarser
+    assert among([0.25, 2.0], [2_000_000_000]) == [250_000_000, 2_000_000_000]

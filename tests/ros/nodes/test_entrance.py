@@ -8,8 +8,8 @@ from helpers.bag_writing import begin
 from helpers.node_bench import bench
 from isogal.errors import InputError
 from isogal_ros import topics
-from isogal_ros.bags.collect import wanted_messages
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import wanted_messages
 from isogal_ros.messages.gravimeter import gravity
 from isogal_ros.nodes.health import WARN
 

@@ -44,9 +44,6 @@ def fill(message: Any, rng: np.random.Generator) -> None:
 
 def fed(node: Any, topic: Topic, rng: np.random.Generator) -> None:
     """Hand messages to a node's callback as the executor does."""
-    (subscription,) = (
-        item for item in node.listeners if item.topic_name.lstrip("/") == topic.name
-    )
     for i in range(MESSAGES):
         message = topic.type()
         fill(message, rng)
@@ -54,7 +51,7 @@ def fed(node: Any, topic: Topic, rng: np.random.Generator) -> None:
             set_stamp(
                 message.header.stamp, int(rng.choice([0, i * 10**9, 2**61])) % (2**31 * 10**9)
             )
-        subscription.callback(serialize_message(message) if subscription.raw else message)
+        node.listening[topic.name].deliver(serialize_message(message))
 
 
 @pytest.mark.parametrize(

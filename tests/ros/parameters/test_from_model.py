@@ -1,15 +1,26 @@
-"""The parameters of a model: types, ranges, descriptions."""
+"""Parameters from models, scenarios as parameters, and the files that are made of them."""
 
+from pathlib import Path
 from typing import Literal
 
 import pytest
+import yaml
 from pydantic import BaseModel, Field
 from rcl_interfaces.msg import ParameterType
 
 from isogal import plugins
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, load_scenario
+from isogal_ros.graph import parameter_reference
 from isogal_ros.graph.plan import CLASSES, node_class
+from isogal_ros.parameters import bringup_file
 from isogal_ros.parameters.from_model import limits, parameter_specs
+from isogal_ros.parameters.values import (
+    nested,
+    node_values,
+    parameter_file,
+    scenario_from,
+    scenario_values,
+)
 
 
 def test_every_parameter_is_typed_and_described() -> None:
@@ -90,3 +101,79 @@ def test_values_both_ways(name, field, parameter) -> None:
 
 def test_words_beside_a_number_are_named() -> None:
     assert SPECS["either"].descriptor.additional_constraints == "a number >= 0, or auto or off"
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        (),
+        ("route.duration=null", "matcher.stride=5", "map.variable=ga", "map.path=x.nc"),
+        ("route.waypoints=[[-37, 145, 20], [-36.5, 146, 22.5], [-36, 147, 25]]",),
+        ("matcher.map_sigma=auto", "matcher.options={trust: 3, names: [a, b]}"),
+        ("matcher.map_sigma=3e-5", "seed=7", "matcher.mode=retrodiction"),
+        ("imu.gyroscope.bias=0.01deg/h", "imu.accelerometer.misalignment=[1, 2, 3e-5]"),
+        ("imu.grade=tactical", "imu.rate=200", "fusion.rate=2", "imu.grades=null"),
+        ("truth.gravimeter.sigma=3x", "truth.imu={grade: quantum}", "truth.gravimeter.bias=1e-5"),
+    ],
+)
+def test_a_scenario_survives_parameters(overrides) -> None:
+    scenario = load_scenario(None, overrides)
+    specs = {spec.name: spec for spec in parameter_specs(Scenario)}
+    values = {
+        name: specs[name].to_field(value) for name, value in scenario_values(scenario).items()
+    }
+    assert set(values) == set(specs)
+    assert scenario_from(values, "test") == scenario
+
+
+def test_a_node_gets_its_sections_and_its_own_settings() -> None:
+    values = node_values(Scenario(), {"run": 2}, ("seed", "initial_error"))
+    assert {name.partition(".")[0] for name in values} == {"seed", "initial_error", "run"}
+    assert values["run"] == 2
+
+
+def test_a_parameter_file_says_the_scenario_and_what_each_node_has_of_its_own() -> None:
+    scenario = load_scenario(None, ["matcher.batch_length=12"])
+    document = yaml.safe_load(parameter_file(scenario, {"ins_sim_node": {"rate": 2.0}}))
+    assert document["/**"]["ros__parameters"]["matcher"]["batch_length"] == 12
+    assert document["/**/ins_sim_node"] == {"ros__parameters": {"rate": 2.0}}
+
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.parametrize(
+    ("made", "file"),
+    [
+        (bringup_file, "src/isogal_bringup/params/isogal.yaml"),
+        (parameter_reference, "docs/parameters.md"),
+    ],
+)
+def test_it_is_up_to_date(made, file) -> None:
+    assert (ROOT / file).read_text(encoding="utf-8") == made.text(), (
+        f"python -m {made.__name__} > {file}"
+    )
+
+
+def test_the_reference_has_own_and_shared_parameters() -> None:
+    page = parameter_reference.text()
+    every, _, rest = page.partition("## Of `ins_sim_node`")
+    assert "| `checkpoint` | text |" in every
+    assert "| `publish_tf` | bool | `true` |" in rest
+    assert page.count("| `route.speed` | double |") == rest.count("| `route.speed` |") == 1
+
+
+def test_it_says_the_defaults() -> None:
+    values = yaml.safe_load(bringup_file.text())["/**"]["ros__parameters"]
+    specs = {spec.name: spec for spec in parameter_specs(Scenario)}
+
+    def flat(document, prefix=""):
+        for key, value in document.items():
+            if isinstance(value, dict):
+                yield from flat(value, f"{prefix}{key}.")
+            else:
+                yield prefix + key, value
+
+    assert {name: specs[name].default for name in specs} == dict(flat(values))
+    fields = {name: specs[name].to_field(value) for name, value in flat(values)}
+    assert Scenario.model_validate(nested(fields)) == Scenario()

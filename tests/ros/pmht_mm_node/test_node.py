@@ -17,7 +17,7 @@ from isogal_ros import topics
 from isogal_ros.messages.gradiometer import GRADIOMETER
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns, to_seconds
 from isogal_ros.nodes.health import WARN
-from isogal_ros.nodes.nav_sample import NavSample
+from isogal_ros.nodes.nav_queue import NavSample
 
 
 @pytest.fixture

@@ -10,9 +10,11 @@ from isogal.earth.frames import horizontal_difference
 from isogal.fusion.protection_level import protection_level
 from isogal.matching.interfaces import Fix
 from isogal_ros import topics
+from isogal_ros.messages.adapter import topics_in_use
 from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
+from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.position import read_position
-from isogal_ros.messages.stamps import from_seconds
+from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes.health import OK, WARN
 
 
@@ -23,7 +25,7 @@ def filter_bench(scenario):
 
 
 def test_the_path_stays_short_and_whole_and_ends_with_the_newest(scenario, monkeypatch) -> None:
-    monkeypatch.setattr("ukf_fusion_node.track.PATH_POSES", 4)
+    monkeypatch.setattr("ukf_fusion_node.outputs.PATH_POSES", 4)
     with bench(topics.UKF_FUSION, scenario(), path_interval=2.0) as made:
         for k in range(1, 14):
             made.imu(k)
@@ -164,3 +166,67 @@ def test_a_given_start(scenario) -> None:
         assert (twist.x, twist.y) == pytest.approx(
             (2.0, 1.0)
         )  # nose to the east: forward is east, left is north
+
+
+LAG = "fusion.lag=20"
+TODAY = 1_764_187_200_123_456_789
+"""ns; a float of seconds is 11 ns off, and up to 119 of others."""
+
+
+@pytest.fixture
+def made(scenario):
+    with bench(topics.UKF_FUSION, scenario(LAG)) as one:
+        yield one
+
+
+def stamps_of(one) -> list[int]:
+    return [message.header.stamp.sec for message in one.heard["nav/smoothed"]]
+
+
+def test_each_state_comes_once_and_is_at_least_a_lag_old(made) -> None:
+    for k in range(1, 61):
+        made.imu(k)
+        stamps = stamps_of(made)
+        assert not stamps or 20 <= k - stamps[-1] <= 22
+    assert stamps == list(range(1, 40))
+
+
+def test_it_knows_of_a_fix_that_came_within_the_lag(made) -> None:
+    for k in range(1, 31):
+        made.imu(k)
+    latitude, longitude, _ = read_position(made.heard["nav/fix"][-1])
+    made.fix(30, latitude + 1e-5, longitude, variance=1.0)
+    for k in range(31, 61):
+        made.imu(k)
+    then = {one.header.stamp.sec: one for one in made.heard["nav/odom"]}
+    later = {one.header.stamp.sec: one for one in made.heard["nav/smoothed"]}
+    moved = [
+        later[k].pose.pose.position.y - then[k].pose.pose.position.y for k in (5, 15, 25)
+    ]  # 1e-5 rad are 64 m
+    assert moved[0] == pytest.approx(0.0, abs=0.1)  # said before the fix
+    np.testing.assert_allclose(moved[1:], 63.0, atol=3.0)
+    variance = np.reshape(later[25].pose.covariance, (6, 6))[1, 1]
+    assert variance < 0.1 * np.reshape(then[25].pose.covariance, (6, 6))[1, 1]
+    assert later[25].child_frame_id == "base_link" and later[25].header.frame_id == "map"
+
+
+def test_stamps_of_today_are_those_of_the_samples_to_the_nanosecond(scenario) -> None:
+    stamps = [TODAY + k * 1_000_000_007 for k in range(60)]
+    with bench(topics.UKF_FUSION, scenario(LAG), start_time=float("nan")) as made:
+        for ns in stamps:
+            message = topics.IMU.type()
+            message.header.frame_id = "base_link"
+            fill_imu(message, ns, np.array([0.0, 0.0, -9.8]), np.zeros(3))
+            made.publish(topics.IMU, message)
+        said = [to_ns(message.header.stamp) for message in made.heard["nav/smoothed"]]
+    assert len(said) > 35
+    assert said == stamps[: len(said)]
+
+
+def test_without_a_lag_there_is_no_such_topic(scenario) -> None:
+    assert topics.SMOOTHED not in topics_in_use(scenario())
+    assert topics.SMOOTHED in topics_in_use(scenario(LAG))
+    with bench(topics.UKF_FUSION, scenario()) as one:
+        for k in range(1, 4):
+            one.imu(k)
+        assert not one.heard["nav/smoothed"]

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.node_bench import bench, played, stamps
 from isogal_ros import topics
-from isogal_ros.faults.trials import Feed
+from isogal_ros.faults.campaign import Feed
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.nodes.health import OK, WARN
 from ukf_fusion_node.sample_checks import (
@@ -22,8 +22,8 @@ from ukf_fusion_node.sample_checks import (
     SampleMonitor,
     Spikes,
     StuckError,
-    UnresolvedGap,
 )
+from ukf_fusion_node.sample_report import SampleReport
 
 LEVEL = np.array([0.0, 0.0, -9.8])
 NOISE = np.random.default_rng(1).normal(0.0, 1e-5, (500, 6))
@@ -224,17 +224,25 @@ GAP = 60.0
 """s."""
 
 
-def test_it_lasts_until_fixes_have_agreed_for_a_time() -> None:
-    unresolved = UnresolvedGap(100)
-    unresolved.renew(5)
-    assert unresolved.text(6, False) is None  # there was no gap
-    unresolved.begin(10)
-    assert unresolved.text(110, False)
-    unresolved.renew(60)
-    assert unresolved.text(160, False)
-    assert unresolved.text(161, True)  # the filter is not sure itself
-    assert unresolved.text(161, False) is None
-    assert unresolved.text(50, False) is None
+def test_it_lasts_until_fixes_have_agreed_for_a_time(scenario) -> None:
+    """For two batches of 60 s."""
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        report, second = SampleReport(made.node, 1.0), 10**9
+
+        def told(seconds: int, undecided: bool = False) -> bool:
+            report.unresolved(seconds * second, undecided)
+            made.node.health.publish()
+            return "sharp manoeuvre" in made.says()[-1][1]
+
+        report.unfit(5 * second)
+        assert not told(6)  # there was no gap
+        report.step(10 * second, LEVEL, None, GAP)
+        assert told(130)
+        report.unfit(60 * second)
+        assert told(180)
+        assert told(181, undecided=True)  # the filter is not sure itself
+        assert not told(181)
+        assert not told(50)
 
 
 def elbow(degrees: float) -> str:

@@ -14,7 +14,7 @@ from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
 from isogal_ros.messages.odometry import POSE
 from isogal_ros.messages.prepared import numbers_of
 from isogal_ros.messages.stamps import to_ns
-from ukf_fusion_node.transforms import DeadReckoning, Transforms
+from ukf_fusion_node.outputs import DeadReckoning, Transforms
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,8 @@
 recorder     which node records the graph?
 writer       how is a bag written?
 metadata     what does its metadata.yaml say?
-definitions  what are the definitions of the recorded message types?
 reader       how is a bag read, whole or cut off?
-collect      which messages does the record of a run need, also while it is written?
-record       how do they become that record?
+record       which messages does the record of a run need, and how do they become it?
 viewing      what does `isogal view` show of a bag?"""
 
 from isogal_ros.nodes.signals import end_quietly

@@ -46,7 +46,6 @@ class Recorded:
     data: bytes
     """Serialised."""
     log_ns: int
-    publish_ns: int = 0
 
 
 @dataclass
@@ -71,6 +70,11 @@ class BagReader:
     drivers: Mapping[str, Mapping[str, JsonValue]] = field(default_factory=dict)
     """How messages of sensors come, by topic, where the recording does not say it."""
 
+    _places: dict[Path, int] = field(default_factory=dict)
+    """Bytes of each file that were read."""
+    _channels: dict[tuple[Path, int], str | None] = field(default_factory=dict)
+    """Topic by number; None = it is left out."""
+
     def __post_init__(self) -> None:
         from mcap.records import Header, Metadata
 
@@ -83,6 +87,7 @@ class BagReader:
                 break
         said = Entrance.of(self.texts.get("entrance", Entrance().text()), self.drivers)
         self.entrance = placed(said, lambda _: self._static_transforms())
+        self._places.clear()
 
     @classmethod
     def foreign(
@@ -115,24 +120,29 @@ class BagReader:
         """Yield the messages in the order they were written, up to the end or the cut; of a bag
         in several files each up to its own. Raises InputError where a topic that is renamed is not
         there."""
+        self._places.clear()
+        yield from self.new_messages()
+        self.remapping.check(self.path)
+
+    def new_messages(self) -> Iterator[Recorded]:
+        """Yield the messages that have come since the last one that was read, of a bag that is
+        being written; those of a chunk that is not whole yet come next time."""
         from mcap.records import Channel, Message, Schema
 
-        for file in self.files:
+        for file in parts(self.path) or self.files:
             self.cut = None
-            channels: dict[int, str | None] = {}
             schemas: dict[int, str] = {}
             for item in self._records(file):
                 if isinstance(item, Schema):
                     schemas[item.id] = item.name
                 elif isinstance(item, Channel):
-                    topic = channels[item.id] = self.remapping(item.topic)
+                    topic = self._channels[file, item.id] = self.remapping(item.topic)
                     if topic is not None:
                         self.types[topic] = schemas.get(item.schema_id, "")
                 elif isinstance(item, Message):
-                    topic = channels[item.channel_id]
+                    topic = self._channels[file, item.channel_id]
                     if topic is not None:
-                        yield Recorded(topic, item.data, item.log_time, item.publish_time)
-        self.remapping.check(self.path)
+                        yield Recorded(topic, item.data, item.log_time)
 
     def _records(self, file: Path) -> "Iterator[McapRecord]":
         """Yield the records of a file and of its chunks. Where it is cut off or damaged, end, and
@@ -141,8 +151,9 @@ class BagReader:
 
         with _opened(file) as stream:
             try:
-                for _, records in read(stream):
+                for place, records in _read(stream, self._places.get(file, 0)):
                     yield from records
+                    self._places[file] = place
             except Exception as error:
                 if not is_damage(error):
                     raise
@@ -156,7 +167,7 @@ class BagReader:
                     self.cut = f"the file is damaged ahead of byte {place} ({kind})"
 
 
-def read(stream: BinaryIO, start: int = 0) -> "Iterator[tuple[int, list[McapRecord]]]":
+def _read(stream: BinaryIO, start: int = 0) -> "Iterator[tuple[int, list[McapRecord]]]":
     """Yield where each record of an MCAP file ends, from a place on, and what it holds: the
     records of a chunk, or itself."""
     from mcap.stream_reader import StreamReader

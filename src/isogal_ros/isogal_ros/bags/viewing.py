@@ -19,10 +19,8 @@ from isogal.maps.several import first_map
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector, Said
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import Places, record_of
-from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.bags.record import Collector, Places, record_of
 from isogal_ros.nodes.health import without_numbers
 
 if TYPE_CHECKING:
@@ -110,27 +108,26 @@ def viewed_run(
     runs = record_of(collector, field_map, without_readings)
     if runs is None:
         return None
-    events = [Event(to_seconds(one.ns), one.level, one.name, one.text) for one in collector.said]
     subtitle = subtitle or subtitle_of(runs, collector.scenario)
     aids = uses_of(collector.aids)
-    return ViewedRun(runs, collector.scenario, title, subtitle, events, is_true, aids)
+    return ViewedRun(runs, collector.scenario, title, subtitle, collector.said, is_true, aids)
 
 
-def uses_of(said: Sequence[Said]) -> list[AidUse]:
+def uses_of(said: Sequence[Event]) -> list[AidUse]:
     """Return when each aid was used and when not, of what was said of them one after the other: a
     use goes on until something else is said, whatever its numbers."""
     found: list[AidUse] = []
     last: dict[str, int] = {}
     for one in said:
-        time, used = to_seconds(one.ns), one.level == "OK"
-        row = last.get(one.name)
+        time, used = one.time, one.level == "OK"
+        row = last.get(one.source)
         if row is not None:
             before = found[row]
             found[row] = replace(before, end=time)
             if before.used == used and without_numbers(before.text) == without_numbers(one.text):
                 continue
-        last[one.name] = len(found)
-        found.append(AidUse(one.name, time, time, used, one.text))
+        last[one.source] = len(found)
+        found.append(AidUse(one.source, time, time, used, one.text))
     return found
 
 

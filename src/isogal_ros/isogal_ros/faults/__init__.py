@@ -2,5 +2,5 @@
 fail.
 
 catalogue   which faults are there, and what does each do?
-trials      a run without fault, and with one fault in it, in this process or in several
-campaign    many trials, one after the other, and whether what became of the navigator was right"""
+campaign    runs without fault, and with one fault in it, and whether what became of the
+            navigator was right"""

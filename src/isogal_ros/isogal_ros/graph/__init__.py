@@ -8,8 +8,7 @@ forkserver     how is the process of a node started?
 preloaded      what has it from the start?
 launching      what does the launch file do with its arguments?
 bus            how do nodes of one process hear each other past the middleware?
-recorded       what does a replay need of a bag?
-player         how is it played to fresh nodes?
+player         what does a replay need of a bag, and how is it played to fresh nodes?
 replay         how do their fixes differ from the recorded ones, and what was used?
 watching       how is a run shown that goes on?
 commands       what do ``isogal run``, ``isogal replay`` and ``isogal faults`` print and return?

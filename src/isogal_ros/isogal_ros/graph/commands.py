@@ -29,9 +29,8 @@ from isogal.maps.several import RunMap, first_map
 from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import record_of
+from isogal_ros.bags.record import Collector, record_of
 from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.domain import DISCOVERY, DOMAIN
 from isogal_ros.graph.parameter_files import filter_parameters

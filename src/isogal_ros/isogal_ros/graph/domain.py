@@ -5,11 +5,11 @@ import socket
 import sys
 import time
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 
 import rclpy
 from rclpy.context import Context
-from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from isogal.errors import InputError
@@ -29,17 +29,11 @@ _LARGEST = 232
 _PARTICIPANTS = 120
 """Of a domain, whose ports are all below the next domain's."""
 _LAST_PORT = 65535
-_SETTLED, _FAR, _LONGEST = 0.6, 1.5, 9.0
-"""s of wall time without news after which a domain that is in use is known, if all who are on this
-machine have been found; that it takes at least where others may be elsewhere; and at most. A node
-finds the others within 0.2 s, but one in eight loses the first answer, which comes again only
-after three seconds, and a node's name may come before its publishers."""
+_DISCOVERY = 4.0
+"""s of wall time after which all who publish in a domain are known. A node finds the others within
+0.2 s, but one in eight loses the first answer, which comes again only after three seconds."""
 _RESERVED, _GRAPH = "isogal-ros-domain", "isogal-ros-graph"
 """Names that are held: of a domain that is set aside, and of one in which a graph runs."""
-_LOOKER = f"isogal_domain_check_{os.getpid()}"
-"""Node that looks for publishers."""
-_Found = list[tuple[str, str, list[str]]]
-"""Of each node its namespace, its name and the topics it publishes."""
 
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
@@ -137,36 +131,15 @@ def _published(domain: int, names: Collection[str]) -> str | None:
     """Return a topic of these that has a publisher in a domain; None = there is none."""
     environment = DISCOVERY | os.environ
     here = all(environment[name] == value for name, value in DISCOVERY.items())
-    here = here and not environment.get("ROS_STATIC_PEERS")
-    present = participants(domain)
-    if here and not present:
+    if here and not (environment.get("ROS_STATIC_PEERS") or participants(domain)):
         return None
-    with quiet_node(_LOOKER, domain) as looker:
-        begun = changed = now = time.monotonic()
-        known: _Found = []
-        while now < begun + _LONGEST:
+    with quiet_node(f"isogal_domain_check_{os.getpid()}", domain) as looker:
+        end = time.monotonic() + _DISCOVERY
+        while time.monotonic() < end:
             time.sleep(0.01)
-            now = time.monotonic()
-            for name in names:
-                if looker.count_publishers(name):
-                    return name
-            if (found := _found(looker)) != known:
-                known, changed = found, now
-            complete = len(known) >= present and (here or now > begun + _FAR)
-            if complete and now > changed + _SETTLED:
-                break
+            if found := next((name for name in names if looker.count_publishers(name)), None):
+                return found
     return None
-
-
-def _found(looker: Node) -> _Found:
-    """Return the other nodes that one has found, in order."""
-    found = []
-    for name, namespace in looker.get_node_names_and_namespaces():
-        if name != _LOOKER:
-            with suppress(NodeNameNonExistentError):  # gone meanwhile
-                published = looker.get_publisher_names_and_types_by_node(name, namespace)
-                found.append((namespace, name, sorted(topic for topic, _ in published)))
-    return sorted(found)
 
 
 def _claim(kind: str, domain: int, stack: ExitStack) -> bool:

@@ -1,22 +1,291 @@
-"""Fresh nodes that the sensor messages of a recording are played to, past the middleware, step by
-step: every sample and reading is dealt with before the next."""
+"""What a replay needs of a bag, and fresh nodes that it is played to, past the middleware, step by
+step: every sample and reading is dealt with before the next.
+
+Readings are taken as they were reduced when they were recorded, or the instrument's own are
+reduced anew. Sensed gravity is reduced with the navigator's velocity, and what is matched is taken
+for reduced with that of the navigator that matches (docs/mathematics.md, section 2.6). A navigator
+that does otherwise than the recorded one did needs readings of its own."""
 
 import math
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from pydantic import JsonValue
+from rclpy.serialization import deserialize_message
 
+from isogal.errors import InputError
 from isogal.fusion.inertial_navigator import InertialNavigator
+from isogal.inertial.rotations import to_angles
+from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Collector, wanted_messages
 from isogal_ros.graph.bus import Bus
 from isogal_ros.graph.plan import Plan
-from isogal_ros.graph.recorded import Recorded
-from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.messages.adapter import adapter_of
+from isogal_ros.messages.aids import each_aid
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.ins_solution import inertial_topics
+from isogal_ros.messages.mounting import mounted
+from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.nav_queue import moved, read_nav
 from isogal_ros.topics import Topic
+
+_KEYS = {
+    "gravimeter": ("quantity", "interval", "lever_arm"),
+    "magnetometer": None,
+    "altimeter": None,
+    "gradiometer": ("components",),
+}
+"""Keys of the reduction by section; None = all."""
+_WITHOUT = {
+    topics.BAROMETER.name: "--set height.source=scenario",
+    topics.VELOCITY.name: "--set velocity.kind=none",
+    topics.GNSS_FIX.name: "--set gnss.available=null",
+    topics.GNSS_VELOCITY.name: "--set gnss.velocity_sigma=null",
+}
+"""What replays without a sensor beside the IMU, by its topic."""
+Start = dict[str, JsonValue]
+"""Parameters of ukf_fusion_node by name."""
+LATE = 60.0
+"""s after which the first IMU sample of a bag is not that of the scenario's start."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a replay needs of a bag."""
+
+    scenario: Scenario
+    run: int
+    collector: Collector
+    sensors: Mapping[Topic, Mapping[int, bytes]]
+    """Serialised messages of what is played, by topic and stamp (ns): sensors beside the IMU, the
+    IMU or an INS, and the readings."""
+    readings: tuple[Topic, ...]
+    """Topics of the readings among them."""
+    reduces: bool
+    """Whether these are those of the instruments, which are reduced anew."""
+    start: Start | None = None
+    """Where the recorded navigator started; None = the bag does not say it."""
+    without_effect: tuple[str, ...] = ()
+    """Keys `gravimeter.sigma` that are changed in vain: the readings say their own variance."""
+    reduced_by_another: bool = False
+    """Whether sensed gravity is fed that a navigator has reduced which may have done otherwise."""
+
+    @property
+    def first(self) -> float:
+        """Stamp of the first IMU sample, or solution of an INS, s."""
+        return to_seconds(min(self.sensors[self.inertial]))
+
+    @property
+    def inertial(self) -> Topic:
+        """What moves the filter on: samples of the IMU, or the solution of an INS."""
+        return inertial_topics(self.scenario.ins)[-1]
+
+    def in_order(self) -> list[tuple[int, Topic, bytes]]:
+        """Return when messages come (ns), topics and messages in order of time; of one time in
+        that of `sensors`. They come at their stamps, those of aids later by their delay."""
+        late = {
+            topic: from_seconds(aid.settings.delay)
+            for aid in each_aid(self.scenario)
+            for topic in (aid.topic, *aid.instead)
+        }
+        found = [
+            (ns + late.get(topic, 0), topic, data)
+            for topic, messages in self.sensors.items()
+            for ns, data in messages.items()
+        ]
+        return sorted(found, key=lambda one: one[0])
+
+
+def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Recorded:
+    """Read a bag.
+
+    Parameters
+    ----------
+    changed : bool
+        Whether the nodes do otherwise than the recorded ones, whatever the scenario says.
+
+    Raises
+    ------
+    InputError
+        A topic that is needed is missing.
+    """
+    scenario = mounted(scenario, reader.entrance.drivers)
+    collector = Collector(scenario)
+    each = [adapter_of(one) for one in scenario.each_field]
+    raw, inertial = tuple(one.raw for one in each), inertial_topics(scenario.ins)
+    if topics.MAGNETIC_FIELD in raw:
+        raw += (topics.SCALAR_FIELD,)
+    either = [(aid.topic, *aid.instead) for aid in each_aid(scenario)]
+    aids = tuple(topic for one in either for topic in one)
+    sensors: dict[Topic, dict[int, bytes]] = {one: {} for one in (*aids, *inertial, *raw)}
+    odometry: dict[int, bytes] = {}
+    wanted = (*sensors, topics.NAV_ODOM, *collector.topics())
+    for topic, data in wanted_messages(reader, wanted):
+        if topic in sensors:
+            sensors[topic][peek_ns(data)] = data
+        elif topic is topics.NAV_ODOM:
+            if not odometry.keys() & collector.first_nav.keys():
+                odometry[peek_ns(data)] = data
+        else:
+            collector.take(topic, data)
+    whole = all(sensors[one.raw] for one in each)
+    recorded = reader.scenario()
+    _check_reduction(reader.path, recorded, scenario, whole)
+    first = min(sensors[inertial[-1]], default=0)
+    differs = changed or recorded != scenario or to_seconds(first) > LATE
+    reduced = (collector.readings, *collector.others)
+    differs |= not all(reduced)  # of an instrument alone, without a navigator
+    reduces = differs and whole
+    if not reduces:
+        for topic in raw:
+            del sensors[topic]
+        sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
+    needed = (*inertial, *(one.raw if reduces else one.reduced for one in each))
+    needed += tuple(one[0] for one in either if not any(sensors[topic] for topic in one))
+    _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
+    sensed = any(one.raw is topics.GRAVIMETRY for one in each)
+    return Recorded(
+        scenario,
+        int(reader.texts.get("run", 0)),
+        collector,
+        sensors,
+        tuple(topic for topic in sensors if topic not in (*aids, *inertial)),
+        reduces,
+        _start(scenario, collector.first_nav, odometry, first),
+        _sigmas_in_vain(recorded, scenario, sensors, reduces),
+        reduced_by_another=differs and sensed and not reduces,
+    )
+
+
+def _sigmas_in_vain(
+    recorded: Scenario | None,
+    now: Scenario,
+    sensors: dict[Topic, dict[int, bytes]],
+    reduces: bool,
+) -> tuple[str, ...]:
+    """Return the keys `Recorded.without_effect`."""
+    found: list[str] = []
+    before = () if recorded is None else recorded.each_field
+    for prefix, was, one in zip(_prefixes(now), before, now.each_field, strict=False):
+        if was.gravimeter.sigma == one.gravimeter.sigma:
+            continue
+        adapter = adapter_of(one)
+        topic, read = (
+            (adapter.raw, adapter.read_raw) if reduces else (adapter.reduced, adapter.read_reduced)
+        )
+        data = next(iter(sensors[topic].values()), None)
+        with suppress(BadMessageError):
+            if data is not None and read(deserialize_message(data, topic.type))[1] is not None:
+                found.append(f"{prefix}gravimeter.sigma")
+    return tuple(found)
+
+
+def _check_there(reader: BagReader, missing: list[str]) -> None:
+    """Raise InputError where topics are missing."""
+    if not missing:
+        return
+    there = ", ".join(sorted(reader.types)) or "nothing"
+    cut = f"; {reader.cut}" if reader.cut else ""
+    keys = "".join(f"; {key} replays without" for name, key in _WITHOUT.items() if name in missing)
+    raise InputError(
+        f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs{keys}; the"
+        f" bag has {there}{cut}"
+    )
+
+
+def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> None:
+    """Look whether a scenario reduces readings otherwise than the recorded one did, and can.
+
+    Parameters
+    ----------
+    raw : bool
+        Whether the bag has the instrument's own readings, and nothing else is needed.
+
+    Raises
+    ------
+    InputError
+        It does, and cannot with this bag.
+    """
+    if recorded is None:
+        return
+    before, after = _keys_of(recorded), _keys_of(now)
+    changed = [key for key in after if key not in before or after[key] != before[key]]
+    if not changed:
+        return
+    keys = ", ".join(changed)
+    if not raw:
+        raise InputError(
+            f"{path}: a replay cannot change {keys}: the readings in the bag are reduced, and it"
+            " has not all that the instrument measured"
+        )
+    for prefix, was, one in zip(_prefixes(now), recorded.each_field, now.each_field, strict=False):
+        if one.gravimeter.interval < was.gravimeter.interval:
+            raise InputError(
+                f"{path}: a replay cannot make {prefix}gravimeter.interval shorter than it was"
+                f" ({was.gravimeter.interval:g} s)"
+            )
+
+
+def _prefixes(scenario: Scenario) -> list[str]:
+    """Return what stands before the keys of each field."""
+    return (
+        [""] if scenario.fields is None else [f"fields.{n}." for n in range(len(scenario.fields))]
+    )
+
+
+def _keys_of(scenario: Scenario) -> dict[str, JsonValue]:
+    found: dict[str, JsonValue] = {}
+    for prefix, one in zip(_prefixes(scenario), scenario.each_field, strict=True):
+        document = one.model_dump()
+        found[f"{prefix}field"] = document["field"]
+        for section, keys in _KEYS.items():
+            values = document[section]
+            found |= {f"{prefix}{section}.{key}": values[key] for key in keys or values}
+    return found
+
+
+def _start(
+    scenario: Scenario, fixes: dict[int, bytes], odometry: dict[int, bytes], first: int
+) -> Start | None:
+    """Return the start; None where the bag does not say it.
+
+    Parameters
+    ----------
+    fixes, odometry : dict
+        Serialised messages on nav/fix and nav/odom by stamp (ns); of the latter those up to
+        the first that both have.
+    first : int
+        Stamp (ns) of the first IMU sample, before which the filter starts by one interval, or of
+        the first solution of an INS, at which it starts.
+    """
+    both = sorted(ns for ns in odometry if ns in fixes)
+    if not both:
+        return None
+    try:
+        sample = read_nav(
+            deserialize_message(fixes[both[0]], topics.NAV_FIX.type),
+            deserialize_message(odometry[both[0]], topics.NAV_ODOM.type),
+            map_frame(scenario),
+        )
+    except BadMessageError:
+        return None
+    before = 0.0 if scenario.ins.gives_solution else 1.0 / scenario.imu.rate
+    sample = moved(sample, first - from_seconds(before))
+    latitude, longitude, height = sample.position
+    return {
+        "start_position": [math.degrees(latitude), math.degrees(longitude), float(height)],
+        "start_velocity": [float(speed) for speed in sample.velocity],
+        "start_attitude": [math.degrees(angle) for angle in to_angles(sample.attitude)],
+    }
+
 
 TICK = 5.0
 """s between looks at the nodes' timers."""
@@ -71,7 +340,7 @@ class Player:
         """By name."""
         self._due = deque(recorded.in_order())
         fed = [topic for topic, messages in recorded.sensors.items() if messages]
-        self._publishers = {topic: self.bus.publisher(topic) for topic in fed}
+        self._publish = {topic: self.bus.source(topic) for topic in fed}
         self._ticked = 0.0
         try:
             for name in names:
@@ -86,7 +355,7 @@ class Player:
         known = len(self.collector.said)
         self.collector.take(topic, data)
         new = self.collector.said[known:]
-        self.reports += [(self.bus.now, f"{one.name}: {one.text}") for one in new]
+        self.reports += [(self.bus.now, f"{one.source}: {one.text}") for one in new]
 
     def start(self, name: str, without: Collection[str] = ()) -> None:
         """Make a node and let it begin, without some of its own parameters."""
@@ -104,7 +373,7 @@ class Player:
 
     def kill(self, name: str) -> None:
         """Take a node off, as if its process had been killed."""
-        self.bus.remove(self.nodes.pop(name))
+        self.nodes.pop(name).destroy_node()
 
     def steps(self, until: float = math.inf) -> Iterator[int]:
         """Yield the stamp (ns) of each IMU sample up to a time (s), and then play what the sensors
@@ -116,7 +385,7 @@ class Player:
             self.bus.now = to_seconds(ns)
             while self._due and self._due[0][0] <= ns:
                 _, topic, data = self._due.popleft()
-                self._publishers[topic].publish(data)
+                self._publish[topic](data)
                 self.bus.run()
             if self.bus.now >= self._ticked + TICK:
                 self._ticked = self.bus.now

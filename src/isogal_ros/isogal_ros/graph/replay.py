@@ -15,10 +15,9 @@ from isogal.errors import InputError
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.graph.player import Player
-from isogal_ros.graph.recorded import LATE, Recorded, load
+from isogal_ros.bags.record import Collector
+from isogal_ros.graph.player import LATE, Player, Recorded, load
 from isogal_ros.graph.running import Progress, Report, no_report
 from isogal_ros.messages.aids import each_aid
 from isogal_ros.messages.stamps import to_seconds

@@ -108,7 +108,8 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report)
             bus.run()
             executor.shutdown()  # or it would keep the nodes' publishers
             for name in reversed(nodes):  # the recorder hears all to the end
-                bus.finish(nodes[name])
+                nodes[name].close()
+                bus.run()
         _require_well(nodes)  # the recorder finishes its bag last
         return wall
 

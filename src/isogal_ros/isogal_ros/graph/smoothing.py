@@ -22,9 +22,8 @@ from isogal.maps.several import each_map
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.bags.collect import Collector, wanted_messages
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import Places
+from isogal_ros.bags.record import Collector, Places, wanted_messages
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.graph.replay import Replay
 from isogal_ros.messages.adapter import adapter_of

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -21,7 +21,6 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.evaluation.integrity import Solution
 from isogal.evaluation.view.page import Frame
@@ -29,7 +28,8 @@ from isogal.evaluation.view.record import ViewedRun
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import Trajectory
-from isogal_ros.bags.collect import Collector, Follower
+from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import Collector, wanted_messages
 from isogal_ros.bags.viewing import viewed_run
 from isogal_ros.graph.running import Progress, Report
 
@@ -40,11 +40,10 @@ LINES_EVERY = 5.0
 """s between lines about the progress where there is no terminal."""
 _PER_SECOND, _LOOKS_PER_SECOND = 5.0, 1.0
 """How often the terminal shows the progress, and the dashboard looks at the recording."""
-_BARS = "▁▂▃▄▅▆▇█"
 _LAST = 6
 """Batches and messages shown."""
-_WIDTH, _BAR_WIDTH = 60, 20
-"""Characters of a curve, and of the bar, which leaves room for words beside it."""
+_BAR_WIDTH = 20
+"""Characters of the bar, which leaves room for words beside it."""
 
 
 class Watch:
@@ -66,18 +65,24 @@ class Watch:
         self.collector = Collector(scenario)
         self.trajectory, self.field_map = trajectory, field_map
         self.progress: Progress | None = None
-        self._follower = Follower(folder, self.collector)
-        self._lock = threading.Lock()
-        self._seen = -1
+        self._folder, self._lock = folder, threading.Lock()
+        self._reader: BagReader | None = None
+        """None = the recording has not begun."""
+        self._messages, self._seen = 0, -1
         self._viewed: ViewedRun | None = None
 
     def look(self) -> tuple[int, ViewedRun | None]:
         """Return how many messages there are and what they say; None before the first scan."""
         with self._lock:
-            self._follower.look()
-            if self._follower.messages != self._seen:
+            with suppress(InputError):  # there is no file yet
+                self._reader = self._reader or BagReader(self._folder)
+                wanted = self.collector.topics()
+                for topic, data in wanted_messages(self._reader, wanted, new=True):
+                    self.collector.take(topic, data)
+                    self._messages += 1
+            if self._messages != self._seen:
                 self._viewed = viewed_run(self.collector, self.field_map, TITLE)
-                self._seen = self._follower.messages
+                self._seen = self._messages
             return self._seen, self._viewed
 
     def frame(self) -> Frame:
@@ -193,16 +198,15 @@ def _figures(viewed: ViewedRun) -> Table:
     runs = viewed.runs
     sigma = np.sqrt(np.trace(runs.covariance[0], axis1=1, axis2=2))
     level = Solution.of(runs).level(viewed.assumed.integrity)[0]
-    table = Table(box=None, pad_edge=False)
-    for name in ("", "now", "so far (logarithmic)"):
-        table.add_column(name, justify="right" if name == "now" else "left")
+    table = Table("", "now", "mean", "most", box=None, pad_edge=False)
     for name, values in (
         ("error", runs.horizontal_error[0]),
         ("claimed, 1 sigma", sigma),
         ("protection level", level),
         ("unaided INS", runs.unaided_horizontal_error[0]),
     ):
-        table.add_row(name, f"{values[-1]:.0f} m", curve(values))
+        figures = values[-1], values.mean(), values.max()
+        table.add_row(name, *(f"{value:.0f} m" for value in figures))
     return table
 
 
@@ -225,19 +229,6 @@ def _messages(viewed: ViewedRun) -> Text:
         for event in (viewed.events or ())[-_LAST:]
     ]
     return Text("\n".join(lines) or "No warnings.")
-
-
-def curve(values: Array) -> str:
-    """Return the values (N,) as a row of bars, on a logarithmic scale from the least to the
-    most."""
-    known = values[np.isfinite(values) & (values > 0.0)]
-    if known.size == 0:
-        return ""
-    groups = np.array_split(known, min(_WIDTH, known.size))
-    heights = np.log([float(group.mean()) for group in groups])
-    low, high = float(heights.min()), float(heights.max())
-    scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0
-    return "".join(_BARS[round((height - low) * scale)] for height in heights.tolist())
 
 
 @contextmanager

@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
+from pydantic import Field
 from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.errors import InputError
 from isogal.sensors.scans import Thinning
 from isogal_ros import topics
+from isogal_ros.mavlink.decoding import ROWS, Receiver
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
     SENT,
@@ -21,9 +23,6 @@ from isogal_ros.mavlink.encoding import (
     gps_input,
     vision_position_estimate,
 )
-from isogal_ros.mavlink.receiving import Receiver
-from isogal_ros.mavlink.settings import MavlinkSettings
-from isogal_ros.mavlink.silence import Silence
 from isogal_ros.messages.fix_information import read_fix_information
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns
@@ -31,6 +30,77 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK, WARN, figures_of
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
+
+LIKELY = 0.5
+"""Probability from which on the navigator is taken to be somewhere else."""
+
+
+class Silence:
+    """Follows what the matcher says of each batch, and the navigator's answers."""
+
+    def __init__(self) -> None:
+        self._lost = self._found = False
+        self._elsewhere, self._aligned = False, False
+        self._fixed: int | None = None
+        self.resets = 0
+        """How often the position has jumped to another place."""
+
+    @property
+    def why(self) -> str | None:
+        """Why nothing may be sent; None = it may."""
+        if self._lost or self._elsewhere:
+            return "the navigator has diverged"
+        return None if self._aligned else "the navigator is not aligned"
+
+    def batch(self, lost: bool, published: bool) -> None:
+        """Take what a batch says: that the navigator was lost, and that there is a fix."""
+        self._lost = self._lost or lost
+        self._found = self._lost and published
+
+    def probability(self, elsewhere: float) -> None:
+        """Take how probable it is that the navigator is at another place."""
+        self._elsewhere = elsewhere > LIKELY
+
+    def fix(self, ns: int, aligned: bool) -> None:
+        """Take the stamp of a message on nav/fix, the second of which is after a fix, and whether
+        it says that the navigator is aligned."""
+        self._aligned = aligned
+        if ns == self._fixed and self._found:
+            self._lost = self._found = False
+            self.resets += 1
+        self._fixed = ns
+
+
+class MavlinkSettings(NodeSettings):
+    """Own parameters of isogal_mavlink."""
+
+    address: str = Field(
+        "127.0.0.1:14550",
+        description="host:port that takes MAVLink 2 by UDP, a router or autopilot",
+    )
+    message: str = Field(
+        GPS_INPUT, description=f"what is sent: {', '.join(SENT)}; empty = nothing but heartbeats"
+    )
+    receive: str = Field(
+        "",
+        description=(
+            "host:port at which messages of the vehicle's sensors are taken, and published on the"
+            " graph's topics; empty = none"
+        ),
+    )
+    sensors: tuple[str, ...] = Field(
+        ("HIGHRES_IMU", "SCALED_PRESSURE", "GPS_RAW_INT"),
+        description=f"messages that are taken, one for each topic; of {', '.join(ROWS)}",
+    )
+    rate: float = Field(5.0, gt=0.0, le=50.0, description="most messages a second, Hz")
+    system_id: int = Field(1, ge=1, le=255, description="of the vehicle")
+    component_id: int = Field(
+        197, ge=1, le=255, description="of this node; 197 = visual inertial odometry"
+    )
+    satellites: int = Field(
+        10, ge=0, le=255, description="satellites_visible of GPS_INPUT, as the autopilot wants it"
+    )
+
 
 MAVLINK = "isogal_mavlink"
 EARLY = 0.05

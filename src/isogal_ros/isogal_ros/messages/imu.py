@@ -8,10 +8,9 @@ from sensor_msgs.msg import Imu
 from isogal.arrays import Array
 from isogal.scenario import ImuErrors
 from isogal.sensors.imu_model import noise_density
-from isogal_ros.messages.cdr import Reader
 from isogal_ros.messages.checks import ABSENT, BadMessageError, require_frame
 from isogal_ros.messages.frames import BASE, FRD_FLU
-from isogal_ros.messages.prepared import Prepared, numbers_of, write
+from isogal_ros.messages.prepared import Prepared, Reader, numbers_of, write
 
 _RATE, _FORCE = slice(13, 16), slice(25, 28)
 _VARIANCES = [28, 32, 36, 16, 20, 24]

@@ -16,11 +16,11 @@ from isogal.errors import InputError
 from isogal.inertial.rotations import matrix, to_angles
 from isogal.scenario import Scenario, validate_scenario
 from isogal_ros import topics
-from isogal_ros.messages.cdr import Reader
 from isogal_ros.messages.checks import BadMessageError, require_unit
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.position import FARTHEST
+from isogal_ros.messages.prepared import Reader
 
 Pose = Array
 """Homogeneous transform (4, 4) of a child frame's points, m, into its parent: rotation, and the

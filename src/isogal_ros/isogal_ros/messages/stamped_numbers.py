@@ -10,9 +10,8 @@ from std_msgs.msg import Float64MultiArray
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
 from isogal.passage import Aided, Passage, Since
-from isogal_ros.messages.cdr import Reader
 from isogal_ros.messages.checks import BadMessageError, require_covariance
-from isogal_ros.messages.prepared import Prepared, write
+from isogal_ros.messages.prepared import Prepared, Reader, write
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 
 

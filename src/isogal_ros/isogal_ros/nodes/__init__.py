@@ -6,10 +6,8 @@ publishing          who has to listen, and what becomes of what cannot be publis
 heartbeat           what does a node do once a second?
 checkpoint          what does a node go on from when it is started again?
 health              what does a node report of itself on /diagnostics?
-nav_sample          what is a state of the navigator?
 nav_queue           what was the navigator's state of a stamp, and which readings wait for it?
 listening           how are drivers heard that may lose messages, and which of several?
-stuck               has a value that should have noise stopped moving?
-publisher_identity  who has published a message?
+stuck               may a stamp, or a value that should have noise, be?
 signals             how does a process end when it is asked to?
 spin                how is a node run until its end?"""

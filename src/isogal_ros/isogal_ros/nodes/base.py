@@ -9,7 +9,7 @@ active once it is made."""
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any, ClassVar, Generic, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias
 
 from lifecycle_msgs.srv import ChangeState
 from pydantic import JsonValue
@@ -18,6 +18,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.service import Service
@@ -43,6 +44,9 @@ from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import Values, scenario_from, settings_from
 from isogal_ros.topics import Topic
+
+if TYPE_CHECKING:
+    from isogal_ros.graph.bus import Bus
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 Settings_co = TypeVar("Settings_co", bound=NodeSettings, covariant=True, default=NodeSettings)
@@ -112,14 +116,13 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             automatically_declare_parameters_from_overrides=True,
         )
         self._guard_transitions()
-        clock = getattr(context, "monotonic", None)  # of nodes that are alone on a bus
-        self.monotonic: Callable[[], float] = clock or time.monotonic
+        alone = self._join(context)
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
-        self._publishing: list[Publishing] = []
+        self.publishing: list[Publishing] = []
         """The first is of the diagnostics."""
-        self._listening: dict[str, Listening] = {}
+        self.listening: dict[str, Listening] = {}
         self._monitors: list[Callable[[], None]] = []
         self.ready = False
         """Whether every publisher has had the listeners that the graph needs."""
@@ -134,7 +137,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
                 from_seconds(self.settings.diagnostics_period),
                 self.log,
                 # where there is no wall time, that of the data
-                None if clock else time.monotonic,
+                None if alone else time.monotonic,
             )
             on_change(self, specs, lambda new: self.changed(new) if self.configured else None)
             steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
@@ -146,6 +149,20 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         except BaseException:
             self.destroy_node()
             raise
+
+    def _join(self, context: Context | None) -> bool:
+        """Note the bus that carries the node's messages, where its context is one; return whether
+        its time is that of the data on the bus."""
+        self.bus: Bus | None = getattr(context, "bus", None)
+        """None = the middleware carries them."""
+        quiet = self.bus is not None and self.bus.quiet
+        level = LoggingSeverity.FATAL if quiet else LoggingSeverity.UNSET
+        set_logger_level(self.get_logger().name, level)
+        self.monotonic = time.monotonic
+        if (bus := self.bus) is not None and bus.alone:
+            self.monotonic = lambda: bus.now
+            return True
+        return False
 
     def _guard_transitions(self) -> None:
         """Refuse a transition that the node's state does not have: rclpy raises, which would end
@@ -205,15 +222,15 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             for name in self.settings.peers
             if topics.kind_of(name) in wanted and name != self.get_name()
         ]
-        self._publishing.append(Publishing(self, topic, len(listeners)))
-        return self._publishing[-1]
+        self.publishing.append(Publishing(self, topic, len(listeners)))
+        return self.publishing[-1]
 
     def listen(self, topic: Topic, handler: Take, raw: bool = False) -> Listening:
         """Subscribe; a message with which the handler fails is dropped and counted. It has passed
         the node's `Entrance`."""
 
         def enter(message: topics.Message) -> None:
-            now = self.get_clock().now().nanoseconds
+            now = self.now_ns()
             if raw:
                 given = topics.type_name(listening.type)
                 handler(self._entrance.take_serialised(topic, message, given, now))
@@ -230,6 +247,12 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         listening = self.hear(topic, guarded, raw, topic.single)
         return listening
 
+    def now_ns(self) -> int:
+        """Return the time of the node's clock, ns; on a bus without others that of the data."""
+        if self.bus is not None and self.bus.alone:
+            return from_seconds(self.bus.now)
+        return int(self.get_clock().now().nanoseconds)
+
     def hear(self, topic: Topic, take: Take, raw: bool = False, single: bool = False) -> Listening:
         """Subscribe; what `take` raises is raised, and it has to look whether the node is active
         itself.
@@ -241,8 +264,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         single : bool, optional
             Whether to use one publisher only, see `Listening`.
         """
-        self._listening[topic.name] = Listening(self, topic, take, raw, single)
-        return self._listening[topic.name]
+        self.listening[topic.name] = Listening(self, topic, take, raw, single)
+        return self.listening[topic.name]
 
     def guard(self, topic: Topic, action: Callable[..., None], *arguments: topics.Message) -> None:
         """Do what a message asks for; one with which that fails is dropped and counted."""
@@ -251,10 +274,9 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         except BadMessageError as error:
             self.health.drop(topic.name, str(error))
         except Exception as error:
-            self.health.drop(topic.name, f"{type(error).__name__}: {error}")
-            self.get_logger().error(
-                f"{topic.name}: {type(error).__name__}: {error}", throttle_duration_sec=10.0
-            )
+            why = f"{type(error).__name__}: {error}"
+            self.health.drop(topic.name, why)
+            self.log(ERROR, f"{topic.name}: {why}", throttle_duration_sec=10.0)
 
     def watch(self, name: str, check: Callable[[], str | None], level: bytes = WARN) -> None:
         """Check every second something that no message tells of; None = all is well."""
@@ -274,14 +296,14 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         """Offer the service ``~/reset``; `forget` returns what the node does next."""
 
         def reset(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            for publishing in self._publishing:
+            for publishing in self.publishing:
                 publishing.newest = None
             response.success, response.message = True, forget()
             return response
 
         self.create_service(Trigger, "~/reset", reset)
 
-    def log(self, level: bytes, text: str) -> None:
+    def log(self, level: bytes, text: str, **options: float) -> None:
         """Log a line at a level of the diagnostics."""
         logger = self.get_logger()  # which takes one level for each line of code
         if level == OK:
@@ -289,11 +311,13 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         elif level == WARN:
             logger.warning(text)
         else:
-            logger.error(text)
+            logger.error(text, **options)
+            if self.bus is not None:
+                self.bus.errors.append(f"{logger.name}: {text}")
 
     def missing_listeners(self) -> list[str]:
         """Say which topics have too few listeners."""
-        return [missing for one in self._publishing if (missing := one.missing) is not None]
+        return [missing for one in self.publishing if (missing := one.missing) is not None]
 
     def fail(self, message: str) -> None:
         """End with an error: diagnostics, one line in the log, exit code 1."""
@@ -350,9 +374,9 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what `setup` made."""
-        del self._publishing[1:]
+        del self.publishing[1:]
         self._monitors.clear()
-        self._listening.clear()
+        self.listening.clear()
         self.active = self.configured = self.ready = False
         self._readiness.reset()
         self._destroy_made(self._before)
@@ -374,7 +398,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         deadline = time.monotonic() + timeout
         if self.context.ok():
             self.health.publish()  # the last figures
-        for publishing in self._publishing if self.context.ok() else ():
+        for publishing in self.publishing if self.context.ok() else ():
             publishing.wait(deadline)
         self.destroy_node()
 
@@ -391,6 +415,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         At the end of its process, only what it publishes and listens to: Fast DDS 2.14 waits for
         ever, with Python's lock, where it takes itself down while it hears of others that do so
         (`DomainParticipant::set_listener` and a discovery callback wait for each other)."""
+        if self.bus is not None and self in self.bus.nodes:
+            self.bus.nodes.remove(self)
         if self.process_ends:
             self._destroy_made({})
             return
@@ -416,7 +442,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
     def _beat(self) -> None:
         """Hear who offers less than is asked for, look at what no message tells of, and publish
         diagnostics while no data comes."""
-        for listening in list(self._listening.values()):
+        for listening in list(self.listening.values()):
             listening.adapt()
         for monitor in self._monitors:
             monitor()

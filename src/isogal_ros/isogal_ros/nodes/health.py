@@ -68,8 +68,6 @@ class Health:
         self._kinds: dict[tuple[str, str], int] = {}
         self._stamp = 0
         self._last: int | None = None
-        self._array = DiagnosticArray(status=[DiagnosticStatus(name=name, hardware_id="isogal")])
-        self._pairs: dict[str, KeyValue] = {}
 
     def state(self, level: bytes, message: str) -> None:
         """Set the node's own state; a change is published at once."""
@@ -141,25 +139,12 @@ class Health:
             message += "; dropped " + ", ".join(
                 f"{topic}: {reason}" for topic, reason in self._reasons.items()
             )
-        own = self._array.status[0]
-        own.level, own.message = level, message
-        self._write(self.figures)
-        if self.dropped:
-            self._write({f"dropped {topic}": count for topic, count in self.dropped.items()})
-        set_stamp(self._array.header.stamp, self._stamp)
-        self._array.status[1:] = more
-        self._publisher.publish(self._array)
+        dropped = {f"dropped {topic}": count for topic, count in self.dropped.items()}
+        own = status(self.name, level, message, {**self.figures, **dropped})
+        array = DiagnosticArray(status=[own, *more])
+        set_stamp(array.header.stamp, self._stamp)
+        self._publisher.publish(array)
         self.publications += 1
-
-    def _write(self, figures: Mapping[str, Figure]) -> None:
-        """Bring the pairs of the message up to date; they are kept from one publication to the
-        next."""
-        for key, value in figures.items():
-            pair = self._pairs.get(key)
-            if pair is None:
-                pair = self._pairs[key] = KeyValue(key=key)
-                self._array.status[0].values.append(pair)
-            pair.value = _text(value)
 
 
 def status(

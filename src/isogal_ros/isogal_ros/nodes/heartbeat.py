@@ -39,7 +39,7 @@ class Heartbeat:
         """Do what is due."""
         node, health, now = self._node, self._node.health, time.monotonic()
         stood, self._beaten = now - (self._beaten or now), now
-        if stood > LEASE and not getattr(node.context, "alone", False):
+        if stood > LEASE and (node.bus is None or not node.bus.alone):
             health.count("stood still")
             took = "others took it for gone, what they said is lost"
             health.concern("standing still", f"stood still for {stood:.0f} s; {took}", ERROR)

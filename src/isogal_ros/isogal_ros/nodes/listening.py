@@ -11,12 +11,21 @@ Where a topic is of one publisher (`Topic.single`), that is the first one heard,
 messages of others are dropped. Another one takes over when it is gone; so does at once one of a
 node of the same name that has come since, unless the first is heard beside it: of a process that
 was killed the middleware takes up to 20 s to notice that it is gone, and its successor is not to
-wait."""
+wait.
 
+rclpy 7 gives a message's number and times, but not its publisher, and its events executor calls
+nothing of ours before it takes a message. So where a topic has several publishers the messages are
+taken here, by the function of rcl that rclpy calls itself; the executor, which asks a subscription
+for its type of message first, then finds none left."""
+
+import ctypes
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
 from typing import TYPE_CHECKING
 
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -24,11 +33,115 @@ from rclpy.subscription import Subscription
 
 from isogal_ros import topics
 from isogal_ros.messages.drivers import takes_others, type_taken
-from isogal_ros.nodes.publisher_identity import foretell, take_next
-from isogal_ros.topics import LOSSLESS, Topic
+from isogal_ros.topics import LOSSLESS, Message, Topic
 
 if TYPE_CHECKING:
     from isogal_ros.nodes.base import GraphNode
+
+_NOTHING = 401
+"""RCL_RET_SUBSCRIPTION_TAKE_FAILED: no message waits."""
+
+
+class _Allocator(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in ("a", "b", "c", "d", "e")]
+
+
+class _Bytes(ctypes.Structure):
+    """``rcutils_uint8_array_t``."""
+
+    _fields_ = [
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    ]
+
+
+class _Info(ctypes.Structure):
+    """``rmw_message_info_t``, and room for what a later version may have besides."""
+
+    _fields_ = [
+        ("times_and_numbers", ctypes.c_uint64 * 4),
+        ("implementation", ctypes.c_void_p),
+        ("gid", ctypes.c_uint8 * 16),
+        ("rest", ctypes.c_uint8 * 64),
+    ]
+
+
+class _Library:
+    """Functions of rcl and rmw, and a buffer for messages."""
+
+    def __init__(self) -> None:
+        rcl = ctypes.CDLL("librcl.so")  # with all that it is linked with
+        self.take = rcl.rcl_take_serialized_message
+        self.take.argtypes = [ctypes.c_void_p] * 4
+        self.forget_error = rcl.rcutils_reset_error
+        rcl.rmw_get_implementation_identifier.restype = ctypes.c_void_p
+        self.implementation = rcl.rmw_get_implementation_identifier()
+        rcl.rcutils_get_default_allocator.restype = _Allocator
+        self.data, self.info = _Bytes(), _Info()
+        allocator = rcl.rcutils_get_default_allocator()
+        made = rcl.rcutils_uint8_array_init(
+            ctypes.byref(self.data), ctypes.c_size_t(4096), ctypes.byref(allocator)
+        )
+        if made != 0:
+            raise MemoryError("no memory for messages")
+
+
+@cache
+def _library() -> _Library | None:
+    try:
+        return _Library()
+    except (OSError, AttributeError):
+        return None
+
+
+def take_next(subscription: Subscription) -> tuple[bytes, bytes | None] | None:
+    """Take the next message; return it, serialised, and what identifies its publisher (None = this
+    middleware does not say), or None where there is no message."""
+    library = _library()
+    if library is None:
+        return None
+    handle = subscription.handle
+    with handle:
+        status = library.take(
+            handle.pointer, ctypes.byref(library.data), ctypes.byref(library.info), None
+        )
+    if status != 0:
+        library.forget_error()
+        if status != _NOTHING:
+            raise RuntimeError(f"{subscription.topic_name}: no message taken, error {status}")
+        return None
+    data = ctypes.string_at(library.data.buffer, library.data.length)
+    # the address of a text: where it is not where it should be, nor is the rest
+    known = library.info.implementation == library.implementation
+    return data, bytes(library.info.gid) if known else None
+
+
+class Foretold(Subscription):
+    """A subscription that says when a message is about to be taken."""
+
+    @property
+    def msg_type(self) -> type[Message]:
+        """The class of its messages, which an executor asks for before each."""
+        before: Callable[[], None] | None = self.__dict__.get("before")
+        if before is not None:
+            # one that was destroyed may have been told of a message that it had still to take
+            with suppress(InvalidHandle):
+                before()
+        kind: type[Message] = self.__dict__["msg_type"]
+        return kind
+
+    @msg_type.setter
+    def msg_type(self, kind: type[Message]) -> None:
+        self.__dict__["msg_type"] = kind
+
+
+def foretell(subscription: Subscription, before: Callable[[], None]) -> None:
+    """Let a function be called whenever a message of a subscription is about to be taken."""
+    subscription.__class__ = Foretold
+    subscription.__dict__["before"] = before
+
 
 Take = Callable[[topics.Message], None]
 """Takes a message of a topic; or a serialised one, as the subscription says."""
@@ -48,7 +161,7 @@ class Listening:
     take : callable
         Takes a message, serialised if `raw`.
     single : bool, optional
-        Whether to use one publisher only; a node on a bus (`isogal_ros.graph.bus`) has no others.
+        Whether to use one publisher only, of those by the middleware.
     """
 
     def __init__(
@@ -59,7 +172,7 @@ class Listening:
         raw: bool = False,
         single: bool = False,
     ) -> None:
-        self._node, self._topic, self._take, self._raw = node, topic, take, raw
+        self.node, self.topic, self._take, self._raw = node, topic, take, raw
         self._refused = False
         self.type: type[topics.Message] = topic.type
         """Of the messages that are taken: the topic's own, or one that a driver publishes."""
@@ -73,22 +186,36 @@ class Listening:
         """Whom the one that is used has succeeded, although it seems to be there still."""
         self._beside: set[bytes] = set()
         """Those beside which the one that is used has been heard: they do not succeed it."""
-        self._subscription = self._subscribe(LOSSLESS)
+        self.topic_name = str(node.resolve_topic_name(topic.name))
+        """The resolved name."""
+        self._subscription: Subscription | None = None
+        """None = there is none at present, or the node hears only what is on its bus."""
+        bus = node.bus
+        if bus is None or (bus.is_open and not bus.publishers(topic.name)):
+            self.open()
+
+    def open(self) -> None:
+        """Hear what comes by the middleware."""
+        if self._subscription is None:
+            self._subscription = self._subscribe(LOSSLESS)
+
+    def deliver(self, data: bytes) -> None:
+        """Take a serialised message."""
+        self._take(data if self._raw else deserialize_message(data, self.type))
 
     def _subscribe(self, profile: QoSProfile) -> Subscription:
-        topic, events = self._topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
-        made = self._node.create_subscription(
+        topic, events = self.topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
+        made = self.node.create_subscription(
             self.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
         )
         self._connected, self._settled = -1, False
-        self._single = self._single and isinstance(made, Subscription)
         if self._single:
             foretell(made, self._sort)
         return made
 
     def _refresh(self) -> None:
         """See anew who publishes."""
-        there = self._node.publishers_of(self.topic_name)
+        there = self.node.publishers_of(self.topic_name)
         self._there = {gid: name or _NAMELESS for gid, name in there.items()}
         self._beside &= self._there.keys()
 
@@ -106,9 +233,9 @@ class Listening:
             why = None if gid is None else self._drop(gid, connected <= 1)
             self._settled = connected == 1
             if why is not None:
-                self._node.health.drop(self._topic.name, why)
+                self.node.health.drop(self.topic.name, why)
             else:
-                self._take(data if self._raw else deserialize_message(data, self.type))
+                self.deliver(data)
 
     def _drop(self, gid: bytes, alone: bool) -> str | None:
         """Return why a message of a publisher, which may be the only one now, is not to be used
@@ -154,58 +281,57 @@ class Listening:
         }
         if not others:
             return None
-        too = f"{self._topic.name} is published by {', '.join(sorted(others))}, too"
+        too = f"{self.topic.name} is published by {', '.join(sorted(others))}, too"
         return f"{too}: {self._name(self._used)} is used"
 
     def _refuse(self, _event: QoSRequestedIncompatibleQoSInfo) -> None:
         """Note that a publisher offers less than is asked for."""
         self._refused = True
 
-    @property
-    def topic_name(self) -> str:
-        """The resolved name."""
-        return str(self._subscription.topic_name)
-
     def get_publisher_count(self) -> int:
         """Return how many publishers are connected."""
-        return 0 if self._is_down else int(self._subscription.get_publisher_count())
+        bus, made = self.node.bus, self._subscription
+        on_bus = 0 if bus is None else bus.publishers(self.topic.name)
+        return on_bus + (0 if made is None else int(made.get_publisher_count()))
 
     def adapt(self) -> None:
         """Take less where a publisher has offered less, or another type, and tell of several
         publishers; a timer calls this."""
         if self._is_down and not self._is_up_again():
             return
+        if self._subscription is None:
+            return
         if self._single:
             self._refresh()
-            self._node.health.concern(f"publishers of {self._topic.name}", self._several())
+            self.node.health.concern(f"publishers of {self.topic.name}", self._several())
         if self._retyped():
             return
         # one that is heard without loss is not to lose messages for another that is not used
         if not self._refused or (self._single and self.get_publisher_count()):
             return
         self._refused = False
-        self._node.get_logger().warning(
-            f"{self._topic.name}: a publisher is best effort, and is heard as such: what gets lost"
+        self.node.get_logger().warning(
+            f"{self.topic.name}: a publisher is best effort, and is heard as such: what gets lost"
             " on its way is missing"
         )
         before, self._subscription = self._subscription, self._subscribe(_BEST_EFFORT)
-        self._node.destroy_subscription(before)
+        self.node.destroy_subscription(before)
 
     def _retyped(self) -> bool:
         """Listen to another type of message that the topic takes, where only that is published."""
-        if not takes_others(self._topic) or self.get_publisher_count():
+        if not takes_others(self.topic) or self.get_publisher_count():
             return False
-        infos = self._node.get_publishers_info_by_topic(self.topic_name)
-        kind = type_taken(self._topic, [info.topic_type for info in infos])
+        infos = self.node.get_publishers_info_by_topic(self.topic_name)
+        kind = type_taken(self.topic, [info.topic_type for info in infos])
         if kind in (None, self.type):
             return False
-        self._node.get_logger().warning(
-            f"{self._topic.name}: published as {topics.type_name(kind)}, which is taken for"
-            f" {topics.type_name(self._topic.type)}"
+        self.node.get_logger().warning(
+            f"{self.topic.name}: published as {topics.type_name(kind)}, which is taken for"
+            f" {topics.type_name(self.topic.type)}"
         )
         # a process has one type of a topic, and its executor holds what is destroyed for a while
-        self.end()
-        self.type, self._is_down = kind, True
+        self.node.destroy_subscription(self._subscription)
+        self._subscription, self.type, self._is_down = None, kind, True
         return True
 
     def _is_up_again(self) -> bool:
@@ -216,7 +342,3 @@ class Listening:
             return False
         self._is_down = False
         return True
-
-    def end(self) -> None:
-        """Listen no more."""
-        self._node.destroy_subscription(self._subscription)

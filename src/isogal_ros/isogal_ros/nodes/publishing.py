@@ -31,9 +31,11 @@ class Publishing:
     """
 
     def __init__(self, node: "GraphNode", topic: Topic, listeners: int) -> None:
-        self._node, self._topic, self._listeners = node, topic, listeners
+        self._node, self.topic, self._listeners = node, topic, listeners
         self._publisher = node.create_publisher(topic.type, topic.name, LOSSLESS)
-        self.get_subscription_count = self._publisher.get_subscription_count
+        self._bus = node.bus
+        self._others = 0
+        """Who listened by the middleware, besides those on the bus, at the last look."""
         self._in_order = topic.single and "header" in topic.type.get_fields_and_field_types()
         self._renamed = node.frame_names != FrameNames()
         self.newest: int | None = None
@@ -47,26 +49,39 @@ class Publishing:
                 ns = message.ns if is_prepared else to_ns(message.header.stamp)
                 if self.newest is not None and ns < self.newest:
                     than = f"{to_seconds(ns):.3f} s is older than {to_seconds(self.newest):.3f} s"
-                    self._node.health.drop(self._topic.name, f"not published, {than}")
+                    self._node.health.drop(self.topic.name, f"not published, {than}")
                     return
                 self.newest = ns
             if self._renamed:
                 outward = self._node.frame_names.outward
                 message.rename(outward) if is_prepared else outward(message)
         try:
-            self._publisher.publish(message.serialised() if is_prepared else message)
+            if self._bus is not None:
+                self._bus.send(self.topic.name, message)
+            if self._bus is None or self._others:
+                self._publisher.publish(message.serialised() if is_prepared else message)
         except rclpy_implementation.RCLError as error:
             if not self._node.context.ok():
                 raise
             text = f"not published, a listener takes nothing: {error}"
-            self._node.health.drop(self._topic.name, text)
+            self._node.health.drop(self.topic.name, text)
+
+    def look(self) -> None:
+        """See how many listen by the middleware."""
+        self._others = self._publisher.get_subscription_count()
+
+    def get_subscription_count(self) -> int:
+        """Return how many listen."""
+        if self._bus is None:
+            return int(self._publisher.get_subscription_count())
+        return self._bus.count(self.topic.name) + self._others
 
     @property
     def missing(self) -> str | None:
         """Say that too few listen; None = enough do."""
         needed = self._listeners + self._node.settings.recorders
         count = self.get_subscription_count()
-        return f"{self._topic.name} {count} of {needed}" if count < needed else None
+        return f"{self.topic.name} {count} of {needed}" if count < needed else None
 
     def wait(self, deadline: float) -> None:
         """Wait until listeners have had all, or the monotonic clock (s) is at a deadline."""

@@ -1,8 +1,10 @@
-"""Whether a value that should have noise has stopped moving.
+"""Whether stamps and values may be: stamps that jump ahead, values that have stopped moving.
 
 Of an instrument that counts in coarse steps the same value may come several times. Of steps so
 coarse that a value is repeated with probability p, the longest of 60 rests was about
 log 60 / log(1/p) values, and one rest in 60**4 is four times as long."""
+
+from isogal_ros.messages.checks import BadMessageError
 
 
 class Repetitions:
@@ -50,3 +52,30 @@ class Repetitions:
         """By how many repetitions more than noise explains it has stopped; None = it has not."""
         known = self._changes >= self._learnt and self.count >= self._limit
         return self.count - self._limit if known else None
+
+
+class TimeJumps:
+    """Holds a message whose stamp jumps ahead back until the next one says that time has passed: a
+    single wrong stamp would make the filter bridge hours, and have all messages after it refused.
+
+    Parameters
+    ----------
+    longest : int
+        Longest gap that is believed at once, ns.
+    """
+
+    def __init__(self, longest: int) -> None:
+        self._longest = longest
+        self._held: int | None = None
+
+    def check(self, ns: int, newest: int) -> None:
+        """Look at a stamp after the newest that was used; raises BadMessageError where it has to
+        wait for the next."""
+        if ns - newest <= self._longest:
+            self._held = None
+            return
+        held, self._held = self._held, ns
+        if held is None or not 0 < ns - held <= self._longest:
+            raise BadMessageError(
+                f"stamp is {(ns - newest) / 1e9:.0f} s ahead; used if the next one is, too"
+            )

@@ -15,7 +15,7 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph.bus import Bus
+from isogal_ros.graph.bus import Bus, services
 from isogal_ros.graph.parameter_files import read_parameters, scenario_of, values_of
 from isogal_ros.graph.plan import Plan, nodes_of
 
@@ -49,8 +49,8 @@ def endpoints(
                 node = bus.add(name, plan.values(name))
                 published, heard, answered = found.setdefault(name, (set(), set(), set()))
                 published |= {relative(one.topic_name) for one in node.publishers}
-                heard |= {relative(one.topic_name) for one in node.listeners}
-                answered |= bus.services(node).keys() - {*PARAMETERS, *LIFECYCLE}
+                heard |= {relative(one.topic_name) for one in node.listening.values()}
+                answered |= services(node).keys() - {*PARAMETERS, *LIFECYCLE}
                 published -= {relative(one) for one in COMMON_PUBLISHED}
                 node.close()
     for name in found.keys() & transformed:
