@@ -13,6 +13,7 @@ from helpers.tracks import field_of, made_track
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
+from isogal.maps.displacement import SIZE
 from isogal.maps.error_ellipses import ellipses_of
 from isogal.matching.pmht.cells import residuals_at
 from isogal.matching.pmht.states import States
@@ -25,7 +26,7 @@ from isogal.tracks.evidence import correlations, with_heavy_tails
 from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
 from isogal.tracks.models import LENGTHS, SHAPES, track_models
-from isogal.tracks.widening import SIZE, displacement, excess
+from isogal.tracks.widening import displacement, excess
 
 DISTURBANCE = field_of("disturbance")
 EASTWARD, _ = make_batch(DISTURBANCE, velocity=(0.0, 60.0))

@@ -28,7 +28,8 @@ class Parameters:
 
     time: Array | None = None
     """(C,) s, correlation time of those that are stationary Gauss-Markov processes of 1-sigma
-    `sigma`; inf = others. Only what moves no places may change; None = all are constants."""
+    `sigma`; inf = others. What moves places may change slowly only, as readings are linearised
+    where it is at the end of a batch; None = all are constants."""
     walk: Array | None = None
     """(C,) random walk, unit of each per root second."""
 

@@ -1,11 +1,8 @@
 """By how much the fix of a track is less certain than its posterior (docs/mathematics.md, section
 10.3).
 
-A gridded map may be displaced as a whole where a track lies on it. Between a survey's lines it
-repeats what is known beside them: anomalies that run aslant, in directions that change from place
-to place, are found there, but not in their place. Along a track this looks like a shift, of the
-size that turns the map's own variation into its error. No reading tells it from a shift of the
-track. So it is a state of which nothing is learnt, with a prior by the models of the map's error.
+A gridded map may be displaced (`isogal.maps.displacement`): a state of which nothing is learnt,
+with a prior by the models of the map's error.
 
 Of a map that does not say over which lengths its errors hold together, error bars do not rest on
 the models alone: the fix is made again without each half of the track. Models are never quite
@@ -23,13 +20,11 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from isogal.arrays import Array
+from isogal.maps.displacement import displacement as displaced_by
 from isogal.matching.information import relative
 from isogal.tracks.evidence import BLOCKS
 from isogal.tracks.places import Shifts
 
-SIZE = 0.35
-"""1-sigma of the displacement where a map tells nothing, in correlation lengths of the map's
-error: measured (docs/evidence/real-data.md)."""
 FEWEST = 16
 """Rows; with fewer the blocks are too small to say anything."""
 
@@ -51,8 +46,8 @@ def _variance(shifts: Shifts, field: int) -> float:
     if not seen.gridded:
         return 0.0
     error, length = seen.map_sigma(which) ** 2, seen.models.length[which]
-    size = (SIZE * length) ** 2 * error / np.maximum(error + seen.shown(shifts.likeliest), 1e-300)
-    return float(shifts.of_models(field) @ size)
+    sigma = displaced_by(length, error, seen.shown(shifts.likeliest))
+    return float(shifts.of_models(field) @ sigma**2)
 
 
 def excess(shifts: Shifts) -> Array:

@@ -36,7 +36,7 @@ from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
 from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
 from isogal.matching.pmht.search import WIDE_M, Diverged, FieldMemory, pursued, resolved
-from isogal.matching.pmht.states import States
+from isogal.matching.pmht.states import States, displaceable
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
 
@@ -84,6 +84,7 @@ class Pmht:
     ) -> tuple[Fix, Memory | None]:
         """Match one batch; see `interfaces.Matcher`."""
         each = (SecondaryBatch(self.lead, batch, field_map), *batch.secondary)
+        each = tuple(displaceable(one) for one in each)
         whys = (unusable(one.batch) or _unlike(one) for one in each)
         reason = next((why for why in whys if why is not None), None)
         if reason is not None:

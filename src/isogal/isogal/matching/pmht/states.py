@@ -1,15 +1,16 @@
 """States that hypotheses have beside the navigator's error: map errors and the instrument's."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.channels import AnyMap, channels_of
-from isogal.matching.interfaces import Batch
+from isogal.maps.channels import AnyMap, by_channel, channels_of
+from isogal.maps.displacement import EXTENT, displacement_at
+from isogal.matching.interfaces import Batch, SecondaryBatch
 from isogal.matching.parameters import Parameters
 
 UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right")
@@ -107,3 +108,20 @@ def _scans_underneath(batch: Batch, beams: int) -> int:
     extent = np.ptp(foot @ along) / speed
     interval = float(batch.time[-1] - batch.time[-1 - beams]) if len(batch) > beams else math.inf
     return max(1, min(math.ceil(extent / (speed * interval)), MOST_ERRORS // beams))
+
+
+def displaceable(one: SecondaryBatch) -> SecondaryBatch:
+    """Return a field's batch with two more parameters where its map may show anomalies beside
+    their place: in which direction, and how far in 1-sigmas (`isogal.maps.displacement`)."""
+    batch, first = one.batch, channels_of(one.field_map)[0]
+    if first.error_ellipses is None:
+        return one
+    channel = np.zeros(len(batch), np.int64) if batch.channel is None else batch.channel
+    place = batch.latitude, batch.longitude
+    size = by_channel(one.field_map, channel, displacement_at, *place)
+    speed = float(np.hypot(*batch.velocity.mean(axis=0)))
+    time = EXTENT * (first.correlation_length or 0.0) / speed if speed > 0.0 else math.inf
+    moves = np.einsum("t,ij->tij", size, np.eye(2))
+    states = np.ones(2), np.zeros((len(batch), 2))
+    shift = Parameters(("", ""), *states, position=moves, time=np.full(2, time))
+    return replace(one, batch=replace(batch, instrument=batch.instrument.along(shift)))
