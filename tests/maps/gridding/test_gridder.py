@@ -113,6 +113,33 @@ def test_blunders_are_named_by_line_and_time():
     assert [one["line"] for one in far_off(named, named, out)] == ["L7A"]
 
 
+def test_a_few_blunders_among_stations_are_named_and_not_used():
+    random = np.random.default_rng(3)
+    places = random.uniform(-20e3, 20e3, (200, 2))
+    _, readings = drawn(places, seed=5)
+    wrong = readings.copy()
+    wrong[[17, 133]] += np.array([350.0, -350.0]) * MGAL
+    right, model = (
+        learn_model(survey_at(places, one), GridSettings()) for one in (readings, wrong)
+    )
+    named = model.report["far_off"]
+    off = sorted(one["off"] / MGAL for one in named if not one["used"])
+    assert off == pytest.approx([-350.0, 350.0], abs=60.0)
+    rest = np.delete(np.arange(200), [17, 133])
+    both = [at(one.at, places[rest])[0] for one in (right, model)]
+    assert np.abs(both[1] - both[0]).max() < 5.0 * MGAL
+
+
+def test_a_reading_whose_sigma_explains_it_is_used():
+    places = np.random.default_rng(3).uniform(-20e3, 20e3, (200, 2))
+    _, readings = drawn(places, seed=5)
+    readings[17] += 350.0 * MGAL
+    for own, used in ((0.1, 199), (100.0, 200)):
+        sigma = np.where(np.arange(200) == 17, own, 0.1) * MGAL
+        model = learn_model(survey_at(places, readings, sigma=sigma), GridSettings())
+        assert model.report["readings"] == used
+
+
 def test_readings_that_say_nothing_make_no_map():
     places, _ = flight_lines(9, 1000.0, 600.0, 9e3)
     _, readings = drawn(places, seed=5)

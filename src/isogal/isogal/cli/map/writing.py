@@ -199,12 +199,19 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
             f" {unit}, NIS {row['nis']:.2f}"
         )
     if far := report["far_off"]:
-        yield f"readings over 6 of their 1-sigmas off what the others predict: {len(far)}"
+        unused = sum(not one["used"] for one in far)
+        yield (
+            f"readings over 6 of their 1-sigmas off what the others predict: {len(far)}, of which"
+            f" {unused} are as far off those next to them and not used"
+        )
     for one in far[:10]:
         when = f"line {one['line']}, " if "line" in one else ""
         when += f"time {one['time']:.10g}, " if "time" in one else ""
         place = f"latitude {one['latitude']:.5f}, longitude {one['longitude']:.5f}"
-        yield f"  {when}{place}: {factor * one['off']:+.3g} {unit}, {one['sigmas']:.0f} sigmas"
+        said = f"  {when}{place}: {factor * one['off']:+.3g} {unit}, {one['sigmas']:.0f} sigmas"
+        if not one["used"]:
+            said += ", not used"
+        yield said
     if crossings := report.get("cross_overs"):
         before, after = crossings["before"], crossings["after"]
         yield (

@@ -12,6 +12,7 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.gridding.amplitude import Amplitude, Errors
+from isogal.maps.gridding.blunders import FAR, Named, named, spikes
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.kriging import Kriging
@@ -138,6 +139,7 @@ class Model:
 
 def learn_model(survey: Survey, settings: GridSettings, progress: Progress = _silent) -> Model:
     """Learn covariance, amplitude and noise from a survey, and check them on readings left out.
+    Readings that those around them contradict are set aside (`isogal.maps.gridding.blunders`).
 
     Raises
     ------
@@ -145,6 +147,27 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress = _si
         Settings that do not fit the survey: no heights, no lines, no crossings; or readings
         that are all the same.
     """
+    every = np.arange(len(survey))
+    apart = np.flatnonzero(spikes(survey))
+    model, far = _learnt(survey.part(np.delete(every, apart)), settings, progress)
+    if not apart.size:
+        return model
+    place = survey.latitude[apart], survey.longitude[apart]
+    height = None if survey.height is None else survey.height[apart]
+    predicted, sigma = model.at(*place, height)
+    sigma = np.hypot(sigma, 0.0 if survey.sigma is None else survey.sigma[apart])
+    sigmas = np.abs(survey.value[apart] - predicted) / sigma
+    wrong = sigmas > FAR
+    if not wrong.all():
+        model, far = _learnt(survey.part(np.delete(every, apart[wrong])), settings, progress)
+    far[:0] = named(survey, apart[wrong], predicted[wrong], sigmas[wrong], used=False)
+    return model
+
+
+def _learnt(
+    survey: Survey, settings: GridSettings, progress: Progress
+) -> tuple[Model, list[Named]]:
+    """Return what `learn_model` does by all readings, and the report's list of those far off."""
     by = _left_out_by(survey, settings)
     if np.ptp(survey.value) == 0.0:
         raise InputError(
@@ -176,15 +199,16 @@ def learn_model(survey: Survey, settings: GridSettings, progress: Progress = _si
     )
     amplitude, apart = Amplitude.learnt(places, value, out.part, errors)
     out = out.scaled(apart)
+    far = far_off(given, survey, out)
     report |= {
         "method": method,
         "mean_absolute_error": off,
         "covariance": kriging.covariance.describe(),
         "left_out": {"by": by} | out.figures(),
-        "far_off": far_off(given, survey, out),
+        "far_off": far,
         "amplitude": amplitude.describe(),
     }
-    return Model(survey, trend, kriging, amplitude, gap, report)
+    return Model(survey, trend, kriging, amplitude, gap, report), far
 
 
 def _candidates(

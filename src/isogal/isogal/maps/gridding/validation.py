@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
+from isogal.maps.gridding.blunders import FAR, Named, named
 from isogal.maps.gridding.covariance import Readings
 from isogal.maps.gridding.kriging import Kriging, groups
 from isogal.maps.gridding.survey import Groups, Survey, blocks_of
@@ -18,8 +19,6 @@ BLOCKS = 12
 """Parts that the blocks of a survey of stations are divided into."""
 _MOST = 12_000
 """Readings that are predicted at most."""
-_FAR = 6.0
-"""1-sigmas: of Gaussian errors one in five hundred million is further off."""
 _NEAR = 8
 """Readings that a block's worst one is looked for among."""
 _FOLDS = 5
@@ -91,33 +90,23 @@ class LeftOut:
         }
 
 
-def far_off(survey: Survey, blocks: Survey, out: LeftOut) -> list[dict[str, float | str]]:
-    """Return the readings of a survey that are further off than `_FAR` of their 1-sigmas from what
+def far_off(survey: Survey, blocks: Survey, out: LeftOut) -> list[Named]:
+    """Return the readings of a survey that are further off than `FAR` of their 1-sigmas from what
     the others predict, the worst first: blunders, or what no other reading has seen. Of a block
     (`block_reduced`) that is so far off it is the reading that is furthest off there."""
     from scipy.spatial import cKDTree
 
     sigmas = np.sqrt(out.ratio)
-    tree, found = cKDTree(survey.places[:, :2]), list[dict[str, float | str]]()
-    for k in np.argsort(-sigmas)[: int((sigmas > _FAR).sum())].tolist():
-        row = int(out.rows[k])
-        predicted = float(blocks.value[row] - out.error[k])
-        near = np.atleast_1d(tree.query(blocks.places[row, :2], min(_NEAR, len(survey)))[1])
+    far = np.flatnonzero(sigmas > FAR)
+    predicted = blocks.value[out.rows[far]] - out.error[far]
+    tree, rows = cKDTree(survey.places[:, :2]), np.empty(far.size, np.int64)
+    for k, block in enumerate(out.rows[far]):
+        near = np.atleast_1d(tree.query(blocks.places[block, :2], min(_NEAR, len(survey)))[1])
         if survey.line is not None and blocks.line is not None:
-            own = near[survey.line[near] == blocks.line[row]]
+            own = near[survey.line[near] == blocks.line[block]]
             near = own if own.size else near
-        worst = int(near[np.argmax(np.abs(survey.value[near] - predicted))])
-        place = np.degrees([survey.latitude[worst], survey.longitude[worst]]).tolist()
-        one: dict[str, float | str] = {"latitude": place[0], "longitude": place[1]}
-        if survey.line is not None:
-            number = int(survey.line[worst])
-            name = survey.line_names.get(number, "")
-            one["line"] = number if name in ("", str(number)) else name
-        if survey.time is not None:
-            one["time"] = float(survey.time[worst])
-        off = float(survey.value[worst]) - predicted
-        found.append(one | {"off": off, "sigmas": float(sigmas[k])})
-    return found
+        rows[k] = near[np.argmax(np.abs(survey.value[near] - predicted[k]))]
+    return named(survey, rows, predicted, sigmas[far], used=True)
 
 
 def folds(part: Integers) -> list[Booleans]:
