@@ -47,7 +47,7 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
         errors.append((track[:, instants - 1, :2] - truth) * metres)
     covariance = unaided_covariance(settings.true, trajectory).covariance[instants // 10]
     test = spread_test(np.concatenate(errors), covariance, confidence=0.99)
-    assert test.consistent, (test.nees, test.family_interval)
+    assert test.consistent, (test.nees, test.interval)
 
 
 @pytest.mark.parametrize("grade", ["precision", "quantum"])

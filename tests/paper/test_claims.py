@@ -36,9 +36,8 @@ def outcome(setting, mean=100.0, diverged=0, spread=0.1, seed=0):
         "nees_per_axis": {"mean": 3.0},
         "bound": {"rms": 50.0},
     }
-    return Outcome(
-        setting, summary, TIME, error, drift, np.full(TIME.size, 50.0), TIME[5::5], 0.01, None
-    )
+    bound = np.full(TIME.size, 50.0)
+    return Outcome(setting, summary, TIME, error, drift, bound, TIME[5::5], None)
 
 
 def all_outcomes(change=lambda _: {}):
@@ -60,7 +59,6 @@ def results(outcomes, **changes):
         "tracks": tracks,
         "snapshots": (),
         "drift": {(3e-4, "precision"): 1380.0, (3e-4, "quantum_accelerometer"): 1379.0},
-        "perfect_drift": 90.0,
         "signal": {
             q: AlongTrack(TIME, np.sin(TIME / 500.0), variability, variability / 2e-10)
             for q in ("gravity", "disturbance")
@@ -89,14 +87,12 @@ def verdict(key, measured):
     return claim.verdict
 
 
-def test_what_does_not_hold_is_explained():
+def test_every_claim_is_decided():
     judged = judge(replace_plan(results(all_outcomes())))
-    assert len(judged) == len(RULES)
+    assert [claim.key for claim in judged] == list(RULES)
     for claim in judged:
         assert claim.claim.endswith(".")
-        assert claim.why == "" or claim.verdict != HOLDS
-    explained = {claim.key for claim in judged if claim.why}
-    assert {"500 m", "benefit", "divergence by noise"} <= explained
+        assert claim.verdict in (HOLDS, FAILS, OPEN)
 
 
 def test_paired_difference_uses_common_runs():

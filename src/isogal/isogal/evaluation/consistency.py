@@ -6,8 +6,7 @@ Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navig
 as many degrees of freedom as e has components. Divided by that number its mean is 1; above 1 the
 filter is overconfident."""
 
-from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +50,7 @@ def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 def chi_square_interval(
-    samples: float, axes: int = 2, confidence: float = 0.95, independent: float | None = None
+    samples: float, axes: int = 2, confidence: float = 0.95
 ) -> tuple[float, float]:
     """Return the interval in which the mean of a consistent filter's NEES per axis lies with the
     given probability.
@@ -59,13 +58,12 @@ def chi_square_interval(
     Parameters
     ----------
     samples : float
-        How many values were averaged.
+        How many independent values were averaged, or are worth those that were (see
+        `effective_samples`).
     axes : int
         Components of the error behind each value.
     confidence : float
         Probability of the interval, two-sided.
-    independent : float, optional
-        How many independent values the samples are worth (see `effective_samples`); default all.
 
     Returns
     -------
@@ -74,8 +72,7 @@ def chi_square_interval(
     """
     from scipy.special import gammaincinv  # scipy.stats would take seconds to import
 
-    count = samples if independent is None else independent
-    freedom = count * axes
+    freedom = samples * axes
     tail = (1.0 - confidence) / 2.0
     # chi-square is a gamma distribution of shape freedom / 2 and scale 2
     low, high = (2.0 * float(gammaincinv(freedom / 2.0, p)) / freedom for p in (tail, 1.0 - tail))
@@ -111,43 +108,31 @@ def effective_samples(values: ArrayLike) -> float:
     return float(max(count / tau, runs))
 
 
-@dataclass(frozen=True, slots=True)
-class MeanNees:
-    """Mean NEES per axis and the interval it lies in for a consistent estimator."""
-
-    mean: float
-    interval: tuple[float, float]
-
-
-def mean_nees(values: ArrayLike, confidence: float = 0.95) -> MeanNees:
-    """Return the mean of (R, B) NEES values per axis of two axes, NaN left out, and its chi-square
-    interval; NaN where there is no value."""
+def mean_nees(values: ArrayLike, confidence: float = 0.95) -> tuple[float, tuple[float, float]]:
+    """Return the mean of (R, B) NEES values per axis of two axes, NaN left out, and the chi-square
+    interval that it lies in for a consistent estimator; NaN where there is no value."""
     values = np.atleast_2d(np.asarray(values, dtype=np.float64))
     known = ~np.isnan(values)
     if not known.any():
-        return MeanNees(np.nan, (np.nan, np.nan))
+        return np.nan, (np.nan, np.nan)
     independent = effective_samples(values)
-    interval = chi_square_interval(int(known.sum()), 2, confidence, independent)
-    return MeanNees(float(values[known].mean()), interval)
+    return float(values[known].mean()), chi_square_interval(independent, 2, confidence)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SpreadTest:
-    """Whether the spread of many runs agrees with one covariance at several instants: the result
-    of `spread_test`."""
+class SpreadTest(NamedTuple):
+    """Whether the spread of many runs agrees with one covariance at several instants."""
 
     nees: Array
     """(K,) mean over runs of e' P^-1 e / axes."""
-    family_interval: tuple[float, float]
+    interval: tuple[float, float]
     """The interval that all K together stay in with at least the confidence asked for
     (Bonferroni)."""
 
     @property
     def consistent(self) -> bool:
-        """Whether all instants lie in the family's interval."""
-        return bool(
-            np.all((self.nees >= self.family_interval[0]) & (self.nees <= self.family_interval[1]))
-        )
+        """Whether all instants lie in the interval."""
+        low, high = self.interval
+        return bool(np.all((self.nees >= low) & (self.nees <= high)))
 
 
 def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.95) -> SpreadTest:
@@ -156,7 +141,7 @@ def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.9
 
     At one instant the R errors are independent, so the sum of their e' P^-1 e is chi-square with R
     n degrees of freedom, exactly so for Gaussian errors. Choose few instants, well apart: those
-    close together are correlated, which makes the family interval conservative.
+    close together are correlated, which makes the interval conservative.
 
     Parameters
     ----------
@@ -167,10 +152,7 @@ def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.9
     confidence : float
         Probability that a consistent filter passes, at least.
     """
-    error = np.asarray(error, dtype=np.float64)
-    runs, instants, axes = error.shape
-    values = nees_per_axis(error, covariance)
-    return SpreadTest(
-        nees=cast(Array, values.mean(axis=0)),
-        family_interval=chi_square_interval(runs, axes, 1.0 - (1.0 - confidence) / instants),
-    )
+    runs, instants, axes = np.shape(error)
+    values = nees_per_axis(error, covariance).mean(axis=0)
+    confidence = 1.0 - (1.0 - confidence) / instants
+    return SpreadTest(np.asarray(values), chi_square_interval(runs, axes, confidence))

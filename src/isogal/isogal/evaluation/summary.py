@@ -107,8 +107,8 @@ def _position_error(error: Array, settled: Booleans) -> dict[str, Number]:
 
 
 def _nees(values: Array) -> Nees:
-    found = mean_nees(values)
-    return {"mean": finite(found.mean), "interval": [finite(end) for end in found.interval]}
+    mean, interval = mean_nees(values)
+    return {"mean": finite(mean), "interval": [finite(end) for end in interval]}
 
 
 def _fixes(runs: Runs) -> dict[str, int]:

@@ -89,11 +89,6 @@ class Plan:
         """When the grades are compared, s: as in the paper, or at the end of shorter runs."""
         return min(GAIN_TIME, self.duration)
 
-    @property
-    def journey(self) -> float:
-        """How long the vehicle takes for the whole route, s."""
-        return float(build_trajectory(validate_scenario({"route": {"duration": None}})).time[-1])
-
     def scenario(self, setting: Setting) -> Scenario:
         """Return the scenario of a setting."""
         document: Document = {

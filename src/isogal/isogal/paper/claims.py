@@ -4,8 +4,8 @@ Means of the same runs are compared in pairs (the same random numbers), and a di
 from two of its standard errors. Shares of diverged runs are compared by their exact binomial 95 %
 intervals. The claims are about the paper's own matcher, and so are the verdicts.
 
-First what a claim is and the statistics it is decided by, then the likely causes where one does
-not hold, then the claims in the paper's order."""
+First what a claim is and the statistics it is decided by, then the claims in the paper's order.
+docs/paper.md says what the likely cause is where one does not hold."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.evaluation.html_report import number
 from isogal.paper.cases import DEFAULT, PAPER, RIVAL, Setting
-from isogal.paper.measure import Outcome, Results, rms, roughness
+from isogal.paper.measure import Outcome, Results, roughness
 from isogal.paper.published import (
     BENEFIT_TIME,
     GAIN_TIME,
@@ -45,8 +45,6 @@ class Claim:
     claim: str
     measured: str
     verdict: Verdict
-    why: str
-    """Likely cause, where the claim does not hold or cannot be decided; may be empty."""
 
 
 Decision = tuple[str, Verdict]
@@ -55,20 +53,12 @@ RULES: dict[str, Callable[[Results], Claim]] = {}
 """By key, in the paper's order: what decides each claim."""
 
 
-def claim(
-    key: str, where: str, why: Callable[[Results], str] = lambda _: ""
-) -> Callable[[Callable[[Results], Decision]], None]:
-    """Make the decorated function the rule for the claim that its docstring repeats; `why` gives
-    the likely cause where the claim does not hold."""
+def claim(key: str, where: str) -> Callable[[Callable[[Results], Decision]], None]:
+    """Make the decorated function the rule for the claim that its docstring repeats."""
 
     def register(decision: Callable[[Results], Decision]) -> None:
-        def decided(results: Results) -> Claim:
-            measured, verdict = decision(results)
-            cause = "" if verdict == HOLDS else why(results)
-            return Claim(key, where, text, measured, verdict, cause)
-
         text = " ".join((decision.__doc__ or "").split())
-        RULES[key] = decided
+        RULES[key] = lambda results: Claim(key, where, text, *decision(results))
 
     return register
 
@@ -174,75 +164,6 @@ def _no_divergence(outcomes: list[Outcome]) -> Verdict:
     return decide(most == 0 and runs >= 30, rate_interval(most, runs)[0] > 0.01)
 
 
-def ambiguous(_: Results) -> str:
-    """Why a batch may be matched at a wrong place."""
-    return (
-        "The variance of eq. s3-021 leaves the candidates' spread out, so a scan that matches many"
-        " places pulls as hard as one that matches a single one."
-    )
-
-
-def accelerometers(results: Results) -> str:
-    """Why better accelerometers hardly reduce the drift."""
-    return (
-        "With the sensors of Table 1 the drift is that of the initial heading error and of the"
-        f" gyroscopes; at {number(results.plan.gain_time / HOUR)} h better accelerometers change"
-        " little, whatever the initial errors."
-    )
-
-
-def early(results: Results) -> str:
-    """Why the benefit of aiding begins earlier than in the paper."""
-    outcome = results.at("gravity", LOW["gravity"], 30)
-    level = rms(outcome.error)
-    above = np.flatnonzero(outcome.unaided_rms > level)
-    when = after(float(outcome.time[above[0]])) if above.size else "never"
-    return (
-        f"The unaided error passes the level of the aided one ({metres(level)}) {when}. That time"
-        " is set by the initial errors, which the paper does not state."
-    )
-
-
-def windows(results: Results) -> str:
-    """Why runs with short batches do not diverge more often here."""
-
-    def share(length: int) -> str:
-        worst = max(
-            results.at(q, s, length).excluded for level in (LOW, HIGH) for q, s in level.items()
-        )
-        return f"{100 * worst:.1f} %"
-
-    return (
-        "The paper sees the cause of divergence in search windows that do not hold the true"
-        f" place. Here they miss it at {share(15)} of the batch ends at most with T = 15, at"
-        f" {share(30)} with T = 30; and fixes of shorter batches come twice as often."
-    )
-
-
-def overconfident(results: Results) -> str:
-    """Why more precise readings do not make the paper's matcher more accurate."""
-    nees = [
-        results.row(row).summary["nees_per_axis"]["mean"] or np.nan
-        for row in ROWS
-        if row.sigma == LOW[row.quantity]
-    ]
-    return (
-        "With low noise the paper's matcher believes too much in its fixes (NEES per axis"
-        f" {number(min(nees))} to {number(max(nees))} where 1 is right), which spoils what better"
-        " readings would give."
-    )
-
-
-def method(results: Results) -> str:
-    """Why the mean error differs from the paper's."""
-    bounds = [results.row(row).summary["bound"]["rms"] or np.nan for row in TABLE_4[:2]]
-    return (
-        f"The bound is {metres(max(bounds))} RMS: errors of this size come from the method and not"
-        " from the sensor, and depend on what the paper leaves open (candidates' covariance,"
-        " window, weight by variability)."
-    )
-
-
 @claim("ambiguity", "section 2")
 def _ambiguity(results: Results) -> Decision:
     """One reading may match more than one place in the search window."""
@@ -254,7 +175,7 @@ def _ambiguity(results: Results) -> Decision:
     return text, decide(share > 0.1, share < 0.01)
 
 
-@claim("iterations", "section 3.2", ambiguous)
+@claim("iterations", "section 3.2")
 def _iterations(results: Results) -> Decision:
     """After 15 iterations, hardly any difference between two iterations is left."""
     last = most = np.nan
@@ -313,7 +234,7 @@ def _unbounded(results: Results) -> Decision:
     return f"Precision grade: {quarters} m after each quarter of {hours:.1f} h.", _growth(outcome)
 
 
-@claim("quantum gain", "section 4.2.1, second", accelerometers)
+@claim("quantum gain", "section 4.2.1, second")
 def _quantum_gain(results: Results) -> Decision:
     """Quantum accelerometers reduce the RMS error after 3.5 h by a little over 6 %."""
     gain, error = quantum_gain(results)
@@ -356,7 +277,7 @@ def _bounded(results: Results) -> Decision:
     return listed(parts), decide(max(ratios) < 1.5, max(ratios) > 2.0)
 
 
-@claim("benefit", "section 4.2.1, fourth", early)
+@claim("benefit", "section 4.2.1, fourth")
 def _benefit(results: Results) -> Decision:
     """The benefit of aiding appears after 2 hours."""
     times = {
@@ -392,7 +313,7 @@ def _jagged(results: Results) -> Decision:
     return text, decide(jump > 3.0 * between, jump < 1.5 * between)
 
 
-@claim("sensor", "section 4.2.1, fifth; discussion, third", overconfident)
+@claim("sensor", "section 4.2.1, fifth; discussion, third")
 def _sensor(results: Results) -> Decision:
     """The error depends on the precision of the field sensor."""
     cases = [(q, length) for q in LOW for length in (30, 15)]
@@ -409,7 +330,7 @@ def _resolution(results: Results) -> Decision:
     return text, OPEN
 
 
-@claim("500 m", "section 4.2.2", method)
+@claim("500 m", "section 4.2.2")
 def _five_hundred(results: Results) -> Decision:
     """With gravity at 1e-5 m/s² the mean error is somewhat above 500 m."""
     parts, low, high = [], [], []
@@ -426,7 +347,7 @@ def _five_hundred(results: Results) -> Decision:
     return listed(parts), decide(near, max(high) < 500.0 or min(low) > 600.0)
 
 
-@claim("divergence by noise", "section 4.2.2", windows)
+@claim("divergence by noise", "section 4.2.2")
 def _divergence_by_noise(results: Results) -> Decision:
     """Runs diverge more often when the sensor is noisier."""
     parts, higher, lower = [], [], []
@@ -441,7 +362,7 @@ def _divergence_by_noise(results: Results) -> Decision:
     return "; ".join(parts) + " (low and high noise).", decide(any(higher), all(lower))
 
 
-@claim("T and noise", "section 4.2.2", windows)
+@claim("T and noise", "section 4.2.2")
 def _batch_and_noise(results: Results) -> Decision:
     """The two noise levels differ more with T = 15 than with T = 30."""
     parts, scores = [], []
@@ -458,7 +379,7 @@ def _batch_and_noise(results: Results) -> Decision:
     return listed(parts), decide(min(scores) > 2.0, max(scores) < 2.0 and min(scores) < -2.0)
 
 
-@claim("shorter batches", "section 4.1", windows)
+@claim("shorter batches", "section 4.1")
 def _shorter(results: Results) -> Decision:
     """Short batches (T = 15) err and diverge more than long ones (T = 30)."""
     cases = [(row.quantity, row.sigma) for row in ROWS if row.batch_length == 30]
@@ -468,7 +389,7 @@ def _shorter(results: Results) -> Decision:
     return f"{text[:-1]}; diverged runs in all: {counts[0]} against {counts[1]}.", verdict
 
 
-@claim("no divergence", "section 4.2.2", overconfident)
+@claim("no divergence", "section 4.2.2")
 def _none_diverges(results: Results) -> Decision:
     """With gravity at low noise no run diverges, with T = 15 as with T = 30."""
     outcomes = [results.row(row) for row in TABLE_4[:2]]
@@ -476,7 +397,7 @@ def _none_diverges(results: Results) -> Decision:
     return f"T = 30: {long}, T = 15: {short}.", _no_divergence(outcomes)
 
 
-@claim("maps alike", "section 4.2.3", overconfident)
+@claim("maps alike", "section 4.2.3")
 def _maps_alike(results: Results) -> Decision:
     """The disturbance map gives no significantly different errors than the gravity map."""
     parts, ratios = [], []
@@ -514,7 +435,7 @@ def _first_hour(results: Results) -> Decision:
     return text, decide(first > 1.5 * later, first < 1.1 * later)
 
 
-@claim("little data", "discussion, first", ambiguous)
+@claim("little data", "discussion, first")
 def _little_data(results: Results) -> Decision:
     """Local and temporal correlation make the match robust with few samples, where area
     correlation needs very many."""
@@ -529,7 +450,7 @@ def _little_data(results: Results) -> Decision:
     return text, decide(worse > 2.0 and rival.mean > 1.5 * mine, worse < -2.0)
 
 
-@claim("drag", "discussion, second", ambiguous)
+@claim("drag", "discussion, second")
 def _drag(results: Results) -> Decision:
     """The iterations drag the navigator's belief to the place where the signals were sensed."""
     if not results.snapshots:
@@ -546,7 +467,7 @@ def _drag(results: Results) -> Decision:
     return text, decide(low > 0.5, high < 0.5)
 
 
-@claim("short batch suffices", "discussion, third", overconfident)
+@claim("short batch suffices", "discussion, third")
 def _short_suffices(results: Results) -> Decision:
     """With a low-noise sensor a short batch gives robust aiding without divergence."""
     outcomes = [results.at(quantity, sigma, 15) for quantity, sigma in LOW.items()]

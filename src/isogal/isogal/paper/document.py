@@ -12,7 +12,7 @@ from isogal.paper import figures, tables
 from isogal.paper.cases import DEFAULT, PAPER, Setting
 from isogal.paper.claims import FAILS, HOLDS, OPEN, Claim
 from isogal.paper.measure import Results
-from isogal.paper.published import JOURNEY, SPEED, TABLE_4, TABLE_6
+from isogal.paper.published import SPEED, TABLE_4, TABLE_6
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +29,6 @@ def write_page(results: Results, claims: Sequence[Claim], out: str | Path) -> Pa
         Section("What the paper says", [_count(claims)], tables=[tables.claims_table(claims)]),
         Section("Table 4: gravity", tables=[table_4]),
         Section("Table 6: disturbance", tables=[table_6]),
-        _limits(results, by_key["quantum gain"]),
         *_illustrated(results, by_key),
         _aiding(results, by_key["retrodiction"]),
     ]
@@ -50,37 +49,6 @@ def _count(claims: Sequence[Claim]) -> str:
         " decided by it. Verdicts follow from the numbers beside them by fixed rules, for the"
         " paper's own matcher."
     )
-
-
-def _limits(results: Results, gain: Claim) -> Section:
-    plan = results.plan
-    unaided = results.unaided("precision").summary["unaided"]
-    paragraphs = [
-        (
-            f"Duration. The paper's route takes {plan.journey / 3600:.1f} h at its speed of"
-            f" {SPEED:g} m/s; the paper says more than {JOURNEY / 3600:.1f} h. The first"
-            f" {plan.duration / 3600:.1f} h are simulated here."
-        ),
-        (
-            "Initial errors. The paper does not state any, but its unaided errors need them: with"
-            " the sensors of its Table 1 and a perfect start the RMS error after"
-            f" {plan.gain_time / 3600:.1f} h would be {number(results.perfect_drift)} m. Assumed"
-            " here (1-sigma): 50 m, 0.05 m/s, 2.5e-5 rad of tilt, 3e-4 rad of heading; the unaided"
-            f" error is then {number(unaided['rms'])} m RMS over the run."
-        ),
-        (
-            f"Gain by quantum accelerometers. Measured: {gain.measured} The"
-            " paper's value cannot come from its Table 1: the drift is that of the heading error"
-            " and of the gyroscopes, which the accelerometers do not change."
-        ),
-        (
-            "Choices. The paper leaves open the candidates' covariance, the search window's"
-            " threshold and the weighting by map feature variability; docs/paper.md says what was"
-            " chosen. Errors of the gravimeter's reductions (Eötvös, free air) are simulated here"
-            " and reduced with the navigator's own estimate, which the paper does not mention."
-        ),
-    ]
-    return Section("What cannot be reproduced, and what it depends on", paragraphs)
 
 
 def _said(claim: Claim, scope: str = "") -> str:

@@ -17,7 +17,6 @@ from isogal.evaluation.results import Summary
 from isogal.evaluation.summary import summarise
 from isogal.fields.simulator import scan_index
 from isogal.maps.variability import feature_variability, normalised_variability
-from isogal.matching.paper.iteration import PaperOptions
 from isogal.montecarlo.cases import Case
 from isogal.montecarlo.engine import simulate
 from isogal.montecarlo.store import Store
@@ -25,7 +24,7 @@ from isogal.paper.cases import AIDING, HEADINGS, PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot, follow_iterations
 from isogal.paper.lookups import ProfileExample, WindowExample, profile_example, window_example
 from isogal.paper.published import PublishedRow
-from isogal.scenario import InitialError, Truth
+from isogal.scenario import Truth
 from isogal.scenario.imu_grades import PAPER_GRADES
 from isogal.sensors.trajectory import build_trajectory
 
@@ -52,8 +51,6 @@ class Outcome:
     """(K,) m."""
     fix_time: Array
     """(B,) s."""
-    excluded: float
-    """Share of the batch ends at which the true place was outside the paper's search window."""
     detail: RunDetail | None
 
     @classmethod
@@ -70,7 +67,6 @@ class Outcome:
             runs.unaided_horizontal_error,
             bound_rms,
             runs.fix_time - runs.time[0],
-            excluded_share(runs),
             runs.detail,
         )
 
@@ -116,16 +112,6 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def excluded_share(runs: Runs) -> float:
-    """Share of the batch ends at which the true place is outside the window of eq. s2-02 (a
-    rectangle) about the navigator's position before the fix."""
-    options = PaperOptions()
-    before = np.searchsorted(runs.time, runs.fix_time - 1e-6) - 1
-    half = np.sqrt(options.gamma * np.diagonal(runs.covariance[:, before], axis1=-2, axis2=-1))
-    outside = np.abs(runs.error[:, before]) > np.maximum(half, options.min_half_width)
-    return float(outside.any(axis=-1).mean()) if outside.size else 0.0
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
     """RMS error of the unaided navigator, and what its filter's covariance says."""
@@ -143,24 +129,23 @@ class Spread:
     """In which all instants together lie with 95 % probability."""
     consistent: bool
 
-
-def measure_spread(setting: Setting, runs: Runs) -> Spread:
-    """Compare the errors of the unaided INS with the covariance of its filter, which takes no
-    fix."""
-    wanted = [h * 3600.0 for h in INSTANTS if h * 3600.0 <= runs.elapsed[-1] + 1e-6]
-    wanted = wanted or [float(runs.elapsed[-1])]
-    index = [int(np.argmin(np.abs(runs.elapsed - t))) for t in wanted]
-    error, covariance = runs.unaided_error[:, index], runs.covariance[:, index]
-    test = spread_test(error, covariance)
-    return Spread(
-        setting.grade,
-        runs.elapsed[index],
-        np.sqrt(np.mean((error**2).sum(axis=-1), axis=0)),
-        np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1), axis=0)),
-        test.nees,
-        test.family_interval,
-        test.consistent,
-    )
+    @classmethod
+    def of(cls, setting: Setting, runs: Runs) -> "Spread":
+        """Compare the errors of the unaided INS with the covariance of its filter, which takes no
+        fix."""
+        wanted = [h * 3600.0 for h in INSTANTS if h * 3600.0 <= runs.elapsed[-1] + 1e-6]
+        wanted = wanted or [float(runs.elapsed[-1])]
+        index = [int(np.argmin(np.abs(runs.elapsed - t))) for t in wanted]
+        error, covariance = runs.unaided_error[:, index], runs.covariance[:, index]
+        test = spread_test(error, covariance)
+        return cls(
+            setting.grade,
+            runs.elapsed[index],
+            np.sqrt(np.mean((error**2).sum(axis=-1), axis=0)),
+            np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1), axis=0)),
+            *test,
+            test.consistent,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,8 +229,6 @@ class Results:
     drift: Mapping[tuple[float, str], float]
     """m, RMS of the unaided INS at `Plan.gain_time` by theory, by heading error (rad) and
     grade."""
-    perfect_drift: float
-    """m, the same of the precision grade without any initial error."""
     signal: Mapping[str, AlongTrack]
     """By quantity."""
     profile: ProfileExample
@@ -285,10 +268,7 @@ def measure(plan: Plan, cases: Mapping[Setting, Case], store: Store) -> Results:
         runs = store.load(case)
         outcomes[setting] = Outcome.of(setting, runs, plan)
         if not setting.aided:
-            spreads.append(measure_spread(setting, runs))
-    perfect = plan.scenario(Setting()).model_copy(
-        update={"initial_error": InitialError(position=0, velocity=0, tilt=0, heading=0)}
-    )
+            spreads.append(Spread.of(setting, runs))
     return Results(
         plan=plan,
         outcomes=outcomes,
@@ -302,7 +282,6 @@ def measure(plan: Plan, cases: Mapping[Setting, Case], store: Store) -> Results:
             for heading in HEADINGS
             for grade in PAPER_GRADES
         },
-        perfect_drift=drift_by_theory(perfect.true, plan.gain_time),
         signal={quantity: along_track(plan, quantity) for quantity in ("gravity", "disturbance")},
         profile=profile_example(plan),
         window=window_example(plan),

@@ -45,8 +45,6 @@ BENEFIT_TIME = 2.0 * 3600.0
 """s; section 4.2.1: when the benefit of aiding appears."""
 SPEED = 22.0
 """m/s; section 4.2."""
-JOURNEY = 3.6 * 3600.0
-"""s; section 4: the entire journey takes "more than" this."""
 ITERATIONS = 15
 """Section 3.2: beyond these almost no difference between iterations is observed."""
 FIGURE_54_READING_SIGMA = 0.9776e-5

@@ -138,7 +138,7 @@ def claims_table(claims: Sequence[Claim]) -> Table:
         {
             "where": claim.where,
             "claim": claim.claim,
-            "measured here": f"{claim.measured} {claim.why}".strip(),
+            "measured here": claim.measured,
             "verdict": claim.verdict,
         }
         for claim in claims

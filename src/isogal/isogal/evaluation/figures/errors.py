@@ -94,11 +94,10 @@ def nees_figure(runs: Runs) -> "Figure":
     who = "this run" if len(runs) == 1 else f"mean of {len(runs)} runs"
     panel.plot(time, mean, **style.AIDED.options(), marker="o", markersize=3, label=who)
     panel.axhline(1.0, **style.BOUND.options(), label="1: right")
-    overall = mean_nees(values, confidence=CONFIDENCE)
-    if np.isfinite(overall.mean):
-        low, high = overall.interval
+    overall, (low, high) = mean_nees(values, confidence=CONFIDENCE)
+    if np.isfinite(overall):
         panel.set_title(
-            f"mean {overall.mean:.2f}; {CONFIDENCE:.0%} interval {low:.2f} to {high:.2f}",
+            f"mean {overall:.2f}; {CONFIDENCE:.0%} interval {low:.2f} to {high:.2f}",
             loc="left",
         )
     style.logarithmic(panel)
