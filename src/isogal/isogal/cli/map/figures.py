@@ -1,13 +1,15 @@
 """Figures of maps: values, gradient, the expected accuracy of fixes along a track, and
 navigability."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
+from isogal.evaluation.figures.track import Frame
+from isogal.maps.field_map import FieldMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,7 +17,6 @@ if TYPE_CHECKING:
 
     from isogal.evaluation.navigability.area import Navigability
     from isogal.maps.expected_accuracy import Stretches
-    from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
 
 _ACCURACY = 2.1
@@ -28,13 +29,6 @@ _AROUND, _BELOW = 1.32, 0.75
 """in, room for labels and colour bar beside a map, and for title and labels above and below."""
 _FINEST = 330
 """Nodes of a map drawn along each side: the figure has no more pixels for them."""
-
-
-def slope_label(field_map: "ScalarMap") -> tuple[float, str]:
-    """Return (factor from unit per m, unit) in which gradients are written."""
-    if field_map.unit == "m/s²":
-        return 1e8, "$10^{-5}$ m/s² per km"
-    return 1e3, f"{field_map.unit} per km"
 
 
 @style.journal
@@ -53,32 +47,22 @@ def map_figure(
     stretches : Stretches, optional
         Of the track.
     """
-    scale = style.field_scale(field_map)
-    factor, unit = slope_label(field_map)
-    shown, steep = _shown(field_map)
-    steep *= factor
-    latitude, longitude = shown.latitude, shown.longitude
-    metres_north, metres_east = metres_per_radian(float(latitude.mean()))
-    shape = float(np.ptp(latitude) * metres_north / (np.ptp(longitude) * metres_east))
-    above = shape < _WIDE
+    shown = field_map.overview(_FINEST)
+    frame = Frame.whole(shown)
+    above = frame.shape < _WIDE
     wide = style.WIDTH - _AROUND if above else 0.5 * style.WIDTH - _AROUND
-    tall = (2 if above else 1) * (min(wide * shape, _TALLEST) + _BELOW)
+    tall = (2 if above else 1) * (min(wide * frame.shape, _TALLEST) + _BELOW)
     figure = style.new_figure(tall + (_ACCURACY if stretches is not None else 0.0))
     top, bottom = figure, None
     if stretches is not None:
         ratios = (tall, _ACCURACY)
         top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=ratios)[:, 0]
     panels = top.subplots(*((2, 1) if above else (1, 2)), sharex=True, sharey=True)
-    levels = (
-        np.nanpercentile(steep, [5, 99.5]) if np.isfinite(steep).any() else np.array([0.1, 1.0])
-    )
-    at = shown.latitude, shown.longitude
-    _field(panels[0], at, scale(shown.values), scale.label, None)
-    _field(panels[1], at, steep, f"Size of the gradient ({unit})", levels)
+    frame.draw(panels[0], shown)
+    steep, label = _gradient(field_map, shown)
+    frame.draw(panels[1], steep, label)
     for axes in panels:
-        axes.set(xlabel="longitude (deg)", ylabel="latitude (deg)")
         axes.label_outer()  # beside the other map, or above it, they are the same
-        axes.set_aspect(float(metres_north / metres_east))
         if track is not None:
             _track(axes, track, shown, stretches)
     if stretches is not None and bottom is not None:
@@ -86,92 +70,43 @@ def map_figure(
     return figure
 
 
-def _shown(field_map: "ScalarMap") -> "tuple[FieldMap, Array]":
-    """Return the map as it is drawn, and the magnitude of the gradient at its nodes."""
-    shown = field_map.overview(_FINEST)
+def _gradient(field_map: "ScalarMap", shown: FieldMap) -> tuple[FieldMap, str]:
+    """Return the magnitude of the gradient at the nodes of a map as it is drawn, and its name with
+    the unit."""
+    factor, unit = 1e3, f"{field_map.unit} per km"
+    if field_map.unit == "m/s²":
+        factor, unit = 1e3 / style.MGAL, "$10^{-5}$ m/s² per km"
     steep = np.full(shown.values.shape, np.nan)
     known = np.nonzero(np.isfinite(shown.values))  # of a tiled map nothing else is read
-    _, north, east = field_map.value_and_gradient(
-        shown.latitude[known[0]], shown.longitude[known[1]]
-    )
-    steep[known] = np.hypot(north, east)
-    return shown, steep
-
-
-def _field(
-    axes: "Axes", at: tuple[Array, Array], values: Array, label: str, levels: Array | None
-) -> None:
-    from matplotlib.colors import LogNorm, Normalize
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
-
-    latitude, longitude = (np.degrees(axis) for axis in at)
-    known = values[np.isfinite(values)]
-    norm = Normalize()
-    logarithmic = levels is not None and levels[1] > 0.0
-    if logarithmic and levels is not None:
-        norm = LogNorm(max(levels[0], 1e-3 * levels[1]), levels[1])
-    elif known.size:
-        norm = Normalize(np.percentile(known, 0.2), np.percentile(known, 99.8))
-    picture = axes.pcolormesh(
-        longitude,
-        latitude,
-        np.ma.masked_invalid(values),
-        cmap=style.FIELD_COLOURS,
-        shading="nearest",
-        rasterized=True,
-        norm=norm,
-    )
-    axes.set_facecolor("0.92")
-    axes.grid(False)
-    # as tall as the map, whose shape is its own
-    beside = axes.inset_axes((1.02, 0.0, 0.04, 1.0))
-    bar = axes.figure.colorbar(picture, cax=beside, extend="both", extendfrac=0.03)
-    axes.set_title(label)
-    if logarithmic:
-        bar.ax.yaxis.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
-        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        bar.ax.yaxis.set_minor_locator(LogLocator(10, subs=()))
-    axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+    places = shown.latitude[known[0]], shown.longitude[known[1]]
+    _, north, east = field_map.value_and_gradient(*places)
+    steep[known] = factor * np.hypot(north, east)
+    return replace(shown, values=steep, unit=unit), f"Size of the gradient ({unit})"
 
 
 def _track(
-    axes: "Axes", track: tuple[Array, Array], field_map: "FieldMap", stretches: "Stretches | None"
+    axes: "Axes", track: tuple[Array, Array], field_map: FieldMap, stretches: "Stretches | None"
 ) -> None:
-    """Draw the track, with a mark every ten stretches."""
+    """Draw the track, with a mark at each fifth of it, about, where it has stretches."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.6, foreground="black")]
-    latitude, longitude = np.degrees(track[0]), np.degrees(_into(track[1], field_map))
+    middle = 0.5 * (field_map.longitude[0] + field_map.longitude[-1])
+    turned = np.unwrap(track[1])
+    turned += 2.0 * np.pi * np.round((middle - turned.mean()) / (2.0 * np.pi))
+    latitude, longitude = np.degrees(track[0]), np.degrees(turned)
     axes.plot(longitude, latitude, color="white", linewidth=1.2, path_effects=halo)
     axes.plot(longitude[0], latitude[0], "o", color="white", markeredgecolor="black")
     if stretches is None:
         return
-    middle = 0.5 * (stretches.start + stretches.end)
-    spacing = style.nice_limit(float(stretches.end[-1]) / 5.0)
-    for mark in np.arange(spacing, float(stretches.end[-1]), spacing):
-        nearest = int(np.argmin(np.abs(middle - mark)))
-        at = (
-            np.degrees(_into(stretches.longitude[nearest : nearest + 1], field_map))[0],
-            np.degrees(stretches.latitude[nearest]),
-        )
+    length = float(stretches.end[-1])
+    spacing = style.nice_limit(length / 5.0)
+    for mark in np.arange(spacing, length, spacing):
+        nearest = round(mark / length * (len(latitude) - 1))
+        text, at = f"{mark / 1e3:g} km", (longitude[nearest], latitude[nearest])
         axes.plot(*at, marker="|", markersize=7, color="white", path_effects=halo)
-        axes.annotate(
-            f"{mark / 1e3:g} km",
-            at,
-            xytext=(3, -10),
-            textcoords="offset points",
-            fontsize=7,
-            color="white",
-            path_effects=halo,
-        )
-
-
-def _into(longitude: Array, field_map: "FieldMap") -> Array:
-    """Return longitudes changed by whole circles such that they lie in the map's range."""
-    middle = 0.5 * (field_map.longitude[0] + field_map.longitude[-1])
-    turned = np.unwrap(longitude)
-    return turned + 2.0 * np.pi * np.round((middle - turned.mean()) / (2.0 * np.pi))
+        written = axes.annotate(text, at, xytext=(3, -10), textcoords="offset points")
+        written.set(fontsize=7, color="white", path_effects=halo)
 
 
 def _accuracy(axes: "Axes", stretches: "Stretches") -> None:
@@ -196,46 +131,23 @@ def _accuracy(axes: "Axes", stretches: "Stretches") -> None:
 @style.journal
 def navigability_figure(found: "Navigability") -> "Figure":
     """Draw four heat maps of an area."""
-    north, east = metres_per_radian(float(found.latitude.mean()))
-    shape = float(np.ptp(found.latitude) * north / (np.ptp(found.longitude) * east))
-    figure = style.new_figure(min(max(2.0 * style.WIDTH * 0.42 * shape + 0.9, 3.0), 8.0))
+    titles = {
+        "error_mean": "RMS error on arrival (m)",
+        "error_worst": "on the worst heading (m)",
+        "ambiguity": "probability of a second place",
+        "variability": None,
+    }
+    layers = {
+        name: FieldMap(found.latitude, found.longitude, grid, unit, name)
+        for name, (grid, unit, _) in found.layers().items()
+        if name in titles
+    }
+    frame = Frame.whole(layers["error_mean"])
+    tall = 2.0 * style.WIDTH * 0.42 * frame.shape + 0.9
+    figure = style.new_figure(min(max(tall, 3.0), 8.0))
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    names = ("error_mean", "error_worst", "ambiguity", "variability")
-    titles = (
-        "RMS error on arrival (m)",
-        "on the worst heading (m)",
-        "probability of a second place",
-        "variability",
-    )
-    layers = found.layers()
-    extent = [*np.degrees(found.longitude[[0, -1]]), *np.degrees(found.latitude[[0, -1]])]
-    low = float(np.nanquantile(found.mean, 0.01))
-    high = float(np.nanquantile(found.worst, 0.99))
-    for panel, name, title in zip(panels.flat, names, titles, strict=True):
-        grid, unit, _ = layers[name]
-        if unit == "m/s²":
-            grid, unit = grid / style.MGAL, "$10^{-5}$ m/s²"
-        limits: dict[str, float] = (
-            {"vmin": low, "vmax": high} if name.startswith("error") else {"vmin": 0.0}
-        )
-        if name == "ambiguity":
-            limits["vmax"] = max(float(np.nanmax(grid)), 0.01)
-        image = panel.imshow(
-            grid,
-            origin="lower",
-            extent=extent,
-            aspect=1.0 / np.cos(float(found.latitude.mean())),
-            cmap="viridis",
-            interpolation="nearest",
-            **limits,
-        )
-        text = f"{title} ({unit})" if name == "variability" else title
-        panel.set_title(text)
-        panel.grid(False)
-        # as tall as the map, whose shape is its own
-        figure.colorbar(image, cax=panel.inset_axes((1.03, 0.0, 0.04, 1.0)))
-    for panel in panels[1]:
-        panel.set_xlabel("longitude (deg)")
-    for panel in panels[:, 0]:
-        panel.set_ylabel("latitude (deg)")
+    errors = float(np.nanquantile(found.mean, 0.01)), float(np.nanquantile(found.worst, 0.99))
+    for panel, (name, title) in zip(panels.flat, titles.items(), strict=True):
+        frame.draw(panel, layers[name], title, errors if name.startswith("error") else None)
+        panel.label_outer()
     return figure

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from isogal.cli.checks import not_negative, positive
 from isogal.cli.map.part import PartChoice, Route, RouteChoice
 from isogal.cli.map.results import (
-    AlongRoute,
     Picture,
     describe_map,
+    describe_route,
     draw,
     print_map,
+    print_route,
     rows_of,
     shown_unit,
-    statistics,
 )
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
@@ -93,30 +93,22 @@ def info(
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
     field_map = map_.load_part(where.part(route), route.measured if route else "gravity")
-    track = stretches = along = None
+    described, track, stretches, along = describe_map(field_map), None, None, None
     if route is not None:
         track = route.readings_on(field_map)
         stretches = assumed.stretches(field_map, route, track)
-        along = AlongRoute.of(field_map, track, stretches)
+        along = describe_route(field_map, track, stretches)
     if figure is not None:
         from isogal.cli.map.figures import map_figure
 
         draw(figure, map_figure(field_map, track, stretches))
-    _show(field_map, along, json, [str(figure)] if figure is not None else [])
-
-
-def _show(
-    field_map: "ScalarMap", along: AlongRoute | None, as_json: bool, files: list[str]
-) -> None:
-    """Print what a map is, and what it has along a route; `files` that were written below it."""
-    found = statistics(field_map)
-    if as_json:
-        described = describe_map(field_map, found)
-        print_json(described | ({"route": along._asdict()} if along else {}))
+    files = [str(figure)] if figure is not None else []
+    if json:
+        print_json(described | ({"route": along} if along else {}))
         return
-    print_map(field_map, found, *([] if along else files))
+    print_map(described, *([] if along else files))
     if along is not None:
-        along.print(field_map.unit, *files)
+        print_route(along, field_map.unit, *files)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,17 +21,8 @@ if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
 
 
-class Statistics(NamedTuple):
-    """Of the values of a map, in its unit."""
-
-    minimum: float
-    maximum: float
-    mean: float
-    standard_deviation: float
-    missing: float
-    """Share of the nodes that have no value."""
-
-
+Described = dict[str, Any]
+"""Numbers and texts by name, as JSON shows them."""
 Picture = Annotated[Path | None, written_file("FILE.png", "Draw a picture.", ".png")]
 NetcdfOut = Annotated[
     Path,
@@ -75,16 +66,16 @@ def say_written(
     more
         What else the JSON holds.
     """
-    found = statistics(field_map)
+    described = describe_map(field_map)
     if as_json:
-        print_json(describe_map(field_map, found) | more | {"file": str(path)})
+        print_json(described | more | {"file": str(path)})
     else:
-        print_map(field_map, found, *lines, str(path))
+        print_map(described, *lines, str(path))
 
 
-def statistics(field_map: "ScalarMap") -> Statistics:
-    """Return the statistics of a map's values: part by part and row by row, as the whole map, or a
-    copy of it, may not fit into memory."""
+def statistics(field_map: "ScalarMap") -> dict[str, float]:
+    """Return the statistics of a map's values, and the share of the nodes that have none: part by
+    part and row by row, as the whole map, or a copy of it, may not fit into memory."""
     import numpy as np
 
     size, count, total, squares, low, high = 0, 0, 0.0, 0.0, math.inf, -math.inf
@@ -99,32 +90,58 @@ def statistics(field_map: "ScalarMap") -> Statistics:
             squares += float(((known - middle) ** 2).sum())
             low, high = min(low, float(known.min())), max(high, float(known.max()))
     mean = total / count
-    spread = math.sqrt(max(squares / count - mean**2, 0.0))
-    return Statistics(low, high, middle + mean, spread, 1.0 - count / size)
+    return {
+        "minimum": low,
+        "maximum": high,
+        "mean": middle + mean,
+        "standard_deviation": math.sqrt(max(squares / count - mean**2, 0.0)),
+        "missing": 1.0 - count / size,
+    }
 
 
-def describe_map(field_map: "ScalarMap", found: Statistics) -> dict[str, object]:
-    """Return what a map is of, its extent (deg) and nodes, and its statistics, for JSON."""
+def describe_map(field_map: "ScalarMap") -> Described:
+    """Return what a map is of, its extent (deg) and nodes, and its statistics."""
     import numpy as np
 
     extent = field_map.extent
+    edges = np.degrees(extent[:4]).tolist()
     return {
         "provenance": field_map.provenance,
         "quantity": field_map.quantity,
         "unit": field_map.unit,
         "file_unit": field_map.file_unit or field_map.unit,
-        **dict(
-            zip(("south", "north", "west", "east"), np.degrees(extent[:4]).tolist(), strict=True)
-        ),
+        **dict(zip(("south", "north", "west", "east"), edges, strict=True)),
         "nodes": field_map.shape,
         "step_deg": np.degrees(field_map.step).tolist(),
         "cell_m": field_map.cell_size_m(0.5 * (extent.south + extent.north)),
-        **found._asdict(),
+        **statistics(field_map),
         "sigma": float(np.nanmedian(field_map.sigma)),
         "correlation_length": field_map.correlation_length,
         "quantisation": field_map.quantisation,
         "height": field_map.height,
     }
+
+
+def print_map(described: Described, *below: str) -> None:
+    """Print what `describe_map` returns as a table, and lines below it."""
+    show = partial(_shown, unit=described["unit"])
+    texts = {
+        "quantity": "{quantity} in {unit} (file: {file_unit})",
+        "latitude": "{south:.4f} to {north:.4f} deg",
+        "longitude": "{west:.4f} to {east:.4f} deg",
+        "nodes": "{nodes[0]} x {nodes[1]}, {step_deg[0]:.5g} x {step_deg[1]:.5g} deg"
+        " ({cell_m[0]:.0f} x {cell_m[1]:.0f} m)",
+        "missing": "{missing:.2%}",
+        "level": "not said" if described["height"] is None else "{height:g} m",
+    }
+    table = {name: text.format(**described) for name, text in texts.items()} | {
+        "values": " to ".join(show(described[end]) for end in ("minimum", "maximum")),
+        "mean": show(described["mean"]),
+        "standard deviation": show(described["standard_deviation"]),
+        "1-sigma error": show(described["sigma"]) if described["sigma"] else "not said",
+        "step of the values": show(described["quantisation"]),
+    }
+    print_table(("map", described["provenance"]), list(table.items()), *below, words=(0, 1))
 
 
 def rows_of(columns: "Mapping[str, Array | Integers]") -> list[dict[str, float | None]]:
@@ -148,95 +165,58 @@ def _shown(value: float, unit: str) -> str:
     return f"{value:.5g} {unit}"
 
 
-def print_map(field_map: "ScalarMap", found: Statistics, *below: str) -> None:
-    """Print what a map is of, and its statistics, as a table, and lines below it."""
+def describe_route(
+    field_map: "ScalarMap", track: "tuple[Array, Array]", stretches: "Stretches"
+) -> Described:
+    """Return values, gradient (map's unit, per m) and expected accuracy (m) of fixes along a track
+    (K,), (K,) rad, stretch by stretch; None where infinite or missing, as of a stretch that gives
+    no fix."""
     import numpy as np
 
-    show = partial(_shown, unit=field_map.unit)
-    extent, (rows, columns) = field_map.extent, field_map.shape
-    height, width = np.degrees(field_map.step)
-    tall, wide = field_map.cell_size_m(0.5 * (extent.south + extent.north))
-    south, north, west, east = np.degrees(extent[:4])
-    quantity, sigma = field_map.quantity.replace("_", " "), float(np.nanmedian(field_map.sigma))
-    table = {
-        "quantity": f"{quantity} in {field_map.unit} (file:"
-        f" {field_map.file_unit or field_map.unit})",
-        "latitude": f"{south:.4f} to {north:.4f} deg",
-        "longitude": f"{west:.4f} to {east:.4f} deg",
-        "nodes": (
-            f"{rows} x {columns}, {height:.5g} x {width:.5g} deg ({tall:.0f} x {wide:.0f} m)"
-        ),
-        "values": f"{show(found.minimum)} to {show(found.maximum)}, mean {show(found.mean)}",
-        "standard deviation": show(found.standard_deviation),
-        "missing": f"{100 * found.missing:.2g} %",
-        "1-sigma error": show(sigma) if sigma else "not said",
-        "step of the values": show(field_map.quantisation) if field_map.quantisation else "none",
-        "level": "not said" if field_map.height is None else f"{field_map.height:g} m",
+    value, north, east = field_map.value_and_gradient(*track)
+    best, worst = stretches.axes
+    columns = {
+        "from_km": stretches.start / 1e3,
+        "to_km": stretches.end / 1e3,
+        "latitude": np.degrees(stretches.latitude),
+        "longitude": np.degrees(stretches.longitude),
+        "readings": stretches.readings,
+        "gradient_rms": stretches.gradient,
+        "sigma_best": best,
+        "sigma_worst": worst,
     }
-    print_table(("map", field_map.provenance), list(table.items()), *below, words=(0, 1))
+    return {
+        "length_km": float(stretches.end[-1]) / 1e3,
+        "value_rms": float(np.sqrt(np.mean(value**2))),
+        "value_standard_deviation": float(np.std(value)),
+        "gradient_rms": float(np.sqrt(np.mean(north**2 + east**2))),
+        "stretches": rows_of(columns),
+    }
 
 
-class AlongRoute(NamedTuple):
-    """What a map has along a route, in its unit, and (S,) of its stretches each."""
-
-    length_km: float
-    value_rms: float
-    value_standard_deviation: float
-    gradient_rms: float
-    """Per m."""
-    stretches: "list[dict[str, float | None]]"
-    """None where infinite or missing, as of a stretch that gives no fix."""
-
-    @classmethod
-    def of(
-        cls, field_map: "ScalarMap", track: "tuple[Array, Array]", stretches: "Stretches"
-    ) -> "AlongRoute":
-        """Return values, gradient and expected accuracy along a track (K,), (K,) rad, stretch by
-        stretch."""
-        import numpy as np
-
-        value, north, east = field_map.value_and_gradient(*track)
-        best, worst = stretches.axes
-        columns = {
-            "from_km": stretches.start / 1e3,
-            "to_km": stretches.end / 1e3,
-            "latitude": np.degrees(stretches.latitude),
-            "longitude": np.degrees(stretches.longitude),
-            "readings": stretches.readings,
-            "gradient_rms": stretches.gradient,
-            "sigma_best": best,
-            "sigma_worst": worst,
-        }
-        return cls(
-            float(stretches.end[-1]) / 1e3,
-            float(np.sqrt(np.mean(value**2))),
-            float(np.std(value)),
-            float(np.sqrt(np.mean(north**2 + east**2))),
-            rows_of(columns),
-        )
-
-    def print(self, unit: str, *below: str) -> None:
-        """Print the stretches as a table, and lines below it; the map is in this unit."""
-        factor, short = shown_unit(unit)
-        slope, per_km = 1e3 * factor, f"{short}/km"
-
-        def texts(row: "dict[str, float | None]") -> list[str]:
-            start, end, latitude, longitude, readings, gradient, *sigmas = row.values()
-            return [
-                f"{start:.0f}–{end:.0f}",
-                f"{latitude:.3f}",
-                f"{longitude:.3f}",
-                str(readings),
+def print_route(described: Described, unit: str, *below: str) -> None:
+    """Print what `describe_route` returns of a map in this unit as a table, and lines below it."""
+    factor, short = shown_unit(unit)
+    slope, per_km = 1e3 * factor, f"{short}/km"
+    rows = []
+    for row in described["stretches"]:
+        gradient, sigmas = row["gradient_rms"], (row["sigma_best"], row["sigma_worst"])
+        rows.append(
+            [
+                "{from_km:.0f}–{to_km:.0f}".format(**row),
+                *(f"{row[name]:.3f}" for name in ("latitude", "longitude")),
+                str(row["readings"]),
                 "none" if gradient is None else f"{slope * gradient:.3g}",
                 *("no fix" if sigma is None else f"{sigma:,.0f}" for sigma in sigmas),
             ]
-
-        print_table(
-            ("km", "latitude", "longitude", "readings", per_km, "best (m)", "worst (m)"),
-            [texts(row) for row in self.stretches],
-            f"{self.length_km:.1f} km; values {_shown(self.value_standard_deviation, unit)}"
-            f" standard deviation, gradient {slope * self.gradient_rms:.3g} {per_km} RMS",
-            *below,
-            title=f"Gradient ({per_km}) and expected 1-sigma of a fix from each stretch alone",
-            words=(),
         )
+    print_table(
+        ("km", "latitude", "longitude", "readings", per_km, "best (m)", "worst (m)"),
+        rows,
+        f"{described['length_km']:.1f} km; values"
+        f" {_shown(described['value_standard_deviation'], unit)} standard deviation, gradient"
+        f" {slope * described['gradient_rms']:.3g} {per_km} RMS",
+        *below,
+        title=f"Gradient ({per_km}) and expected 1-sigma of a fix from each stretch alone",
+        words=(),
+    )

@@ -82,10 +82,14 @@ class Frame:
         )
 
     @property
+    def shape(self) -> float:
+        """Height over width."""
+        return (self.north - self.south) * self.stretch / (self.east - self.west)
+
+    @property
     def height(self) -> float:
         """Of the picture with its axes, in, without the legend."""
-        shape = (self.north - self.south) * self.stretch / (self.east - self.west)
-        return _MAP_WIDTH * shape + 0.5
+        return _MAP_WIDTH * self.shape + 0.5
 
     @classmethod
     def whole(cls, field_map: "FieldMap") -> "Frame":
@@ -96,7 +100,11 @@ class Frame:
         return cls(south, north, west, east, stretch=float(per_north / per_east))
 
     def draw(
-        self, panel: "Axes", field_map: "ScalarMap", label: str | None = None, percent: float = 1.0
+        self,
+        panel: "Axes",
+        field_map: "ScalarMap",
+        label: str | None = None,
+        limits: tuple[float, float] | None = None,
     ) -> None:
         """Draw the map in the frame, with a bar of its colours.
 
@@ -106,8 +114,8 @@ class Frame:
         field_map : ScalarMap
         label : str, optional
             Of the colours; default: the map's quantity and unit.
-        percent : float
-            Of the values that are beyond the colours, at either end.
+        limits : pair of float, optional
+            Of the colours, in the map's unit; default: 1 % of the values are beyond either end.
         """
         window = Window(self.south, self.north, self.west, self.east)
         part = field_map.overview(_DOTS, window)
@@ -118,7 +126,7 @@ class Frame:
         turn *= round((0.5 * (self.west + self.east) - float(part.longitude.mean())) / turn)
         south, north = image_edges(np.degrees(part.latitude))
         west, east = image_edges(np.degrees(part.longitude + turn))
-        low, high = np.nanpercentile(values, [percent, 100.0 - percent])
+        low, high = np.nanpercentile(values, [1.0, 99.0]) if limits is None else scale(limits)
         image = panel.imshow(
             values,
             extent=(west, east, south, north),
