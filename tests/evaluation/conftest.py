@@ -43,7 +43,6 @@ def _make(runs=3, states=121, step=60.0, batches=24, scale=50.0, seed=1, detail=
             reading=signal + 2e-5 * random.standard_normal(scans),
             map_value=signal,
             map_value_navigator=signal + 1e-5 * random.standard_normal(scans),
-            feature_variability=0.5 + 0.4 * np.sin(np.linspace(0.0, 9.0, scans)),
             candidate_latitude=values["latitude"][at] + 1e-4 * random.standard_normal(candidates),
             candidate_longitude=values["longitude"][at]
             + 1e-4 * random.standard_normal(candidates),

@@ -14,7 +14,7 @@ from helpers.studies import outcomes
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.ensemble import Curve, ensemble_figure, rms_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
-from isogal.evaluation.figures.signal import signal_figure, variability_figure
+from isogal.evaluation.figures.signal import signal_figure
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.integrity import Solution
@@ -34,7 +34,6 @@ def all_figures(runs, field_map):
         "track": track_figure(runs, field_map),
         "errors": error_figure(runs),
         "nees": nees_figure(runs),
-        "variability": variability_figure(runs, field_map),
         "stanford": stanford_figure(Solution.of(runs), Integrity(alert_limit=400.0)),
         "ensemble": ensemble_figure(runs, np.full(runs.time.size, 30.0)),
     }

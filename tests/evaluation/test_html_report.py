@@ -143,7 +143,6 @@ def test_the_report_of_a_run(make_runs, report_of_a_run):
         "position_error",
         "stanford",
         "measured",
-        "feature_variability",
     }
     assert len(page.all("img")) == len(names)
     rms = np.sqrt(np.mean(runs.horizontal_error**2))
@@ -166,7 +165,6 @@ def test_the_report_of_many_runs_says_why_batches_gave_no_fix(make_runs, tmp_pat
         "nees",
         "position_error",
         "stanford",
-        "feature_variability",
     }
 
 

@@ -171,10 +171,9 @@ def test_the_commands_stay_out_of_a_domain_with_a_driver(
             main()
         return end.value.code, *capfd.readouterr()
 
-    status, out, err = call("replay", recording, "--domain", driver)
+    status, out, err = call("replay", recording)
     assert status == 0, err
     assert "disagreements: 0" in out
-    assert "--domain: a replay needs no ROS domain any more; ignored" in err
     words = ["run", "--in-process", "--out", tmp_path]
     words += [word for item in settings("route.duration=60.0") for word in ("--set", item)]
     status, _, err = call(*words)

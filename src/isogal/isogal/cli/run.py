@@ -141,9 +141,6 @@ def replay(
             least=0.0,
         ),
     ] = None,
-    domain: Annotated[
-        int | None, typer.Option("--domain", metavar="N", hidden=True, help="Of earlier versions.")
-    ] = None,
     json: Json = False,
 ) -> None:
     """Feed a recording's sensor messages to a fresh matcher and filter; say how far the fixes
@@ -154,8 +151,6 @@ def replay(
     require_ros()
     from isogal_ros.graph.commands import replay_command
 
-    if domain is not None:
-        typer.echo("isogal: --domain: a replay needs no ROS domain any more; ignored", err=True)
     raise typer.Exit(replay_command(bag, out, chosen, tolerance=tolerance, json=json))
 
 
@@ -169,10 +164,6 @@ def faults(
         bool, flag("--quick", "A few faults over ten minutes instead of all.")
     ] = False,
     trials: Annotated[int, number("Trials of each fault.", "N", least=0)] = 1,
-    process_trials: Annotated[
-        int | None,
-        typer.Option("--process-trials", metavar="N", hidden=True, help="Of earlier versions."),
-    ] = None,
     json: Json = False,
 ) -> None:
     """Run the nodes with faulty sensors, messages and nodes: what is reported, what harm is done.
@@ -183,8 +174,6 @@ def faults(
     require_ros()
     from isogal_ros.graph.commands import faults_command
 
-    if process_trials is not None:
-        typer.echo("isogal: --process-trials: is benchmarks/soak.py now; ignored", err=True)
     status = faults_command(chosen.load(), out, trials=trials, quick=quick, json=json)
     raise typer.Exit(status)
 

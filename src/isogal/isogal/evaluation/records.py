@@ -21,7 +21,7 @@ from isogal.fix import Candidates, Status
 
 Texts = NDArray[np.str_]
 
-FORMAT = 2
+FORMAT = 3
 """Version of the file layout; a file of another version is refused."""
 
 
@@ -57,9 +57,6 @@ class RunDetail:
     without noise."""
     map_value_navigator: Array = field(metadata=_shape("S"))
     """(S,) the same at the navigator's position."""
-    feature_variability: Array = field(metadata=_shape("S"))
-    """(S,) map feature variability as the matcher reported it, in its own unit, at the last scan
-    of a batch; NaN elsewhere."""
     candidate_latitude: Array = field(metadata=_shape("N"))
     """(N,) rad."""
     candidate_longitude: Array = field(metadata=_shape("N"))

@@ -13,7 +13,7 @@ import yaml
 from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures.ensemble import ensemble_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
-from isogal.evaluation.figures.signal import signal_figure, variability_figure
+from isogal.evaluation.figures.signal import signal_figure
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
@@ -268,9 +268,7 @@ def _single(runs: Runs, sigma: float, field_map: "ScalarMap", many: bool) -> lis
         Illustration(
             "track",
             track_figure(runs, field_map),
-            "The track on the map. Below: surroundings of three batch ends, in kilometres from the"
-            " truth, with lines of equal map value, the map positions compatible with the last"
-            " reading, the fix and the navigator after it.",
+            "The track on the map, the unaided navigator and the fixes.",
         ),
         Illustration(
             "north_east_error",
@@ -282,14 +280,6 @@ def _single(runs: Runs, sigma: float, field_map: "ScalarMap", many: bool) -> lis
     sections = [
         Section("Track and errors" + (" of the first run" if many else ""), illustrations=pictures)
     ]
-    signals = [
-        Illustration(
-            "feature_variability",
-            variability_figure(runs, field_map),
-            "Noiseless signal along the true track and map feature variability: where it is small,"
-            " a reading says little about the position.",
-        )
-    ]
     if runs.detail is not None:
         measured = signal_figure(runs, field_map, sigma)
         caption = (
@@ -297,8 +287,8 @@ def _single(runs: Runs, sigma: float, field_map: "ScalarMap", many: bool) -> lis
             " position come from the reduction with the navigator's wrong velocity, and from the"
             " map's error where it has one."
         )
-        signals.insert(0, Illustration("measured", measured, caption))
-    sections.append(Section("What the sensor saw", illustrations=signals))
+        picture = Illustration("measured", measured, caption)
+        sections.append(Section("What the sensor saw", illustrations=[picture]))
     return sections
 
 
@@ -314,7 +304,6 @@ def _batches(runs: Runs) -> Section:
                 number(float(sigma[1])),
                 number(math.hypot(*runs.posterior_error[0, batch])),
                 number(1e3 * float(runs.fix_seconds[0, batch])),
-                number(_variability(runs, float(time))),
                 str(runs.fix_reason[0, batch]) or "published",
             )
         )
@@ -325,17 +314,9 @@ def _batches(runs: Runs) -> Section:
         "sigma east (m)",
         "navigator after it (m)",
         "computed in (ms)",
-        "feature variability",
         "outcome",
     )
     return Section("Fixes", tables=[Table("Every batch of the run.", header, rows, folded=True)])
-
-
-def _variability(runs: Runs, time: float) -> float | None:
-    """Map feature variability that the matcher reported at a batch end."""
-    if runs.detail is None or runs.detail.scan_time.size == 0:
-        return None
-    return float(runs.detail.feature_variability[np.argmin(np.abs(runs.detail.scan_time - time))])
 
 
 def _declined(runs: Runs) -> Section:

@@ -47,7 +47,6 @@ class Recorder:
         self._reason = np.full((runs, batches), "", dtype=np.object_)
         # for the figures of the first run
         self._candidates: list[Candidates | None] = []
-        self._variability = np.full(scans, np.nan)
         self._reading = np.full(scans, np.nan)
         self._seen = np.full((scans, 2), np.nan)
 
@@ -79,7 +78,7 @@ class Recorder:
 
     def write_fix(self, run: int, batch: int, applied: Applied) -> None:
         """Write a run's fix of a batch, and whether the navigator rejected it or a share of it."""
-        fix, end = applied.fix, self.ends[batch]
+        fix = applied.fix
         rejected = [one for one in applied.innovations if one.outcome is Outcome.REJECTED]
         status = Status.REJECTED if rejected else fix.status
         reason = f"{REJECTED}{rejected[-1].reason}" if rejected else fix.reason
@@ -91,8 +90,6 @@ class Recorder:
             self._fix_covariance[run, batch] = fix.covariance
         if run == 0:
             self._candidates.append(fix.candidates)
-            variability = fix.diagnostics.get("feature_variability", np.nan)
-            self._variability[end - 1] = variability
 
     def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""
@@ -126,6 +123,5 @@ class Recorder:
             reading=self._reading[used],
             map_value=shown.value(self.latitude[1:][used], self.longitude[1:][used]),
             map_value_navigator=shown.value(self._seen[used, 0], self._seen[used, 1]),
-            feature_variability=self._variability[used],
             **RunDetail.flatten(self._candidates),
         )

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.close_up import surroundings
 from isogal.evaluation.figures.ensemble import Curve, draw_curves, rms_figure
 from isogal.evaluation.figures.signal import variability_along
-from isogal.evaluation.figures.track import Frame
+from isogal.evaluation.figures.track import Frame, image_edges
 from isogal.maps.field_map import FieldMap
 from isogal.paper.cases import DEFAULT, MATCHERS, PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot
@@ -99,8 +99,12 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
     (fig-54)."""
     figure = style.new_figure(4.4)
     panel = figure.subplots()
-    scale, place = style.field_scale(field_map), (example.latitude, example.longitude)
-    km, values, image = surroundings(panel, place, field_map, 0.6 * FIGURE_54_SIDE)
+    scale, metres = style.field_scale(field_map), metres_per_radian(example.latitude)
+    lattice = np.linspace(-0.6, 0.6, 90) * FIGURE_54_SIDE
+    latitude = example.latitude + lattice[:, None] / metres[0]
+    values = scale(field_map.value(latitude, example.longitude + lattice / metres[1]))
+    km, edges = lattice / 1e3, image_edges(lattice / 1e3)
+    image = panel.imshow(values, extent=(*edges, *edges), origin="lower", cmap=style.FIELD_COLOURS)
     figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
     level = float(scale(example.reading))
     panel.contour(km, km, values, levels=[level], colors="white", linewidths=1.2)

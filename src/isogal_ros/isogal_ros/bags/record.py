@@ -330,7 +330,6 @@ def _detail(
         reading=np.array([_reading(adapter, collector.readings[ns]) for ns in scans]),
         map_value=field_map.value(truth[:, 0], truth[:, 1]),
         map_value_navigator=field_map.value(seen[:, 0], seen[:, 1]),
-        feature_variability=_figures(collector, scans, "feature_variability"),
         **RunDetail.flatten([_candidates(collector.candidates.get(ns)) for ns in ends]),
     )
 

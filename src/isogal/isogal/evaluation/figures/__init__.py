@@ -8,7 +8,6 @@ matplotlib.
     ensemble    RMS errors of many runs over time, aided and unaided, with the bound
     errors      errors of one run with the filter's 3-sigma band; NEES after fixes
     stanford    error against protection level
-    signal      readings against the map; map feature variability along the track
-    track       the track on the map, with close-ups of single batches
-    close_up    one batch end on the map: candidates, fix and navigator
+    signal      readings, or the map feature variability, against the map along the track
+    track       the track on the map
 """

@@ -60,30 +60,6 @@ def signal_figure(runs: Runs, field_map: "ScalarMap", sigma: float) -> "Figure":
     return figure
 
 
-def variability_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
-    """Noiseless signal and map feature variability along the true track (paper fig-60;
-    docs/mathematics.md, section 12.5), with the batches of the first run that gave no fix."""
-    from isogal.maps.variability import feature_variability, normalised_variability
-
-    time, place = style.hours(runs.elapsed), (runs.latitude, runs.longitude)
-    variability = feature_variability(field_map, *place)
-    curves = field_map.value(*place), variability, normalised_variability(variability)
-    figure = variability_along(field_map, time, *curves)
-    panel = figure.axes[-1]
-    declined = style.hours(runs.fix_time[~runs.published[0]] - runs.time[0])
-    if declined.size:
-        panel.plot(
-            *(declined, np.full(declined.size, 0.06), "x"),
-            transform=panel.get_xaxis_transform(),
-            color=style.VERMILION,
-            markersize=5,
-            label="batch without fix",
-        )
-        style.legend_below(figure)
-    style.time_axis(panel, float(time[-1]))
-    return figure
-
-
 @style.journal
 def variability_along(
     field_map: "ScalarMap", along: Array, value: Array, variability: Array, normalised: Array

@@ -1,4 +1,4 @@
-"""The track on the map: the whole route, and close-ups of single batches."""
+"""The track on the map."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.close_up import BatchEnd, close_up, image_edges
 from isogal.evaluation.records import Runs
 from isogal.maps.axes import Window
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
 
 
-CLOSE_UPS = 3
 _MAP_WIDTH, _LEGEND = 5.2, 0.6
 """in, of the overview without axes and colour bar, and of the legend."""
 _FLATTEST, _TALLEST = 0.3, 0.85
@@ -32,26 +30,36 @@ _DOTS = 700
 
 @style.journal
 def track_figure(runs: Runs, field_map: "ScalarMap") -> "Figure":
-    """The first run on the map: above the whole route, below close-ups of batches early, half-way
-    and at the end."""
-    count = runs.fix_time.size
-    chosen = sorted({round(f * (count - 1)) for f in np.linspace(0.0, 1.0, CLOSE_UPS) if count})
+    """The first run on the map: the route, the unaided navigator and the fixes."""
     frame = Frame.around(runs.latitude, np.unwrap(runs.longitude), 5e3)
-    below = 2.4 if chosen else 0.0
-    figure = style.new_figure(frame.height + below + _LEGEND)
-    if not chosen:
-        _overview(figure.add_subplot(), runs, field_map, frame, chosen)
-        style.legend_below(figure)
-        return figure
-    ratios = (frame.height, below + _LEGEND)
-    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=ratios)[:, 0]
-    _overview(upper.add_subplot(), runs, field_map, frame, chosen)
-    panels = lower.subplots(1, len(chosen), squeeze=False)[0]
-    for panel, batch, letter in zip(panels, chosen, "abc", strict=False):
-        close_up(panel, BatchEnd.of(runs, batch), field_map, letter)
-    panels[0].set_ylabel("north (km)")
-    style.legend_below(lower, panels=figure.axes)
+    figure = style.new_figure(frame.height + _LEGEND)
+    panel = figure.add_subplot()
+    frame.draw(panel, field_map)
+    latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
+    # a white edge keeps lines visible on dark and on light ground
+    panel.plot(longitude, latitude, color="white", linewidth=3.2)
+    panel.plot(longitude, latitude, **style.TRUTH.options(), label="true track")
+    metres_north, metres_east = metres_per_radian(runs.latitude)
+    panel.plot(
+        longitude + np.degrees(runs.unaided_error[0, :, 1] / metres_east),
+        latitude + np.degrees(runs.unaided_error[0, :, 0] / metres_north),
+        **style.UNAIDED.options(),
+        label="unaided INS",
+    )
+    metres = metres_per_radian(runs.fix_place[0])
+    fixes = [
+        np.degrees(place + runs.fix_error[0, :, axis] / metres[axis])
+        for axis, place in enumerate(runs.fix_place)
+    ]
+    panel.plot(fixes[1], fixes[0], "o", **style.FIX_DOT, label="fix")
+    style.legend_below(figure)
     return figure
+
+
+def image_edges(nodes: Array) -> tuple[float, float]:
+    """Outer edges of the cells about regular nodes, for the picture of a map."""
+    half = 0.5 * float(nodes[1] - nodes[0])
+    return float(nodes[0]) - half, float(nodes[-1]) + half
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,37 +154,3 @@ class Frame:
         panel.set_ylim(math.degrees(self.south), math.degrees(self.north))
         panel.set_xlabel("longitude (deg)")
         panel.set_ylabel("latitude (deg)")
-
-
-def _overview(
-    panel: "Axes", runs: Runs, field_map: "ScalarMap", frame: Frame, chosen: list[int]
-) -> None:
-    """Draw the route, the unaided navigator, the fixes, and the letters of the close-ups."""
-    frame.draw(panel, field_map)
-    latitude, longitude = np.degrees(runs.latitude), np.degrees(np.unwrap(runs.longitude))
-    # a white edge keeps lines visible on dark and on light ground
-    panel.plot(longitude, latitude, color="white", linewidth=3.2)
-    panel.plot(longitude, latitude, **style.TRUTH.options(), label="true track")
-    metres_north, metres_east = metres_per_radian(runs.latitude)
-    panel.plot(
-        longitude + np.degrees(runs.unaided_error[0, :, 1] / metres_east),
-        latitude + np.degrees(runs.unaided_error[0, :, 0] / metres_north),
-        **style.UNAIDED.options(),
-        label="unaided INS",
-    )
-    batch_end = [np.degrees(axis) for axis in runs.fix_place]
-    metres = metres_per_radian(runs.fix_place[0])
-    fix_latitude, fix_longitude = (
-        batch_end[axis] + np.degrees(runs.fix_error[0, :, axis] / metres[axis])
-        for axis in range(2)
-    )
-    panel.plot(fix_longitude, fix_latitude, "o", **style.FIX_DOT, label="fix")
-    for letter, batch in zip("abc", chosen, strict=False):
-        panel.annotate(
-            letter,
-            (batch_end[1][batch], batch_end[0][batch]),
-            xytext=(5, -11),
-            textcoords="offset points",
-            fontweight="bold",
-            bbox=style.LABEL_BOX,
-        )
