@@ -92,14 +92,14 @@ def compare(
 ) -> None:
     """Put runs or studies side by side: what differs in their scenarios, their figures of merit,
     and with --out their errors over time in one figure."""
-    from isogal.evaluation.comparison import comparison, read_results, write_comparison
+    from isogal.evaluation.comparison import comparison, read_results, rows_of, write_comparison
 
     results = read_results(sources)
     found = comparison(results)
     if json:
-        print_json(found.document())
+        print_json({"runs": list(results), **found})
     else:
-        print_table(("", *found.names), found.rows())
+        print_table(("", *results), [row for part in rows_of(found) for row in part])
     if out is not None:
-        page = write_comparison(out, results, found)
+        page = write_comparison(out, results)
         typer.echo(str(page), err=json)

@@ -1,7 +1,6 @@
 """Runs or studies side by side: `isogal compare`."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -43,26 +42,7 @@ _MERITS = {
 """Dotted keys of the results."""
 
 Document = Mapping[str, Json]
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """What differs between runs, and their figures of merit; a value for each run."""
-
-    names: list[str]
-    settings: dict[str, list[Json]]
-    """Keys of the scenarios that are not the same in all."""
-    merits: dict[str, list[float | None]]
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return rows of text: settings, then figures of merit."""
-        settings = [(key, *map(_text, values)) for key, values in self.settings.items()]
-        merits = [(name, *map(_number, values)) for name, values in self.merits.items()]
-        return settings + merits
-
-    def document(self) -> Document:
-        """Return it as JSON can say it."""
-        return {"runs": self.names, "settings": self.settings, "merits": self.merits}
+Row = tuple[str, ...]
 
 
 def read_results(sources: Sequence[Path]) -> dict[str, Document]:
@@ -89,22 +69,33 @@ def read_results(sources: Sequence[Path]) -> dict[str, Document]:
     return results
 
 
-def comparison(results: dict[str, Document]) -> Comparison:
-    """Compare results by name."""
+def comparison(results: dict[str, Document]) -> dict[str, dict[str, list[Json]]]:
+    """Return what differs between results by name: `settings`, the keys of the scenarios that are
+    not the same in all, and `merits`, figures of merit; a value for each."""
     every = [dict(_flat(result["scenario"])) for result in results.values()]
     keys = dict.fromkeys(key for settings in every for key in settings)
     settings = {key: [one.get(key) for one in every] for key in keys}
-    return Comparison(
-        list(results),
-        {key: values for key, values in settings.items() if any(v != values[0] for v in values)},
-        {
-            name: [_value(result, path) for result in results.values()]
-            for name, path in _MERITS.items()
-        },
-    )
+    flat = [dict(_flat(result)) for result in results.values()]
+    return {
+        "settings": {key: x for key, x in settings.items() if any(v != x[0] for v in x)},
+        "merits": {name: [one.get(key) for one in flat] for name, key in _MERITS.items()},
+    }
 
 
-def write_comparison(out_dir: Path, results: dict[str, Document], found: Comparison) -> Path:
+def rows_of(found: dict[str, dict[str, list[Json]]]) -> tuple[list[Row], list[Row]]:
+    """Return what `comparison` returns as rows of text: settings, and figures of merit."""
+    settings = [
+        (key, *("–" if x is None else str(x) for x in values))
+        for key, values in found["settings"].items()
+    ]
+    merits = [
+        (name, *(number(x) if isinstance(x, float | None) else str(x) for x in values))
+        for name, values in found["merits"].items()
+    ]
+    return settings, merits
+
+
+def write_comparison(out_dir: Path, results: dict[str, Document]) -> Path:
     """Write report.html and its figure into a folder; return the page's path."""
     curves = []
     for index, (name, result) in enumerate(results.items()):
@@ -122,14 +113,13 @@ def write_comparison(out_dir: Path, results: dict[str, Document], found: Compari
     if curves:
         caption = "RMS position error of the aided navigators over time."
         pictures.append(Illustration("rms_over_time", rms_figure(curves), caption))
-    rows = found.rows()
-    changed, merits = rows[: len(found.settings)], rows[len(found.settings) :]
-    tables = [Table("Figures of merit.", ("", *found.names), merits)]
+    found = comparison(results)
+    changed, merits = rows_of(found)
+    tables = [Table("Figures of merit.", ("", *results), merits)]
     if changed:
-        tables.append(Table("What differs in the scenarios.", ("key", *found.names), changed))
-    return write_report(
-        out_dir, f"{len(results)} runs side by side", [Section("Errors", (), pictures)], tables
-    )
+        tables.append(Table("What differs in the scenarios.", ("key", *results), changed))
+    title = f"{len(results)} runs side by side"
+    return write_report(out_dir, title, [Section("Errors", (), pictures)], tables)
 
 
 _UNAIDED = style.Line("0.5", (0, (1, 1.2)))
@@ -161,16 +151,3 @@ def _flat(value: Json, prefix: str = "") -> Iterator[tuple[str, Json]]:
             yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
     else:
         yield prefix, value
-
-
-def _value(result: Document, key: str) -> float | None:
-    value = dict(_flat(result)).get(key)
-    return value if isinstance(value, int | float) else None
-
-
-def _text(value: Json) -> str:
-    return "–" if value is None else str(value)
-
-
-def _number(value: float | None) -> str:
-    return str(value) if isinstance(value, int) else number(value)

@@ -6,7 +6,7 @@ One type serves a single run (R = 1) and a Monte Carlo. Chunks of runs are joine
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict, cast
 
@@ -23,12 +23,6 @@ Texts = NDArray[np.str_]
 
 FORMAT = 3
 """Version of the file layout; a file of another version is refused."""
-
-
-def _shape(*lengths: int | str) -> dict[str, tuple[int | str, ...]]:
-    """Say, as metadata of a field, which shape its array has: lengths, or letters for lengths that
-    all arrays of a record share."""
-    return {"shape": lengths}
 
 
 class CandidateFields(TypedDict):
@@ -48,28 +42,25 @@ class RunDetail:
     Candidates of all batches are in one list of N, each with its batch, its scan within the batch
     and its weight."""
 
-    scan_time: Array = field(metadata=_shape("S"))
+    scan_time: Array
     """(S,) s."""
-    reading: Array = field(metadata=_shape("S"))
+    reading: Array
     """(S,) reduced readings, map's unit; NaN = none."""
-    map_value: Array = field(metadata=_shape("S"))
+    map_value: Array
     """(S,) the map's value at the true position of the scan, known offset included: the signal
     without noise."""
-    map_value_navigator: Array = field(metadata=_shape("S"))
+    map_value_navigator: Array
     """(S,) the same at the navigator's position."""
-    candidate_latitude: Array = field(metadata=_shape("N"))
+    candidate_latitude: Array
     """(N,) rad."""
-    candidate_longitude: Array = field(metadata=_shape("N"))
+    candidate_longitude: Array
     """(N,) rad."""
-    candidate_weight: Array = field(metadata=_shape("N"))
+    candidate_weight: Array
     """(N,) association probability within its scan."""
-    candidate_batch: Integers = field(metadata=_shape("N"))
+    candidate_batch: Integers
     """(N,) index into the record's fix_time."""
-    candidate_scan: Integers = field(metadata=_shape("N"))
+    candidate_scan: Integers
     """(N,) index of the scan in its batch."""
-
-    def __post_init__(self) -> None:
-        _check_shapes(self)
 
     @staticmethod
     def flatten(candidates: Sequence[Candidates | None]) -> CandidateFields:
@@ -92,43 +83,42 @@ class Runs:
     """R runs of one scenario: K navigation states and B batch ends each. Errors are estimate minus
     truth, north and east, m."""
 
-    time: Array = field(metadata=_shape("K"))
+    time: Array
     """(K,) s, increasing."""
-    latitude: Array = field(metadata=_shape("K"))
+    latitude: Array
     """(K,) rad, truth."""
-    longitude: Array = field(metadata=_shape("K"))
+    longitude: Array
     """(K,) rad, truth."""
-    error: Array = field(metadata=_shape("R", "K", 2))
+    error: Array
     """(R, K, 2) m, the aided navigator."""
-    covariance: Array = field(metadata=_shape("R", "K", 2, 2))
+    covariance: Array
     """(R, K, 2, 2) m², the aided navigator's covariance of its error."""
-    unaided_error: Array = field(metadata=_shape("R", "K", 2))
+    unaided_error: Array
     """(R, K, 2) m, the same inertial data without aiding."""
-    fix_time: Array = field(metadata=_shape("B"))
+    fix_time: Array
     """(B,) s, last scan of each batch."""
-    fix_error: Array = field(metadata=_shape("R", "B", 2))
+    fix_error: Array
     """(R, B, 2) m, fix minus truth; NaN where the batch gave none."""
-    fix_covariance: Array = field(metadata=_shape("R", "B", 2, 2))
+    fix_covariance: Array
     """(R, B, 2, 2) m², of the measurements alone; NaN where the batch gave none."""
-    fix_status: Texts = field(metadata=_shape("R", "B"))
+    fix_status: Texts
     """(R, B) values of `isogal.fix.Status`."""
-    fix_reason: Texts = field(metadata=_shape("R", "B"))
+    fix_reason: Texts
     """(R, B) why the batch gave no fix, or the navigator did not use it; empty where it did."""
-    posterior_error: Array = field(metadata=_shape("R", "B", 2))
+    posterior_error: Array
     """(R, B, 2) m, the navigator right after each batch end."""
-    posterior_covariance: Array = field(metadata=_shape("R", "B", 2, 2))
+    posterior_covariance: Array
     """(R, B, 2, 2) m²."""
-    fix_seconds: Array = field(metadata=_shape("R", "B"))
+    fix_seconds: Array
     """(R, B) s, computing time of each batch."""
     detail: RunDetail | None = None
     """Extras for the figures of run 0."""
-    smoothed_error: Array | None = field(default=None, metadata=_shape("R", "K", 2))
+    smoothed_error: Array | None = None
     """(R, K, 2) m, of the states as all data of the voyage have them; None = not smoothed."""
-    smoothed_covariance: Array | None = field(default=None, metadata=_shape("R", "K", 2, 2))
+    smoothed_covariance: Array | None = None
     """(R, K, 2, 2) m²."""
 
     def __post_init__(self) -> None:
-        _check_shapes(self)
         if ((self.fix_reason == "") != self.published).any():
             raise ValueError("fix_reason must be empty where a fix was published, and only there")
 
@@ -172,7 +162,7 @@ class Runs:
     def part(self, which: Sequence[int]) -> "Runs":
         """Return some of the runs, by their places in the record; the detail stays only where the
         first of them is the first here."""
-        own = {name: array[list(which)] for name, array in _arrays(self) if name in _PER_RUN}
+        own = {name: array[list(which)] for name, array in _arrays(self) if name not in _SHARED}
         detail = self.detail if list(which[:1]) == [0] else None
         return replace(self, **own, detail=detail)
 
@@ -189,12 +179,12 @@ class Runs:
         if not parts:
             raise ValueError("no runs to join")
         first = parts[0]
-        for name in _shapes(Runs).keys() - set(_PER_RUN):
+        for name in _SHARED:
             if not all(np.array_equal(getattr(first, name), getattr(p, name)) for p in parts):
                 raise ValueError(f"runs of different scenarios cannot be joined: {name} differs")
         if len({part.smoothed_error is None for part in parts}) > 1:
             raise ValueError("runs that were smoothed and runs that were not cannot be joined")
-        per_run = [name for name, _ in _arrays(first) if name in _PER_RUN]
+        per_run = (name for name, _ in _arrays(first) if name not in _SHARED)
         joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in per_run}
         return replace(first, **joined, detail=first.detail)
 
@@ -220,8 +210,8 @@ class Runs:
             with np.load(path, allow_pickle=False) as stored:
                 if (version := int(stored["format"])) != FORMAT:
                     raise ValueError(f"it has format {version}")
-                own = {name: stored[name] for name in _shapes(Runs) if _is_there(name, stored)}
-                names = {name: _OF_DETAIL + name for name in _shapes(RunDetail)}
+                own = {name: stored[name] for name in _names(Runs) if _is_there(name, stored)}
+                names = {name: _OF_DETAIL + name for name in _names(RunDetail)}
                 detail = None
                 if all(key in stored for key in names.values()):
                     detail = RunDetail(**{name: stored[key] for name, key in names.items()})
@@ -244,32 +234,18 @@ def _is_there(name: str, stored: NpzFile) -> bool:
     return name in stored or name not in _OPTIONAL
 
 
-def _check_shapes(record: RunDetail | Runs) -> None:
-    """Raise ValueError unless all arrays have the shapes that their fields say."""
-    lengths: dict[int | str, int] = {}
-    shapes = _shapes(type(record))
-    for name, array in _arrays(record):
-        shape, found = shapes[name], array.shape
-        if len(found) == len(shape):
-            for letter, length in zip(shape, found, strict=True):
-                lengths.setdefault(letter, length if isinstance(letter, str) else letter)
-        expected = tuple(lengths.get(length, length) for length in shape)
-        if found != expected:
-            raise ValueError(f"{name} must have shape {expected}, has {found}")
-
-
-def _shapes(record: type[RunDetail] | type[Runs]) -> dict[str, tuple[int | str, ...]]:
-    """Return names and shapes of the arrays of a record."""
-    return {one.name: one.metadata["shape"] for one in fields(record) if one.metadata}
+def _names(record: type[RunDetail] | type[Runs]) -> list[str]:
+    """Return the names of a record's arrays."""
+    return [one.name for one in fields(record) if one.name != "detail"]
 
 
 def _arrays(record: RunDetail | Runs) -> list[tuple[str, Any]]:
     """Return the arrays that a record has, by name."""
-    every = ((name, getattr(record, name)) for name in _shapes(type(record)))
+    every = ((name, getattr(record, name)) for name in _names(type(record)))
     return [(name, array) for name, array in every if array is not None]
 
 
 _OF_DETAIL = "detail_"
 _OPTIONAL = ("smoothed_error", "smoothed_covariance")
-_PER_RUN = [name for name, (first, *_) in _shapes(Runs).items() if first == "R"]
-"""Arrays of a record that every run has one of; others are shared."""
+_SHARED = ("time", "latitude", "longitude", "fix_time")
+"""Arrays of a record that all its runs share; of the others each has its own."""
