@@ -52,15 +52,8 @@ class Asked:
         from isogal.evaluation.planning.planner import RouteRequest
 
         areas = tuple(area for path in self.no_go or () for area in read_areas(path))
-        request = RouteRequest(
-            _place("--from", self.start),
-            _place("--to", self.goal),
-            self.detour,
-            self.ceiling,
-            areas,
-        )
-        request.check()
-        return request
+        ends = _place("--from", self.start), _place("--to", self.goal)
+        return RouteRequest(*ends, self.detour, self.ceiling, areas)
 
 
 @dataclass(frozen=True)

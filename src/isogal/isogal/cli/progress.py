@@ -23,7 +23,6 @@ class Bars:
             MofNCompleteColumn,
             Progress,
             ProgressColumn,
-            TextColumn,
             TransferSpeedColumn,
         )
 
@@ -32,7 +31,7 @@ class Bars:
         if unit == "bytes":
             count = [DownloadColumn(), TransferSpeedColumn()]
         self.bars = Progress(
-            TextColumn("{task.description}"),
+            "{task.description}",
             BarColumn(),
             *count,
             console=console,

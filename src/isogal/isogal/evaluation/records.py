@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, TypedDict, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
@@ -23,16 +23,6 @@ Texts = NDArray[np.str_]
 
 FORMAT = 3
 """Version of the file layout; a file of another version is refused."""
-
-
-class CandidateFields(TypedDict):
-    """The fields of `RunDetail` about candidates."""
-
-    candidate_latitude: Array
-    candidate_longitude: Array
-    candidate_weight: Array
-    candidate_batch: Integers
-    candidate_scan: Integers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +53,7 @@ class RunDetail:
     """(N,) index of the scan in its batch."""
 
     @staticmethod
-    def flatten(candidates: Sequence[Candidates | None]) -> CandidateFields:
+    def flatten(candidates: Sequence[Candidates | None]) -> dict[str, Any]:
         """Return the five candidate fields from the candidates of each batch in turn (None = the
         batch has none)."""
         present = [(batch, c) for batch, c in enumerate(candidates) if c is not None]

@@ -22,25 +22,18 @@ class LiveProgress:
 
     def __init__(self, what: str) -> None:
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
+        from rich.progress import BarColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
         self.what = what
         self._total = self._done = 0.0
         self._runs = self._finished = 0
         self._start = self._last = time.monotonic()
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            "{task.description}",
             BarColumn(),
-            TextColumn("{task.fields[runs]}"),
-            TextColumn("{task.fields[speed]}"),
+            "{task.fields[runs]} {task.fields[speed]}",
             TimeElapsedColumn(),
-            TextColumn("left"),
+            "left",
             TimeRemainingColumn(elapsed_when_finished=False),
             console=Console(stderr=True),
             transient=True,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from isogal.cli.checks import NETCDF
 from isogal.cli.map.part import PartChoice
@@ -15,13 +15,6 @@ from isogal.cli.tables import print_json, print_table
 
 if TYPE_CHECKING:
     from isogal.evaluation.navigability.area import Navigability
-
-_ROWS = {
-    "error_worst": "worst heading (m)",
-    "error_mean": "all headings (m)",
-    "error_best": "best heading (m)",
-    "ambiguity": "second place",
-}
 
 
 @dataclass(frozen=True)
@@ -88,17 +81,16 @@ def _along_a_route(where: PartChoice) -> bool:
 
 
 def _print(found: "Navigability", files: list[Path]) -> None:
-    summary: dict[str, Any] = found.summary()
-    rows, columns = summary["nodes"]
-    texts = _ROWS | {"variability": f"variability ({found.unit})"}
+    summary = found.summary()
+    rows, columns = found.mean.shape
     print_table(
         ("", "least", "quarter", "median", "three quarters", "largest"),
         [
-            (text, *(f"{value:.3g}" for value in summary[name].values()))
-            for name, text in texts.items()
+            (f"{text} ({unit})", *(f"{value:.3g}" for value in summary[name].values()))
+            for name, (_, unit, text) in found.layers().items()
             if name in summary
         ],
         *map(str, files),
-        title=f"RMS error on arrival, {rows} x {columns} nodes, {summary['headings']} headings;"
-        f" without readings {found.prior:.0f} m",
+        title=f"{rows} x {columns} nodes, {len(found.heading)} headings; without readings"
+        f" {found.prior:.0f} m",
     )

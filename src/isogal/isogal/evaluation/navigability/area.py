@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,8 @@ _SEPARATION = 4.0
 """Two places are different ones where sqrt(2) |m1 - m2| / sqrt(s1² + s2²) along an axis exceeds
 this (Ashman, Bird & Zepf 1994, AJ 108:2348, who call 2 clean for two Gaussians; the two halves of
 one cut Gaussian already reach 2.7)."""
+
+_QUARTERS = "least", "quarter", "median", "three_quarters", "largest"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,20 +98,15 @@ class Navigability:
             "variability": (self.variability, self.unit, "root of map feature variability"),
         }
 
-    def summary(self) -> dict[str, object]:
+    def summary(self) -> dict[str, Any]:
         """Return quantiles of each layer."""
+        parts = np.linspace(0.0, 1.0, len(_QUARTERS))
         return {
             "nodes": list(self.mean.shape),
             "headings": len(self.heading),
             "unaided_m": self.prior,
             **{
-                name: dict(
-                    zip(
-                        ("least", "quarter", "median", "three_quarters", "largest"),
-                        np.nanquantile(grid, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist(),
-                        strict=True,
-                    )
-                )
+                name: dict(zip(_QUARTERS, np.nanquantile(grid, parts).tolist(), strict=True))
                 for name, (grid, _, _) in self.layers().items()
                 if np.isfinite(grid).any()
             },
