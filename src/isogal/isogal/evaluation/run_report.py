@@ -1,13 +1,11 @@
 """The report of `isogal run` and of `isogal montecarlo`: figures and tables of a record of
 runs."""
 
-import math
 import re
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import yaml
 
 from isogal.evaluation.bound import BoundResult
@@ -67,7 +65,7 @@ def run_report(
         _accuracy(runs, bound, many),
         _integrity(runs, assumed.integrity, summary["integrity"]),
         *_single(runs, reading_sigma(shown), channels_of(first_map(field_map))[0], many),
-        _declined(runs) if many else _batches(runs),
+        _declined(runs),
         _scenario(summary["scenario"], assumed.field_names[0], field_map),
     ]
     what = f"{len(runs)} runs" if many else "Run"
@@ -292,33 +290,6 @@ def _single(runs: Runs, sigma: float, field_map: "ScalarMap", many: bool) -> lis
     return sections
 
 
-def _batches(runs: Runs) -> Section:
-    rows = []
-    for batch, time in enumerate(runs.fix_time):
-        sigma = np.sqrt(np.diagonal(runs.fix_covariance[0, batch]))
-        rows.append(
-            (
-                f"{(time - runs.time[0]) / 60:.1f}",
-                number(math.hypot(*runs.fix_error[0, batch])),
-                number(float(sigma[0])),
-                number(float(sigma[1])),
-                number(math.hypot(*runs.posterior_error[0, batch])),
-                number(1e3 * float(runs.fix_seconds[0, batch])),
-                str(runs.fix_reason[0, batch]) or "published",
-            )
-        )
-    header = (
-        "time (min)",
-        "fix error (m)",
-        "sigma north (m)",
-        "sigma east (m)",
-        "navigator after it (m)",
-        "computed in (ms)",
-        "outcome",
-    )
-    return Section("Fixes", tables=[Table("Every batch of the run.", header, rows, folded=True)])
-
-
 def _declined(runs: Runs) -> Section:
     # without the figures of each batch
     counts = Counter(
@@ -326,7 +297,7 @@ def _declined(runs: Runs) -> Section:
         for reason in runs.fix_reason[~runs.published].tolist()
     )
     if not counts:
-        return Section("Fixes", ["Every batch of every run gave a fix."])
+        return Section("Fixes", ["Every batch gave a fix."])
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     rows = [(reason, str(count)) for reason, count in ordered]
     return Section(

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 GRADE_LABELS = {"precision": "PCAG", "quantum_accelerometer": "QAPCG", "quantum": "quantum"}
 _LINES = {PAPER: style.Line(style.PURPLE, (0, (5, 1.5, 1, 1.5)), 1.5), DEFAULT: style.AIDED}
-_LATE = style.Line(style.GREEN, (0, (4, 1.5)), 1.5)
 _RMS = "RMS position error (m)"
 
 
@@ -165,35 +164,6 @@ def noise_figure(results: Results, quantity: str, batch_length: int) -> "Figure"
         panel.set_title(rf"$\sigma$ = {sigma:g} m/s², T = {batch_length}", loc="left")
     panels[0].set_ylabel(_RMS)
     style.legend_below(figure)
-    return figure
-
-
-@style.journal
-def retrodiction_figure(results: Results) -> "Figure":
-    """Standard aiding and retrodiction: RMS errors of all runs, and the track of one run over half
-    an hour."""
-    standard, late = Setting(), Setting(mode="retrodiction")
-    output = {"standard": (standard, _LINES[PAPER]), "retrodiction, as output": (late, _LATE)}
-    figure = style.new_figure(3.4)
-    left, right = figure.subplots(1, 2)
-    outcomes = {name: results.outcomes[setting] for name, (setting, _) in output.items()}
-    draw_curves(left, [Curve(n, o.time, o.rms, output[n][1]) for n, o in outcomes.items()])
-    left.set(ylim=(0.0, None), ylabel=_RMS)
-    left.set_title("all runs", loc="left")
-    tracks = results.tracks[late]
-    minutes = tracks.time / 60.0
-    middle = minutes[-1] / 2.0
-    half = min(30.0, middle)
-    shown = [(n, results.tracks[s].live[0], line) for n, (s, line) in output.items()]
-    shown.append(("retrodiction, revised", tracks.revised[0], style.Line(style.BLACK, "-", 1.3)))
-    for name, error, line in shown:
-        right.plot(minutes, np.hypot(*error.T), **line.options(), label=name)
-    inside = np.abs(minutes - middle) <= half
-    top = max(float(np.hypot(*error[inside].T).max()) for _, error, _ in shown)
-    right.set(xlim=(middle - half, middle + half), ylim=(0.0, style.nice_limit(top)))
-    right.set(xlabel="time since start (min)", ylabel="position error (m)")
-    right.set_title("one run", loc="left")
-    style.legend_below(figure, columns=3)
     return figure
 
 

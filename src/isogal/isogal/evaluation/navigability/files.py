@@ -1,16 +1,13 @@
 """Navigability as a file: NetCDF, or GeoTIFF with a band for each layer."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.evaluation.navigability.area import Navigability
 from isogal.files import atomic_path
-
-_Layer = tuple[tuple[str, ...], Array, str, str]
-"""Dimensions, numbers, unit, description."""
 
 
 def write_navigability(found: Navigability, path: Path) -> None:
@@ -25,31 +22,32 @@ def write_navigability(found: Navigability, path: Path) -> None:
 
 
 def _netcdf(found: Navigability, path: Path) -> None:
-    import xarray
+    import netCDF4
 
-    axes = {
-        "lat": (found.latitude, "latitude", "degrees_north"),
-        "lon": (found.longitude, "longitude", "degrees_east"),
-        "heading": (found.heading, "heading, clockwise from north", "degree"),
-    }
-    layers: dict[str, _Layer] = {
-        name: (("lat", "lon"), *layer) for name, layer in found.layers().items()
-    }
-    text = "RMS horizontal error on arrival by heading"
-    layers["error"] = ("heading", "lat", "lon"), found.error, "m", text
-    dataset = xarray.Dataset(
-        {
-            name: (names, grid, {"units": unit.replace("m/s²", "m s-2"), "long_name": text})
-            for name, (names, grid, unit, text) in layers.items()
-        },
-        {
-            name: (name, np.degrees(axis), {"long_name": text, "units": unit})
-            for name, (axis, text, unit) in axes.items()
-        },
-        {"Conventions": "CF-1.8", "title": "navigability", "unaided_error_m": found.prior},
-    )
-    packed = {"dtype": "f4", "zlib": True, "complevel": 4, "_FillValue": np.nan}
-    dataset.to_netcdf(path, engine="netcdf4", encoding=dict.fromkeys(layers, packed))
+    with netCDF4.Dataset(str(path), "w") as dataset:
+        dataset.Conventions = "CF-1.8"
+        dataset.title = "navigability"
+        dataset.unaided_error_m = found.prior
+        axes = (
+            ("lat", found.latitude, "latitude", "degrees_north"),
+            ("lon", found.longitude, "longitude", "degrees_east"),
+            ("heading", found.heading, "heading, clockwise from north", "degree"),
+        )
+        for name, axis, text, unit in axes:
+            dataset.createDimension(name, axis.size)
+            coordinate = dataset.createVariable(name, "f8", (name,))
+            coordinate.long_name, coordinate.units = text, unit
+            coordinate[:] = np.degrees(axis)
+        packed = partial(
+            dataset.createVariable, datatype="f4", zlib=True, complevel=4, fill_value=np.nan
+        )
+        for name, (grid, unit, text) in found.layers().items():
+            layer = packed(name, dimensions=("lat", "lon"))
+            layer.units, layer.long_name = unit.replace("m/s²", "m s-2"), text
+            layer[:] = grid
+        error = packed("error", dimensions=("heading", "lat", "lon"))
+        error.units, error.long_name = "m", "RMS horizontal error on arrival by heading"
+        error[:] = found.error
 
 
 def _geotiff(found: Navigability, path: Path) -> None:
