@@ -1,7 +1,7 @@
 """Sections about height, velocity, position and heading from sensors."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 from pydantic import AfterValidator, Field, model_validator
@@ -92,6 +92,23 @@ class HeightAid(Height):
         return f"height_{self.name}"
 
 
+class _OfKind(Section):
+    """A section whose errors are those of its kind where they are null."""
+
+    kinds: ClassVar[Mapping[str, NamedTuple]]
+
+    def resolved(self) -> Document:
+        """See `Section`."""
+        values = self.model_dump()
+        kind = self.kinds.get(values["kind"])
+        own = {} if kind is None else kind._asdict()
+        return values | {key: own.get(key) for key in self.errors if values[key] is None}
+
+    def number(self, key: str) -> float:
+        """Return one of `errors`, that of the kind where it is null."""
+        return float(self.resolved()[key] or 0.0)
+
+
 class _Kind(NamedTuple):
     """What a velocity aid of one kind measures, and how well unless the scenario says it."""
 
@@ -115,10 +132,11 @@ the ground (Groves 2013, section 16.3); speed log in water; airspeed. The number
 of such instruments' data sheets."""
 
 
-class Velocity(Section):
+class Velocity(_OfKind):
     """A sensor of the vehicle's velocity in body axes."""
 
     errors: ClassVar[tuple[str, ...]] = ("sigma", "scale", "misalignment", "current_sigma")
+    kinds: ClassVar[Mapping[str, NamedTuple]] = KINDS
     delay: ClassVar[float] = 0.0
     available: ClassVar[None] = None
 
@@ -166,18 +184,6 @@ class Velocity(Section):
         """What the names of the states begin with of what it moves through, which is the same for
         all sensors in one."""
         return "wind" if self.kind == "airspeed" else "current"
-
-    def resolved(self) -> Document:
-        """See `Section`."""
-        values = self.model_dump()
-        if self.kind != "none":
-            kind = KINDS[self.kind]._asdict()
-            values |= {key: kind[key] for key in self.errors if values[key] is None}
-        return values
-
-    def number(self, key: str) -> float:
-        """Return one of `errors`, that of the kind where it is null."""
-        return float(self.resolved()[key] or 0.0)
 
 
 class VelocityAid(Velocity):
@@ -284,10 +290,11 @@ field and whose slow error is that of the declination and the deviation; course 
 differs from the heading by the angle of crab. The numbers are of the order of data sheets."""
 
 
-class HeadingAid(Section):
+class HeadingAid(_OfKind):
     """One of the aids of the list `headings`, which say where the bow points."""
 
     errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "correlated_sigma")
+    kinds: ClassVar[Mapping[str, NamedTuple]] = HEADINGS
 
     name: AidName | None = None
     """what it is called, heading/NAME/data_raw; null = heading/data_raw"""
@@ -317,15 +324,6 @@ class HeadingAid(Section):
     def prefix(self) -> str:
         """What the names of its states and random streams begin with."""
         return "heading" if self.name is None else f"heading_{self.name}"
-
-    def resolved(self) -> Document:
-        """See `Section`."""
-        values, kind = self.model_dump(), HEADINGS[self.kind]._asdict()
-        return values | {key: kind[key] for key in self.errors if values[key] is None}
-
-    def number(self, key: str) -> float:
-        """Return one of `errors`, that of the kind where it is null."""
-        return float(self.resolved()[key])
 
 
 class Gnss(Section):
