@@ -119,7 +119,7 @@ def test_batches_without_a_fix_are_printed_with_the_reason(files):
 BAD = {
     "no track": (["--track", "none.csv"], "none.csv: no such file or folder"),
     "no map": (["--map", "none.nc"], "none.nc: no such file or folder"),
-    "suffix": (["--out", "x.txt"], "x.txt: results are written to .json, .csv, .geojson files"),
+    "suffix": (["--out", "x.txt"], "x.txt: must end in .json or .csv or .geojson"),
     "folder": (["--out", "/dev/null/x.json"], "/dev/null/x.json: cannot be written"),
     "matcher": (["--matcher", "pmth"], "matcher.name"),
     "key": (

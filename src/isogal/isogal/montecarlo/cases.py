@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 import isogal
-from isogal.evaluation.records import FORMAT, Runs
+from isogal.evaluation.records import Runs
 from isogal.fields.scenario_map import true_map
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.several import RunMap, each_map
@@ -20,19 +20,6 @@ from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
-
-_CODE = (
-    "earth",
-    "inertial",
-    "sensors",
-    "maps",
-    "fields",
-    "matching",
-    "fusion",
-    "evaluation/records.py",
-    "montecarlo/engine.py",
-    "montecarlo/recorder.py",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +44,9 @@ class Case:
     @cached_property
     def key(self) -> str:
         """Hash of everything that the runs' numbers depend on: scenario, map, recorded track and
-        readings, format of the records, and the library's source."""
+        readings, and the library's source."""
         parts = {
-            "isogal": isogal.__version__,
             "code": source_digest(),
-            "format": FORMAT,
             # what is promised of the errors does not change them
             "scenario": self.scenario.model_dump(mode="json", exclude={"integrity"}),
             "map": map_digest(self.field_map),
@@ -131,21 +116,14 @@ class Unaided:
 
 @cache
 def source_digest() -> str:
-    """Return a hash of the source files that results depend on, so that results of other source
-    code are not taken for those of this one."""
+    """Return a hash of the source files, so that results of other source code are not taken for
+    those of this one."""
     root = Path(isogal.__file__).parent
     digest = hashlib.sha256()
-    for path in [
-        *sorted(root.glob("*.py")),
-        *(f for part in _CODE for f in _python_files(root / part)),
-    ]:
+    for path in sorted(root.rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _python_files(path: Path) -> list[Path]:
-    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
 @cache

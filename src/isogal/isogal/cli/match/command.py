@@ -39,7 +39,6 @@ def match(
     from isogal.tracks.results import HEADER, as_json, as_objects, cells, in_words, write_results
 
     check_together(track, matching, assumed, results)
-    results.check()
     uncertainty = assumed.of_track()
     lines = read_fields(map_, track.resolved(), assumed, matching)
     found = [(_matched(fields, uncertainty, matching.chain, results), fields) for fields in lines]

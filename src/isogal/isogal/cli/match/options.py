@@ -294,17 +294,14 @@ class MatchResults:
 
     out: Annotated[
         list[Path] | None,
-        written_file("FILE", "Results, by suffix: .json, .csv or .geojson; repeatable."),
+        written_file(
+            "FILE",
+            "Results, by suffix: .json, .csv or .geojson; repeatable.",
+            *(".json", ".csv", ".geojson"),
+        ),
     ] = None
     report: Annotated[Path | None, written_folder("Folder for a report with figures.")] = None
     json: Json = False
-
-    def check(self) -> None:
-        """Raise InputError unless every file's suffix is known."""
-        from isogal.tracks.results import writer_for
-
-        for path in self.out or ():
-            writer_for(path)
 
 
 _GOES_WITH = {
