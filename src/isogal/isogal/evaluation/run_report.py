@@ -18,7 +18,7 @@ from isogal.evaluation.html_report import Illustration, Section, Table, number, 
 from isogal.evaluation.integrity import Solution
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import IntegritySummary, Summary
+from isogal.evaluation.results import IntegritySummary, Number, Summary
 from isogal.fields.measured import reading_sigma
 from isogal.files import Json
 from isogal.maps.channels import channels_of
@@ -120,16 +120,9 @@ def key_figures(summary: Summary) -> Table:
     nees, fixes, time = summary["nees_per_axis"], summary["fixes"], summary["time"]
     level = summary["integrity"]
     interval = " to ".join(number(end) for end in nees["interval"])
-    ratio = _ratio(error["rms_after_1h"], bound["rms_after_1h"])
     rows = [
         ("Mean position error (m)", number(error["mean"]), number(error["mean_after_1h"])),
-        ("RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"])),
-        (
-            "Posterior Cramér–Rao bound, RMS (m)",
-            number(bound["rms"]),
-            number(bound["rms_after_1h"]),
-        ),
-        ("RMS error over bound", _ratio(error["rms"], bound["rms"]), ratio),
+        *_against_bound("", error, "Posterior Cramér–Rao bound, RMS (m)", bound),
         *_of_smoothed(summary),
         ("Unaided INS, mean (m)", number(summary["unaided"]["mean"]), ""),
         ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
@@ -158,20 +151,26 @@ def _of_smoothed(summary: Summary) -> list[tuple[str, str, str]]:
     if "smoothed" not in summary:
         return []
     found = summary["smoothed"]
-    error, bound, nees = found["position_error"], found["bound"], found["nees_per_axis"]
+    error, nees = found["position_error"], found["nees_per_axis"]
     interval = " to ".join(number(end) for end in nees["interval"])
-    later = _ratio(error["rms_after_1h"], bound["rms_after_1h"])
     causal = _ratio(error["rms_after_1h"], summary["position_error"]["rms_after_1h"])
     return [
-        ("Smoothed: RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"])),
-        ("Smoothed: bound, RMS (m)", number(bound["rms"]), number(bound["rms_after_1h"])),
-        ("Smoothed: RMS error over bound", _ratio(error["rms"], bound["rms"]), later),
-        (
-            "Smoothed: RMS error over that of the time",
-            number(found["of_causal"]),
-            causal,
-        ),
+        *_against_bound("Smoothed: ", error, "Smoothed: bound, RMS (m)", found["bound"]),
+        ("Smoothed: RMS error over that of the time", number(found["of_causal"]), causal),
         (f"Smoothed: NEES per axis (95 % interval {interval})", number(nees["mean"]), ""),
+    ]
+
+
+def _against_bound(
+    whose: str, error: dict[str, Number], name: str, bound: dict[str, Number]
+) -> list[tuple[str, str, str]]:
+    """Return the rows of an RMS error, its bound, which has a name, and the ratio of both."""
+    times = "rms", "rms_after_1h"
+    first, later = (_ratio(error[time], bound[time]) for time in times)
+    return [
+        (f"{whose}RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"])),
+        (name, number(bound["rms"]), number(bound["rms_after_1h"])),
+        (f"{whose}RMS error over bound", first, later),
     ]
 
 
@@ -180,34 +179,25 @@ def _ratio(value: float | None, reference: float | None) -> str:
 
 
 def _accuracy(runs: Runs, bound: BoundResult, many: bool) -> Section:
-    time = runs.time - runs.time[0] + bound.time[0]
+    time = runs.elapsed + bound.time[0]
     later = None if bound.smoothed is None else bound.smoothed_rms_at(time)
-    whose = "RMS over the runs" if many else "Of one run"
-    pictures = [
-        Illustration(
-            "position_error",
-            ensemble_figure(runs, bound.rms_at(time), later),
-            f"{whose}: horizontal position error of the aided and of the unaided navigator, and"
-            " the posterior Cramér–Rao bound, which is an RMS over many runs"
-            + (
-                "."
-                if many
-                else (
-                    ": a single run may lie below it at times, and does where its error changes"
-                    " sign."
-                )
-            ),
+    caption = (
+        f"{'RMS over the runs' if many else 'Of one run'}: horizontal position error of the aided"
+        " and of the unaided navigator, and the posterior Cramér–Rao bound, which is an RMS over"
+        " many runs"
+    )
+    if not many:
+        caption += (
+            ": a single run may lie below it at times, and does where its error changes sign"
         )
-    ]
+    figure = ensemble_figure(runs, bound.rms_at(time), later)
+    pictures = [Illustration("position_error", figure, f"{caption}.")]
     if runs.published.any():
-        pictures.append(
-            Illustration(
-                "nees",
-                nees_figure(runs),
-                "Normalised estimation error squared of the navigator right after each fix. Values"
-                " above the band say that the navigator believes itself better than it is.",
-            )
+        caption = (
+            "Normalised estimation error squared of the navigator right after each fix. Values"
+            " above the band say that the navigator believes itself better than it is."
         )
+        pictures.append(Illustration("nees", nees_figure(runs), caption))
     return Section("Accuracy and consistency", illustrations=pictures)
 
 

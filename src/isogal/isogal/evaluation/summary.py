@@ -70,7 +70,7 @@ def summarise(
             "wall_s": finite(wall_seconds),
             "fix_ms_median": finite(1e3 * _median(runs.fix_seconds)),
         },
-        "rms_over_time": _rms_over_time(runs, bound_rms),
+        "rms_over_time": _rms_over_time(runs, bound_rms, aided=aided, unaided=unaided),
     }
     if runs.smoothed is not None:
         summary["smoothed"] = _smoothed(runs, runs.smoothed, smoothed_bound_rms)
@@ -80,7 +80,7 @@ def summarise(
 def _smoothed(runs: Runs, states: Runs, known: Array | None) -> SmoothedSummary:
     """Return the section of smoothed states, with the RMS bound (K,), m, if it is known."""
     bound_rms = np.full(runs.time.shape, np.nan) if known is None else known
-    error, entries = states.horizontal_error, _entries(runs)
+    error = states.horizontal_error
     settled = runs.elapsed > SETTLED_AFTER
     rms, bound, causal = _rms(error), _rms(bound_rms), _rms(runs.horizontal_error)
     return {
@@ -89,11 +89,7 @@ def _smoothed(runs: Runs, states: Runs, known: Array | None) -> SmoothedSummary:
         "bound": {"rms": bound, "rms_after_1h": _rms(bound_rms[settled])},
         "ratio": rms / bound if rms is not None and bound else None,
         "of_causal": rms / causal if rms is not None and causal else None,
-        "rms_over_time": {
-            "time": finite_list(runs.elapsed[entries]),
-            "smoothed": finite_list(np.sqrt(np.mean(error[:, entries] ** 2, axis=0))),
-            "bound": finite_list(bound_rms[entries]),
-        },
+        "rms_over_time": _rms_over_time(runs, bound_rms, smoothed=error),
     }
 
 
@@ -122,19 +118,16 @@ def _fixes(runs: Runs) -> dict[str, int]:
     }
 
 
-def _entries(runs: Runs) -> slice:
-    """Return which states are shown over time."""
+def _rms_over_time(runs: Runs, bound_rms: Array, **errors: Array) -> dict[str, list[Number]]:
+    """Return the RMS over runs of errors (R, K), by name, and the bound over time."""
     step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
-    return slice(None, None, max(1, round(OVER_TIME_STEP / step)))
-
-
-def _rms_over_time(runs: Runs, bound_rms: Array) -> dict[str, list[Number]]:
-    entries = _entries(runs)
-    aided, unaided = runs.horizontal_error[:, entries], runs.unaided_horizontal_error[:, entries]
+    entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
     return {
         "time": finite_list(runs.elapsed[entries]),
-        "aided": finite_list(np.sqrt(np.mean(aided**2, axis=0))),
-        "unaided": finite_list(np.sqrt(np.mean(unaided**2, axis=0))),
+        **{
+            name: finite_list(np.sqrt(np.mean(error[:, entries] ** 2, axis=0)))
+            for name, error in errors.items()
+        },
         "bound": finite_list(bound_rms[entries]),
     }
 
