@@ -247,16 +247,15 @@ def between(
 ) -> Array:
     """Return (N, M) what is computed at nodes: of many at every so many-th, linear between them;
     NaN beside one that is not known."""
-    parts = [np.arange(0, one.size, -(-one.size // _COMPUTED)) for one in (rows, columns)]
-    found = compute(rows[parts[0]], columns[parts[1]])
-    for axis, (one, part) in enumerate(zip((rows, columns), parts, strict=True)):
-        index = np.minimum(np.arange(one.size) / (part[1] if part.size > 1 else 1), part.size - 1)
-        low = np.floor(index).astype(np.int64)
-        high = np.minimum(low + 1, part.size - 1)
-        share = np.expand_dims(index - low, 1 - axis)
-        first, last = np.take(found, low, axis), np.take(found, high, axis)
-        found = np.where(share > 0.0, (1.0 - share) * first + share * last, first)
-    return found
+    steps = [-(-one.size // _COMPUTED) for one in (rows, columns)]
+    coarse = rows[:: steps[0]], columns[:: steps[1]]
+    found = compute(*coarse)
+    if max(steps) == 1:
+        return found
+    from scipy.interpolate import RegularGridInterpolator
+
+    at = [np.minimum(one, part[-1]) for one, part in zip((rows, columns), coarse, strict=True)]
+    return np.asarray(RegularGridInterpolator(coarse, found)(np.ix_(*at)))
 
 
 def map_error_at_nodes(error: MapError, field_map: FieldMap) -> tuple[Array, Array]:
