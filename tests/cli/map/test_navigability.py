@@ -22,7 +22,7 @@ def rough(tmp_path_factory):
 def test_files_hold_the_same_grids(rough, tmp_path):
     words = ("--headings", 4, "--out", tmp_path / "a.nc", "--out", tmp_path / "a.tif")
     text = answer("map", "navigability", rough, *words, "--figure", tmp_path / "a.png")
-    assert "worst heading" in text
+    assert "error_worst (m)" in text
     assert (tmp_path / "a.png").stat().st_size > 20_000
     with netCDF4.Dataset(tmp_path / "a.nc") as grids, rasterio.open(tmp_path / "a.tif") as bands:
         assert bands.descriptions[1] == "error_mean"

@@ -147,7 +147,12 @@ def navigability_figure(found: "Navigability") -> "Figure":
     figure = style.new_figure(min(max(tall, 3.0), 8.0))
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     errors = float(np.nanquantile(found.mean, 0.01)), float(np.nanquantile(found.worst, 0.99))
+    limits = {
+        "error_mean": errors,
+        "error_worst": errors,
+        "ambiguity": (0.0, max(float(np.nanmax(found.ambiguity)), 0.01)),
+    }
     for panel, (name, title) in zip(panels.flat, titles.items(), strict=True):
-        frame.draw(panel, layers[name], title, errors if name.startswith("error") else None)
+        frame.draw(panel, layers[name], title, limits.get(name))
         panel.label_outer()
     return figure

@@ -86,11 +86,11 @@ def _print(found: "Navigability", files: list[Path]) -> None:
     print_table(
         ("", "least", "quarter", "median", "three quarters", "largest"),
         [
-            (f"{text} ({unit})", *(f"{value:.3g}" for value in summary[name].values()))
-            for name, (_, unit, text) in found.layers().items()
+            (f"{name} ({unit})", *(f"{value:.3g}" for value in summary[name].values()))
+            for name, (_, unit, _) in found.layers().items()
             if name in summary
         ],
         *map(str, files),
-        title=f"{rows} x {columns} nodes, {len(found.heading)} headings; without readings"
-        f" {found.prior:.0f} m",
+        title=f"RMS error on arrival, {rows} x {columns} nodes, {len(found.heading)} headings;"
+        f" without readings {found.prior:.0f} m",
     )

@@ -125,23 +125,25 @@ def describe_map(field_map: "ScalarMap") -> Described:
 def print_map(described: Described, *below: str) -> None:
     """Print what `describe_map` returns as a table, and lines below it."""
     show = partial(_shown, unit=described["unit"])
+    shown = described | {
+        name: show(described[name])
+        for name in ("minimum", "maximum", "mean", "standard_deviation", "sigma", "quantisation")
+    }
     texts = {
         "quantity": "{quantity} in {unit} (file: {file_unit})",
         "latitude": "{south:.4f} to {north:.4f} deg",
         "longitude": "{west:.4f} to {east:.4f} deg",
         "nodes": "{nodes[0]} x {nodes[1]}, {step_deg[0]:.5g} x {step_deg[1]:.5g} deg"
         " ({cell_m[0]:.0f} x {cell_m[1]:.0f} m)",
+        "values": "{minimum} to {maximum}, mean {mean}",
+        "standard deviation": "{standard_deviation}",
         "missing": "{missing:.2%}",
+        "1-sigma error": "{sigma}" if described["sigma"] else "not said",
+        "step of the values": "{quantisation}" if described["quantisation"] else "none",
         "level": "not said" if described["height"] is None else "{height:g} m",
     }
-    table = {name: text.format(**described) for name, text in texts.items()} | {
-        "values": " to ".join(show(described[end]) for end in ("minimum", "maximum")),
-        "mean": show(described["mean"]),
-        "standard deviation": show(described["standard_deviation"]),
-        "1-sigma error": show(described["sigma"]) if described["sigma"] else "not said",
-        "step of the values": show(described["quantisation"]),
-    }
-    print_table(("map", described["provenance"]), list(table.items()), *below, words=(0, 1))
+    table = [(name, text.format(**shown)) for name, text in texts.items()]
+    print_table(("map", described["provenance"]), table, *below, words=(0, 1))
 
 
 def rows_of(columns: "Mapping[str, Array | Integers]") -> list[dict[str, float | None]]:

@@ -150,6 +150,7 @@ class Frame:
         )
         panel.grid(False)
         panel.set_facecolor("0.9")  # where there is no map
+        panel.locator_params(axis="x", nbins=5)
         panel.set_xlim(math.degrees(self.west), math.degrees(self.east))
         panel.set_ylim(math.degrees(self.south), math.degrees(self.north))
         panel.set_xlabel("longitude (deg)")
