@@ -41,18 +41,12 @@ def output_file(*suffixes: str) -> Callable[..., Files]:
     def check(value: Files) -> Files:
         for path in value if isinstance(value, list) else [value]:
             if path is not None:
-                require_suffix(path, *suffixes)
+                if suffixes and path.suffix.casefold() not in suffixes:
+                    raise InputError(f"{path}: must end in {' or '.join(suffixes)}")
                 check_output(path)
         return value
 
     return check
-
-
-def require_suffix(path: Path, *suffixes: str, otherwise: str = "") -> None:
-    """Raise InputError unless a file's name ends in one of the suffixes, if there are any; the
-    message ends with what else can be done."""
-    if suffixes and path.suffix.casefold() not in suffixes:
-        raise InputError(f"{path}: must end in {' or '.join(suffixes)}{otherwise}")
 
 
 def output_folder(value: Path | None) -> Path | None:

@@ -39,33 +39,31 @@ def draw(path: Path, figure: "Figure") -> None:
 
 
 def save(
-    field_map: "FieldMap", path: Path, as_json: bool, lines: Iterable[str] = (), **more: object
+    field_map: "FieldMap",
+    path: Path,
+    as_json: bool,
+    lines: Iterable[str] = (),
+    variable: str | None = None,
+    **more: object,
 ) -> None:
-    """Write a map as NetCDF and say so, see `say_written`, whose parameters these are; raises
-    InputError."""
-    from isogal.maps.formats.netcdf_writing import write_netcdf
-
-    write_netcdf(field_map, path)
-    say_written(field_map, path, as_json, lines, **more)
-
-
-def say_written(
-    field_map: "FieldMap", path: Path, as_json: bool, lines: Iterable[str] = (), **more: object
-) -> None:
-    """Describe a map that was written: as JSON, with what else there is to say, or as a table with
-    further lines; and where it is.
+    """Write a map as NetCDF and describe it: as JSON, with what else there is to say, or as a
+    table with further lines; and where it is. Raises InputError.
 
     Parameters
     ----------
     field_map : FieldMap
     path : Path
-        File or folder.
     as_json : bool
     lines : iterable of str
         Below the table.
+    variable : str, optional
+        Its name in the file; default: by its quantity.
     more
         What else the JSON holds.
     """
+    from isogal.maps.formats.netcdf_writing import write_netcdf
+
+    write_netcdf(field_map, path, variable)
     described = describe_map(field_map)
     if as_json:
         print_json(described | more | {"file": str(path)})

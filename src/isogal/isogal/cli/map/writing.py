@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from isogal.cli.checks import NETCDF, not_negative, positive, require_suffix
+from isogal.cli.checks import NETCDF, not_negative, positive
 from isogal.cli.map.part import PartChoice
 from isogal.cli.map.results import (
     NetcdfOut,
     save,
-    say_written,
     shown_unit,
 )
 from isogal.cli.map_choice import ARGUMENTS, MAP, MapChoice, SourceOptions, make_synthetic
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json, flag, number, text, written_file
 from isogal.errors import InputError
-from isogal.files import check_output
 
 if TYPE_CHECKING:
     from isogal.maps.axes import Window
@@ -42,51 +40,33 @@ def synth(
 
 
 @dataclass(frozen=True)
-class Target:
-    """The file that is written."""
+class StatedError:
+    """What a map is to say of its error."""
 
     PANEL: ClassVar[str] = RESULTS
 
-    out: Annotated[
-        Path,
-        typer.Argument(
-            metavar="OUT",
-            help="NetCDF file to write.",
-            rich_help_panel=ARGUMENTS,
-        ),
-    ]
     sigma: Annotated[
         float | None, number("1-sigma of the map's error to write into it, SI (nT).", least=0.0)
     ] = None
     correlation_length: Annotated[float | None, number("Of that error.", "M", positive)] = None
 
-    def check(self) -> None:
-        """Raise InputError unless the file can be written, and its name says what it is."""
-        require_suffix(self.out, *NETCDF)
-        check_output(self.out)
-
-    def write(self, field_map: "FieldMap", variable: str | None) -> None:
-        """Write a map; as this variable, where it can be the name of one. Raises InputError."""
-        from isogal.maps.formats.netcdf_writing import write_netcdf
-
-        named = variable is not None and variable.isidentifier()
-        write_netcdf(field_map, self.out, variable if named else None)
+    def of(self, field_map: "FieldMap") -> "FieldMap":
+        """Return a map that says it."""
+        said = {name: value for name, value in vars(self).items() if value is not None}
+        return replace(field_map, **said)
 
 
 @with_groups
-def convert(map_: MapChoice, target: Target, where: PartChoice, json: Json = False) -> None:
+def convert(
+    map_: MapChoice, out: NetcdfOut, error: StatedError, where: PartChoice, json: Json = False
+) -> None:
     """Convert a map to NetCDF that says everything about itself, in SI units; whole, or the part
     of a route or window."""
-    target.check()
     route = where.build_if_asked()
     part = where.part(route)
     field_map = map_.load(part and part.window, route.measured if route else "gravity")
-    if target.sigma is not None:
-        field_map = replace(field_map, sigma=target.sigma)
-    if target.correlation_length is not None:
-        field_map = replace(field_map, correlation_length=target.correlation_length)
-    target.write(field_map, map_.variable)
-    say_written(field_map, target.out, json)
+    named = map_.variable if (map_.variable or "").isidentifier() else None
+    save(error.of(field_map), out, json, variable=named)
 
 
 @dataclass(frozen=True)
