@@ -14,10 +14,10 @@ from isogal.evaluation.bound import (
 )
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
 from isogal.evaluation.reading_errors import effective_noise_variance
+from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Gravimeter, validate_scenario
-from isogal.sensors.gravimeter import reading_jacobian
 from isogal.sensors.gravimeter_errors import missing
 from isogal.sensors.noise import RunScans
 from isogal.sensors.trajectory import build_trajectory
@@ -52,6 +52,7 @@ def _dense(settings, trajectory, gradient, quantisation, scan=-1):
     By matrix exponentials, Van Loan's noise integral and the full covariance of the map's error,
     so it has nothing in common with the recursion."""
     segments = divide(trajectory, settings.steps_per_scan)
+    reduction = measured_field(settings).reduction(settings)
     density = noise_density(settings.imu)
     P = initial_covariance(settings.initial_error, settings.imu.sensors)
     blocks, crosses, scans = [], [], []
@@ -69,9 +70,8 @@ def _dense(settings, trajectory, gradient, quantisation, scan=-1):
         crosses = [transition @ cross for cross in crosses]
         if (k + 1) % segments.per_scan == 0:
             i = (k + 1) // segments.per_scan * settings.steps_per_scan
-            velocity = trajectory.velocity[i]
             row = np.zeros(STATES)
-            row[:4] = reading_jacobian("gravity", trajectory.latitude[i], velocity[0], velocity[1])
+            row[:4] = reduction.jacobian(trajectory.at(np.array([i])))[0]
             row[:2] -= gradient
             blocks.append((row, [cross.copy() for cross in crosses], P.copy()))
             crosses.append(P.copy())
