@@ -93,7 +93,11 @@ class MapChoice(SourceOptions):
         from isogal.maps.tiled_map import map_along
 
         if self.is_synthetic:
-            return make_synthetic_along(self._synthetic_quantity(measured), corridor)
+            from isogal.maps.synthetic.synthetic_map import synthetic_map_along
+
+            with Bars("tiles") as bars:
+                tiles = partial(bars, "tiles")
+                return synthetic_map_along(self._synthetic_quantity(measured), corridor, tiles)
         return map_along(self._read, corridor)
 
     def load_part(
@@ -142,14 +146,6 @@ def make_synthetic(quantity: str, window: "Window") -> "FieldMap":
 
     with Bars("tiles") as bars:
         return synthetic_map(quantity, window, partial(bars, "tiles"))
-
-
-def make_synthetic_along(quantity: str, corridor: "Corridor") -> "ScalarMap":
-    """Make the synthetic map along a route, as `make_synthetic` does."""
-    from isogal.maps.synthetic.synthetic_map import synthetic_map_along
-
-    with Bars("tiles") as bars:
-        return synthetic_map_along(quantity, corridor, partial(bars, "tiles"))
 
 
 @dataclass(frozen=True)

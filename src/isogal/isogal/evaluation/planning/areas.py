@@ -48,18 +48,13 @@ def _polygons(item: Any) -> list[Any]:
 
 
 def inside(areas: list[Rings], latitude: Array, longitude: Array) -> Booleans:
-    """Return whether places (rad, any shape) lie in one of the areas.
+    """Return whether places (rad, any shape) lie in one of the areas: within an odd number of the
+    rings of a polygon."""
+    from matplotlib.path import Path as Outline
 
-    A ray to the east crosses the rings of the polygon around it an odd number of times.
-    """
-    y, x = np.degrees(latitude), np.degrees(longitude)
-    found = np.zeros(y.shape, dtype=np.bool_)
+    places = np.degrees(np.stack([longitude, latitude], axis=-1)).reshape(-1, 2)
+    found = np.zeros(len(places), dtype=np.bool_)
     for rings in areas:
-        odd = np.zeros(y.shape, dtype=np.bool_)
-        for ring in rings:
-            for (x0, y0), (x1, y1) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-                if y0 != y1:
-                    crossing = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
-                    odd ^= ((y0 > y) != (y1 > y)) & (x < crossing)
-        found |= odd
-    return found
+        within = [Outline(ring).contains_points(places) for ring in rings]
+        found |= np.logical_xor.reduce(within)
+    return found.reshape(np.shape(latitude))
