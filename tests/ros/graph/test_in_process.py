@@ -11,8 +11,6 @@ from std_srvs.srv import Trigger
 
 from helpers.node_bench import run_here
 from helpers.recordings import collect
-from isogal.errors import InputError
-from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.writer import BagWriter
 from isogal_ros.graph.domain import free_domains, quiet_node
@@ -22,14 +20,6 @@ from isogal_ros.messages.frames import MAP
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.nodes.spin import make_executor
 from ukf_fusion_node.node import UkfFusionNode
-
-
-def test_a_gravimeters_sigma_is_refused_for_another_field(magnetic) -> None:
-    default = Scenario().gravimeter
-    with pytest.raises(
-        InputError, match=r"gravimeter\.sigma: must be in nT where field is magnetic"
-    ):
-        run_here(magnetic.model_copy(update={"gravimeter": default}), None)
 
 
 def test_a_recorder_that_fails_fails_the_run(scenario, tmp_path, monkeypatch) -> None:
