@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
 from isogal.cli.errors import clean_errors
+from isogal.cli.tables import print_table
 
 ISOGAL = Path(sys.executable).with_name("isogal")
 
@@ -24,6 +26,42 @@ def test_a_closed_pipe_is_not_reported():
     os.close(read_end)
     with os.fdopen(write_end, "wb") as closed_pipe:
         assert version_into(closed_pipe) == (141, "")
+
+
+def test_a_pipe_that_is_closed_while_a_table_is_printed_says_so(monkeypatch):
+    """`rich` would end the process with status 1 by itself."""
+
+    class Closed(StringIO):
+        def write(self, text):
+            if text:
+                raise BrokenPipeError
+            return 0
+
+    monkeypatch.setattr("sys.stdout", Closed())
+    with pytest.raises(BrokenPipeError):
+        print_table(["a"], [["1"]])
+
+
+@pytest.mark.parametrize(
+    ("command", "status"), [("{} --version >&-", 0), ("{} run --set 2>&-", 2)]
+)
+def test_a_stream_that_the_shell_has_closed(command, status):
+    done = subprocess.run(
+        command.format(ISOGAL), shell=True, capture_output=True, timeout=60, check=False
+    )
+    assert (done.returncode, b"Traceback" in done.stderr) == (status, False)
+
+
+def test_a_terminal_that_lacks_a_character():
+    """As where LANG names an encoding other than UTF-8; the help of match has a name with ö."""
+    done = subprocess.run(
+        [ISOGAL, "match", "--help"],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_a_full_disk_is_one_line():

@@ -2,8 +2,11 @@
 only when it is called: ``isogal --help`` starts without NumPy and numba."""
 
 import importlib
+import io
+import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn
 
 import typer
@@ -173,4 +176,15 @@ def isogal(
 def main() -> None:
     """Entry point of the console script."""
     one_thread()
+    _open_streams()
     app()
+
+
+def _open_streams() -> None:
+    """Let what is printed come out, whatever the terminal: a stream that the shell has closed is
+    as one to nowhere, and a character that the encoding lacks is a question mark."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")

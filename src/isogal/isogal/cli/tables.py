@@ -41,9 +41,9 @@ def print_table(
     for row in rows:
         table.add_row(*map(Text, row))
     console = Console()
-    console.print(table)
-    for line in below:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    with console.capture() as drawn:
+        console.print(table)
+    typer.echo("\n".join([drawn.get().removesuffix("\n"), *below]))
 
 
 def print_json(found: Mapping[str, object]) -> None:
