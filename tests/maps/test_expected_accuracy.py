@@ -9,6 +9,8 @@ from helpers.batches import ORIGIN, field_map_of
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
+from isogal.maps.displacement import displacement_at
+from isogal.maps.error_ellipses import ellipses_of
 from isogal.maps.expected_accuracy import Errors, position_information
 
 LAT, LON = ORIGIN
@@ -44,6 +46,25 @@ def test_by_hand(errors):
     axes = np.linalg.eigvalsh(found.covariance[0])
     np.testing.assert_allclose([best[0] ** 2, worst[0] ** 2], axes, rtol=1e-9)
     assert found.gradient[0] == pytest.approx(np.sqrt(np.mean(np.sum(slope**2, axis=1))), rel=1e-4)
+
+
+def test_a_gridded_map_may_be_displaced():
+    latitude, longitude = track()
+    plain = replace(saddle(), sigma=np.full((121, 121), 2.0), correlation_length=3000.0)
+    ellipse = ellipses_of(*(np.array(one) for one in (3000.0, 3000.0, 0.0)))
+    gridded = replace(plain, error_ellipses=np.broadcast_to(ellipse, (121, 121, 3)))
+    told, without, with_ = (
+        position_information(one, latitude, longitude, errors, stretch=0.0).covariance[0]
+        for one, errors in (
+            (gridded, Errors(0.5, 2.0)),
+            (plain, Errors(0.5)),
+            (gridded, Errors(0.5)),
+        )
+    )
+    beside = displacement_at(gridded, latitude, longitude)
+    assert np.mean(beside**2) > 100.0
+    np.testing.assert_allclose(with_ - without, np.mean(beside**2) * np.eye(2), rtol=1e-9)
+    np.testing.assert_allclose(told, without, rtol=1e-9)
 
 
 def test_stretches_cover_the_track():

@@ -5,8 +5,9 @@ Linearised about the true place and for a rigid shift of a stretch of track: wit
 map's gradient at T readings and R_ij = sigma² d_ij + s_i s_j exp(-d_ij / L) + b² (white sensor
 noise and rounding, map error, unknown offset), the information is J' R^-1 J and its inverse the
 Cramér-Rao bound of the shift (Van Trees 2001, Detection, Estimation, and Modulation Theory I, sec.
-2.4.2; docs/mathematics.md, sections 5.2 and 11.2). It knows nothing of ambiguity: a first fix from
-far away can be worse."""
+2.4.2; docs/mathematics.md, sections 5.2 and 11.2). By how much a gridded map may show anomalies
+beside their place (`isogal.maps.displacement`) is added to it, unless `Errors` says what the map's
+error is. It knows nothing of ambiguity: a first fix from far away can be worse."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +18,9 @@ from isogal.arrays import Array, Integers
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.maps.corridor import along_track
+from isogal.maps.displacement import displacement_at
 from isogal.maps.error_model import covariance
+from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import ScalarMap
 
 
@@ -125,6 +128,9 @@ def position_information(
         noise = errors.covariance(field_map, latitude[here], longitude[here])
         if np.isfinite(slope[here]).all() and np.isfinite(noise).all():
             found[index] = _inverse(slope[here].T @ np.linalg.solve(noise, slope[here]))
+            if errors.map_sigma is None and isinstance(field_map, FieldMap):
+                beside = displacement_at(field_map, latitude[here], longitude[here])
+                found[index] += np.mean(beside**2) * np.eye(2)
     return Stretches(
         edges,
         np.r_[edges[1:], distance[-1]],
