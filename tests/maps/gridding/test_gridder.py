@@ -130,6 +130,14 @@ def test_a_few_blunders_among_stations_are_named_and_not_used():
     assert np.abs(both[1] - both[0]).max() < 5.0 * MGAL
 
 
+def test_both_poles_of_a_body_at_a_small_depth_are_used():
+    places, line = flight_lines(9, 1000.0, 600.0, 9e3)
+    _, readings = drawn(places, seed=5)
+    readings[100:102] += np.array([300.0, -300.0]) * MGAL
+    model = learn_model(survey_at(places, readings, line=line), GridSettings())
+    assert model.report["readings"] == len(places)
+
+
 def test_a_reading_whose_sigma_explains_it_is_used():
     places = np.random.default_rng(3).uniform(-20e3, 20e3, (200, 2))
     _, readings = drawn(places, seed=5)

@@ -111,10 +111,7 @@ def position_information(
     distance = along_track(latitude, longitude)
     edges = _edges(float(distance[-1]), stretch)
     owner = np.searchsorted(edges, distance, side="right") - 1
-    _, north, east = field_map.value_and_gradient(latitude, longitude)
-    if field_map.quantity.endswith("disturbance"):
-        north = north + normal_gravity_gradient_north(latitude)
-    slope = np.stack([north, east], axis=1)
+    slope = _slopes(field_map, latitude, longitude)
     found = np.full((edges.size, 2, 2), np.nan)
     gradient = np.full(edges.size, np.nan)
     middle, count = np.zeros((2, edges.size), dtype=np.int64)
@@ -140,6 +137,14 @@ def position_information(
         gradient,
         found,
     )
+
+
+def _slopes(field_map: ScalarMap, latitude: Array, longitude: Array) -> Array:
+    """Return (K, 2) by how much readings change per m to the north and to the east."""
+    _, north, east = field_map.value_and_gradient(latitude, longitude)
+    if field_map.quantity.endswith("disturbance"):
+        north = north + normal_gravity_gradient_north(latitude)
+    return np.stack([north, east], axis=1)
 
 
 def _edges(total: float, stretch: float) -> Array:
