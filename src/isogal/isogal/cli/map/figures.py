@@ -25,7 +25,7 @@ _TALLEST = 4.4
 """in, largest height of a map."""
 _WIDE = 0.4
 """Height over width below which the two maps stand one above the other."""
-_AROUND, _BELOW = 1.32, 0.75
+_AROUND, _BELOW = 1.32, 0.85
 """in, room for labels and colour bar beside a map, and for title and labels above and below."""
 _FINEST = 330
 """Nodes of a map drawn along each side: the figure has no more pixels for them."""
@@ -58,9 +58,9 @@ def map_figure(
         ratios = (tall, _ACCURACY)
         top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=ratios)[:, 0]
     panels = top.subplots(*((2, 1) if above else (1, 2)), sharex=True, sharey=True)
-    frame.draw(panels[0], shown)
+    frame.draw(panels[0], shown, titled=True)
     steep, label = _gradient(field_map, shown)
-    frame.draw(panels[1], steep, label)
+    frame.draw(panels[1], steep, label, titled=True)
     for axes in panels:
         axes.label_outer()  # beside the other map, or above it, they are the same
         if track is not None:
@@ -153,6 +153,6 @@ def navigability_figure(found: "Navigability") -> "Figure":
         "ambiguity": (0.0, max(float(np.nanmax(found.ambiguity)), 0.01)),
     }
     for panel, (name, title) in zip(panels.flat, titles.items(), strict=True):
-        frame.draw(panel, layers[name], title, limits.get(name))
+        frame.draw(panel, layers[name], title, limits.get(name), titled=True)
         panel.label_outer()
     return figure

@@ -113,6 +113,8 @@ class Frame:
         field_map: "ScalarMap",
         label: str | None = None,
         limits: tuple[float, float] | None = None,
+        *,
+        titled: bool = False,
     ) -> None:
         """Draw the map in the frame, with a bar of its colours.
 
@@ -124,6 +126,8 @@ class Frame:
             Of the colours; default: the map's quantity and unit.
         limits : pair of float, optional
             Of the colours, in the map's unit; default: 1 % of the values are beyond either end.
+        titled : bool
+            Whether the label stands above, as beside a small picture it would be too long.
         """
         window = Window(self.south, self.north, self.west, self.east)
         part = field_map.overview(_DOTS, window)
@@ -145,9 +149,8 @@ class Frame:
             interpolation="bilinear",
             aspect=self.stretch,
         )
-        panel.figure.colorbar(
-            image, ax=panel, label=label or scale.label, shrink=0.9, pad=0.02, extend="both"
-        )
+        bar = panel.figure.colorbar(image, ax=panel, shrink=0.9, pad=0.02, extend="both")
+        (panel.set_title if titled else bar.set_label)(label or scale.label)
         panel.grid(False)
         panel.set_facecolor("0.9")  # where there is no map
         panel.locator_params(axis="x", nbins=5)
