@@ -115,7 +115,7 @@ def test_map_sigma_may_be_auto_or_a_number(value):
         ),
         (
             "imu.grade=best",
-            "imu: grade: 'best' is not known; allowed: precision, quantum_accelerometer, quantum,"
+            "imu.grade: 'best' is not known; allowed: precision, quantum_accelerometer, quantum,"
             " navigation, ",
         ),
         (
@@ -148,6 +148,16 @@ def test_map_sigma_may_be_auto_or_a_number(value):
             "route.waypoints.1.2: must be greater than 0, not 0",
         ),
         ("route=5", "route: must be a section of keys, not 5"),
+        ("route=null", "route: must be a section of keys, not null"),
+        ("seed=2020-01-02", "seed: must be a whole number, not 2020-01-02"),
+        ("gravimeter.sigma=true", "gravimeter.sigma: must be a number, not true"),
+        ("matcher.batch_length=no", "matcher.batch_length: must be a whole number, not false"),
+        ("matcher.map_sigma=true", "matcher.map_sigma: must be a number or 'auto', not true"),
+        ("map.source=true", "map.source: must be a text, not true"),
+        ("route.start=[true, 1]", "route.start.0: must be a number, not true"),
+        ("imu.accelerometer.bias=true", "imu.accelerometer.bias: must be a number"),
+        ("imu.accelerometer.bias=[1, 2, yes]", "imu.accelerometer.bias: must be a number"),
+        ("seed=[null, {a: true}]", "seed: must be a whole number, not [null, {a: true}]"),
         ("gnss.available=[[9, 5]]", "gnss.available: must be [[from, to], ...], s since the"),
         (
             "gnss.deception={start: 300, end: 200}",

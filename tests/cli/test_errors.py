@@ -64,6 +64,24 @@ def test_a_terminal_that_lacks_a_character():
     assert (done.returncode, done.stderr) == (0, b"")
 
 
+def test_an_interrupt_while_everything_is_imported():
+    """The program's own import is interrupted by a module that stands for any of them."""
+    code = """
+import sys, types
+class Interrupted(types.ModuleType):
+    def __getattr__(self, name):
+        raise KeyboardInterrupt
+sys.modules["typer"] = Interrupted("typer")
+from importlib.metadata import entry_points
+(program,) = entry_points(group="console_scripts", name="isogal")
+program.load()()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "isogal: interrupted\n")
+
+
 def test_a_full_disk_is_one_line():
     line = "isogal: the output cannot be written: No space left on device\n"
     with Path("/dev/full").open("wb") as full:

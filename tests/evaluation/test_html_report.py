@@ -12,7 +12,7 @@ from isogal.evaluation.bound import BoundResult
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.errors import error_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.evaluation.run_report import run_report
+from isogal.evaluation.run_report import key_figures, run_report
 from isogal.evaluation.summary import summarise
 from isogal.scenario import Scenario
 
@@ -66,6 +66,12 @@ def report_of_a_run(make_runs, tmp_path_factory, coarse_pictures):
 def write(runs, folder):
     summary = summarise(runs, Scenario(), bound().rms_at(runs.time - runs.time[0]))
     return run_report(runs, Scenario(), FIELD, bound(), folder, summary)
+
+
+def test_no_cell_of_the_key_figures_is_empty(make_runs):
+    runs = make_runs(runs=1, detail=True)
+    summary = summarise(runs, Scenario(), bound().rms_at(runs.time - runs.time[0]))
+    assert all(cell for row in key_figures(summary).rows for cell in row)
 
 
 def bound(states=121):

@@ -287,6 +287,12 @@ def test_a_fix_78_km_off_is_rejected_unless_it_is_to_be_believed(whole):
     assert not identical(state, FLIGHT.start)
 
 
+@pytest.mark.parametrize("whole", [False, True], ids=["position", "information"])
+def test_a_fix_that_is_rejected_close_by_says_so_in_metres(whole):
+    result = applied(fix_away(9e3, whole=whole), FLIGHT.start.copy())
+    assert re.match(r"(89|90)\d\d m from the estimate: normalised innovation sq", result.reason)
+
+
 def test_weak_information_is_judged_by_what_it_does():
     """A direction of which next to nothing is told implies a place far away."""
     tiny = 1e-8 / sigma() ** 2

@@ -1,11 +1,13 @@
 """Processes that are forked from one interpreter which has imported what they need
 (multiprocessing's forkserver): each starts in a moment."""
 
+import atexit
 import multiprocessing
+import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
-from multiprocessing import resource_tracker
+from contextlib import contextmanager, suppress
+from multiprocessing import forkserver, resource_tracker
 
 CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -25,3 +27,14 @@ def interrupts_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@atexit.register
+def _end_server() -> None:
+    """End the interpreter with this process: where that is interrupted early, it would go on for
+    seconds to import what nobody needs any more."""
+    server: object = vars(forkserver)["_forkserver"]
+    pid = getattr(server, "_forkserver_pid", None)
+    if pid is not None and not multiprocessing.active_children():
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGTERM)

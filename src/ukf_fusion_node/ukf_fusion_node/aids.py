@@ -35,15 +35,15 @@ from isogal_ros.messages.frames import NED_ENU, map_frame
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import Message, Topic
-from ukf_fusion_node.measuring import AidReport, Measured
+from ukf_fusion_node.measuring import AidReport, Describe, Measured
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.stamp_queue import StampQueue
 
 _KNOTS = 1.94384
 _PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
-_Read = tuple[Callable[[Array], Measurement | None], Callable[[Innovation], str]]
+_Read = tuple[Callable[[Array], Measurement | None], Describe | None]
 """What returns the measurement for the angular rate (3,) of its time (None = there is no number),
-and what says of one that cannot be right what is wrong with it."""
+and what says of one that cannot be right what is wrong with it (None = its reason does)."""
 NO_FIX = "the receiver has no fix"
 NO_NAVIGATOR = "there was no navigator yet"
 SWITCHED_OFF = "switched off by the service toggle"
@@ -170,7 +170,7 @@ class Aids:
         """Return the reading that a message of an aid is; raises BadMessageError where it cannot
         be used."""
         found: tuple[ArrayLike, ArrayLike | None] | None
-        describe: Callable[[Innovation], str]
+        describe: Describe | None
         match aid.settings, message:
             case Height() as sensor, FluidPressure():
                 pressure, height, variance = read_pressure(message, sensor)
@@ -185,20 +185,15 @@ class Aids:
             case HeadingAid(), Imu():
                 found, describe = read_heading(message), _turned
             case PositionAid(), NavSatFix():
-                found, describe = read_position_fix(message), _far
+                found, describe = read_position_fix(message), None
             case PositionAid(), PoseWithCovarianceStamped():
-                found, describe = read_pose_position(message, self._map), _far
+                found, describe = read_pose_position(message, self._map), None
             case _:
                 raise TypeError(f"no reading of {type(aid.settings).__name__}")
         if found is None:
             return lambda _: None, describe
         value, stated = found
         return partial(reading_of, aid.settings, value, self._scenario, stated=stated), describe
-
-
-def _far(seen: Innovation) -> str:
-    """Say how far a position is that cannot be right."""
-    return f"position {float(np.linalg.norm(seen.innovation[:2])):.0f} m from the estimate"
 
 
 def _turned(seen: Innovation) -> str:

@@ -26,6 +26,8 @@ covariances that are rounded up, are what is found."""
 LOST_AFTER = 3.0
 """Intervals without a measurement that is used, after which an aid is not in use."""
 SIGMA = "horizontal 1-sigma"
+Describe = Callable[[Innovation], str]
+"""Says of a measurement beyond the gate what is wrong with it."""
 
 
 class Measured:
@@ -62,16 +64,18 @@ class Measured:
         text = f"{row}: measurement or navigator wrong" if self._in_a_row >= SEVERAL else None
         self._health.concern(f"rejecting {self._topic}", text, ERROR)
 
-    def take(self, stamp: int, result: Innovation, describe: Callable[[Innovation], str]) -> None:
+    def take(self, stamp: int, result: Innovation, describe: Describe | None) -> None:
         """Note what became of a measurement of a stamp (ns), and drop one that was not used with
-        what is wrong with it; `describe` says that of one beyond the gate."""
+        what is wrong with it; `describe` says that of one beyond the gate (None = its reason
+        does)."""
         if result.outcome is not Outcome.REFUSED:
             self.judge(result)
         if not result.used:
             why = result.reason or "not used"
             self.absent(why)
             rejected = result.outcome is Outcome.REJECTED
-            self._health.drop(self._topic, f"{describe(result)} ({why})" if rejected else why)
+            said = f"{describe(result)} ({why})" if describe is not None and rejected else why
+            self._health.drop(self._topic, said)
             return
         self.newest, self.used = max(stamp, self.newest), self.used + 1
         self._health.figures[f"{self._topic} used"] = self.used

@@ -1,6 +1,8 @@
 """The policy allows what the running graph does, and nothing else."""
 
+import os
 import runpy
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from concurrent.futures import ProcessPoolExecutor
@@ -77,6 +79,20 @@ def test_the_policy_of_a_parameter_file_has_transforms_and_aids(tmp_path) -> Non
     }
     assert {name for name, found in heard.items() if "/tf_static" in found} == {topics.UKF_FUSION}
     assert topics.VELOCITY.name in heard[topics.UKF_FUSION]
+
+
+@pytest.mark.parametrize(
+    "module", ["security.policy", "graph.parameter_reference", "parameters.bringup_file"]
+)
+def test_what_is_generated_may_be_cut_off(module) -> None:
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with os.fdopen(write_end, "wb") as closed_pipe:
+        command = [sys.executable, "-m", f"isogal_ros.{module}"]
+        done = subprocess.run(
+            command, stdout=closed_pipe, stderr=subprocess.PIPE, timeout=120, check=False
+        )
+    assert (done.returncode, done.stderr) == (141, b"")
 
 
 @pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")

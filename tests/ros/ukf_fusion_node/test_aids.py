@@ -2,6 +2,7 @@
 is used."""
 
 import math
+import re
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -25,9 +26,15 @@ def aided(scenario) -> Iterator[Bench]:
         yield made
 
 
-def position(made: Bench, seconds: float, altitude: float = 100.0, variance: float = 400.0):
-    """Publish a position of a stamp: where the filter is."""
-    nav = made.node.navigator.state.position
+def position(
+    made: Bench,
+    seconds: float,
+    altitude: float = 100.0,
+    variance: float = 400.0,
+    away: float = 0.0,
+):
+    """Publish a position of a stamp: where the filter is, or so many radians north of there."""
+    nav = made.node.navigator.state.position + np.array([away, 0.0, 0.0])
     message = framed(POSITION, ANTENNA)
     covariance = np.diag([variance] * 3)
     fill_fix(message, from_seconds(seconds), nav[0], nav[1], altitude, covariance)
@@ -84,6 +91,15 @@ def test_stamps_of_another_clock_are_said_and_kept_nowhere(aided, stamp, words) 
     drive(aided, 14, 18, float)
     aided.imu(18)
     assert aid(aided).level == OK
+
+
+def test_how_far_a_rejected_position_is_is_said_once(aided) -> None:
+    drive(aided, 1, 4, float, away=5e3 / 6.36e6)
+    level, message, _ = aided.told("from the estimate")
+    assert level == WARN
+    assert message.count("from the estimate") == 1
+    assert re.search(r"(49|50)\d\d m from the estimate: normalised", message)
+    assert " m from the estimate" in aid(aided).message
 
 
 def test_what_cannot_be_used_is_why_an_aid_is_not_in_use(aided) -> None:

@@ -14,6 +14,7 @@ Commands
 
 What they share
 
+- `start`: where does the program start?
 - `main`: the program ``isogal``; which commands are there?
 - `errors`: how does a command end that cannot go on?
 - `option_groups`: how do several options become one parameter of a command?

@@ -174,7 +174,7 @@ def isogal(
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Run the program (`isogal.cli.start`)."""
     one_thread()
     _open_streams()
     app()

@@ -143,7 +143,8 @@ def key_figures(summary: Summary) -> Table:
         ("Computing time of a fix, median (ms)", number(time["fix_ms_median"]), ""),
         ("Wall time (s)", number(time["wall_s"]), ""),
     ]
-    return Table("Key figures.", ("", "whole run", "after the first hour"), rows)
+    filled = [(name, whole, later or number(None)) for name, whole, later in rows]
+    return Table("Key figures.", ("", "whole run", "after the first hour"), filled)
 
 
 def _of_smoothed(summary: Summary) -> list[tuple[str, str, str]]:

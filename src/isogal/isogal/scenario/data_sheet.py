@@ -10,6 +10,8 @@ import math
 import re
 from collections.abc import Sequence
 
+from isogal.scenario.section import written
+
 Reading = float | str
 G = 9.80665
 """Standard gravity, m/s²: the unit g of data sheets."""
@@ -48,17 +50,17 @@ class QuantityKind:
         if isinstance(value, str):
             match = _NUMBER.fullmatch(value)
             if match is None:
-                raise ValueError(f"must be {self.allowed}, not {value!r}")
+                raise ValueError(f"must be {self.allowed}, not {written(value)}")
             number = float(match[1])
             if match[2]:
                 number *= self._factor(match[2])
         elif isinstance(value, int | float) and not isinstance(value, bool):
             number = float(value)
         else:
-            raise ValueError(f"must be {self.allowed}, not {value!r}")
+            raise ValueError(f"must be {self.allowed}, not {written(value)}")
         if not 0.0 <= number < math.inf or (self.positive and number == 0.0):
             least = "zero, negative" if self.positive else "negative"
-            raise ValueError(f"must not be {least} or infinite, is {value!r}")
+            raise ValueError(f"must not be {least} or infinite, is {written(value)}")
         return number
 
     def read_axes(

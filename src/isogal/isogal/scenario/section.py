@@ -1,11 +1,20 @@
 """What the sections of a scenario share: strictness, ranges of numbers, and validation whose
 errors are one line that names each bad key and what it may be."""
 
+import datetime
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
+from functools import cache
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from isogal.errors import InputError
 
@@ -38,10 +47,60 @@ class Section(BaseModel):
             if field.description is not None:
                 field.description = " ".join(field.description.split())
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_number(cls, value: object, info: ValidationInfo) -> object:
+        """Refuse true and false where they do not belong; pydantic takes them for 1 and 0."""
+        takes = _takes_booleans(cls, str(info.field_name))
+        return value if takes else _without_booleans(value)
+
     def resolved(self) -> Document:
         """Return the section's values by key. A section that takes defaults from elsewhere puts
         them in place of its own null here, so that `truth` can multiply them."""
         return self.model_dump()
+
+
+class _Boolean:
+    """True or false where neither is allowed: no type of a key takes it."""
+
+    def __init__(self, value: bool) -> None:
+        self.value = value
+
+
+def _without_booleans(value: object) -> object:
+    """Return a value in which each true and false, also those in lists, is a `_Boolean`."""
+    if isinstance(value, bool):
+        return _Boolean(value)
+    if isinstance(value, list | tuple):
+        return [_without_booleans(one) for one in value]
+    return value
+
+
+@cache
+def _takes_booleans(model: type[BaseModel], name: str) -> bool:
+    return _mentions_booleans(model.model_fields[name].annotation)
+
+
+def _mentions_booleans(annotation: object) -> bool:
+    return annotation in (bool, Any) or any(map(_mentions_booleans, get_args(annotation)))
+
+
+def written(value: object) -> str:
+    """Return a value in the words of a scenario file."""
+    match value:
+        case None:
+            return "null"
+        case bool():
+            return str(value).lower()
+        case _Boolean():
+            return written(value.value)
+        case datetime.date():
+            return str(value)
+        case list() | tuple():
+            return f"[{', '.join(map(written, value))}]"
+        case dict():
+            return f"{{{', '.join(f'{key}: {written(one)}' for key, one in value.items())}}}"
+    return repr(value)
 
 
 def merged(document: Mapping[str, Value], changes: Mapping[str, Value]) -> Document:
@@ -91,11 +150,13 @@ def describe(error: ValidationError, model: type[BaseModel], prefix: str = "") -
         if item["type"] == "extra_forbidden":
             allowed[f"unknown key '{key}'{_nearest(inside, model, prefix)}", ""] = []
         elif item["type"] == "value_error":
-            allowed[f"{colon}{item['ctx']['error']}", ""] = []
+            text = str(item["ctx"]["error"])
+            within = f"{key}.{text}".partition(":")[0] in known_keys(model, prefix)
+            allowed[f"{key}.{text}" if within else f"{colon}{text}", ""] = []
         elif item["type"] == "missing":
             allowed[f"{colon}must be given", ""] = []
         else:
-            ends = f"{colon}must be ", f", not {item['input']!r}"
+            ends = f"{colon}must be ", f", not {written(item['input'])}"
             allowed.setdefault(ends, []).append(_allowed(item))
     return "; ".join(
         begin + " or ".join(dict.fromkeys(words)) + end for (begin, end), words in allowed.items()

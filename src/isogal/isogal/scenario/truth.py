@@ -8,7 +8,15 @@ import math
 import re
 from collections.abc import Collection, Mapping
 
-from isogal.scenario.section import Document, Section, Value, merged, suggestion, validated
+from isogal.scenario.section import (
+    Document,
+    Section,
+    Value,
+    merged,
+    suggestion,
+    validated,
+    written,
+)
 
 SECTIONS = (
     "imu",
@@ -78,7 +86,7 @@ def true_section(name: str, assumed: Section, changes: Value) -> Section:
         changes = _multiples_of_errors(where, assumed, changes)
     if not isinstance(changes, Mapping):
         raise ValueError(
-            f"{where}: must be keys of {name} with their true values, not {changes!r}"
+            f"{where}: must be keys of {name} with their true values, not {written(changes)}"
         )
     changes = _without_multiples(changes, assumed.resolved(), where)
     section = validated(type(assumed), merged(assumed.model_dump(), changes), f"{where}.")
@@ -143,7 +151,7 @@ def _multiple(factor: float, assumed: Value, where: str) -> Value:
         return numbers if several else numbers[0]
     zero = all(x == 0 for x in (assumed if isinstance(assumed, tuple | list) else [assumed]))
     said = "says nothing; give a number" if zero else "is no number"
-    raise ValueError(f"{where} of {assumed!r} {said}")
+    raise ValueError(f"{where} of {written(assumed)} {said}")
 
 
 def _numbers_in(value: Value) -> list[float]:

@@ -3,11 +3,11 @@
 ``python -m isogal_ros.graph.parameter_reference > docs/parameters.md`` writes it anew after a
 change of the scenario model or of a node's own parameters."""
 
-import sys
 from collections.abc import Iterable, Iterator
 
 import yaml
 
+from isogal.cli.errors import clean_errors
 from isogal.scenario import Scenario
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import node_class
@@ -78,5 +78,11 @@ def text() -> str:
     return "\n".join(lines()) + "\n"
 
 
+@clean_errors
+def main() -> None:
+    """Print the whole page."""
+    print(text(), end="", flush=True)
+
+
 if __name__ == "__main__":
-    sys.stdout.write(text())
+    main()

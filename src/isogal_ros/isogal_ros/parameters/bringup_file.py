@@ -3,12 +3,12 @@
 ``python -m isogal_ros.parameters.bringup_file > src/isogal_bringup/params/isogal.yaml`` writes it
 anew after a change of the scenario model."""
 
-import sys
 import textwrap
 from collections.abc import Iterator
 
 import yaml
 
+from isogal.cli.errors import clean_errors
 from isogal.scenario import Scenario
 from isogal_ros.parameters.from_model import ParameterSpec, limits, parameter_specs
 
@@ -58,5 +58,11 @@ def text() -> str:
     return HEAD + "\n".join(lines()) + "\n"
 
 
+@clean_errors
+def main() -> None:
+    """Print the whole file."""
+    print(text(), end="", flush=True)
+
+
 if __name__ == "__main__":
-    sys.stdout.write(text())
+    main()

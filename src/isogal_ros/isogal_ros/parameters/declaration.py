@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from isogal.errors import InputError, nearest
+from isogal.scenario.section import written
 from isogal_ros.parameters.from_model import ParameterSpec, limits, yaml_line
 from isogal_ros.parameters.values import Values, nested
 
@@ -114,9 +115,9 @@ def _declare(node: Node, spec: ParameterSpec, value: JsonValue) -> None:
     except InvalidParameterTypeException:
         wanted = Parameter.Type(spec.descriptor.type).name.lower()
         raise InputError(
-            f"parameter {spec.name} must be of type {wanted}, not {value!r}"
+            f"parameter {spec.name} must be of type {wanted}, not {written(value)}"
         ) from None
     except InvalidParameterValueException:
         raise InputError(
-            f"parameter {spec.name}: must be {limits(spec.descriptor)}, not {value!r}"
+            f"parameter {spec.name}: must be {limits(spec.descriptor)}, not {written(value)}"
         ) from None

@@ -8,10 +8,10 @@ in ``docs/security.md``. The form is that of the policy schema of sros2, version
 import sys
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
-from isogal.errors import InputError
+from isogal.cli.errors import clean_errors
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
@@ -101,10 +101,13 @@ def policy_of(path: str) -> ET.ElementTree:
     return policy(scenario, asked)
 
 
-if __name__ == "__main__":
-    try:
-        made = policy_of(sys.argv[1]) if sys.argv[1:] else policy(Scenario())
-    except InputError as error:
-        sys.exit(f"isogal: {error}")
+@clean_errors
+def main(words: Sequence[str]) -> None:
+    """Print the policy of a parameter file, or of the default scenario."""
+    made = policy_of(words[0]) if words else policy(Scenario())
     made.write(sys.stdout, encoding="unicode", xml_declaration=True)
-    print()
+    print(flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

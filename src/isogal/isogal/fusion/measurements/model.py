@@ -89,8 +89,9 @@ class Innovation:
         """Say of a position that was rejected how far it is from the estimate; return itself."""
         if self.outcome is not Outcome.REJECTED:
             return self
-        away = float(np.hypot(*self.innovation[:2])) / 1e3
-        self.reason = f"{away:.1f} km from the estimate: {self.reason}"
+        away = float(np.hypot(*self.innovation[:2]))
+        distance = f"{away:.0f} m" if away < 1e4 else f"{away / 1e3:.1f} km"
+        self.reason = f"{distance} from the estimate: {self.reason}"
         return self
 
 
