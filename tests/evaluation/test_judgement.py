@@ -40,6 +40,19 @@ def test_a_run_without_any_fix_is_not_good_and_not_called_worse(calm):
     }
 
 
+def test_states_at_which_the_unaided_navigator_is_not_recorded_are_left_out(calm):
+    """As where the recorder was killed, or a vehicle has no INS whose solution it records."""
+    unaided = calm.unaided_error.copy()
+    unaided[0, 70:72] = np.nan
+    unaided[1] = np.nan
+    error = calm.error.copy()
+    error[2, 100] = np.nan  # where the navigator itself says nothing, it is worse
+    runs = replace(calm, error=error, unaided_error=unaided, covariance=calm.covariance * 100.0)
+    assert flags(runs)["worse_than_unaided"] == [2]
+    summary = summarise(runs, Scenario(), np.full(121, 40.0))
+    assert summary["unaided"]["rms"] == pytest.approx(300.0 * np.sqrt(2.0))
+
+
 def test_worse_than_unaided_is_after_the_first_hour(calm):
     error = calm.error.copy()
     error[0, :61] = 240.0  # within the first hour

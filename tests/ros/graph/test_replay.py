@@ -11,6 +11,7 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.viewing import open_bag
 from isogal_ros.graph import player as of_bag
 from isogal_ros.graph.replay import replay
 from isogal_ros.nodes.signals import Interrupt
@@ -18,7 +19,7 @@ from isogal_ros.nodes.signals import Interrupt
 SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sample"
 
 
-def test_a_bag_that_is_cut_off(recording, tmp_path) -> None:
+def test_a_bag_that_is_cut_off(recording, tmp_path, capsys) -> None:
     data = (recording / "bag_0.mcap").read_bytes()
     (tmp_path / "part.mcap").write_bytes(data[: len(data) // 2])
     result = replayed(tmp_path / "part.mcap")
@@ -29,6 +30,8 @@ def test_a_bag_that_is_cut_off(recording, tmp_path) -> None:
     assert result.comparison.disagreements == 0
     assert 1 <= result.comparison.common < 6
     assert result.comparison.largest_difference < 1e-6
+    open_bag(tmp_path / "part.mcap")
+    assert "part.mcap: not read to its end: the file ends early" in capsys.readouterr().err
 
 
 def test_it_can_be_interrupted(recording) -> None:

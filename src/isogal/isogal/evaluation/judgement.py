@@ -49,14 +49,13 @@ def all_scans_nees(runs: Runs) -> Array:
 
 def _better_than_unaided(runs: Runs) -> Booleans:
     """Return (R,) whether the RMS error after the first hour, or of the whole run where it is
-    shorter, is at most that of the unaided navigator."""
+    shorter, is at most that of the unaided navigator, at the states where that is recorded."""
     settled = runs.elapsed > SETTLED_AFTER
     part = settled if settled.any() else slice(None)
-    aided, unaided = (
-        (error[:, part] ** 2).mean(axis=1)
-        for error in (runs.horizontal_error, runs.unaided_horizontal_error)
-    )
-    return np.asarray(aided <= unaided)
+    aided, unaided = runs.horizontal_error[:, part], runs.unaided_horizontal_error[:, part]
+    recorded = np.isfinite(unaided)
+    of_aided, of_unaided = ((error**2).sum(axis=1, where=recorded) for error in (aided, unaided))
+    return np.asarray(of_aided <= of_unaided)
 
 
 def _beyond_claim(runs: Runs) -> Booleans:

@@ -50,13 +50,14 @@ def summarise(
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     judgement = judge(runs, astray)
+    recorded = unaided[np.isfinite(unaided)]  # a recording may have gaps
     summary: Summary = {
         "scenario": settings.model_dump(mode="json"),
         "matcher": settings.matcher.name,
         "runs": len(runs),
         "diverged": int(astray.sum()),
         "position_error": _position_error(aided, settled),
-        "unaided": {"mean": _mean(unaided), "rms": _rms(unaided)},
+        "unaided": {"mean": _mean(recorded), "rms": _rms(recorded)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
         "nees_per_axis": _nees(posterior_nees(runs)),
         "nees_all_scans": _nees(all_scans_nees(runs)),

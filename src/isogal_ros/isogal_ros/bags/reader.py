@@ -160,10 +160,10 @@ class BagReader:
                 place, size = stream.tell(), stream.seek(0, 2)
                 if size < 8 or (isinstance(error, InvalidMagic) and not self.types):
                     raise InputError(f"{file}: not an MCAP file") from None
-                kind = type(error).__name__
                 if isinstance(error, EndOfFile | struct.error):
-                    self.cut = f"the file ends early, at byte {file.stat().st_size} ({kind})"
+                    self.cut = f"the file ends early, at byte {file.stat().st_size}"
                 else:
+                    kind = type(error).__name__
                     self.cut = f"the file is damaged ahead of byte {place} ({kind})"
 
 

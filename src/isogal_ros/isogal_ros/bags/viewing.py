@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.cli.errors import note
 from isogal.errors import InputError
 from isogal.evaluation.run_report import subtitle_of
 from isogal.evaluation.view.record import AidUse, Event, ViewedRun
@@ -55,6 +56,8 @@ def open_bag(
     scenario = scenario or reader.scenario()
     collector = Collector(scenario or Scenario())
     collector.take_bag(reader)
+    if reader.cut is not None:
+        note(f"{bag}: not read to its end: {reader.cut}")
     if len(collector.last_nav) < 2:
         raise InputError(
             f"{bag}: has no two messages on {topics.NAV_FIX.name}, where the navigator was; those"
