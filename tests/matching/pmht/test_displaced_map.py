@@ -1,6 +1,9 @@
 """A gridded map that shows its anomalies beside their place, as between a survey's lines."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from helpers.bank import flown, pmht, posterior_of
 from helpers.batches import field_map_of, wavy
@@ -58,6 +61,13 @@ def nees_of(matcher: OnDisplacedMap) -> np.ndarray:
 def test_a_sure_navigator_is_not_pulled_away():
     nees = [nees_of(OnDisplacedMap(by, lengths=True)).mean() for by in BESIDE]
     assert np.mean(nees) < 1.5
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_map_that_lacks_the_usual_length_is_believed():
+    matcher = OnDisplacedMap(BESIDE[0], lengths=True)
+    matcher.field_map = replace(matcher.field_map, correlation_length=None)
+    assert nees_of(matcher).mean() > 8.0
 
 
 def test_a_map_that_does_not_say_its_lengths_is_believed():

@@ -39,11 +39,17 @@ def displacement(length: ArrayLike, error: ArrayLike, shown: ArrayLike) -> Array
     return np.asarray(SIZE * np.asarray(length) * np.sqrt(share))
 
 
+def length_of(field_map: FieldMap) -> float | None:
+    """Return the correlation length of the error (m) of a map that may be displaced: one that says
+    place by place over which lengths its errors hold together, as those of `isogal map grid` do;
+    None = it does not."""
+    return None if field_map.error_ellipses is None else field_map.correlation_length
+
+
 def displacement_at(field_map: FieldMap, latitude: Array, longitude: Array) -> Array:
-    """Return (T,) that at points (T,), rad: 0 of maps that do not say place by place over which
-    lengths their errors hold together, as those of `isogal map grid` do."""
-    length = field_map.correlation_length
-    if field_map.error_ellipses is None or length is None:
+    """Return (T,) the 1-sigma at points (T,), rad; 0 of a map that has no `length_of`."""
+    length = length_of(field_map)
+    if length is None:
         return np.zeros(len(latitude))
     error = field_map.sigma_at(latitude, longitude) ** 2
     # the mean squared difference of two places is twice the variance

@@ -9,7 +9,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
-from isogal.maps.displacement import EXTENT, displacement_at
+from isogal.maps.displacement import EXTENT, displacement_at, length_of
 from isogal.matching.interfaces import Batch, SecondaryBatch
 from isogal.matching.parameters import Parameters
 
@@ -113,14 +113,14 @@ def _scans_underneath(batch: Batch, beams: int) -> int:
 def displaceable(one: SecondaryBatch) -> SecondaryBatch:
     """Return a field's batch with two more parameters where its map may show anomalies beside
     their place: in which direction, and how far in 1-sigmas (`isogal.maps.displacement`)."""
-    batch, first = one.batch, channels_of(one.field_map)[0]
-    if first.error_ellipses is None:
+    batch, length = one.batch, length_of(channels_of(one.field_map)[0])
+    if length is None:
         return one
     channel = np.zeros(len(batch), np.int64) if batch.channel is None else batch.channel
     place = batch.latitude, batch.longitude
     size = by_channel(one.field_map, channel, displacement_at, *place)
     speed = float(np.hypot(*batch.velocity.mean(axis=0)))
-    time = EXTENT * (first.correlation_length or 0.0) / speed if speed > 0.0 else math.inf
+    time = EXTENT * length / speed if speed > 0.0 else math.inf
     moves = np.einsum("t,ij->tij", size, np.eye(2))
     states = np.ones(2), np.zeros((len(batch), 2))
     shift = Parameters(("", ""), *states, position=moves, time=np.full(2, time))
