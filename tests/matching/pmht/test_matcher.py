@@ -129,8 +129,8 @@ def test_a_fix_that_would_have_widened_and_was_refused_narrows_nothing():
     ((batch, _, memory, _),) = flight(1, pmht(**LETTER))
     known = batch.covariance
     taken = np.r_[6.0 * np.sqrt(known[0, 0]), np.zeros(6)]
-    last = replace(memory.diverged.last, left=4.0 * known)
-    memory = replace(memory, untaken=known, diverged=memory.diverged.with_last(last))
+    last = memory.diverged.last._replace(left=4.0 * known)
+    memory = memory._replace(untaken=known, diverged=memory.diverged.with_last(last))
     memory = memory.moved(taken - memory.taken)
     before = memory.fields[0].bank
     later = replace(
@@ -324,7 +324,7 @@ def test_only_a_navigator_that_is_elsewhere_is_told_so(monkeypatch, away, told):
     def found(memory, first, field_map):
         field = memory.fields[first]
         bank = field.bank.moved(np.array([away, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]))
-        return replace(memory, fields={first: replace(field, bank=bank)}), True
+        return memory._replace(fields={first: field._replace(bank=bank)}), True
 
     monkeypatch.setattr(matcher_of, "decided", found)
     fix, memory = UNTOLD.match(batch, ROUGH, None)

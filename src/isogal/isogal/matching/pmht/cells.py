@@ -43,11 +43,10 @@ class Ranked:
     """(C, M) log probabilities of cells with a model, before and by the readings."""
 
     @classmethod
-    def of(cls, seen: "Seen", spread: Array) -> "Ranked":
-        """Return cells all over a prior N(0, spread)."""
+    def of(cls, seen: "Seen", spread: Array, size: float) -> "Ranked":
+        """Return cells of a size (m) all over a prior N(0, spread)."""
         sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
         reach = sigma * math.sqrt(-2.0 * math.log(RARE))
-        size = 0.5 * FEATURE_M
         count = math.ceil(reach / size)
         centres = square_of(size * np.arange(-count, count + 1.0))
         centres = centres[np.hypot(*centres.T) < reach + size]

@@ -6,7 +6,7 @@ Magill (1965, IEEE TAC 10:434) and Maybeck & Hanlon (1995, IEEE TAES 31:1216) fo
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -99,6 +99,21 @@ class Hypotheses:
     def __len__(self) -> int:
         return len(self.which)
 
+    def changed(
+        self,
+        log_weight: Array | None = None,
+        mean: Array | None = None,
+        covariance: Array | None = None,
+    ) -> "Hypotheses":
+        """Return them with other weights, means or covariances."""
+        return Hypotheses(
+            self.models,
+            self.which,
+            self.log_weight if log_weight is None else log_weight,
+            self.mean if mean is None else mean,
+            self.covariance if covariance is None else covariance,
+        )
+
     def part(self, which: Integers | Booleans) -> "Hypotheses":
         """Return some of them, by indices or a mask."""
         return Hypotheses(self.models, *(getattr(self, name)[which] for name in COLUMNS))
@@ -108,7 +123,7 @@ class Hypotheses:
         any reading has said anything."""
         every = self.covariance.copy()
         every[:, moving[:, None], moving] = self.models.start[self.which, None, None] * covariance
-        return replace(self, covariance=every)
+        return self.changed(covariance=every)
 
     def passed(self, passage: Passage, moving: Integers) -> "Hypotheses":
         """Return them at the end of a passage, of the states `moving` (n,).
@@ -146,7 +161,7 @@ class Hypotheses:
         covariance[:, moving[:, None], moving] += grown
         means = them.mean.copy()
         means[:, moving] = mean
-        return replace(them, mean=means, covariance=symmetric(covariance)).normalised()
+        return them.changed(mean=means, covariance=symmetric(covariance)).normalised()
 
     def headed(self) -> "Hypotheses":
         """Split those whose heading is not known to where sines are linear in it."""
@@ -169,7 +184,7 @@ class Hypotheses:
         whole[:n, :n] = forward
         covariance = whole @ self.covariance @ whole.T
         covariance[:, :n, :n] += self.models.growth[self.which, None, None] * growth
-        return replace(self, mean=self.mean @ whole.T, covariance=symmetric(covariance))
+        return self.changed(mean=self.mean @ whole.T, covariance=symmetric(covariance))
 
     def split(
         self, field_map: AnyMap, rows: Rows, most: int | None = None, curved: float = CURVED
@@ -201,8 +216,7 @@ class Hypotheses:
         less = self.covariance - (1.0 - sigma**2) * u[:, :, None] * u[:, None, :]
         return joined(
             [
-                replace(
-                    self,
+                self.changed(
                     log_weight=self.log_weight + math.log(w),
                     mean=self.mean + c * u,
                     covariance=less,
@@ -216,8 +230,8 @@ class Hypotheses:
         mean, covariance, evidence = self.mean.copy(), self.covariance.copy(), np.empty(len(self))
         where = field_map.grid, field_map.sigma_grid, rows
         kernels.observed(*where, self.models, self.which, mean, covariance, evidence)
-        result = replace(
-            self, log_weight=self.log_weight + evidence, mean=mean, covariance=covariance
+        result = self.changed(
+            log_weight=self.log_weight + evidence, mean=mean, covariance=covariance
         )
         kept = np.isfinite(result.log_weight) & np.isfinite(mean).all(axis=1)
         return result if kept.all() else result.part(kept)
@@ -257,8 +271,7 @@ class Hypotheses:
         evidence = 0.5 * np.einsum("ki,ki->k", mean, vector + left)
         evidence += 0.5 * np.einsum("ki,kij,kj->k", left, P, right)
         evidence -= 0.5 * np.linalg.slogdet(inner)[1]
-        return replace(
-            self,
+        return self.changed(
             log_weight=self.log_weight + evidence,
             mean=self.mean + np.einsum("kij,kj->ki", across, right),
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
@@ -281,8 +294,8 @@ class Hypotheses:
         told = before.informed(by.information(prior), prior)
         odds = (self.models.odds(log) for log in (self.models.log_prior, before.of_models))
         beyond = self.models.odds(told.of_models)[told.which] - np.maximum(*odds)[told.which]
-        told = replace(told, log_weight=told.log_weight - np.maximum(beyond, 0.0))
-        told = replace(told, log_weight=told.log_weight - told.log_evidence + before.log_evidence)
+        told = told.changed(log_weight=told.log_weight - np.maximum(beyond, 0.0))
+        told = told.changed(log_weight=told.log_weight - told.log_evidence + before.log_evidence)
         return joined([told, rest]).normalised()
 
     @property
@@ -302,7 +315,7 @@ class Hypotheses:
         them = them.merged(order[kept], of_place)
         best = largest(them.of_models, self.models.group)
         lift = np.maximum(best.max() - FLOOR - best, 0.0)
-        return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
+        return them.changed(log_weight=them.log_weight + lift[them.which]).normalised()
 
     def merged(self, which: Integers, of_place: Array) -> "Hypotheses":
         """Return some of them, by indices, with places of one model merged that are within one
@@ -339,11 +352,11 @@ class Hypotheses:
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""
         mean = self.mean.copy()
         mean[:, :BATCH_STATES] -= by
-        return replace(self, mean=mean)
+        return self.changed(mean=mean)
 
     def normalised(self) -> "Hypotheses":
         """Return them with weights whose sum is 1."""
-        return replace(self, log_weight=self.log_weight - np.logaddexp.reduce(self.log_weight))
+        return self.changed(log_weight=self.log_weight - np.logaddexp.reduce(self.log_weight))
 
     def credible(self) -> "Hypotheses":
         """Return them without faults that are not likely."""

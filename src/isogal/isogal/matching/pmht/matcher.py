@@ -109,10 +109,10 @@ class Pmht:
             return declined(batch, "none of the likely places is on the map"), memory
         memory, information, evidence = observed
         lead = memory.fields[self.lead]
-        last = replace(memory.diverged.last, rows=rows[0], evidence=evidence)
+        last = memory.diverged.last._replace(rows=rows[0], evidence=evidence)
         diverged = memory.diverged.with_last(last)
         diverged = pursued(diverged, lead, field_map)
-        memory, found = decided(replace(memory, diverged=diverged), self.lead, field_map)
+        memory, found = decided(memory._replace(diverged=diverged), self.lead, field_map)
         if not found:
             memory, found = undeceived(memory, self.lead)
         bank = memory.fields[self.lead].bank
@@ -161,9 +161,9 @@ class Pmht:
             new, epoch = rows_of(
                 one.batch, one.field_map, field.states, lengths, field.epoch, rough
             )
-            fields[one.field] = replace(field, epoch=epoch)
+            fields[one.field] = field._replace(epoch=epoch)
             rows.append(new)
-        return replace(memory, fields=fields), rows
+        return memory._replace(fields=fields), rows
 
     def _observed(
         self,
@@ -197,15 +197,15 @@ class Pmht:
                 continue
             if one is each[0]:
                 evidence = log
-            fields[one.field] = replace(field, bank=bank)
+            fields[one.field] = field._replace(bank=bank)
             said[one.field] = added(bank, prior, total(said.values()))
         order = list(said)
         for index, field in fields.items():
             if field.bank is not None:
                 since = order[order.index(index) + 1 :] if index in said else order
                 later = field.bank.informed(total(said[k] for k in since), prior).normalised()
-                fields[index] = replace(field, bank=later)
-        return replace(memory, fields=fields), total(said.values()), evidence
+                fields[index] = field._replace(bank=later)
+        return memory._replace(fields=fields), total(said.values()), evidence
 
 
 def _unlike(one: SecondaryBatch) -> str | None:

@@ -3,7 +3,7 @@ what is known where it has been found elsewhere (docs/mathematics.md, sections 6
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ SAYS = math.log((1.0 - RARE) / RARE)
 """Log odds at which the bank is given up for what a search has found."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Memory:
+class Memory(NamedTuple):
     """Of a run. Errors are relative to the estimate of a navigator that has taken the last fix."""
 
     fields: Mapping[int, FieldMemory]
@@ -32,7 +31,7 @@ class Memory:
     diverged: Diverged
     untaken: Array
     """(7, 7) what it was before that fix."""
-    taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
+    taken: Array = np.zeros(BATCH_STATES)
     """(7,) error that the last fix takes off its estimate."""
     slow: Array | None = None
     """Estimates of the slow errors of its sensors before that fix."""
@@ -47,9 +46,8 @@ class Memory:
     def moved(self, by: Array) -> "Memory":
         """Return that of a navigator whose estimate has lost a further error (7,)."""
         last = self.diverged.last
-        return replace(
-            self._each(lambda _, bank: bank.moved(by)),
-            diverged=self.diverged.with_last(replace(last, taken=last.taken + by)),
+        return self._each(lambda _, bank: bank.moved(by))._replace(
+            diverged=self.diverged.with_last(last._replace(taken=last.taken + by)),
             taken=self.taken + by,
         )
 
@@ -98,7 +96,7 @@ class Memory:
         passed = Past(
             forward, 0.0 * growth if lost else growth, prior, float(batch.time[-1]), taken
         )
-        last = replace(memory.diverged.last, left=before)
+        last = memory.diverged.last._replace(left=before)
         diverged = memory.diverged.with_last(last).later(passed)
         fields = memory._each(followed).fields
         slow_now = slow if passage is None else passage.slow[1]
@@ -113,15 +111,15 @@ class Memory:
         if len(diverged.past) == 1 and last.rows is None:  # its place has just been found
             diverged = Diverged.before(covariance, last.time)
         else:
-            diverged = diverged.with_last(replace(last, left=covariance))
-        return replace(memory, diverged=diverged)
+            diverged = diverged.with_last(last._replace(left=covariance))
+        return memory._replace(diverged=diverged)
 
     def _each(self, change: Callable[[FieldMemory, Hypotheses], Hypotheses]) -> "Memory":
         fields = {
-            index: one if one.bank is None else replace(one, bank=change(one, one.bank))
+            index: one if one.bank is None else one._replace(bank=change(one, one.bank))
             for index, one in self.fields.items()
         }
-        return replace(self, fields=fields)
+        return self._replace(fields=fields)
 
 
 def _passed(
@@ -138,7 +136,7 @@ def _passed(
         # the same heading error is one of another velocity now (docs/mathematics.md, section 3.17)
         whole[2, HEADING], whole[3, HEADING] = -jump[3], jump[2]
     covariance = whole @ bank.covariance @ whole.T
-    bank = replace(bank, mean=mean @ whole.T, covariance=covariance)
+    bank = bank.changed(mean=mean @ whole.T, covariance=covariance)
     return bank.passed(passage.part(len(moving)), moving)
 
 
@@ -192,7 +190,7 @@ def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool
     # those that a search began with may not have held the place: have all cells it there?
     _, there = ranked(diverged, lead, field_map, found.moments()[0])
     if there < RARE:
-        return replace(memory, diverged=replace(diverged, search=None, look=-math.inf)), False
+        return memory._replace(diverged=diverged._replace(search=None, look=-math.inf)), False
     return _at_place(memory, found), True
 
 
@@ -210,10 +208,10 @@ def _at_place(memory: Memory, found: Hypotheses) -> Memory:
     """Return the memory of a navigator that is where hypotheses have it; of the models nothing is
     known but what was before the first reading."""
     fields = {
-        index: replace(
-            one, bank=spread_over(found, one.models).reduced(np.eye(2, one.states.count))
+        index: one._replace(
+            bank=spread_over(found, one.models).reduced(np.eye(2, one.states.count))
         )
         for index, one in memory.fields.items()
     }
     diverged = Diverged.before(memory.covariance, memory.diverged.past[-1].time)
-    return replace(memory, fields=fields, diverged=diverged)
+    return memory._replace(fields=fields, diverged=diverged)

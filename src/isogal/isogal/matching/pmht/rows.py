@@ -14,6 +14,7 @@ docs/mathematics.md, section 5.
 import itertools
 import math
 import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -91,6 +92,14 @@ def some(rows: Rows, first: int, last: int) -> Rows:
     return Rows._make(
         np.ascontiguousarray(column[:, part] if name in OF_LENGTHS else column[part])
         for name, column in zip(Rows._fields, rows, strict=True)
+    )
+
+
+def together(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of several parts."""
+    return Rows._make(
+        np.concatenate(columns, axis=1 if name in OF_LENGTHS else 0)
+        for name, *columns in zip(Rows._fields, *parts, strict=True)
     )
 
 

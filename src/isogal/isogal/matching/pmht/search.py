@@ -8,7 +8,7 @@ docs/mathematics.md, section 9.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht.cells import FEATURE_M, PLACES, Ranked, Seen
 from isogal.matching.pmht.hypotheses import FLOOR, NEGLIGIBLE, Hypotheses, at_same_time
 from isogal.matching.pmht.models import NONE, RARE, SIGMA_STEP, UNHEARD_OF, Models, few
-from isogal.matching.pmht.rows import OF_LENGTHS, Epoch, Rows, parts_of, usual_noise
+from isogal.matching.pmht.rows import Epoch, Rows, parts_of, together, usual_noise
 from isogal.matching.pmht.states import States
 
 WORK = 10000
@@ -39,8 +39,7 @@ DIVERGED_LOG_ODDS = math.log(UNHEARD_OF)
 """Of a navigator that has diverged, before any reading."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FieldMemory:
+class FieldMemory(NamedTuple):
     """Of one field."""
 
     states: States
@@ -54,8 +53,7 @@ class FieldMemory:
     """1-sigma of the map's error as specified, map's unit; 0 = it is not."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Past:
+class Past(NamedTuple):
     """What became of the navigator over a batch, and its new readings."""
 
     forward: Array
@@ -66,7 +64,7 @@ class Past:
     """(7, 7) covariance of the navigator after its fix."""
     time: float
     """s, its end."""
-    taken: Array = field(default_factory=lambda: np.zeros(BATCH_STATES))
+    taken: Array = np.zeros(BATCH_STATES)
     """(7,) what its fix took off the error."""
     rows: Rows | None = None
     """None = there was no reading."""
@@ -87,40 +85,38 @@ def unaided(history: Sequence[Past], start: Array) -> tuple[Rows, Array, Array, 
         Covariance of the navigator before the first of them.
     """
     n = BATCH_STATES
-    parts, since, A, b = list[Rows](), list[Array](), np.eye(n), np.zeros(n)
-    rest = start.copy()
-    rest[:2], rest[:, :2] = 0.0, 0.0
+    forward, ahead = list[Array](), list[Array]()
+    A, b = np.eye(n), np.zeros(n)
     for past in history:
         A, b = past.forward @ A, past.forward @ b
-        back = np.linalg.inv(A)
-        rest = rest + back @ past.growth @ back.T
-        if past.rows is not None:
-            rows = past.rows
-            of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
-            moved = of_place @ b
-            place, reading = rows.place.copy(), rows.reading.copy()
-            place[:, :, :n], reading[:, :n] = of_place @ A, of_reading @ A
-            since.append(np.broadcast_to(rest, (len(rows.level), n, n)))
-            parts.append(
-                rows._replace(
-                    latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
-                    longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
-                    level=rows.level - of_reading @ b,
-                    place=place,
-                    reading=reading,
-                )
-            )
+        forward.append(A)
+        ahead.append(b)
         b = b - past.taken
-    axis = dict.fromkeys(OF_LENGTHS, 1)
-    together = Rows._make(
-        np.concatenate([getattr(one, name) for one in parts], axis=axis.get(name, 0))
-        for name in Rows._fields
+    back = np.linalg.inv(forward)
+    rest = start.copy()
+    rest[:2], rest[:, :2] = 0.0, 0.0
+    grown = np.stack([past.growth for past in history])
+    since = rest + np.cumsum(back @ grown @ back.swapaxes(1, 2), axis=0)
+    read = [(k, past.rows) for k, past in enumerate(history) if past.rows is not None]
+    rows = together([one for _, one in read])
+    each = np.concatenate([np.full(len(one.level), k) for k, one in read])
+    of_place, of_reading = rows.place[:, :, :n], rows.reading[:, :n]
+    error, to_first = np.stack(ahead)[each], np.stack(forward)[each]
+    moved = np.einsum("tij,tj->ti", of_place, error)
+    place, reading = rows.place.copy(), rows.reading.copy()
+    place[:, :, :n] = of_place @ to_first
+    reading[:, :n] = np.einsum("ti,tij->tj", of_reading, to_first)
+    whole = rows._replace(
+        latitude=rows.latitude - moved[:, 0] * rows.radian[:, 0],
+        longitude=rows.longitude - moved[:, 1] * rows.radian[:, 1],
+        level=rows.level - np.einsum("ti,ti->t", of_reading, error),
+        place=place,
+        reading=reading,
     )
-    return together, np.concatenate(since), A, b
+    return whole, since[each], A, b
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Search:
+class Search(NamedTuple):
     """Hypotheses about a navigator that may be anywhere, on their way through the batches of the
     last hour."""
 
@@ -172,8 +168,7 @@ def resolved(them: Hypotheses) -> bool:
     return bool(covariance[0, 0] + covariance[1, 1] < 2.0 * WIDE_M**2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Diverged:
+class Diverged(NamedTuple):
     """About a navigator that may be anywhere, by the readings of the first field."""
 
     start: Array
@@ -205,8 +200,8 @@ class Diverged:
         past, start, search, whole = (*self.past, passed), self.start, self.search, self.whole
         while passed.time - past[0].time > HOUR and (search is None or search.done > 1):
             start, past, whole = past[0].left, past[1:], False
-            search = None if search is None else replace(search, done=search.done - 1)
-        return replace(self, past=past, start=start, whole=whole, search=search)
+            search = None if search is None else search._replace(done=search.done - 1)
+        return self._replace(past=past, start=start, whole=whole, search=search)
 
     @property
     def last(self) -> Past:
@@ -215,7 +210,7 @@ class Diverged:
 
     def with_last(self, last: Past) -> "Diverged":
         """Return it with another last batch."""
-        return replace(self, past=(*self.past[:-1], last))
+        return self._replace(past=(*self.past[:-1], last))
 
 
 def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverged:
@@ -229,17 +224,17 @@ def pursued(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> Diverge
         if not lost and (now < diverged.look or rows is None or not _in_doubt(lead, rows)):
             return diverged
         begun, wait = _look(diverged, lead, field_map)
-        diverged = replace(diverged, look=now + wait)
+        diverged = diverged._replace(look=now + wait)
         if begun is None:
             return diverged
         search = Search(begun, DIVERGED_LOG_ODDS)
     search = search.later(history, field_map)
     if search is None or lost:
-        return replace(diverged, search=search)
+        return diverged._replace(search=search)
     if search.log_odds < DIVERGED_LOG_ODDS - FLOOR:
-        return replace(diverged, search=None, look=now + LATER)
+        return diverged._replace(search=None, look=now + LATER)
     worse = search.done == len(history) and search.log_odds < DIVERGED_LOG_ODDS
-    return replace(diverged, search=None if worse else search)
+    return diverged._replace(search=None if worse else search)
 
 
 def _wide(diverged: Diverged, lost: bool) -> Array:
@@ -254,11 +249,11 @@ def _wide(diverged: Diverged, lost: bool) -> Array:
 def ranked(
     diverged: Diverged, lead: FieldMemory, field_map: AnyMap, now: Array
 ) -> tuple[Ranked, float]:
-    """Return all cells by the readings of the last hour, and how probable those are where a
+    """Return large cells by the readings of the last hour, and how probable those are where a
     navigator of an error (7,) at the end of the last batch, before its fix, would be."""
     rows, since, A, b = unaided(diverged.past, diverged.start)
     seen = Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows)))
-    cells = Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2])
+    cells = Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2], FEATURE_M)
     begin = np.asarray(np.linalg.solve(A, now - b), dtype=np.float64)
     return cells, cells.share(begin[:2], 4.0 * WIDE_M)
 
@@ -272,7 +267,7 @@ def _look(
     cells, own = ranked(diverged, lead, field_map, np.zeros(BATCH_STATES))
     if not lost and own > RARE:
         return None, LATER if own > 0.5 else EVERY
-    fine = cells.finer()
+    fine = Ranked.of(cells.seen, cells.spread, 0.5 * FEATURE_M).finer()
     return None if fine is None else fine.hypotheses(_wide(diverged, lost)), EVERY
 
 
