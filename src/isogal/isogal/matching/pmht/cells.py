@@ -17,8 +17,8 @@ from isogal.matching.pmht.models import RARE, Models
 from isogal.matching.pmht.rows import Rows, some
 
 FEATURE_M = 2000.0
-"""Over which what a map shows within a cell holds together: twice the size of cells of the first
-grid, six times that of those of the second."""
+"""Over which what a map shows within a cell holds together, and the size of large cells; those
+that become hypotheses are half as large, and then a sixth."""
 CELL_SIGMA = 1.2
 """Spacing of cells in units of a hypothesis's 1-sigma: their sum is flat to 1 %."""
 PLACES = 600
