@@ -30,12 +30,21 @@ from isogal.matching.interfaces import (
     SecondaryBatch,
     declined,
 )
+from isogal.matching.pmht.cells import FEATURE_M
 from isogal.matching.pmht.hypotheses import Hypotheses, with_needed
 from isogal.matching.pmht.memory import Memory, decided, undeceived
 from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
 from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
-from isogal.matching.pmht.search import WIDE_M, Diverged, FieldMemory, pursued, resolved
+from isogal.matching.pmht.search import (
+    LIKELY,
+    WIDE_M,
+    Diverged,
+    FieldMemory,
+    pursued,
+    ranked,
+    resolved,
+)
 from isogal.matching.pmht.states import States, displaceable
 from isogal.matching.usability import unusable
 from isogal.scenario import Matcher as MatcherSettings
@@ -118,6 +127,7 @@ class Pmht:
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory
+        astray = None if found else self._astray(memory, batch, field_map)
         reset, widened = False, None
         anew = found and lead.bank is not None
         misled = memory.refused >= REFUSED and resolved(bank)
@@ -131,14 +141,31 @@ class Pmht:
         if found or misled:
             information = added(bank, prior, total(()))
         each_scan = self.settings[self.lead].mode == "retrodiction"
-        fix, memory = published(each, memory, prior, information, self.names, each_scan)
+        fix, memory = published(each, memory, prior, information, self.names, each_scan, astray)
         return replace(fix, reset=reset, widened=widened), memory
+
+    def _astray(self, memory: Memory, batch: Batch, field_map: AnyMap) -> str | None:
+        """Why a navigator that may be anywhere within kilometres is not to be corrected: its
+        hypotheses are not one place, or one where the readings of the last hour fit no better than
+        elsewhere. None = it may be.
+
+        So far from where they are linear, hypotheses whose readings have followed them for long
+        are all too sure. Those that know their own bends (`Passage`) are not."""
+        lead = memory.fields[self.lead]
+        sigma = _along(batch.covariance)
+        if sigma < FEATURE_M or lead.bank is None or batch.history.passage is not None:
+            return None
+        if resolved(lead.bank):
+            mean, _ = lead.bank.moments()
+            if ranked(memory.diverged, lead, field_map, mean)[1] > LIKELY:
+                return None
+        return f"the navigator is too unsure of its place, 1-sigma of {sigma / 1e3:.2g} km"
 
     def _readings(
         self, each: Sequence[SecondaryBatch], memory: Memory, prior: Array
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
-        wide = math.sqrt(float(np.linalg.eigvalsh(prior[:2, :2])[-1])) > WIDE_M
+        wide = _along(prior) > WIDE_M
         aided = None if memory.fields else each[0].batch.history.aided
         begun = prior if aided is None else aided.covariance
         fields, rows = dict(memory.fields), []
@@ -206,6 +233,11 @@ class Pmht:
                 later = field.bank.informed(total(said[k] for k in since), prior).normalised()
                 fields[index] = field._replace(bank=later)
         return memory._replace(fields=fields), total(said.values()), evidence
+
+
+def _along(covariance: Array) -> float:
+    """Return the 1-sigma of a place along the longer axis of its ellipse, m."""
+    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
 
 
 def _unlike(one: SecondaryBatch) -> str | None:

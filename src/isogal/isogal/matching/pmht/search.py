@@ -35,6 +35,8 @@ EVERY, LATER = 200.0, HOUR / 2.0
 """s from one look for other places to the next, and where it has found the navigator where it
 believes to be. Later looks find later a navigator that has diverged, earlier ones take as long
 as the fixes."""
+LIKELY = 0.5
+"""Probability of the cells about a place from which on the readings of an hour speak for it."""
 DIVERGED_LOG_ODDS = math.log(UNHEARD_OF)
 """Of a navigator that has diverged, before any reading."""
 
@@ -266,7 +268,7 @@ def _look(
     lost = lead.bank is None
     cells, own = ranked(diverged, lead, field_map, np.zeros(BATCH_STATES))
     if not lost and own > RARE:
-        return None, LATER if own > 0.5 else EVERY
+        return None, LATER if own > LIKELY else EVERY
     fine = Ranked.of(cells.seen, cells.spread, 0.5 * FEATURE_M).finer()
     return None if fine is None else fine.hypotheses(_wide(diverged, lost)), EVERY
 
