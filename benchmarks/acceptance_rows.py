@@ -132,8 +132,18 @@ def of_gravity() -> list[Row]:
     found = (30, 45, 60, 75)
     uncertain = "initial_error.position=5000", "route.duration=5400"
     biased = "gravimeter bias 5 mGal, drift 1 mGal/h, map exact, nothing told"
+    alone = "imu.grade=tactical", "route.duration=3600"
     return [
         Row(biased, of_settings(*GOOD, *BIASED), runs=40, quick=True),
+        # an INS that is lost before an hour is over: honest is all that it can be
+        *(
+            Row(
+                f"tactical INS without a log, map {error}",
+                of_settings(*GOOD, *alone, *MAPS[error][0]),
+                settled=600.0,
+            )
+            for error in ("exact", "3 mGal")
+        ),
         *(
             Row(
                 f"hidden start 10 km, map {error}",

@@ -146,6 +146,33 @@ def test_a_fix_that_would_have_widened_and_was_refused_narrows_nothing():
     np.testing.assert_allclose(bank.moments()[1], whole, rtol=1e-6, atol=1e-9 * whole.max())
 
 
+@pytest.mark.parametrize(
+    ("sigma", "one_place", "share", "given"),
+    [
+        (3000.0, True, 0.6, True),
+        (3000.0, True, 0.4, False),
+        (3000.0, False, 0.6, False),
+        (1500.0, False, 0.4, True),
+    ],
+)
+def test_a_navigator_lost_among_kilometres_gets_no_fix(
+    monkeypatch, sigma, one_place, share, given
+):
+    """But where its hypotheses are one place and the readings of the last hour speak for it."""
+    *_, (_, _, memory, _), (batch, right, *_) = flight(4)
+    assert right.published
+    wide = batch.covariance.copy()
+    wide[:2, :2] += sigma**2 * np.eye(2)
+    monkeypatch.setattr(matcher_of, "resolved", lambda bank: one_place)
+    monkeypatch.setattr(matcher_of, "ranked", lambda *_: (None, share))
+    fix, after = UNTOLD.match(replace(batch, covariance=wide), ROUGH, memory)
+    assert fix.published == given
+    if not given:
+        assert fix.reason == "the navigator is too unsure of its place, 1-sigma of 3 km"
+        assert fix.diagnostics["map_sigma"] > 0.0
+        assert after.diverged.last.rows is not None  # the hypotheses have taken them
+
+
 def test_readings_that_are_missing_are_left_out():
     batch, _ = make_batch(PLANE, ERROR)
     reading = batch.reading.copy()
