@@ -85,6 +85,7 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert summary["fixes"]["published"] + summary["fixes"]["declined"] == 6
     assert summary["time"]["fix_ms_median"] > 0
     assert 0 < summary["position_error"]["mean"] < 1000
+    assert summary["recording"] == {"gaps": []}
     for name in (*topics.NODES, RECORDER):
         assert (out / "log" / f"{name}.log").exists()
     assert "ROS domain" in result.stderr

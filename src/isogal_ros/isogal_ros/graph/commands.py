@@ -30,7 +30,7 @@ from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import Collector, record_of
+from isogal_ros.bags.record import Collector, gaps, record_of
 from isogal_ros.bags.writer import prepare_folder
 from isogal_ros.graph.domain import DISCOVERY, DOMAIN, users_domain
 from isogal_ros.graph.parameter_files import filter_parameters
@@ -324,6 +324,9 @@ def _evaluate(
     bound = posterior_cramer_rao(scenario.true, trajectory, field_map)
     rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
     summary = summarise(runs, scenario, rms, wall_seconds=wall_seconds)
+    summary["recording"] = {"gaps": gaps(collector)}
+    for begin, end in summary["recording"]["gaps"]:
+        note(f"nothing is recorded from {begin:.0f} to {end:.0f} s: the figures leave that out")
     write_json(out / "summary.json", summary)
     run_report(runs, scenario, field_map, bound, out, summary)
     return summary
