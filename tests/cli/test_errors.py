@@ -1,6 +1,7 @@
 """How a command ends that cannot go on."""
 
 import os
+import signal
 import subprocess
 import sys
 from io import StringIO
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from isogal.cli import errors
 from isogal.cli.errors import clean_errors
 from isogal.cli.tables import print_table
 
@@ -106,3 +108,30 @@ def test_a_module_of_our_own_that_is_missing_is_a_defect():
 
     with pytest.raises(ModuleNotFoundError):
         broken()
+
+
+def test_an_interrupt_of_which_a_library_makes_an_error_of_its_own(monkeypatch, capsys):
+    monkeypatch.setattr(errors, "_interrupts", errors.Interrupts())
+    before = signal.getsignal(signal.SIGINT)
+
+    @clean_errors
+    def builds(interrupted: bool):
+        try:
+            if interrupted:
+                signal.raise_signal(signal.SIGINT)
+        finally:
+            raise RuntimeError("cannot be built")
+
+    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        errors.remember_interrupts()
+        with pytest.raises(RuntimeError, match="cannot be built"):
+            builds(interrupted=False)
+        with pytest.raises(SystemExit) as end:
+            builds(interrupted=True)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        errors.remember_interrupts()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (end.value.code, capsys.readouterr().err) == (130, "isogal: interrupted\n")
