@@ -110,28 +110,40 @@ def test_a_module_of_our_own_that_is_missing_is_a_defect():
         broken()
 
 
-def test_an_interrupt_of_which_a_library_makes_an_error_of_its_own(monkeypatch, capsys):
+@pytest.fixture
+def handlers(monkeypatch):
+    """Signals as a new process has them; afterwards as they were."""
     monkeypatch.setattr(errors, "_interrupts", errors.Interrupts())
-    before = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
+
+@pytest.mark.usefixtures("handlers")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_of_which_a_library_makes_an_error_of_its_own(number, capsys):
     @clean_errors
     def builds(interrupted: bool):
         try:
             if interrupted:
-                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(number)
         finally:
             raise RuntimeError("cannot be built")
 
-    try:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        errors.remember_interrupts()
-        with pytest.raises(RuntimeError, match="cannot be built"):
-            builds(interrupted=False)
-        with pytest.raises(SystemExit) as end:
-            builds(interrupted=True)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        errors.remember_interrupts()
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)
+    errors.remember_interrupts()
+    with pytest.raises(RuntimeError, match="cannot be built"):
+        builds(interrupted=False)
+    with pytest.raises(SystemExit) as end:
+        builds(interrupted=True)
     assert (end.value.code, capsys.readouterr().err) == (130, "isogal: interrupted\n")
+
+
+@pytest.mark.usefixtures("handlers")
+def test_a_signal_that_is_ignored_stays_so():
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    errors.remember_interrupts()
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler

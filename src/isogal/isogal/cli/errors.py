@@ -38,8 +38,9 @@ EXTRAS = {
 
 
 class Interrupts:
-    """Raises KeyboardInterrupt on Ctrl-C, as Python does, and remembers that it came: libraries
-    may make an error of their own of it (pydantic, while it builds a model)."""
+    """Raises KeyboardInterrupt on Ctrl-C, as Python does, and on SIGTERM, which would leave
+    workers and half-written files behind; remembers that it came, as libraries may make an error
+    of their own of it (pydantic, while it builds a model)."""
 
     came = False
 
@@ -53,9 +54,10 @@ _interrupts = Interrupts()
 
 
 def remember_interrupts() -> None:
-    """Take Ctrl-C, unless whoever has started this process ignores it."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupts)
+    """Take Ctrl-C and SIGTERM, unless whoever has started this process ignores them."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupts)
 
 
 def note(message: str) -> None:
@@ -74,8 +76,8 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
     fail.
 
     InputError, a package that is not installed, and a file that cannot be read or written, exit
-    with status 2, Ctrl-C (`remember_interrupts`) with 130, a closed pipe (``isogal ... | head``)
-    silently with 141.
+    with status 2, Ctrl-C and SIGTERM (`remember_interrupts`) with 130, a closed pipe (``isogal
+    ... | head``) silently with 141.
     Everything else is a defect of Isogal and keeps its traceback."""
 
     @functools.wraps(function)
