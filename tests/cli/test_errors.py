@@ -114,6 +114,7 @@ def test_a_module_of_our_own_that_is_missing_is_a_defect():
 def handlers(monkeypatch):
     """Signals as a new process has them; afterwards as they were."""
     monkeypatch.setattr(errors, "_interrupts", errors.Interrupts())
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

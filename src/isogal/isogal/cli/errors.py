@@ -47,6 +47,8 @@ class Interrupts:
     def __call__(self, _number: int, _frame: FrameType | None) -> NoReturn:
         """Handle a signal."""
         self.came = True
+        # where it cannot be raised, as while objects are freed, Python would print it
+        sys.unraisablehook = lambda _: None
         raise KeyboardInterrupt
 
 
