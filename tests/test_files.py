@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from isogal.errors import InputError
-from isogal.files import check_output, make_folder, write_atomic
+from isogal.files import check_output, make_folder, reading, write_atomic
 
 
 @pytest.fixture
@@ -41,6 +41,24 @@ def test_a_folder_that_may_not_be_written_to(here: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("os.access", lambda path, mode: Path(path) != Path("folder"))
     with pytest.raises(InputError, match="folder/new/x: cannot be written: folder may not be"):
         check_output("folder/new/x")
+
+
+def test_what_a_library_cannot_read_is_said_without_its_words(here: Path) -> None:
+    Path("empty").touch()
+    errors = OSError(-101, "NetCDF: HDF error", "file"), OSError("no TIFF"), ValueError("a\nb")
+    for error in errors:
+        for name, why in [
+            ("file", "is damaged, cut short, or of another format"),
+            ("empty", "is empty"),
+        ]:
+            with pytest.raises(InputError) as caught, reading(name, "NetCDF"):
+                raise error
+            assert str(caught.value) == f"{name}: cannot be read as NetCDF: the file {why}"
+    with (
+        pytest.raises(InputError, match="file: cannot be read: Permission denied"),
+        reading("file", "NetCDF"),
+    ):
+        raise PermissionError(13, "Permission denied")
 
 
 @pytest.mark.parametrize("path", ["new.csv", "file", "folder/x", "a/b/c.csv"])

@@ -191,6 +191,19 @@ def test_no_key_is_refused_in_the_words_of_a_library(text):
     assert not [line for line in refused if foreign.search(line)]
 
 
+@pytest.mark.parametrize("text", ["true", "[no, 1, 2]", "[[yes, 1]]"])
+def test_true_and_false_are_no_numbers(text):
+    for key in known_keys(Scenario):
+        try:
+            scenario = load_scenario(None, [f"{key}={text}"])
+        except InputError:
+            continue
+        found = scenario
+        for name in key.split("."):
+            found = getattr(found, name)
+        assert found is True, key
+
+
 def test_a_choice_of_types_is_named_once():
     """`map_sigma` may be a number or a word: the line still names the key alone."""
     with pytest.raises(InputError) as caught:

@@ -1,6 +1,7 @@
 """How a command ends that cannot go on."""
 
 import os
+import signal
 import subprocess
 import sys
 from io import StringIO
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from isogal.cli import errors
 from isogal.cli.errors import clean_errors
 from isogal.cli.tables import print_table
 
@@ -106,3 +108,43 @@ def test_a_module_of_our_own_that_is_missing_is_a_defect():
 
     with pytest.raises(ModuleNotFoundError):
         broken()
+
+
+@pytest.fixture
+def handlers(monkeypatch):
+    """Signals as a new process has them; afterwards as they were."""
+    monkeypatch.setattr(errors, "_interrupts", errors.Interrupts())
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("handlers")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_of_which_a_library_makes_an_error_of_its_own(number, capsys):
+    @clean_errors
+    def builds(interrupted: bool):
+        try:
+            if interrupted:
+                signal.raise_signal(number)
+        finally:
+            raise RuntimeError("cannot be built")
+
+    errors.remember_interrupts()
+    with pytest.raises(RuntimeError, match="cannot be built"):
+        builds(interrupted=False)
+    with pytest.raises(SystemExit) as end:
+        builds(interrupted=True)
+    assert (end.value.code, capsys.readouterr().err) == (130, "isogal: interrupted\n")
+
+
+@pytest.mark.usefixtures("handlers")
+def test_a_signal_that_is_ignored_stays_so():
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    errors.remember_interrupts()
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler

@@ -4,13 +4,17 @@ user interrupts."""
 import multiprocessing
 import os
 import signal
-from contextlib import contextmanager
+import subprocess
+import sys
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.context import ForkServerProcess
 
 import numpy as np
+import psutil
 import pytest
 
+from helpers.commands import wait_for
 from helpers.studies import Watcher, small_scenario
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
@@ -126,6 +130,27 @@ def test_run_of_a_dead_worker_is_done_again(tmp_path, small_case, one_worker, wa
     compute_cases([small_case], store, backend, watcher)
     assert backend.times == 0
     assert results_json(small_case, store) == results_json(small_case, one_worker)
+
+
+def test_a_worker_ends_with_the_program_that_it_works_for():
+    code = """
+import os, signal
+from concurrent.futures import ProcessPoolExecutor
+from isogal import forkserver
+from isogal.montecarlo import workers
+pool = ProcessPoolExecutor(1, forkserver.CONTEXT, workers._take, ({},))
+print(pool.submit(os.getpid).result(), flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, timeout=60, check=False
+    )
+    worker = int(done.stdout)
+    try:
+        wait_for(lambda: not psutil.pid_exists(worker), "the end of the worker")
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(worker, signal.SIGKILL)
 
 
 def test_workers_that_keep_dying_end_in_one_line(tmp_path, small_case, watcher):

@@ -160,7 +160,7 @@ def decode(
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"{where}: cannot be used: {type(error).__name__}: {error}") from None
+        raise InputError(f"{where}: cannot be used by this version of Isogal") from error
 
 
 def _arrays(kinds: list[tuple[str, list[int]]], data: memoryview) -> list[np.ndarray]:

@@ -89,6 +89,14 @@ def write_atomic(path: str | Path, data: bytes | str, sync: bool = True) -> None
         temporary.write_bytes(data.encode("utf-8") if isinstance(data, str) else data)
 
 
+def unreadable(path: str | Path, kind: str) -> InputError:
+    """Return the error of a file that cannot be read as a format, without the words of the library
+    that found it so: they are about its own functions."""
+    empty = Path(path).is_file() and Path(path).stat().st_size == 0
+    why = "is empty" if empty else "is damaged, cut short, or of another format"
+    return InputError(f"{path}: cannot be read as {kind}: the file {why}")
+
+
 @contextmanager
 def reading(path: str | Path, kind: str | None = None) -> Iterator[None]:
     """Turn what goes wrong while a file is read into one line that names it.
@@ -110,9 +118,10 @@ def reading(path: str | Path, kind: str | None = None) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        if kind is not None:  # libraries have no base class of their own errors
-            reason = str(error).splitlines()[0] if str(error) else repr(error)
-            raise InputError(f"{path}: cannot be read as {kind}: {reason}") from None
+        # the C libraries' own numbers are negative, or missing
+        of_system = isinstance(error, OSError) and (error.errno or 0) > 0
+        if kind is not None and not of_system:  # libraries have no base class of their own errors
+            raise unreadable(path, kind) from error
         if isinstance(error, OSError):
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         if isinstance(error, UnicodeDecodeError):

@@ -18,11 +18,12 @@ def preload(module: str) -> None:
 
 
 @contextmanager
-def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in processes that are started here: a terminal sends it to the whole group, and
-    this process alone deals with it."""
+def interrupts_blocked(*others: signal.Signals) -> Iterator[None]:
+    """Block Ctrl-C, and other signals, in processes that are started here: a terminal sends it to
+    the whole group (service managers and `timeout` SIGTERM), and this process alone deals with
+    it."""
     resource_tracker.ensure_running()  # with the first process this would let Ctrl-C through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *others})
     try:
         yield
     finally:
@@ -37,4 +38,4 @@ def _end_server() -> None:
     pid = getattr(server, "_forkserver_pid", None)
     if pid is not None and not multiprocessing.active_children():
         with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGTERM)
+            os.kill(pid, signal.SIGKILL)  # which cannot be blocked

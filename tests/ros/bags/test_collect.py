@@ -3,11 +3,12 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import NavSatFix
 
 from isogal.evaluation.view.record import AidUse, Event
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.record import Collector
+from isogal_ros.bags.record import Collector, gaps
 from isogal_ros.bags.viewing import uses_of
 from isogal_ros.nodes.health import OK, WARN, status
 
@@ -31,6 +32,19 @@ def test_only_what_is_not_ok_and_batches_are_kept_whatever_the_frame(frame) -> N
     assert [(one.source, one.text) for one in collector.said] == [("y", "not well")] * 2
     hear(fine, batch)
     assert list(collector.batches) == [1_500_000_000]
+
+
+@pytest.mark.parametrize(
+    ("lacking", "found"), [((), []), (range(20, 31), [[19.0, 31.0]]), ((0, 5, 99), [[4.0, 6.0]])]
+)
+def test_gaps_of_a_recording(lacking, found) -> None:
+    collector = Collector(Scenario())
+    for k in range(100):
+        if k not in lacking:
+            message = NavSatFix()
+            message.header.stamp.sec = k
+            collector.take(topics.TRUTH_FIX, serialize_message(message))
+    assert gaps(collector) == found
 
 
 def test_a_use_goes_on_until_something_else_is_said() -> None:

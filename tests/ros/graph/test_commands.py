@@ -106,6 +106,14 @@ def test_bad_input_is_one_line_and_exit_2(
     assert "ROS domain" not in err
 
 
+def test_a_domain_that_is_none_is_refused_before_the_map_is_made(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    status, out, err = call("run", "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err == "isogal: ROS_DOMAIN_ID: must be a number from 0 to 232, not 'abc'\n"
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_faults_command_ends_with_the_status_of_the_campaign(
     settings, tmp_path, monkeypatch
 ) -> None:

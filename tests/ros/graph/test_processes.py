@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,7 @@ def test_what_a_run_leaves_behind(finished) -> None:
     assert summary["fixes"]["published"] + summary["fixes"]["declined"] == 6
     assert summary["time"]["fix_ms_median"] > 0
     assert 0 < summary["position_error"]["mean"] < 1000
+    assert summary["recording"] == {"gaps": []}
     for name in (*topics.NODES, RECORDER):
         assert (out / "log" / f"{name}.log").exists()
     assert "ROS domain" in result.stderr
@@ -118,7 +120,9 @@ def test_nodes_end_with_their_parent(orphaned) -> None:
     assert orphaned.result() == set()
 
 
-@pytest.mark.parametrize("how", ["interrupted", "a node dies"])
+@pytest.mark.parametrize(
+    "how", ["interrupted", "the group is told to end", "all are told to end", "a node dies"]
+)
 def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> None:
     own, bag = set(), tmp_path / "bag"
 
@@ -128,6 +132,14 @@ def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> N
         own.update(own_memory(os.getpid(), itself=False))
         if how == "interrupted":
             os.kill(os.getpid(), signal.SIGINT)
+        elif how != "a node dies":
+            if how == "all are told to end":  # as a service manager does
+                nodes = nodes_of(os.getpid()).values()
+                for node in nodes:
+                    node.terminate()
+                psutil.wait_procs(nodes, timeout=60)
+            for pid in (forkserver._forkserver._forkserver_pid, os.getpid()):
+                os.kill(pid, signal.SIGTERM)
         else:
             nodes_of(os.getpid())[RECORDER].kill()
 
@@ -135,7 +147,7 @@ def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> N
         with interrupts() as interrupt:
             run_processes(small_plan(bag), tmp_path / "log", interrupt, report)
 
-    if how == "interrupted":
+    if how != "a node dies":
         run()
     else:
         with pytest.raises(GraphError, match=rf"^{RECORDER} ended \(killed by SIGKILL\)"):
@@ -145,7 +157,7 @@ def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> N
     assert not left_of(own)
     reader = BagReader(bag)
     assert sum(1 for _ in reader.messages()) > ENOUGH
-    assert (reader.cut is None) == (how == "interrupted")
+    assert (reader.cut is None) == (how != "a node dies")
     for log in (tmp_path / "log").glob("*.log"):
         assert "Traceback" not in log.read_text()
 

@@ -84,6 +84,7 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
         ({"bag": "EXISTS"}, "there is something already"),
         ({"params": "BROKEN"}, "not valid YAML"),
         ({"params": "LIST"}, "must map names of nodes"),
+        ({"bag": ""}, "bag: must name a new folder, not ''"),
         ({"bag": "/proc/x"}, "bag: /proc/x: /proc cannot be written"),
         ({"checkpoint": "/proc/x"}, "checkpoint: /proc/x: /proc cannot be written"),
         ({"set": "map.source=/no/such.nc"}, "/no/such.nc"),

@@ -4,8 +4,10 @@ clear line and an exit status, without a traceback."""
 import errno
 import functools
 import os
+import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 from typing import NoReturn, ParamSpec, TypeVar
 
 from isogal.errors import InputError
@@ -35,6 +37,31 @@ EXTRAS = {
 """Packages that a plain installation does without, and the extra that brings each along."""
 
 
+class Interrupts:
+    """Raises KeyboardInterrupt on Ctrl-C, as Python does, and on SIGTERM, which would leave
+    workers and half-written files behind; remembers that it came, as libraries may make an error
+    of their own of it (pydantic, while it builds a model)."""
+
+    came = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> NoReturn:
+        """Handle a signal."""
+        self.came = True
+        # where it cannot be raised, as while objects are freed, Python would print it
+        sys.unraisablehook = lambda _: None
+        raise KeyboardInterrupt
+
+
+_interrupts = Interrupts()
+
+
+def remember_interrupts() -> None:
+    """Take Ctrl-C and SIGTERM, unless whoever has started this process ignores them."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupts)
+
+
 def note(message: str) -> None:
     """Print ``isogal: message`` as one line on the standard error stream."""
     print(f"isogal: {' '.join(message.split())}", file=sys.stderr)
@@ -51,7 +78,8 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
     fail.
 
     InputError, a package that is not installed, and a file that cannot be read or written, exit
-    with status 2, Ctrl-C with 130, a closed pipe (``isogal ... | head``) silently with 141.
+    with status 2, Ctrl-C and SIGTERM (`remember_interrupts`) with 130, a closed pipe (``isogal
+    ... | head``) silently with 141.
     Everything else is a defect of Isogal and keeps its traceback."""
 
     @functools.wraps(function)
@@ -77,6 +105,10 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
                 fail(f"{os.fspath(error.filename)}: {error.strerror}")
             if error.errno == errno.ENOSPC:
                 fail(f"the output cannot be written: {error.strerror}")
+            raise
+        except Exception:
+            if _interrupts.came:
+                fail("interrupted", INTERRUPTED)
             raise
 
     return wrapper

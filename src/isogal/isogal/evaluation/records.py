@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
-from isogal.files import atomic_path
+from isogal.files import atomic_path, unreadable
 from isogal.fix import Candidates, Status
 
 Texts = NDArray[np.str_]
@@ -199,13 +199,15 @@ class Runs:
         try:
             with np.load(path, allow_pickle=False) as stored:
                 if (version := int(stored["format"])) != FORMAT:
-                    raise ValueError(f"it has format {version}")
+                    raise InputError(f"{path}: has format {version} of records, not {FORMAT}")
                 own = {name: stored[name] for name in _names(Runs) if _is_there(name, stored)}
                 names = {name: _OF_DETAIL + name for name in _names(RunDetail)}
                 detail = None
                 if all(key in stored for key in names.values()):
                     detail = RunDetail(**{name: stored[key] for name, key in names.items()})
                 return Runs(**own, detail=detail)
+        except InputError:
+            raise
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         except (
@@ -216,7 +218,7 @@ class Runs:
             zipfile.BadZipFile,
             zlib.error,
         ) as error:
-            raise InputError(f"{path}: not a record of runs of format {FORMAT}: {error}") from None
+            raise unreadable(path, "a record of runs") from error
 
 
 def _is_there(name: str, stored: NpzFile) -> bool:

@@ -84,6 +84,13 @@ class SmoothedSummary(TypedDict):
     rms_over_time: dict[str, list[Number]]
 
 
+class Recording(TypedDict):
+    """What is missing in the recording that the figures are of."""
+
+    gaps: list[list[float]]
+    """From when to when nothing was recorded, s."""
+
+
 class Summary(TypedDict):
     """The whole document."""
 
@@ -109,6 +116,8 @@ class Summary(TypedDict):
     rms_over_time: dict[str, list[Number]]
     smoothed: NotRequired[SmoothedSummary]
     """Where the runs were smoothed."""
+    recording: NotRequired[Recording]
+    """Where there is one: of a run of the nodes."""
 
 
 def finite(value: float) -> Number:

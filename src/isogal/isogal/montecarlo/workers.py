@@ -12,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
@@ -127,6 +128,16 @@ _maps: dict[str, RunMap] = {}
 
 def _take(maps: Mapping[str, RunMap]) -> None:
     _maps.update(maps)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this worker once the program that it works for is gone, killed for example: it would
+    wait for ever for the next run, as it holds both ends of the pool's pipe."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _compute(task: Task, folder: Path) -> Path:

@@ -4,15 +4,15 @@ errors are one line that names each bad key and what it may be."""
 import datetime
 import difflib
 from collections.abc import Mapping, Sequence
-from functools import cache
-from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar, get_args
+from contextlib import suppress
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
     ValidationError,
-    ValidationInfo,
+    ValidatorFunctionWrapHandler,
     field_validator,
 )
 
@@ -47,12 +47,15 @@ class Section(BaseModel):
             if field.description is not None:
                 field.description = " ".join(field.description.split())
 
-    @field_validator("*", mode="before")
+    @field_validator("*", mode="wrap")
     @classmethod
-    def _no_number(cls, value: object, info: ValidationInfo) -> object:
-        """Refuse true and false where they do not belong; pydantic takes them for 1 and 0."""
-        takes = _takes_booleans(cls, str(info.field_name))
-        return value if takes else _without_booleans(value)
+    def _no_number(cls, value: object, validate: ValidatorFunctionWrapHandler) -> object:
+        """Refuse true and false where a number belongs; pydantic takes them for 1 and 0."""
+        if isinstance(value, bool):
+            with suppress(ValidationError):
+                if validate(value) is value:
+                    return value
+        return validate(_without_booleans(value))
 
     def resolved(self) -> Document:
         """Return the section's values by key. A section that takes defaults from elsewhere puts
@@ -64,25 +67,17 @@ class _Boolean:
     """True or false where neither is allowed: no type of a key takes it."""
 
     def __init__(self, value: bool) -> None:
-        self.value = value
+        self._value = value
+
+    def __repr__(self) -> str:
+        return written(self._value)
 
 
 def _without_booleans(value: object) -> object:
     """Return a value in which each true and false, also those in lists, is a `_Boolean`."""
-    if isinstance(value, bool):
-        return _Boolean(value)
     if isinstance(value, list | tuple):
         return [_without_booleans(one) for one in value]
-    return value
-
-
-@cache
-def _takes_booleans(model: type[BaseModel], name: str) -> bool:
-    return _mentions_booleans(model.model_fields[name].annotation)
-
-
-def _mentions_booleans(annotation: object) -> bool:
-    return annotation in (bool, Any) or any(map(_mentions_booleans, get_args(annotation)))
+    return _Boolean(value) if isinstance(value, bool) else value
 
 
 def written(value: object) -> str:
@@ -92,8 +87,6 @@ def written(value: object) -> str:
             return "null"
         case bool():
             return str(value).lower()
-        case _Boolean():
-            return written(value.value)
         case datetime.date():
             return str(value)
         case list() | tuple():

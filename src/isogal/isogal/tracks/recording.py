@@ -10,6 +10,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.files import unreadable
 from isogal.mcap_damage import is_damage, unpacked
 from isogal.tracks.track import Track
 
@@ -156,8 +157,7 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Message]]:
             if not is_damage(error):
                 raise
             if empty:
-                kind = type(error).__name__
-                raise InputError(f"{file}: cannot be read as MCAP ({kind})") from None
+                raise unreadable(file, "MCAP") from error
             # a recording that was cut short, by a power failure for example, ends here
 
 

@@ -163,8 +163,7 @@ class BagReader:
                 if isinstance(error, EndOfFile | struct.error):
                     self.cut = f"the file ends early, at byte {file.stat().st_size}"
                 else:
-                    kind = type(error).__name__
-                    self.cut = f"the file is damaged ahead of byte {place} ({kind})"
+                    self.cut = f"the file is damaged ahead of byte {place}"
 
 
 def _read(stream: BinaryIO, start: int = 0) -> "Iterator[tuple[int, list[McapRecord]]]":
@@ -202,7 +201,7 @@ def _unpack(file: Path, whole: BinaryIO) -> None:
                     raise InputError(f"{file}: more than {LARGEST} bytes when unpacked")
     except zstandard.ZstdError as error:
         if whole.tell() == 0:
-            raise InputError(f"{file}: not compressed by zstd: {error}") from None
+            raise InputError(f"{file}: not compressed by zstd, or damaged") from error
 
 
 def parts(folder: Path) -> list[Path]:

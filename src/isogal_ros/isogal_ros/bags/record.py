@@ -220,6 +220,17 @@ class Places:
         return latitude, longitude
 
 
+def gaps(collector: Collector) -> list[list[float]]:
+    """Return from when to when (s) nothing was recorded: not even the truth, which comes at one
+    rate whatever becomes of the other nodes."""
+    stamps = np.array(sorted(collector.truth))
+    if len(stamps) < 3:
+        return []
+    apart = np.diff(stamps)
+    missing = np.flatnonzero(apart > 1.5 * np.median(apart))
+    return [[to_seconds(stamps[i]), to_seconds(stamps[i + 1])] for i in missing.tolist()]
+
+
 class FixRecord(TypedDict):
     """The fields of `Runs` about fixes."""
 

@@ -30,9 +30,9 @@ from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import Collector, record_of
+from isogal_ros.bags.record import Collector, gaps, record_of
 from isogal_ros.bags.writer import prepare_folder
-from isogal_ros.graph.domain import DISCOVERY, DOMAIN
+from isogal_ros.graph.domain import DISCOVERY, DOMAIN, users_domain
 from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError, Plan, checked
 from isogal_ros.graph.replay import Replay, replay
@@ -91,8 +91,10 @@ def run_command(
     Raises
     ------
     InputError
-        Scenario, map, matcher or folders cannot be used.
+        Scenario, map, matcher, folders or ROS domain cannot be used.
     """
+    if how.domain is None:
+        users_domain()  # one that is none is refused before the map is made
     typer.echo("Preparing the map and the route ...", err=True)
     trajectory, field_map = checked(scenario)
     for line in scenario.never_available(trajectory.time[-1]):
@@ -322,6 +324,9 @@ def _evaluate(
     bound = posterior_cramer_rao(scenario.true, trajectory, field_map)
     rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
     summary = summarise(runs, scenario, rms, wall_seconds=wall_seconds)
+    summary["recording"] = {"gaps": gaps(collector)}
+    for begin, end in summary["recording"]["gaps"]:
+        note(f"nothing is recorded from {begin:.0f} to {end:.0f} s: the figures leave that out")
     write_json(out / "summary.json", summary)
     run_report(runs, scenario, field_map, bound, out, summary)
     return summary

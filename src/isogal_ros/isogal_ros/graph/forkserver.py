@@ -20,7 +20,8 @@ from isogal_ros.nodes.signals import end_at_once
 def start() -> None:
     """Start the interpreter, which imports meanwhile what nodes need."""
     preload("isogal_ros.graph.preloaded")
-    with interrupts_blocked():
+    # it has to outlive SIGTERM: without it nobody knows how a node ends
+    with interrupts_blocked(signal.SIGTERM):
         ensure_running()
 
 

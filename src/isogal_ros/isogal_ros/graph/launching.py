@@ -206,7 +206,9 @@ def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launche
     arguments = settings_from(Arguments, {**values, **others}, file)
     keys, _ = arguments.keys, arguments.remappings
     if arguments.recorder:
-        if not arguments.bag or Path(arguments.bag).exists():
+        if not arguments.bag:
+            raise InputError("bag: must name a new folder, not ''")
+        if Path(arguments.bag).exists():
             raise InputError(
                 f"bag: {arguments.bag!r}: there is something already; give a new folder"
             )

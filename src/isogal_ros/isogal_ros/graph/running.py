@@ -341,7 +341,8 @@ def _watch(
                     report(progress)
                 if inject is not None:
                     inject(processes, -1.0 if progress is None else progress.simulated)
-                if processes.arrived():
+                # where all were told to end, nodes may do so before this process
+                if not interrupt and processes.arrived():
                     break
             return now - first if first is not None else 0.0
         finally:

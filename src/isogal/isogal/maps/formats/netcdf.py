@@ -15,7 +15,7 @@ import numpy as np
 
 from isogal.arrays import Array, Values
 from isogal.errors import InputError
-from isogal.files import reading
+from isogal.files import reading, unreadable
 from isogal.maps.axes import Read, regular_axis
 from isogal.maps.error_ellipses import ELLIPSE_NAMES, ellipses_of
 from isogal.maps.formats.format import Asked, FileGrid, file_format
@@ -101,17 +101,15 @@ def _check_classic(path: Path) -> None:
     with path.open("rb") as file:
         if file.read(4) not in (b"CDF\x01", b"CDF\x02"):
             return
-    damage: str | None = None
+    damaged = False
     # within, as a file that scipy gives up on warns when it is freed
     with warnings.catch_warnings(action="ignore"):
         try:
             netcdf_file(path, mmap=True).close()
-        except (ValueError, LookupError, TypeError, ArithmeticError, MemoryError) as error:
-            damage = str(error)
-    if damage is not None:
-        raise InputError(
-            f"{path}: cannot be read as NetCDF: damaged header, or cut short? ({damage})"
-        )
+        except (ValueError, LookupError, TypeError, ArithmeticError, MemoryError):
+            damaged = True
+    if damaged:
+        raise unreadable(path, "NetCDF")
 
 
 def _choose(dataset: "Dataset", name: str | None, quantity: str | None, where: str) -> str:

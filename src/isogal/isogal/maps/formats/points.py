@@ -1,6 +1,7 @@
 """From a list of points (longitude, latitude, value) that lie on a grid to the grid."""
 
 import math
+import re
 import warnings
 from collections.abc import Iterable
 
@@ -111,6 +112,10 @@ def numbers(lines: Iterable[str], columns: int, where: str, delimiter: str | Non
             )
     except (ValueError, UnicodeDecodeError, OverflowError) as error:
         reason = str(error).splitlines()[0].partition("; use")[0][:200]
+        if cell := re.match(r"could not convert string (.*) to float64 at row (\d+)", reason):
+            reason = (
+                f"{cell[1]} in row {int(cell[2]) + 1} is no number"  # NumPy counts from 0 here
+            )
         raise InputError(f"{where}: not a table of numbers, or cut short: {reason}") from None
     if not table.size:
         raise InputError(f"{where}: holds no numbers")
