@@ -353,7 +353,7 @@ def test_a_fix_within_a_short_gap_is_where_the_vehicle_was():
 
 def test_what_would_be_known_without_satellites() -> None:
     """Fixes after a time do not count, heights and fixes before it do; also where what has been
-    found is gone on from, and where a fix comes late."""
+    found is gone on from, and where a fix or a height comes late."""
     place = FLIGHT.start.position
     height = HeightReading(float(place[2]), 0.25)
 
@@ -367,8 +367,10 @@ def test_what_would_be_known_without_satellites() -> None:
             it.measure(float(k), height)
             if k in aids:
                 it.measure(float(k), fix(k))
-            if late and k == 30:
-                it.measure(float(late[0]), fix(late[0]))
+            if k == 30:
+                it.measure(25.5, HeightReading(float(place[2]) + 1.0, 0.01))
+                for time in late:
+                    it.measure(float(time), fix(time))
             if aids and k % 7 == 0:
                 it.unaided(10.0 if k > 10 else 0.0)
         return it

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from helpers.commands import PATIENCE
-from helpers.processes import end_as_launch_does, is_up, start_node
+from helpers.processes import Forked, end_as_launch_does, is_up, ros_arguments
 
 BRINGUP = Path(__file__).resolve().parents[2] / "src" / "isogal_bringup"
 
@@ -199,13 +199,10 @@ class Launch:
         file, own = keys["parameters"]
         own_file = self.folder / f"{name}.yaml"
         own_file.write_text(yaml.safe_dump({"/**": {"ros__parameters": own}}))
-        self.running[name] = start_node(
-            keys["executable"],
-            log=self.folder / f"{name}.log",
-            files=(file, str(own_file)),
-            arguments=["-r", f"__ns:=/{keys['namespace']}", *keys["ros_arguments"]],
-            environment=keys["additional_env"] | self.environment,
-        )
+        words = ros_arguments(name, files=(file, str(own_file)))
+        words += ["-r", f"__ns:=/{keys['namespace']}", *keys["ros_arguments"]]
+        environment = os.environ | keys["additional_env"] | self.environment
+        self.running[name] = Forked(name, words, environment, self.folder / f"{name}.log")
 
     def output(self) -> str:
         """What all nodes have said."""
@@ -215,6 +212,5 @@ class Launch:
     def kill(self) -> None:
         """End what is left."""
         for process in self.running.values():
-            if process.poll() is None:
-                os.kill(process.pid, 9)
+            process.kill()
             process.wait()

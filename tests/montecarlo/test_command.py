@@ -39,18 +39,11 @@ def arguments(tmp_path_factory):
     ]
 
 
-def call(*words):
-    return subprocess.run(
-        [ISOGAL, *words], capture_output=True, text=True, timeout=280, check=False
-    )
-
-
 @pytest.fixture(scope="module")
 def finished(arguments, tmp_path_factory):
     out = tmp_path_factory.mktemp("whole")
-    result = call(*arguments, "--runs", "3", "--workers", "1", "--out", str(out))
-    assert result.returncode == 0, result.stderr
-    assert "Mean position error" in result.stdout
+    words = ("--runs", "3", "--workers", "1", "--out", str(out))
+    assert "Mean position error" in answer(*arguments, *words)
     return out
 
 

@@ -2,17 +2,13 @@
 
 import json
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-from helpers.command_line import refusal
+from helpers.command_line import answer, refusal
 from isogal.paper.claims import FAILS, HOLDS, OPEN
 from isogal.paper.published import ROWS
 
-ISOGAL = Path(sys.executable).with_name("isogal")
 FIGURES = ["51", "52", "54", "54a", "56", "56a", "56b", "57", "60", "61", "61a", "64"]
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -26,10 +22,7 @@ def words(out, map_, *more):
 @pytest.fixture(scope="module")
 def page(two_maps, tmp_path_factory):
     out = tmp_path_factory.mktemp("paper")
-    command = [str(ISOGAL), *map(str, words(out, two_maps))]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
-    assert result.returncode == 0, result.stderr
-    assert "2 runs a case" in result.stdout
+    assert "2 runs a case" in answer(*words(out, two_maps))
     return out
 
 

@@ -61,9 +61,13 @@ class Ahead(Plan):
 @pytest.mark.parametrize(
     "changes",
     [
-        ("matcher.mode=retrodiction",),
         ("imu.rate=4.0", "fusion.rate=2.0"),
-        ("gravimeter.interval=7.0", "gravimeter.delay=12", "gravimeter.missing_fraction=0.3"),
+        (
+            "matcher.mode=retrodiction",
+            "gravimeter.interval=7.0",
+            "gravimeter.delay=12",
+            "gravimeter.missing_fraction=0.3",
+        ),
         ("ins.source=solution",),
     ],
 )
@@ -117,30 +121,6 @@ def test_other_scenarios(scenario, tmp_path, changes) -> None:
     by_batch = short.matcher.mode == "standard"
     assert_closed_loop(tmp_path / "bag", short, fixes=by_batch)
     assert by_batch or counts(tmp_path / "bag")["/pmht_mm/fix"] == 12
-
-
-def test_satellites_lost_and_back(scenario, tmp_path) -> None:
-    """A receiver whose fixes come late, and which has none in between."""
-    there = "gnss.available=[[0, 40], [100, 130]]", "gnss.lever_arm=[3, -1, -2]"
-    late = "gnss.delay=2", "height.source=barometer"
-    short = scenario("route.duration=130.0", "gnss.correlated_sigma=0.5", *there, *late)
-    run_here(short, tmp_path / "bag")
-    assert_closed_loop(tmp_path / "bag", short)
-    found = messages_of(tmp_path / "bag", topics.GNSS_FIX, topics.NAV_AIDS)
-    status = [message.status.status for message in found["gnss/fix"]]
-    assert len(status) == 128
-    assert status.count(NavSatStatus.STATUS_NO_FIX) == 59
-    said, alone = (
-        [item.message for array in found["nav/aids"] for item in array.status if item.name == name]
-        for name in ("gnss/fix", "navigator")
-    )
-    assert said[-1] == "used"
-    assert "not since 40 s: the receiver has no fix" in said
-    assert any(
-        re.fullmatch(r"without satellites since [1-5] s it would be \d+ m", one) for one in alone
-    )
-    assert "no satellites are used" in alone
-    assert_replayed(tmp_path / "bag")
 
 
 @pytest.mark.parametrize(
@@ -262,16 +242,19 @@ def test_without_lock_step_late_fixes_count(scenario, tmp_path) -> None:
     np.testing.assert_allclose(graph.error[0, -2], library.error[0, -2], atol=1.0)
 
 
-def test_aids_by_name(scenario, tmp_path) -> None:
-    """Two of height, velocity, position and heading, each as late as it is, beside satellites that
-    are lost."""
+def test_aids_by_name_and_satellites_lost_and_back(scenario, tmp_path) -> None:
+    """Two of height, velocity, position and heading, each as late as it is, beside a receiver
+    whose fixes come late, and which has none in between."""
     short = scenario(
         "height.source=barometer",
         "heights=[{name: second, interval: 2, bias: 1}]",
         "velocity.kind=log",
         "velocities=[{name: wind, kind: airspeed}, {name: other, kind: log, interval: 5}]",
         "route.duration=130.0",
-        "gnss.available=[[0, 40]]",
+        "gnss.available=[[0, 40], [100, 130]]",
+        "gnss.lever_arm=[3, -1, -2]",
+        "gnss.delay=2",
+        "gnss.correlated_sigma=0.5",
         "positions=[{interval: 10, sigma: 5, correlated_sigma: 3},"
         " {name: usbl, interval: 5, delay: 3, lever_arm: [2, 0, 4], available: [[30, 90]]}]",
         "headings=[{}, {name: mag, kind: compass, interval: 2, delay: 1}]",
@@ -279,10 +262,19 @@ def test_aids_by_name(scenario, tmp_path) -> None:
     run_here(short, tmp_path / "bag")
     assert_closed_loop(tmp_path / "bag", short)
     found = messages_of(tmp_path / "bag", topics.NAV_AIDS, *(aid.topic for aid in each_aid(short)))
-    said = {item.name: item.message for item in found["nav/aids"][-1].status}
+    status = [message.status.status for message in found["gnss/fix"]]
+    assert status.count(NavSatStatus.STATUS_NO_FIX) == 59
+    said = [{item.name: item.message for item in one.status} for one in found["nav/aids"]]
+    assert "not since 40 s: the receiver has no fix" in [one.get("gnss/fix") for one in said]
+    alone = [one.get("navigator", "") for one in said]
+    assert "no satellites are used" in alone
+    assert any(
+        re.fullmatch(r"without satellites since [1-5] s it would be \d+ m", one) for one in alone
+    )
     lost = "not since 90 s: the receiver has no fix"
-    # those of the last 3 s and 1 s have not come
+    # those of the last 3, 2 and 1 s have not come
     for name, count, words in (
+        ("gnss/fix", 128, "used"),
         ("position/fix", 13, "used"),
         ("position/usbl/fix", 25, lost),
         ("heading/data_raw", 130, "used"),
@@ -293,5 +285,5 @@ def test_aids_by_name(scenario, tmp_path) -> None:
         ("velocity/wind/data_raw", 130, "used"),
         ("velocity/other/data_raw", 26, "used"),
     ):
-        assert (name, len(found[name]), said[name]) == (name, count, words)
+        assert (name, len(found[name]), said[-1][name]) == (name, count, words)
     assert_replayed(tmp_path / "bag")

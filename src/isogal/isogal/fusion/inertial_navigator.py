@@ -72,7 +72,8 @@ class InertialNavigator:
         self.motion = motion or UnknownMotion()
         mixture = state.copy() if isinstance(state, Mixture) else Mixture.of(state.copy())
         state = mixture.merged
-        self._unaided: Without | None = None
+        self._unaided: list[Without] = []
+        """See `unaided`: what was known at its last calls."""
         self._passed: tuple[float, float, Way | None] | None = None
         """See `passage`: since when, up to when, and the way back."""
         self._newest_aid = -math.inf
@@ -214,8 +215,8 @@ class InertialNavigator:
         aids = [time for time, one in measurements if of_aid(one)]
         self._newest_aid = max([self._newest_aid, *aids])
         oldest = min(time for time, _ in measurements)
-        if self._unaided is not None and oldest <= self._unaided.time + AT_ONCE:
-            self._unaided = None
+        while self._unaided and oldest <= self._unaided[-1].time + AT_ONCE:
+            self._unaided.pop()
         if self._passed is not None and oldest <= self._passed[1] + AT_ONCE:
             self._passed = None
         before = self._segments[first].after.copy()
@@ -259,7 +260,8 @@ class InertialNavigator:
     def back(self, samples: int) -> None:
         """Forget the newest samples, which came one by one: they were not true. Up to one at which
         there was a measurement, the last true one stands for them."""
-        self._unaided = self._passed = None
+        self._unaided.clear()
+        self._passed = None
         first = max(1, len(self._segments) - samples)
         while len(self._segments) > first and not self._segments[-1].measurements:
             self._segments.pop()
@@ -383,12 +385,16 @@ class InertialNavigator:
         history; None where there have been none."""
         if self._newest_aid <= since + AT_ONCE:
             return None
-        before = self._unaided
-        if before is None or before.since != since:
-            after = self._segments[self._index(since)].after
-            before = Without(since, since, after)
-        self._unaided = self.later(before)
-        return self._unaided.after.merged
+        if self._unaided and self._unaided[-1].since != since:
+            self._unaided.clear()
+        if self._unaided:
+            before = self._unaided[-1]
+        else:
+            before = Without(since, since, self._segments[self._index(since)].after)
+        now = self.later(before)
+        if now.time > before.time + AT_ONCE:
+            self._unaided = [*self._unaided[1 - _LATE :], now]
+        return now.after.merged
 
     @property
     def without_satellites(self) -> Without | None:
@@ -410,7 +416,8 @@ class InertialNavigator:
     def forget(self, source: str, without: Without) -> None:
         """Go on from what is known without an aid since a time: measurements of it after that
         never were."""
-        self._unaided = self._passed = None
+        self._unaided.clear()
+        self._passed = None
         first = self._index(without.since) + 1
         for segment in self._segments[first:]:
             segment.measurements[:] = [m for m in segment.measurements if not of_aid(m, source)]
@@ -507,3 +514,6 @@ class InertialNavigator:
 
 
 _EMPTY = np.empty((0, TRACK_COLUMNS))
+_LATE = 30
+"""States without satellites that are kept: where they are asked for after every measurement, those
+after one that is late by so many are computed anew, not all since the last fix."""

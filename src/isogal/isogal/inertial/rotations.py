@@ -120,7 +120,11 @@ def matrix(quaternion: ArrayLike) -> Array:
 
 def cross_matrix(vector: ArrayLike) -> Array:
     """Return the matrix (..., 3, 3) of the vector product with vectors (..., 3)."""
-    x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)
+    components = np.asarray(vector, float)
+    if components.ndim == 1:  # numbers of Python, as above
+        x, y, z = components.tolist()
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    x, y, z = np.moveaxis(components, -1, 0)
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

@@ -2,6 +2,7 @@
 process."""
 
 import faulthandler
+import gc
 import os
 import sys
 import time
@@ -84,6 +85,8 @@ def run_node(name: str, make: Callable[[], GraphNode], args: Sequence[str] | Non
     args : sequence of str, optional
         ROS arguments (``--ros-args ...``); None = those of the command line.
     """
+    gc.freeze()  # what is imported is there to stay
+    gc.enable()
     words = sys.argv[1:] if args is None else list(args)
     try:
         if unknown := remove_ros_args([name, *words])[1:]:

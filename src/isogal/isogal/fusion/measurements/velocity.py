@@ -199,17 +199,19 @@ def velocity_reading(
     """
     scale, pitch, yaw, north, east = names
     body = rotation.T @ past
-    mounting = np.array([0.0, values.get(pitch, 0.0), values.get(yaw, 0.0)])
+    about_right, about_down = values.get(pitch, 0.0), values.get(yaw, 0.0)
     factor = 1.0 + values.get(scale, 0.0)
-    turned = body + np.cross(body, mounting)
-    by_body = factor * (np.eye(3) - cross_matrix(mounting))
+    x, y, z = body.tolist()  # np.cross would take as long as all the rest
+    across = y * about_down - z * about_right, -x * about_down, x * about_right
+    turned = body + np.array(across)
+    by_body = factor * (np.eye(3) - cross_matrix([0.0, about_right, about_down]))
     by_past = by_body @ rotation.T
     H = np.zeros((3, model.states))
     H[:, 3:6], H[:, 6:9] = by_past, by_past @ cross_matrix(past)
     columns = {
         scale: turned,
-        pitch: factor * np.cross(body, [0.0, 1.0, 0.0]),
-        yaw: factor * np.cross(body, [0.0, 0.0, 1.0]),
+        pitch: factor * np.array([-z, 0.0, x]),
+        yaw: factor * np.array([y, -x, 0.0]),
         north: -by_past[:, 0],
         east: -by_past[:, 1],
     }
