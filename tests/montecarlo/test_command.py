@@ -17,7 +17,7 @@ from isogal.evaluation.results import Summary
 from isogal.maps.formats.netcdf_writing import write_netcdf
 
 ISOGAL = Path(sys.executable).with_name("isogal")
-KEYS = [key for key in Summary.__annotations__ if key != "smoothed"]
+KEYS = [key for key in Summary.__annotations__ if key in Summary.__required_keys__]
 
 
 @pytest.fixture(scope="module")
