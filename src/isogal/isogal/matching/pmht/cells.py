@@ -45,8 +45,7 @@ class Ranked:
     @classmethod
     def of(cls, seen: "Seen", spread: Array, size: float) -> "Ranked":
         """Return cells of a size (m) all over a prior N(0, spread)."""
-        sigma = math.sqrt(float(np.linalg.eigvalsh(spread)[-1]))
-        reach = sigma * math.sqrt(-2.0 * math.log(RARE))
+        reach = longest(spread) * math.sqrt(-2.0 * math.log(RARE))
         count = math.ceil(reach / size)
         centres = square_of(size * np.arange(-count, count + 1.0))
         centres = centres[np.hypot(*centres.T) < reach + size]
@@ -108,6 +107,11 @@ def at_cells(
     inner = wide + gain @ ((cell / CELL_SIGMA) ** 2 * np.eye(2) - wide[:2, :2]) @ gain.T
     weight = log_normal(centres, wide[:2, :2]) + 2.0 * math.log(cell) + models.log_prior[which]
     return Hypotheses.of(models, which, weight, centres @ gain.T, inner)
+
+
+def longest(covariance: Array) -> float:
+    """Return the 1-sigma of a place of covariance (2, 2) along the longer axis of its ellipse."""
+    return math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
 
 
 def log_normal(centres: Array, covariance: Array) -> Array:

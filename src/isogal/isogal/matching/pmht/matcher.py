@@ -30,7 +30,7 @@ from isogal.matching.interfaces import (
     SecondaryBatch,
     declined,
 )
-from isogal.matching.pmht.cells import FEATURE_M
+from isogal.matching.pmht.cells import FEATURE_M, longest
 from isogal.matching.pmht.hypotheses import Hypotheses, with_needed
 from isogal.matching.pmht.memory import Memory, decided, undeceived
 from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
@@ -130,7 +130,7 @@ class Pmht:
         astray = None if found else self._astray(memory, batch, field_map)
         reset, widened = False, None
         anew = found and lead.bank is not None
-        misled = memory.refused >= REFUSED and resolved(bank)
+        misled = astray is None and memory.refused >= REFUSED and resolved(bank)
         if anew or misled:
             mean, covariance = bank.moments()
             # outside of where it is all but sure to be (chi-square of 2 degrees of freedom)
@@ -152,7 +152,7 @@ class Pmht:
         So far from where they are linear, hypotheses whose readings have followed them for long
         are all too sure. Those that know their own bends (`Passage`) are not."""
         lead = memory.fields[self.lead]
-        sigma = _along(batch.covariance)
+        sigma = longest(batch.covariance[:2, :2])
         if sigma < FEATURE_M or lead.bank is None or batch.history.passage is not None:
             return None
         if resolved(lead.bank):
@@ -165,7 +165,7 @@ class Pmht:
         self, each: Sequence[SecondaryBatch], memory: Memory, prior: Array
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
-        wide = _along(prior) > WIDE_M
+        wide = longest(prior[:2, :2]) > WIDE_M
         aided = None if memory.fields else each[0].batch.history.aided
         begun = prior if aided is None else aided.covariance
         fields, rows = dict(memory.fields), []
@@ -233,11 +233,6 @@ class Pmht:
                 later = field.bank.informed(total(said[k] for k in since), prior).normalised()
                 fields[index] = field._replace(bank=later)
         return memory._replace(fields=fields), total(said.values()), evidence
-
-
-def _along(covariance: Array) -> float:
-    """Return the 1-sigma of a place along the longer axis of its ellipse, m."""
-    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
 
 
 def _unlike(one: SecondaryBatch) -> str | None:
