@@ -164,7 +164,7 @@ def test_a_navigator_lost_among_kilometres_gets_no_fix(
     wide = batch.covariance.copy()
     wide[:2, :2] += sigma**2 * np.eye(2)
     monkeypatch.setattr(matcher_of, "resolved", lambda bank: one_place)
-    monkeypatch.setattr(matcher_of, "ranked", lambda *_: (None, share))
+    monkeypatch.setattr(matcher_of, "probability_at", lambda *_: share)
     fix, after = UNTOLD.match(replace(batch, covariance=wide), ROUGH, memory)
     assert fix.published == given
     if not given:

@@ -41,8 +41,8 @@ from isogal.matching.pmht.search import (
     WIDE_M,
     Diverged,
     FieldMemory,
+    probability_at,
     pursued,
-    ranked,
     resolved,
 )
 from isogal.matching.pmht.states import States, displaceable
@@ -157,7 +157,7 @@ class Pmht:
             return None
         if resolved(lead.bank):
             mean, _ = lead.bank.moments()
-            if ranked(memory.diverged, lead, field_map, mean)[1] > LIKELY:
+            if probability_at(memory.diverged, lead, field_map, mean) > LIKELY:
                 return None
         return f"the navigator is too unsure of its place, 1-sigma of {sigma / 1e3:.2g} km"
 

@@ -13,7 +13,14 @@ from isogal.maps.channels import AnyMap
 from isogal.matching.interfaces import Batch
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import DECEIVED, RARE
-from isogal.matching.pmht.search import Diverged, FieldMemory, Past, ranked, resolved, spread_over
+from isogal.matching.pmht.search import (
+    Diverged,
+    FieldMemory,
+    Past,
+    probability_at,
+    resolved,
+    spread_over,
+)
 from isogal.passage import Passage
 
 SAME_ESTIMATE = 0.25
@@ -188,7 +195,7 @@ def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool
     if lead.bank is not None and search.log_odds < SAYS:
         return memory, False
     # those that a search began with may not have held the place: have all cells it there?
-    _, there = ranked(diverged, lead, field_map, found.moments()[0])
+    there = probability_at(diverged, lead, field_map, found.moments()[0])
     if there < RARE:
         return memory._replace(diverged=diverged._replace(search=None, look=-math.inf)), False
     return _at_place(memory, found), True

@@ -248,16 +248,23 @@ def _wide(diverged: Diverged, lost: bool) -> Array:
     return wide
 
 
-def ranked(
-    diverged: Diverged, lead: FieldMemory, field_map: AnyMap, now: Array
-) -> tuple[Ranked, float]:
-    """Return large cells by the readings of the last hour, and how probable those are where a
-    navigator of an error (7,) at the end of the last batch, before its fix, would be."""
+def probability_at(diverged: Diverged, lead: FieldMemory, field_map: AnyMap, now: Array) -> float:
+    """Return how probable, by the readings of the last hour, large cells are where a navigator of
+    an error (7,) at the end of the last batch, before its fix, would be."""
+    seen, A, b = _seen(diverged, lead, field_map)
+    return _share(seen, A, b, now, _wide(diverged, lead.bank is None))
+
+
+def _seen(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> tuple[Seen, Array, Array]:
+    """Return what cells are ranked by, and A and b of `unaided`."""
     rows, since, A, b = unaided(diverged.past, diverged.start)
-    seen = Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows)))
-    cells = Ranked.of(seen, _wide(diverged, lead.bank is None)[:2, :2], FEATURE_M)
+    return Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows))), A, b
+
+
+def _share(seen: Seen, A: Array, b: Array, now: Array, wide: Array) -> float:
+    cells = Ranked.of(seen, wide[:2, :2], FEATURE_M)
     begin = np.asarray(np.linalg.solve(A, now - b), dtype=np.float64)
-    return cells, cells.share(begin[:2], 4.0 * WIDE_M)
+    return cells.share(begin[:2], 4.0 * WIDE_M)
 
 
 def _look(
@@ -266,11 +273,14 @@ def _look(
     """Return hypotheses about places where the readings fit, None where there are too many, or
     where they fit at the navigator's own as well; and how long it is to the next look (s)."""
     lost = lead.bank is None
-    cells, own = ranked(diverged, lead, field_map, np.zeros(BATCH_STATES))
-    if not lost and own > RARE:
-        return None, LATER if own > LIKELY else EVERY
-    fine = Ranked.of(cells.seen, cells.spread, 0.5 * FEATURE_M).finer()
-    return None if fine is None else fine.hypotheses(_wide(diverged, lost)), EVERY
+    wide = _wide(diverged, lost)
+    seen, A, b = _seen(diverged, lead, field_map)
+    if not lost:
+        own = _share(seen, A, b, np.zeros(BATCH_STATES), wide)
+        if own > RARE:
+            return None, LATER if own > LIKELY else EVERY
+    fine = Ranked.of(seen, wide[:2, :2], 0.5 * FEATURE_M).finer()
+    return None if fine is None else fine.hypotheses(wide), EVERY
 
 
 def _in_doubt(lead: FieldMemory, rows: Rows) -> bool:
