@@ -105,6 +105,7 @@ ROWS = (
     ),
     Row("initial errors 3 times larger", ("initial_error=3x",)),
     Row("gravimeter noise 3 times larger", ("gravimeter.sigma=3x",)),
+    Row("gravimeter noise 20 times larger", ("gravimeter.sigma=20x",)),
     Row(
         "gravimeter bias 5 mGal, drift 1 mGal/h",
         ("gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"),

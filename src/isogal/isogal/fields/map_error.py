@@ -1,12 +1,15 @@
 """How far the true field differs from its map: samples along a route, of the random field of
 `isogal.maps.error_model` and of a wrong datum. Several components of gravity, or of its gradient,
-have the errors that one wrong potential gives them all (docs/mathematics.md, section 12.4)."""
+have the errors that one wrong potential gives them all (docs/mathematics.md, section 12.4).
+
+Samples at few places are exact, by a root of their covariance; that of many does not fit into
+memory, and they are sums of plane waves."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
@@ -21,6 +24,8 @@ from isogal.sensors.trajectory import Trajectory
 
 _KEPT_PLACES = 2000
 """Places at most for a matrix to stay in memory (32 MB)."""
+_EXACT_PLACES = 3000
+"""Places at most of exact samples: 1 GB and a second or two. With 9000 it was 9 GB and 2 min."""
 _EVERY = 3
 """Scans from one draw of the horizontal components to the next."""
 _JITTER = 1e-6
@@ -29,6 +34,8 @@ those of the horizontal ones in a plane."""
 _WAVES = 2000
 """Plane waves that make a field. Its covariance is right on the mean over fields with any number;
 with so many its distribution is Gaussian but for a part in a thousand of the kurtosis."""
+_CHUNK = 4000
+"""Places that waves are summed at together (130 MB)."""
 
 
 T = TypeVar("T")
@@ -73,8 +80,8 @@ class TrueMapError:
     """R, which seed the random streams."""
 
     def at(self, latitude: Array, longitude: Array, channels: tuple[int, ...] = ()) -> Array:
-        """Return (R, *places, *channels) the error at true places (*places), rad: exact samples of
-        a Gaussian field with covariance sigma² exp(-d / L), one per run and channel (of a reading
+        """Return (R, *places, *channels) the error at true places (*places), rad: samples of a
+        Gaussian field with covariance sigma² exp(-d / L), one per run and channel (of a reading
         of this shape); with `map_error.tails` each value is that of Student's t distribution of
         the same 1-sigma and the same probability (a translation process: Grigoriu 1984, J. Eng.
         Mech. 110:610)."""
@@ -82,9 +89,13 @@ class TrueMapError:
         sigma, length, tails = settings.sigma, settings.correlation_length, settings.tails
         if sigma == 0.0:
             return np.zeros((len(self.runs), *latitude.shape, *channels))
-        root = sigma * _correlation_root(latitude.ravel(), longitude.ravel(), length)
-        # no matrix product of all: a run's numbers must not depend on how many are computed
-        drawn = [root @ normal for normal in self._normal("map_error", latitude.size, *channels)]
+        flat = latitude.ravel(), longitude.ravel()
+        if latitude.size > _EXACT_PLACES:
+            drawn = self._by_waves(*flat, ("dd",), math.prod(channels))
+        else:
+            root = sigma * _correlation_root(*flat, length)
+            # no matrix product of all: a run's numbers must not depend on how many are computed
+            drawn = [root @ one for one in self._normal("map_error", latitude.size, *channels)]
         error = np.stack(drawn).reshape(len(self.runs), *latitude.shape, *channels)
         return error if tails is None else sigma * _with_tails(error / sigma, tails)
 
@@ -131,7 +142,11 @@ class TrueMapError:
         stations = np.unique(np.concatenate([[0], self.index[::_EVERY], self.index[-1:]]))
         if sigma == 0.0:
             return stations, np.zeros((len(self.runs), len(stations), 2))
-        places = _plane(self.trajectory, np.arange(len(self.trajectory) + 1))
+        latitude, longitude = self.trajectory.latitude, self.trajectory.longitude
+        if len(self.index) > _EXACT_PLACES:
+            where = latitude[stations], longitude[stations]
+            return stations, np.stack(self._by_waves(*where, ("nd", "ed")))
+        places = _plane(self.trajectory, latitude, longitude)
         gain, root = _horizontal_given(places[self.index], places[stations], length)
         normal = self._normal("map_error_horizontal", 2 * len(stations))
         # a product for each run: its numbers must not depend on how many runs are computed
@@ -141,20 +156,13 @@ class TrueMapError:
         return stations, np.stack(drawn).reshape(len(self.runs), len(stations), 2)
 
     def of_one_potential(self) -> Array:
-        """Return (R, scans, C) the error of the components of the gradient at the scans, 1/s².
-
-        Each run's field is a sum of plane waves of random direction and phase, whose wavenumbers
-        are drawn from the spectrum (randomisation method: Shinozuka 1971, J. Acoust. Soc. Am.
-        49:357), so that it is one field for all components on any route, without a grid that
-        limits its wavelengths. The wavenumbers are stratified: each of N equal shares of the
-        variance has one wave."""
-        sigma, length = self.truth.map_error.sigma, self.truth.map_error.correlation_length
+        """Return (R, scans, C) the error of the components of the gradient at the scans, 1/s²:
+        one field for all components (`_Waves`)."""
         components = self.truth.gradiometer.components
-        if sigma == 0.0:
+        if self.truth.map_error.sigma == 0.0:
             return np.zeros((len(self.runs), len(self.index), len(components)))
-        places = _plane(self.trajectory, self.index, int(self.index[0])) / length
-        seed = self.truth.seed
-        return np.stack([sigma * _field(seed, run, places, components) for run in self.runs])
+        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
+        return np.stack(self._by_waves(*where, components))
 
     def of_datum(self, channels: tuple[int, ...] = ()) -> Array:
         """Return (R, scans, *channels) how far the true field is above the map by
@@ -165,11 +173,25 @@ class TrueMapError:
         settings, count = self.truth.map_error, len(self.index)
         if settings.offset == 0.0 and settings.tilt == 0.0:
             return np.zeros((len(self.runs), count, *channels))
-        tilted = settings.tilt * _plane(self.trajectory, self.index)
+        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
+        tilted = settings.tilt * _plane(self.trajectory, *where)
         plane = np.column_stack([np.full(count, settings.offset), tilted])
         # summed for each run by itself: its numbers must not depend on how many are computed
         drawn = self._normal("map_datum", 3, *channels)
         return np.stack([np.einsum("sk,k...->s...", plane, one) for one in drawn])
+
+    def _by_waves(
+        self, latitude: Array, longitude: Array, components: Sequence[str], channels: int = 1
+    ) -> list[Array]:
+        """Return (N, channels * C) for each run the error at places (N,), rad: of components of
+        one field, or of several independent fields."""
+        error, seed, drawn = self.truth.map_error, self.truth.seed, []
+        places = _plane(self.trajectory, latitude, longitude) / error.correlation_length
+        for run in self.runs:
+            random = generator(seed, run, "map_error_potential")
+            fields = [_Waves.drawn(random).at(places, components) for _ in range(channels)]
+            drawn.append(error.sigma * np.concatenate(fields, axis=1))
+        return drawn
 
     def _normal(self, purpose: str, *shape: int) -> list[Array]:
         """Return standard normal numbers of each run."""
@@ -203,27 +225,48 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     return np.asarray(gain), np.asarray(root)
 
 
-def _field(seed: int, run: int, places: Array, components: Sequence[str]) -> Array:
-    """Return (scans, C) one field of 1-sigma one at places (scans, 2) in units of its length."""
-    random = generator(seed, run, "map_error_potential")
-    share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
-    # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
-    size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
-    direction = 2.0 * np.pi * random.random(_WAVES)
-    waves = size * np.stack([np.cos(direction), np.sin(direction)])
-    amplitude = random.standard_normal((2, _WAVES)) / np.sqrt(_WAVES)
-    factor = wave_factors(components, direction)
-    phase = places @ waves
-    # real part of factor (a - i b) exp(i k x)
-    of_cosine = factor.real * amplitude[0] + factor.imag * amplitude[1]
-    of_sine = factor.real * amplitude[1] - factor.imag * amplitude[0]
-    return np.asarray(np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T)
+class _Waves(NamedTuple):
+    """One field of 1-sigma one and correlation length one: a sum of plane waves of random
+    direction and phase, whose wavenumbers are drawn from the spectrum (randomisation method:
+    Shinozuka 1971, J. Acoust. Soc. Am. 49:357), so that it is one field for all components on any
+    route, without a grid that limits its wavelengths. The wavenumbers are stratified: each of W
+    equal shares of the variance has one wave."""
+
+    size: Array
+    """(W,) wavenumbers."""
+    direction: Array
+    """(W,) rad."""
+    amplitude: Array
+    """(2, W) of cosine and sine."""
+
+    @classmethod
+    def drawn(cls, random: np.random.Generator) -> "_Waves":
+        """Draw a field."""
+        share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
+        # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
+        size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
+        direction = 2.0 * np.pi * random.random(_WAVES)
+        return cls(size, direction, random.standard_normal((2, _WAVES)) / np.sqrt(_WAVES))
+
+    def at(self, places: Array, components: Sequence[str]) -> Array:
+        """Return (N, C) components (`wave_factors`) of the field at places (N, 2)."""
+        waves = self.size * np.stack([np.cos(self.direction), np.sin(self.direction)])
+        factor, (cosine, sine) = wave_factors(components, self.direction), self.amplitude
+        # real part of factor (a - i b) exp(i k x)
+        of_cosine = factor.real * cosine + factor.imag * sine
+        of_sine = factor.real * sine - factor.imag * cosine
+        total = np.empty((len(places), len(components)))
+        for begin in range(0, len(places), _CHUNK):
+            part = slice(begin, begin + _CHUNK)
+            phase = places[part] @ waves
+            total[part] = np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T
+        return total
 
 
-def _plane(trajectory: Trajectory, index: Integers, origin: int = 0) -> Array:
-    """Return (N, 2) m, north and east of a point of the trajectory, those of an index (N,), in one
-    plane."""
-    latitude, longitude = trajectory.latitude, trajectory.longitude
-    north, east = metres_per_radian(float(latitude[index].mean()))
-    away = np.remainder(longitude[index] - longitude[origin] + np.pi, 2.0 * np.pi) - np.pi
-    return np.stack([(latitude[index] - latitude[origin]) * north, away * east], axis=-1)
+def _plane(trajectory: Trajectory, latitude: Array, longitude: Array) -> Array:
+    """Return (N, 2) m, north and east of the route's first point, of places (N,), rad, in the
+    plane of the route's middle."""
+    north, east = metres_per_radian(float(trajectory.latitude.mean()))
+    begin = trajectory.latitude[0], trajectory.longitude[0]
+    away = np.remainder(longitude - begin[1] + np.pi, 2.0 * np.pi) - np.pi
+    return np.stack([(latitude - begin[0]) * north, away * east], axis=-1)

@@ -102,6 +102,8 @@ FAULTS = (
     Fault(BIASED, 0.1, bias=1.0, drift=1.0),
     Fault(NOISIER, 0.05, noise=3.0),
     Fault(NOISIER, 0.02, noise=10.0),
+    # half a decade apart as the others, up to a 1-sigma thirty times as large
+    *(Fault(NOISIER, RARE, noise=factor) for factor in (30.0, 100.0, 300.0, 1000.0)),
     # a wrong start and late readings are one error on a straight track: where a delay is the more
     # probable one, starts that are three times worse are taken for delays
     Fault(NAVIGATOR, 0.05, start=WORSE),
