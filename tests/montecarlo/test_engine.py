@@ -57,7 +57,7 @@ def test_what_is_simulated_is_the_truth_and_what_is_assumed_the_rest():
     assert (one.covariance[:, 0] > 3.9 * world.covariance[:, 0])[:, [0, 1], [0, 1]].all()
 
 
-@pytest.mark.parametrize(("name", "share"), [("pmht", 0.3), ("pmht-paper", 0.6)])
+@pytest.mark.parametrize(("name", "share"), [("pmht", 0.3), ("pmht-paper", 0.6), ("sitan", 0.5)])
 def test_fixes_help(name, share):
     runs = simulate(scenario(name=name), range(8), MAP)
     aided, unaided = (

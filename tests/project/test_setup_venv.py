@@ -135,11 +135,6 @@ def test_only_what_has_changed_is_installed_and_only_once(installed: Clone, what
     assert installed.calls() == (["get uv", f"uv {TOOLS}"] if calls == EVERYTHING else [])
 
 
-def test_a_first_call_with_development_tools_installs_all_at_once(clone: Clone) -> None:
-    assert clone.install("development").returncode == 0
-    assert clone.calls() == ["venv", "get uv", f"uv {LOCK} {TOOLS}", f"uv {PACKAGES}"]
-
-
 def test_a_run_does_not_wait_for_new_development_tools(installed: Clone) -> None:
     installed.install("development")
     (installed.root / "requirements-development.lock").write_text("pytest==9.3.0\n")
