@@ -57,7 +57,8 @@ def pytest_collection(session: pytest.Session) -> None:
     worker, count = (os.environ.get(f"PYTEST_XDIST_WORKER{end}") for end in ("", "_COUNT"))
     if worker is None or count is None or session.config.args_source is not TESTPATHS:
         return
-    files = sorted(map(str, Path(__file__).parent.rglob("test_*.py")))
+    folders = Path(__file__).parent, ROOT / "examples"
+    files = sorted(str(path) for folder in folders for path in folder.rglob("test_*.py"))
     first = len(files) * int(worker.removeprefix("gw")) // int(count)
     session.config.args[:] = files[first:] + files[:first]
 

@@ -16,14 +16,14 @@ def test_the_reference_finds_a_line_and_knows_how_well():
     sigma = 0.02 * float(np.std(field.values))
     field_map = replace(field, sigma=np.full(field.values.shape, sigma), correlation_length=1e3)
     north, east = metres_per_radian(float(np.mean(field.latitude)))
-    way = np.linspace(-4e3, 4e3, 30)
+    way = np.linspace(-4e3, 4e3, 16)
     latitude = np.mean(field.latitude) + 0.6 * way / north
     longitude = np.mean(field.longitude) + 0.8 * way / east
     apart = np.abs(way[:, None] - way)
     nees = []
     for shift in ((300.0, -200.0), (-500.0, 100.0), (0.0, 400.0)):
-        error = np.linalg.cholesky(sigma**2 * np.exp(-apart / 1e3) + 1e-18 * np.eye(30))
-        value = field.value(latitude, longitude) + error @ random.standard_normal(30)
+        error = np.linalg.cholesky(sigma**2 * np.exp(-apart / 1e3) + 1e-18 * np.eye(16))
+        value = field.value(latitude, longitude) + error @ random.standard_normal(16)
         row = reference_row(
             Line("made", latitude, longitude, value), field_map, 1e-7, shift, 400.0
         )

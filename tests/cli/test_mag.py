@@ -49,15 +49,14 @@ def test_calibrate_writes_coefficients_and_a_report(tmp_path, calibration):
     assert (tmp_path / "report" / "calibration.png").read_bytes().startswith(b"\x89PNG")
     assert "heading" in (tmp_path / "report" / "report.html").read_text()
     assert read_compensation(out).coefficients.size == 18
-    assert "peak to peak" in answer("mag", "calibrate", calibration, "--out", out, *LAG)
 
 
 def test_compensate_leaves_the_anomaly(tmp_path, coefficients):
     flight = ordinary_flight(3, minutes=5.0, rate=5.0)
     readings, total = fly(flight, aircraft(), AROUND, seed=2)
     path, out = write_flight(tmp_path / "flight.csv", flight, readings), tmp_path / "track.csv"
-    words = ("mag", "compensate", path, "--coefficients", coefficients, "--out", out)
-    assert str(out) in answer(*words)
+    words = ("mag", "compensate", path, "--coefficients", coefficients, "--out", out, "--json")
+    found = json.loads(answer(*words))
     with out.open() as stream:
         rows = list(csv.DictReader(stream))
     value = np.array([float(row["value"]) for row in rows])
@@ -65,7 +64,6 @@ def test_compensate_leaves_the_anomaly(tmp_path, coefficients):
     truth = total - intensity(*place, 500.0, 2025.0)
     assert np.ptp(readings.total - total) > 100.0
     assert spread(value - truth) < 0.7
-    found = json.loads(answer(*words, "--json"))
     assert (found["readings"], found["without"]) == (len(rows), 0)
 
 
@@ -85,27 +83,28 @@ def test_learning_on_the_way(tmp_path):
     assert "--learnt" in refusal(*words, "--learnt", tmp_path / "learnt.yaml")
 
 
-def test_the_date_of_the_readings_counts(tmp_path, coefficients):
+def some_seconds(path, since):
+    """Write half a minute of an ordinary flight whose times begin at `since`."""
     flight = ordinary_flight(3, minutes=0.5, rate=5.0)
     readings, _ = fly(flight, aircraft(), AROUND)
-    values = []
+    return write_flight(path, flight, readings, time=since + readings.time)
+
+
+def test_the_date_of_the_readings_counts(tmp_path, coefficients):
+    values, out = [], tmp_path / "track.csv"
     for stamp, epoch in ((1_625_227_200.0, 2025.0), (0.0, 2021.5), (0.0, 2025.0)):
-        path = tmp_path / "flight.csv"
-        write_flight(path, flight, readings, time=stamp + readings.time)
-        out = tmp_path / "track.csv"
-        answer("mag", "compensate", path, "--coefficients", coefficients, "--out", out,
-               "--epoch", epoch)  # fmt: skip
+        path = some_seconds(tmp_path / "flight.csv", stamp)
+        words = ("mag", "compensate", path, "--coefficients", coefficients, "--out", out)
+        answer(*words, "--epoch", epoch)
         values.append(float(out.read_text().splitlines()[50].split(",")[3]))
     assert values[0] == pytest.approx(values[1], abs=0.1)
     assert abs(values[1] - values[2]) > 50.0
 
 
-def test_a_base_station_takes_the_daily_variation_off(tmp_path, calibration, coefficients):
+def test_a_base_station_takes_the_daily_variation_off(tmp_path, coefficients):
     base = tmp_path / "base.csv"
     base.write_text("time,scalar\n0,50000\n1000,50000\n2000,50080\n")
-    flight = ordinary_flight(3, minutes=0.5, rate=5.0)
-    readings, _ = fly(flight, aircraft(), AROUND)
-    path = write_flight(tmp_path / "flight.csv", flight, readings, time=1500.0 + readings.time)
+    path = some_seconds(tmp_path / "flight.csv", 1500.0)
     words = ("mag", "compensate", path, "--coefficients", coefficients, "--out")
     answer(*words, tmp_path / "with.csv", "--base", base)
     answer(*words, tmp_path / "without.csv")
@@ -146,7 +145,6 @@ def test_match_takes_both_magnetometers(tmp_path, coefficients):
     ("columns", "said"),
     [
         ({"scalar": None}, "no column 'scalar'"),
-        ({"vector_z": None}, "no column 'vector_z'"),
         ({"scalar": 5e-5 * np.ones(300)}, "in nT"),
         ({"vector_x": np.zeros(300), "vector_y": np.zeros(300)}, "no calibration manoeuvres"),
         ({"time": np.zeros(300)}, "times must increase"),
@@ -164,10 +162,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, columns, said):
 
 def test_bad_options_are_refused(tmp_path, calibration):
     out = tmp_path / "own.yaml"
-    words = ("mag", "calibrate", calibration, "--out", out)
-    assert "--band" in refusal(*words, "--band", "much")
-    assert "band" in refusal(*words, "--band", "2,1")
-    assert "--ridge" in refusal(*words, "--ridge", "-1")
+    assert "band" in refusal("mag", "calibrate", calibration, "--out", out, "--band", "2,1")
     out.write_text("a: 1\n")
     assert "holds no compensation" in refusal(
         "mag", "compensate", calibration, "--coefficients", out, "--out", tmp_path / "x.csv"

@@ -16,18 +16,8 @@ from helpers.pages import COMMANDS, blocks, named_files
 from isogal.cli.main import _load
 from isogal.scenario import load_scenario
 
-PAGES = sorted(
-    path.relative_to(ROOT)
-    for pattern in (
-        "*.md",
-        "docs/**/*.md",
-        "examples/*/*.md",
-        "src/*/*.md",
-        "bags/*.md",
-        "docker/*.md",
-    )
-    for path in ROOT.glob(pattern)
-)
+PLACES = ("*.md", "docs/**/*.md", "examples/*/*.md", "src/*/*.md", "bags/*.md", "docker/*.md")
+PAGES = sorted(path.relative_to(ROOT) for pattern in PLACES for path in ROOT.glob(pattern))
 PLUGINS = ("write-a-matcher",)
 """Pages that install a name which is not known here."""
 DATA_SHEETS = ("# my_sensors.yaml",)

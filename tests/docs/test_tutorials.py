@@ -45,13 +45,3 @@ def test_the_library_page_says_what_its_examples_find(capsys: pytest.CaptureFixt
 
 def test_every_tutorial_is_run() -> None:
     assert {page.stem for page in TUTORIALS.glob("*.md")} == {*FIGURES, *LONGER}
-
-
-def test_commands_of_a_page(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        "a\n<!-- short: 8=2; big=small -->\n```\nisogal run --runs 8 \\\n  --out big\n```\n"
-        "<!-- not run -->\n```\nrm x\n```\n```yaml\na: 1\n```\n```sh\ncat a\n```\n"
-    )
-    assert commands(page) == ["isogal run --runs 8 --out big", "cat a"]
-    assert commands(page, short=True)[0] == "isogal run --runs 2 --out small"

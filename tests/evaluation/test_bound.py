@@ -1,17 +1,13 @@
-"""The bound against independent computations: conditioning of one large Gaussian vector, and an
-exhaustive point-mass filter."""
+"""The bound against independent computations: conditioning of one large Gaussian vector, and the
+bounds of another implementation. That a filter attains it on a map that is not linear is what
+benchmarks/optimum.py measures, whose model is the bound's (tests/benchmarks/test_optimum.py)."""
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from helpers.route_maps import field, tilted, waves
-from isogal.earth.ellipsoid import metres_per_radian
-from isogal.evaluation.bound import (
-    BoundResult,
-    posterior_cramer_rao,
-    unaided_covariance,
-)
+from isogal.evaluation.bound import BoundResult, posterior_cramer_rao, unaided_covariance
 from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
@@ -76,8 +72,7 @@ def _dense(settings, trajectory, gradient, quantisation, scan=-1):
             blocks.append((row, [cross.copy() for cross in crosses], P.copy()))
             crosses.append(P.copy())
             scans.append(i)
-    count = len(blocks)
-    states = np.zeros((count, count, STATES, STATES))
+    states = np.zeros((len(blocks), len(blocks), STATES, STATES))
     for j, (_, earlier, own) in enumerate(blocks):
         states[j, j] = own
         for i, cross in enumerate(earlier):
@@ -87,7 +82,7 @@ def _dense(settings, trajectory, gradient, quantisation, scan=-1):
     along = np.array(scans) * trajectory.dt * settings.route.speed
     sigma, length = settings.map_error.sigma, settings.map_error.correlation_length
     readings += sigma**2 * np.exp(-np.abs(along[:, None] - along[None, :]) / length)
-    readings += (settings.gravimeter.sigma**2 + quantisation**2 / 12) * np.eye(count)
+    readings += (settings.gravimeter.sigma**2 + quantisation**2 / 12) * np.eye(len(blocks))
     time = np.array(scans) * trajectory.dt
     readings += settings.gravimeter.bias**2 + settings.gravimeter.drift**2 * np.outer(time, time)
     apart = np.abs(time[:, None] - time)
@@ -98,17 +93,13 @@ def _dense(settings, trajectory, gradient, quantisation, scan=-1):
     return states[scan, scan][:2, :2] - cross @ np.linalg.solve(readings, cross.T)
 
 
-@pytest.mark.parametrize(
-    ("map_error", "errors"),
-    [
-        (0.0, {}),
-        (3e-5, {}),
-        (0.0, {"bias": 3e-5, "drift": 1e-7}),
-        (2e-5, {"bias": 2e-5, "drift": 1e-7}),
-        (0.0, {"correlated_sigma": 2e-5, "correlation_time": 45.0}),
-        (2e-5, {"correlated_sigma": 2e-5, "correlation_time": 45.0, "bias_walk": 2e-6}),
-    ],
-)
+SLOW = {
+    **{"bias": 2e-5, "drift": 1e-7, "bias_walk": 2e-6},
+    **{"correlated_sigma": 2e-5, "correlation_time": 45.0},
+}
+
+
+@pytest.mark.parametrize(("map_error", "errors"), [(0.0, {}), (2e-5, SLOW)], ids=["white", "slow"])
 def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, errors):
     settings = scenario(
         route={"duration": 300.0},
@@ -118,65 +109,17 @@ def test_on_a_linear_map_it_is_the_dense_kalman_covariance(map_error, errors):
     )
     trajectory = build_trajectory(settings)
     field_map = tilted(1e-7, -6e-8, quantisation=2e-6)
-    i = len(trajectory)
+    found = posterior_cramer_rao(settings.true, trajectory, field_map, smoothed=True)
+    # the dense covariance takes one gradient for the whole route: the map's at its middle
+    i = len(trajectory) // 2
     _, north, east = field_map.value_and_gradient(trajectory.latitude[i], trajectory.longitude[i])
-    assert (north, east) == pytest.approx((1e-7, -6e-8), rel=0.01)
-    bound = posterior_cramer_rao(settings.true, trajectory, field_map, smoothed=True)
-    # the dense covariance takes one gradient for the whole route, so the map's is taken at its
-    # middle
-    middle = trajectory.latitude[i // 2], trajectory.longitude[i // 2]
-    _, north, east = field_map.value_and_gradient(*middle)
     dense = _dense(settings, trajectory, (float(north), float(east)), 2e-6)
-    np.testing.assert_allclose(bound.covariance[-1], dense, rtol=2e-3)
-    assert bound.smoothed is not None
-    np.testing.assert_allclose(bound.smoothed[-1], bound.covariance[-1], rtol=1e-12)
-    for scan in (0, 12, 20):
+    np.testing.assert_allclose(found.covariance[-1], dense, rtol=2e-3)
+    for scan in (0, 12, 20, -1):
         dense_then = _dense(settings, trajectory, (float(north), float(east)), 2e-6, scan)
-        np.testing.assert_allclose(bound.smoothed[scan + 1], dense_then, rtol=5e-3)
+        np.testing.assert_allclose(found.smoothed[scan % 30 + 1], dense_then, rtol=5e-3)
     unaided = unaided_covariance(settings.true, trajectory)
     assert np.trace(dense) < 0.8 * np.trace(unaided.covariance[-1])
-
-
-def test_a_point_mass_filter_on_a_small_nonlinear_map_attains_the_bound():
-    """Exhaustive grid posterior of a constant position error, 300 draws: not better than the
-    bound, and close to it."""
-    settings = scenario(
-        route={"duration": 400.0},
-        imu={"grade": "quantum"},
-        initial_error={"position": 300.0, "velocity": 0.0, "tilt": 0.0, "heading": 0.0},
-        gravimeter={"sigma": 1e-5, "interval": 20.0},
-    )
-    trajectory = build_trajectory(settings)
-    field_map = field(waves, step_deg=0.005)
-    bound = posterior_cramer_rao(settings.true, trajectory, field_map)
-    scans = np.arange(20, len(trajectory) + 1, 20)
-    latitude, longitude = trajectory.latitude[scans], trajectory.longitude[scans]
-    north, east = metres_per_radian(latitude)
-    random = np.random.default_rng(11)
-    axis = np.linspace(-1200.0, 1200.0, 81)
-    shift = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    prior = -0.5 * (shift**2).sum(axis=1) / 300.0**2
-    truth = field_map.value(latitude, longitude)
-    squared = []
-    for _ in range(300):
-        error = 300.0 * random.standard_normal(2)
-        reading = truth + 1e-5 * random.standard_normal(scans.size)
-        # where the truth would be if the navigator at `error` had the error `shift`
-        offset = error - shift
-        value = field_map.value(
-            latitude[:, None] + offset[:, 0] / north[:, None],
-            longitude[:, None] + offset[:, 1] / east[:, None],
-        )
-        log = prior - 0.5 * (((reading[:, None] - value) / 1e-5) ** 2).sum(axis=0)
-        weight = np.exp(log - log.max())
-        mean = weight @ shift / weight.sum()
-        squared.append(((error - mean) ** 2).sum())
-    ratio = np.mean(squared) / bound.rms[-1] ** 2
-    scatter = np.std(squared) / np.sqrt(len(squared)) / bound.rms[-1] ** 2
-    # this filter leaves the reductions out; with exact velocity they tell nothing
-    assert ratio > 1.0 - 3.0 * scatter
-    assert ratio < 1.25 + 3.0 * scatter
-    assert bound.rms[-1] < 0.5 * 300.0 * np.sqrt(2.0)
 
 
 def test_readings_without_gradient_or_off_the_map_tell_nothing():
@@ -217,27 +160,23 @@ def test_the_rate_of_the_imu_hardly_matters():
         np.testing.assert_allclose(other.rms, results[0].rms, rtol=1e-3)
 
 
-def on_the_map_of_australia(shared_data, variable, **gravimeter):
+@pytest.mark.parametrize(
+    ("variable", "quantity", "sigma", "expected"),
+    [("ga", "gravity", 2e-4, 221.0), ("dg", "disturbance", 1e-6, 29.0)],
+)
+def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, expected):
+    """RMS over the voyage by an independent implementation (docs/mathematics.md, 11.1)."""
     source = str(shared_data / "se_australia_gravity.nc")
     settings = validate_scenario(
-        {"map": {"source": source, "variable": variable}, "gravimeter": gravimeter}
+        {
+            "map": {"source": source, "variable": variable},
+            "gravimeter": {"quantity": quantity, "sigma": sigma},
+        }
     )
     trajectory = build_trajectory(settings)
-    return posterior_cramer_rao(settings.true, trajectory, map_for_scenario(settings, trajectory))
-
-
-PUBLISHED = [  # map variable, quantity, sigma; RMS bound by an independent implementation (11.1)
-    ("ga", "gravity", 1e-5, 61.0),
-    ("ga", "gravity", 2e-4, 221.0),
-    ("dg", "disturbance", 1e-6, 29.0),
-    ("dg", "disturbance", 4e-5, 162.0),
-]
-
-
-@pytest.mark.parametrize(("variable", "quantity", "sigma", "expected"), PUBLISHED)
-def test_bounds_of_the_published_rows(shared_data, variable, quantity, sigma, expected):
-    bound = on_the_map_of_australia(shared_data, variable, quantity=quantity, sigma=sigma)
-    assert np.sqrt(np.mean(bound.rms**2)) == pytest.approx(expected, rel=0.15)
+    field_map = map_for_scenario(settings, trajectory)
+    found = posterior_cramer_rao(settings.true, trajectory, field_map)
+    assert np.sqrt(np.mean(found.rms**2)) == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -260,21 +199,11 @@ def test_rms_between_scans():
     assert np.isnan(bound.rms_at(np.array([-1.0, 11.0]))).all()
 
 
-@pytest.mark.parametrize("field_map", [tilted(3e-9, 1e-9), None], ids=["aided", "unaided"])
-def test_it_is_of_the_true_world(field_map):
-    true = {"imu": {"grade": "quantum"}, "gravimeter": {"sigma": 3e-5}}
-    assumed = {"imu": {"grade": "precision"}}
-    found = bound(field_map, **assumed, truth=true)
-    np.testing.assert_array_equal(found.covariance, bound(field_map, **true).covariance)
-    assert not np.array_equal(found.covariance, bound(field_map, **assumed).covariance)
-
-
 def test_an_instrument_as_built_gives_larger_bounds():
     def end(sigma=1e-05, **gravimeter):
         return rms(gravimeter={"sigma": sigma, **gravimeter})
 
     good = end()
-    assert end(missing_fraction=0.5) == pytest.approx(end(sigma=1e-5 * np.sqrt(2.0)), rel=0.02)
     assert good < end(gaps=[[300.0, 900.0]]) < end(gaps=[[0.0, 1700.0]])
     assert end(dead_turn_rate=0.01) == good  # it goes straight
     assert end(cross_coupling=1e-3) == pytest.approx(good, rel=1e-3)
@@ -338,7 +267,5 @@ def test_what_comes_later_informs_the_past_and_costs_nothing():
     both = bound(how={"smoothed": True})
     assert both.smoothed is not None and bound().smoothed is None
     np.testing.assert_array_equal(both.covariance, bound().covariance)
-    less = both.covariance - both.smoothed
-    assert np.linalg.eigvalsh(less).min() > -1e-9
     assert both.smoothed_rms_at(np.array([900.0])) < 0.8 * both.rms_at(np.array([900.0]))
     assert np.isnan(bound().smoothed_rms_at(np.array([900.0]))).all()

@@ -47,15 +47,10 @@ def test_names_tell_runs_of_the_same_folder_name_apart(tmp_path):
 
 
 def test_what_cannot_be_compared(studies, tmp_path):
-    assert "two or more" in refusal("compare", studies[0])
     assert "two or more" in refusal("compare", studies[0], studies[0] / "results.json")
     assert "no results.json" in refusal("compare", studies[0], tmp_path)
-    for text, said in (
-        ("{", "not JSON"),
-        ("[]", "must be a JSON object"),
-        ("{}", "not the results"),
-    ):
-        (tmp_path / "other.json").write_text(text)
-        line = refusal("compare", studies[0], tmp_path / "other.json")
-        assert str(tmp_path / "other.json") in line
-        assert said in line
+    other = tmp_path / "other.json"
+    for text, said in (("{", "not JSON"), ("[]", "a JSON object"), ("{}", "not the results")):
+        other.write_text(text)
+        line = refusal("compare", studies[0], other)
+        assert str(other) in line and said in line

@@ -29,47 +29,28 @@ def declining(runs):
     return replace(runs, **outcomes(reasons), fix_error=error, fix_covariance=covariance)
 
 
-def all_figures(runs, field_map):
+def all_figures(runs):
     figures = {
-        "track": track_figure(runs, field_map),
+        "track": track_figure(runs, field()),
         "errors": error_figure(runs),
         "nees": nees_figure(runs),
         "stanford": stanford_figure(Solution.of(runs), Integrity(alert_limit=400.0)),
         "ensemble": ensemble_figure(runs, np.full(runs.time.size, 30.0)),
     }
     if runs.detail is not None:
-        figures["signal"] = signal_figure(runs, field_map, 2e-5)
+        figures["signal"] = signal_figure(runs, field(), 2e-5)
     return figures
 
 
-def labels(figure):
-    return {
-        label
-        for panel in figure.axes
-        for label in (panel.get_xlabel(), panel.get_ylabel())
-        if label
-    }
-
-
-def test_every_axis_names_its_unit_and_every_curve_is_in_a_legend(make_runs):
-    for name, figure in all_figures(declining(make_runs(runs=1, detail=True)), field()).items():
-        assert labels(figure), name
-        assert all(label.rstrip().endswith(")") for label in labels(figure)), (
-            name,
-            labels(figure),
-        )
-        named = {
-            text.get_text()
-            for legend in figure.findobj(mpl.legend.Legend)
-            for text in legend.get_texts()
-        }
+def test_axes_name_their_units_and_legends_their_curves_and_nothing_is_cut_off(make_runs):
+    for name, figure in all_figures(declining(make_runs(runs=1, detail=True))).items():
+        axes = [text for one in figure.axes for text in (one.get_xlabel(), one.get_ylabel())]
+        assert any(axes), name
+        assert all(text.rstrip().endswith(")") for text in axes if text), (name, axes)
+        legends = figure.findobj(mpl.legend.Legend)
+        named = {text.get_text() for legend in legends for text in legend.get_texts()}
         drawn = {label for panel in figure.axes for label in panel.get_legend_handles_labels()[1]}
         assert drawn == named, name
-
-
-def test_nothing_is_cut_off(make_runs):
-    """All four edges of each picture are blank."""
-    for name, figure in all_figures(make_runs(runs=1, detail=True), field()).items():
         picture = np.asarray(Image.open(io.BytesIO(style.png(figure))).convert("L"))
         assert picture.shape[1] == round(style.WIDTH * style.DPI), name
         for edge in (picture[0], picture[-1], picture[:, 0], picture[:, -1]):
@@ -81,25 +62,20 @@ def test_nothing_is_cut_off(make_runs):
     [
         {"runs": 1, "batches": 0},
         {"runs": 1, "batches": 1, "states": 31, "step": 10.0, "detail": True},
+        {
+            "runs": 4,
+            "detail": True,
+            "fix_error": np.full((4, 24, 2), np.nan),
+            "fix_covariance": np.full((4, 24, 2, 2), np.nan),
+            **outcomes([["flat"] * 24] * 4),
+        },
     ],
-    ids=["no batch", "one batch in five minutes"],
+    ids=["no batch", "one batch in five minutes", "nothing is published"],
 )
 def test_odd_records_are_drawn_without_complaint(make_runs, changes):
     with np.errstate(all="raise"):
-        for figure in all_figures(make_runs(**changes), field()).values():
+        for figure in all_figures(make_runs(**changes)).values():
             assert len(style.png(figure, dpi=50)) > 1000
-
-
-def test_many_runs_of_which_nothing_is_published(make_runs):
-    runs = make_runs(runs=4, detail=True)
-    runs = replace(
-        runs,
-        **outcomes([["flat"] * 24] * 4),
-        fix_error=np.full((4, 24, 2), np.nan),
-        fix_covariance=np.full((4, 24, 2, 2), np.nan),
-    )
-    for figure in all_figures(runs, field()).values():
-        style.png(figure, dpi=50)
 
 
 def test_a_map_that_counts_longitudes_from_another_turn(make_runs):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers.studies import outcomes
-from isogal.evaluation.judgement import KINDS, all_scans_nees, judge
+from isogal.evaluation.judgement import KINDS, judge
 from isogal.evaluation.summary import diverged, summarise
 from isogal.scenario import Scenario
 
@@ -31,13 +31,8 @@ def flags(runs):
 def test_a_run_without_any_fix_is_not_good_and_not_called_worse(calm):
     none = outcomes([["flat" if run == 2 else ""] * 24 for run in range(4)])
     runs = replace(calm, **none, unaided_error=calm.error - 1.0)
-    assert flags(runs) == {
-        "unaided": [2],
-        "worse_than_unaided": [0, 1, 3],
-        "overconfident": [],
-        "diverged": [],
-        "good": [],
-    }
+    found = flags(runs)
+    assert (found["unaided"], found["worse_than_unaided"], found["good"]) == ([2], [0, 1, 3], [])
 
 
 def test_states_at_which_the_unaided_navigator_is_not_recorded_are_left_out(calm):
@@ -60,19 +55,18 @@ def test_worse_than_unaided_is_after_the_first_hour(calm):
     error[2, 61] = np.nan
     result = flags(replace(calm, error=error, covariance=calm.covariance * 100.0))
     assert result["worse_than_unaided"] == [1, 2]
-    short = {
-        name: getattr(calm, name)[..., :31] if name == "time" else getattr(calm, name)[:, :31]
-        for name in ("time", "error", "covariance", "unaided_error")
+    short = {name: getattr(calm, name)[:31] for name in ("time", "latitude", "longitude")}
+    short |= {
+        name: getattr(calm, name)[:, :31] for name in ("error", "covariance", "unaided_error")
     }
-    short |= {"latitude": calm.latitude[:31], "longitude": calm.longitude[:31]}
     short["error"] = short["error"] * [[[1.0]], [[40.0]], [[1.0]], [[1.0]]]
     assert flags(replace(calm, **short))["worse_than_unaided"] == [1]
 
 
 @pytest.mark.parametrize(
     ("sigmas", "states", "found"),
-    [(4.9, 121, []), (5.1, 10, []), (5.1, 11, [1]), (50.0, 5, [])],
-    ids=["within", "9 min", "10 min", "4 min"],
+    [(4.9, 121, []), (5.1, 10, []), (5.1, 11, [1])],
+    ids=["within", "9 min", "10 min"],
 )
 def test_beyond_claimed_sigmas_for_ten_minutes(calm, sigmas, states, found):
     error = calm.error.copy()
@@ -95,7 +89,6 @@ def test_nees_at_all_scans_sees_what_no_fix_shows(make_runs):
     runs = make_runs(runs=100)
     result = summarise(runs, Scenario(), np.ones(121))
     assert result["nees_all_scans"]["mean"] == pytest.approx(1.0, abs=0.03)
-    assert all_scans_nees(runs).shape == (100, 120)
     error = runs.error.copy()
     error[:, 60:] *= 3.0
     result = summarise(replace(runs, error=error), Scenario(), np.ones(121))
@@ -108,16 +101,6 @@ def test_shares_and_indices_in_the_results(calm):
     error = calm.error.copy()
     error[3] = 3000.0
     result = summarise(replace(calm, error=error), Scenario(), np.ones(121))["judgement"]
-    assert result["share"] == {
-        "good": 0.75,
-        "unaided": 0.0,
-        "worse_than_unaided": 0.25,
-        "overconfident": 0.25,
-        "diverged": 0.25,
-    }
-    assert result["runs"] == {
-        "unaided": [],
-        "worse_than_unaided": [3],
-        "overconfident": [3],
-        "diverged": [3],
-    }
+    lets_down = ("worse_than_unaided", "overconfident", "diverged")
+    assert result["share"] == {"good": 0.75, "unaided": 0.0, **dict.fromkeys(lets_down, 0.25)}
+    assert result["runs"] == {"unaided": [], **{key: [3] for key in lets_down}}

@@ -1,7 +1,6 @@
 """Headless Chromium, driven through its DevTools protocol."""
 
 import asyncio
-import base64
 import json
 import re
 import shutil
@@ -94,10 +93,6 @@ class Browser:
         self.mouse("mouseMoved", x, y)
         for kind in ("mousePressed", "mouseReleased"):
             self.mouse(kind, x, y, button="left", clickCount=1)
-
-    def picture(self, path: Path) -> None:
-        """Write what the window shows as PNG."""
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
 
 
 @contextmanager

@@ -23,10 +23,6 @@ def scenario(**route):
     )
 
 
-def map_of(latitude, longitude, north, east):
-    return FieldMap(latitude, longitude, wavy(north, east), "m/s²", "disturbance")
-
-
 def test_across_the_date_line_as_anywhere_else():
     """To the last digits that a longitude of three radians leaves."""
     side = np.arange(-20e3, 20.1e3, 250.0)
@@ -36,7 +32,9 @@ def test_across_the_date_line_as_anywhere_else():
         route = scenario(start=(10.0, longitude - 0.03), end=(10.02, end))
         latitudes = math.radians(10.0) + side / RADIUS
         longitudes = math.radians(longitude - 360.0 * (longitude > 90.0)) + side / RADIUS
-        field_map = map_of(latitudes, longitudes, side[:, None], side)
+        field_map = FieldMap(
+            latitudes, longitudes, wavy(side[:, None], side), "m/s²", "disturbance"
+        )
         ends.append(simulate(route, [0, 1], field_map))
     elsewhere, across = ends
     assert elsewhere.published.sum() > 20
@@ -49,7 +47,8 @@ def test_eleven_kilometres_from_the_pole():
     """Nine kilometres along the great circle, on which the course turns by half a radian."""
     latitude, longitude = np.radians(np.arange(89.8, 89.96, 0.002)), np.radians(np.arange(-30, 90))
     away = (0.5 * math.pi - latitude[:, None]) * RADIUS
-    field_map = map_of(latitude, longitude, away * np.cos(longitude), away * np.sin(longitude))
+    values = wavy(away * np.cos(longitude), away * np.sin(longitude))
+    field_map = FieldMap(latitude, longitude, values, "m/s²", "disturbance")
     found = simulate(scenario(start=(89.9, -5.0), end=(89.9, 70.0)), range(4), field_map)
     assert found.published.sum() > 20
     error, P = found.error[:, -1], found.covariance[:, -1]

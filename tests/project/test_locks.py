@@ -5,23 +5,16 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def load_uv() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("uv_like_pip", ROOT / ".ci" / "uv.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-uv = load_uv()
+spec = importlib.util.spec_from_file_location("uv_like_pip", ROOT / ".ci" / "uv.py")
+assert spec is not None and spec.loader is not None
+uv = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(uv)
 
 
 def test_uv_hears_what_pip_is_told(tmp_path: Path) -> None:
@@ -76,15 +69,12 @@ def test_variables_of_uv_itself_stand(monkeypatch: pytest.MonkeyPatch) -> None:
     assert uv.os.environ["UV_INSECURE_HOST"] == "mirror.example.org"
 
 
-def test_uv_is_not_used_where_pip_may_ask_no_index() -> None:
-    with pytest.raises(ValueError, match="no-index"):
-        uv.uv_variables(uv.pip_options("global.no-index='true'\n"))
-
-
-def test_options_of_a_command_override_those_of_all() -> None:
+def test_options_of_a_command_override_those_of_all_and_no_index_is_for_pip() -> None:
     listing = ":env:.proxy='c'\nglobal.proxy='a'\nglobal.timeout='9'\ninstall.proxy='b'\n"
     assert uv.pip_options(listing) == {"proxy": "c", "timeout": "9"}
     assert uv.pip_options(listing.partition("\n")[2]) == {"proxy": "b", "timeout": "9"}
+    with pytest.raises(ValueError, match="no-index"):
+        uv.uv_variables(uv.pip_options("global.no-index='true'\n"))
 
 
 def pins(name: str) -> dict[str, set[str]]:
@@ -96,26 +86,21 @@ def pins(name: str) -> dict[str, set[str]]:
     return found
 
 
-def test_the_locks_agree() -> None:
+def test_the_locks_agree_and_hold_no_tool_for_a_run() -> None:
     run, tools = pins("requirements.lock"), pins("requirements-development.lock")
-    assert {name: tools[name] for name in tools if name in run} == {
-        name: run[name] for name in run if name in tools
-    }
+    both = run.keys() & tools.keys()
+    assert {name: tools[name] for name in both} == {name: run[name] for name in both}
+    assert not {"pytest", "ruff", "mypy", "import-linter"} & set(run)
+    assert list(pins("requirements-installer.lock")) == ["uv"]
 
 
 @pytest.mark.parametrize("name", ["requirements", "requirements-development"])
-def test_every_direct_dependency_is_locked_by_make(name: str) -> None:
+def test_every_direct_dependency_is_locked(name: str) -> None:
     wanted = (ROOT / f"{name}.in").read_text(encoding="utf-8").splitlines()
     direct = {
         re.split(r"[\[<>=]", line, maxsplit=1)[0].lower() for line in wanted if line[:1].isalpha()
     }
     assert direct <= set(pins(f"{name}.lock"))
-    assert "make lock" in (ROOT / f"{name}.lock").read_text(encoding="utf-8").splitlines()[1]
-
-
-def test_no_tool_is_in_the_way_of_a_run_and_the_installer_is_uv() -> None:
-    assert not {"pytest", "ruff", "mypy", "import-linter"} & set(pins("requirements.lock"))
-    assert list(pins("requirements-installer.lock")) == ["uv"]
 
 
 @pytest.mark.parametrize(

@@ -139,17 +139,3 @@ def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
     bag = (tmp_path / "bag" / "metadata.yaml").read_text()
     assert "gravimeter/free_air_anomaly" in bag
     assert not (tmp_path / "home" / ".ros").exists()
-
-
-def test_its_own_tests_pass(plugin):
-    example = plugin.with_name("source")
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"],
-        cwd=example,
-        env={**os.environ, "PYTHONPATH": str(plugin)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout

@@ -3,10 +3,8 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from isogal.scenario.data_sheet import G, QuantityKind, unit_of
+from isogal.scenario.data_sheet import G
 from isogal.scenario.inertial import (
     ANGLE,
     FORCE,
@@ -26,10 +24,8 @@ DEG = math.pi / 180.0
     ("kind", "text", "value"),
     [
         (FORCE, "50ug", 50e-6 * 9.80665),
-        (FORCE, "50 µg", 50e-6 * 9.80665),
-        (FORCE, "50 μg", 50e-6 * 9.80665),
-        (FORCE, "1mg", 9.80665e-3),
-        (FORCE, "60 ng", 60e-9 * 9.80665),
+        (FORCE, "50 µg", 50e-6 * 9.80665),  # micro sign
+        (FORCE, "50 μg", 50e-6 * 9.80665),  # Greek letter
         (FORCE, "2mGal", 2e-5),
         (FORCE, "3e-4 m/s^2", 3e-4),
         (FORCE, "3e-4m/s²", 3e-4),
@@ -38,24 +34,17 @@ DEG = math.pi / 180.0
         (FORCE_NOISE, "30ug/rt-Hz", 30e-6 * 9.80665),
         (FORCE_NOISE, "30 ug/√Hz", 30e-6 * 9.80665),
         (FORCE_NOISE, "30ug/sqrt(Hz)", 30e-6 * 9.80665),
-        (FORCE_NOISE, "30ug/rtHz", 30e-6 * 9.80665),
-        (FORCE_NOISE, "0.03m/s/rt-h", 0.03 / 60.0),
         (FORCE_NOISE, "0.065 ft/s/√h", 0.065 * 0.3048 / 60.0),
-        (RATE, "0.01deg/h", 0.01 * DEG / 3600.0),
         (RATE, "0.01 °/hr", 0.01 * DEG / 3600.0),
-        (RATE, "2 deg/s", 2.0 * DEG),
         (RATE_NOISE, "0.002deg/rt-h", 0.002 * DEG / 60.0),
-        (RATE_NOISE, "0.002deg/√hr", 0.002 * DEG / 60.0),
         (RATE_NOISE, "0.12deg/h/rt-Hz", 0.12 * DEG / 3600.0),
         (RATE_BY_FORCE, "0.1deg/h/g", 0.1 * DEG / 3600.0 / 9.80665),
         (RATIO, "300ppm", 3e-4),
         (RATIO, "0.03%", 3e-4),
-        (RATIO, 3e-4, 3e-4),
         (ANGLE, "1mrad", 1e-3),
         (ANGLE, "20arcsec", 20.0 * DEG / 3600.0),
         (SPEED, "0.1mm/s", 1e-4),
         (TIME, "1h", 3600.0),
-        (TIME, "100 s", 100.0),
     ],
 )
 def test_units_of_data_sheets(kind, text, value):
@@ -67,8 +56,6 @@ def test_units_of_data_sheets(kind, text, value):
     [
         (RATE, "5ug", "'ug' is not a unit of this key; give a number (rad/s) or a text like 0.01"),
         (RATE_NOISE, "0.01deg/h", "'deg/h' is not a unit of this key"),
-        (FORCE, "0.01rad/s", "'rad/s' is not a unit of this key"),
-        (RATIO, "1mrad", "'mrad' is not a unit"),
         (FORCE, "50uT", "unknown unit 'uT'"),
         (FORCE, "50 ug/", "unknown unit 'ug/'"),
         (FORCE, "ug", "must be a number (m/s²) or a text like 50ug, not 'ug'"),
@@ -90,19 +77,3 @@ def test_one_value_or_one_per_axis():
     assert FORCE.read_axes(None) is None
     with pytest.raises(ValueError, match="one value, or three"):
         FORCE.read_axes([1.0, 2.0])
-
-
-NAMES = st.sampled_from(["m", "s", "rad", "deg", "h", "g", "ppm", "√h", "rt-Hz", "s²"])
-
-
-@given(NAMES, NAMES)
-def test_a_quotient_undoes_a_product(a, b):
-    factor, dimension = unit_of(f"{a}*{b}/{b}")
-    alone = unit_of(a)
-    assert factor == pytest.approx(alone[0], rel=1e-12)
-    assert dimension == pytest.approx(alone[1])
-
-
-@given(st.floats(0.0, 1e9))
-def test_a_number_without_a_unit_is_exact(value):
-    assert QuantityKind("m", "1m").read(repr(value)) == value
