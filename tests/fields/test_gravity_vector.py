@@ -158,7 +158,9 @@ def test_what_is_really_left_goes_by_the_true_map_error(world):
     assert left.residual_length == pytest.approx(9e3)
 
 
-def test_drawn_errors_have_these_covariances(world):
+@pytest.mark.parametrize("most", [3000, 0], ids=["by a root", "by waves"])
+def test_drawn_errors_have_these_covariances(world, monkeypatch, most):
+    monkeypatch.setattr("isogal.fields.map_error._EXACT_PLACES", most)
     scenario = changed(world, map_error={"sigma": 3e-5})
     trajectory = build_trajectory(scenario)
     index, runs = scan_index(scenario, trajectory), range(400)

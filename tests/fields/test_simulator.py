@@ -88,7 +88,9 @@ def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
     np.testing.assert_array_equal(some, surface[[7, 3]])
 
 
-def test_map_error_has_the_stated_covariance():
+@pytest.mark.parametrize("most", [3000, 0], ids=["by a root", "by waves"])
+def test_map_error_has_the_stated_covariance(monkeypatch, most):
+    monkeypatch.setattr("isogal.fields.map_error._EXACT_PLACES", most)
     it = scenario(map_error=MapError(sigma=3e-5, correlation_length=4000.0))
     trajectory, index, runs = build_trajectory(it), np.arange(10, 601, 10), 600
     error = TrueMapError(it.true, trajectory, index, range(runs)).at_scans()
@@ -100,6 +102,8 @@ def test_map_error_has_the_stated_covariance():
     assert within_chi_square((whitened**2).sum(), runs * len(index))
     measured = error.T @ error / runs
     np.testing.assert_allclose(measured, covariance, atol=4.5 * 3e-5**2 * np.sqrt(2.0 / runs))
+    alone = TrueMapError(it.true, trajectory, index, [7]).at_scans()
+    np.testing.assert_array_equal(alone[0], error[7])
     assert not TrueMapError(scenario().true, trajectory, index, [0, 1]).at_scans().any()
 
 
