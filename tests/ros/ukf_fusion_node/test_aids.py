@@ -100,8 +100,8 @@ def test_a_position_without_altitude_is_one(scenario) -> None:
 
 
 def test_while_there_is_no_navigator_readings_are_not_kept(scenario) -> None:
-    with bench(topics.UKF_FUSION, scenario(AID), start_time=50.0) as made:
-        for second in range(1, 20):
+    with bench(topics.UKF_FUSION, scenario(AID), start_time=10.0) as made:
+        for second in range(1, 10):
             message = framed(POSITION, ANTENNA)
             fill_fix(message, from_seconds(second), -0.6, 2.5, 100.0, np.diag([400.0] * 3))
             made.publish(POSITION, message)

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from std_srvs.srv import Trigger
 
-from helpers.node_bench import Bench, bench, stamps
+from helpers.node_bench import Bench, bench
 from isogal_ros import topics
 from isogal_ros.messages.stamps import to_ns, to_seconds
 
@@ -97,11 +96,3 @@ def test_what_was_published_of_untrue_samples_is_not_published_again(played) -> 
     twist = played.heard["nav/odom"][-1].twist.twist.linear
     speed = np.linalg.norm(place(played) - moved) / (107.0 - reached)
     assert speed == pytest.approx(np.linalg.norm([twist.x, twist.y]), abs=0.2)
-
-
-def test_after_a_reset_time_may_begin_anew(filtering) -> None:
-    for k in (1, 2, 3, 1):
-        filtering.imu(k)
-    assert filtering.call("reset", Trigger.Request()).success
-    filtering.imu(1)
-    assert stamps(filtering, topics.NAV_ODOM) == [0, 1, 2, 3, 0, 1]

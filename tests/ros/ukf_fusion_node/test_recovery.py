@@ -78,7 +78,9 @@ def test_a_restarted_filter_goes_on_and_knows_less(scenario, drive, ended, left)
 def test_two_seconds_late_it_knows_where_it_is(filtering, drive) -> None:
     drive(filtering, (4, 20))
     assert drive.error(filtering, 20) < 3.0 * sigma(filtering)
-    assert filtering.told("3 IMU samples missing")
+    assert filtering.told("3 IMU samples missing")[0] == WARN
+    level, _, figures = filtering.says()[-1]  # over when the next sample is in time
+    assert (level, figures["IMU samples missing"]) == (OK, "3")
 
 
 def test_it_waits_for_the_time_of_its_start(scenario, drive) -> None:
