@@ -136,9 +136,10 @@ def test_a_reading_that_nothing_answers_is_said() -> None:
     """A navigator that is silent, or whose clock is another."""
     buffer = Buffer()
     (unanswered,) = buffer.watches.values()
+    buffer.wall_time = 100.0
     buffer.buffer.put(1_700_000_000 * S, None)
     assert unanswered() is None
-    buffer.wall_time = 11.0
+    buffer.wall_time = 111.0
     assert unanswered() == "1 readings wait for nav/* of 1700000000.000 s, which has not come"
     buffer.feed(5 * S, *PLACE)
     assert "is at 5.000 s" in unanswered()
