@@ -19,7 +19,9 @@ FOREIGN = {"/imu/data_raw": "/sbg/imu", "/gravimeter/data_raw": "/mgs6/accelerat
 RULES = [word for old, new in FOREIGN.items() for word in ("--remap", f"{new}:={old}")]
 
 
-def test_it_replays_as_the_recording_itself(recording, scenario, tmp_path) -> None:
+def test_with_a_scenario_it_is_replayed_as_the_recording_itself_and_viewed(
+    recording, scenario, tmp_path
+) -> None:
     """As another tool would have made it: other topics, sensors only, no scenario."""
 
     def kept(topic: str, data: bytes) -> bytes | None:
@@ -30,6 +32,8 @@ def test_it_replays_as_the_recording_itself(recording, scenario, tmp_path) -> No
     file.write_text(json.dumps(scenario().model_dump(mode="json")))
     found = json.loads(answer("replay", foreign, "--scenario", file, "--json", *RULES))
     assert found["fixes"]["replayed"] == 6
+    answer("view", foreign, "--out", tmp_path / "view.html", "--scenario", file)
+    assert "thus which map" not in (tmp_path / "view.html").read_text(encoding="utf-8")
     words = "--remap", "/sbg/imo:=imu/data_raw"
     said = refusal("replay", foreign, "--scenario", file, *words)
     assert "no topic '/sbg/imo' in the recording; did you mean" in said
@@ -74,6 +78,7 @@ def test_one_of_two_sources(tmp_path) -> None:
     [
         (Remapping.parse, ["/imu"], "must be FROM:=TO"),
         (Remapping.parse, ["/imu:="], "must be FROM:=TO"),
+        (Remapping.parse, ["/:=imu/data_raw"], "must be FROM:=TO"),
         (Remapping.parse, ["/imu:=imu/data"], "no topic 'imu/data'; did you mean 'imu/data_raw'"),
         (Remapping.parse, ["/a:=imu/data_raw", "/b:=imu/data_raw"], "comes twice"),
         (given_drivers, ["unit=mGal"], r"must be TOPIC\.KEY=VALUE"),

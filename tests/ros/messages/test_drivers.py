@@ -159,21 +159,7 @@ def test_a_recording_keeps_what_it_was_told() -> None:
     assert Entrance.of(one.text(), {}) == one
 
 
-PLACE = (-0.637, 2.5656)
 OUTSIDE = {"map_frame": "world", "tf_prefix": "ship"}
-
-
-def test_a_gravimeter_in_mgal_and_of_another_frame(scenario) -> None:
-    entry = {"drivers": "{gravimeter/data_raw: {unit: mGal, frame: mgs6}}"}
-    plain, of_driver = {"value": 9.7952}, {"value": 979_520.0, "variance": 1.0, "frame": "mgs6"}
-    found = []
-    for own, keys in (({}, plain), (entry, of_driver)):
-        with bench(topics.GRAVIMETER, scenario(), simulate=False, **own) as made:
-            made.reading(10.0, topic=topics.GRAVIMETRY, **keys)
-            made.nav(10.0, *PLACE, (12.0, 15.0))
-            made.wait(lambda made=made: made.heard["gravimeter/gravity"])
-            found.append(made.heard["gravimeter/gravity"][0].accel.accel.linear.z)
-    assert found[1] == pytest.approx(found[0], abs=1e-12)
 
 
 def test_a_mounting_that_is_not_said_is_not_guessed(scenario) -> None:

@@ -226,6 +226,8 @@ def test_axes_of_points_and_of_a_scan() -> None:
     first = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 3)[0]
     assert message.header.frame_id == "base_link"
     np.testing.assert_allclose(first, (0.0, 0.0, -100.0), atol=1e-4)  # z up
+    upwards, _ = POINTS.read_raw(POINTS.write_raw(0, -SOUNDINGS, 0.25, None))
+    assert np.isnan(upwards).all()
     to_port = np.where(SOUNDINGS[:, 1:2] > 0.0, np.nan, SOUNDINGS)
     message = SCAN.write_raw(0, to_port, 0.25, None)
     assert message.angle_max == pytest.approx(np.radians(50.0))
@@ -309,6 +311,8 @@ def refused(read, *messages):
         (soundings(POINTS, data=b""), "beyond the end of the data"),
         (soundings(POINTS, point_step=8), "field z lies beyond"),
     ),
+    *refused(POINTS.read_reduced,
+             (POINTS.write_reduced(0, np.full((5, 4), math.inf), 0.5, None), "not finite")),
     *refused(SCAN.read_raw, (soundings(SCAN, ranges=[math.nan] * 5), "not a number")),
     *refused(
         SCAN.read_reduced,

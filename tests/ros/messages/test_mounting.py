@@ -56,6 +56,12 @@ def test_transforms_are_read_in_either_byte_order() -> None:
         np.testing.assert_allclose(one[child].pose[:3, :3], wanted, atol=1e-12)
 
 
+def test_a_place_that_is_not_on_the_earth_is_refused() -> None:
+    away = serialised({"gps": ("base_link", (np.inf, 0.0, 0.0), (0.0, 0.0, 0.0))})
+    with pytest.raises(BadMessageError, match="'gps': not finite, or not on the Earth"):
+        read_transforms(away)
+
+
 @settings(max_examples=25)
 @given(st.data())
 def test_what_is_cut_off_or_damaged_is_no_transform_or_another(data) -> None:
