@@ -1,5 +1,5 @@
-"""The bound against independent computations: conditioning of one large Gaussian vector, the bounds
-of another implementation, and an exhaustive point-mass filter on a map that is not linear."""
+"""The bound against independent computations: conditioning of one large Gaussian vector, the
+bounds of another implementation, and a point-mass filter on a map that is not linear."""
 
 import numpy as np
 import pytest
