@@ -70,17 +70,6 @@ def test_a_package_that_cannot_be_imported_is_named(install, module, why):
     )
 
 
-def test_an_unknown_name_gets_the_nearest_and_all_allowed():
-    with pytest.raises(InputError) as caught:
-        plugins.load(plugins.MATCHERS, "pmth")
-    allowed = ", ".join(plugins.names(plugins.MATCHERS))
-    assert str(caught.value) == (
-        f"unknown matcher 'pmth' (did you mean 'pmht'?); allowed: {allowed}"
-    )
-    with pytest.raises(InputError, match=r"^unknown matcher 'zzz'; allowed: .*pmht"):
-        plugins.check(plugins.MATCHERS, "zzz")
-
-
 @pytest.mark.parametrize(
     "group",
     [

@@ -40,26 +40,19 @@ def test_defaults(tmp_path):
 
 def test_file_and_overrides(tmp_path):
     path = tmp_path / "s.yaml"
-    path.write_text(
-        "seed: 3\nroute: {height: 250}\nmatcher:\n  name: pmht-paper\n  batch_length: 20\n"
-    )
-    it = load_scenario(
-        path,
-        [
-            "matcher.batch_length=15",
-            "gravimeter.sigma=2e-4",
-            "map.variable=ga",
-            "route.duration=null",
-        ],
-    )
+    path.write_text("seed: 3\nroute: {height: 250}\nmatcher: {name: pmht-paper, batch_length: 20}")
+    overrides = "matcher.batch_length=15", "map.source=1e5_tiles.nc", "route.duration=null"
+    it = load_scenario(path, overrides)
     assert (it.seed, it.route.height, it.matcher.name) == (3, 250.0, "pmht-paper")
-    assert (it.matcher.batch_length, it.gravimeter.sigma, it.map.variable) == (15, 2e-4, "ga")
+    assert (it.matcher.batch_length, it.map.source) == (15, "1e5_tiles.nc")
     assert it.route.duration is None
+    with pytest.raises(InputError, match=r"--set seed\.x=1: 'seed' is a value, not a section"):
+        load_scenario(path, ["seed.x=1"])
 
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1e-5", 1e-5), ("2E-4", 2e-4), (".5e-4", 5e-5), ("+1e-4", 1e-4), ("1.0e-5", 1e-5)],
+    [("1e-5", 1e-5), (".5e-4", 5e-5), ("+1E-4", 1e-4)],
 )
 def test_exponents_without_a_dot_are_numbers(tmp_path, text, value):
     """YAML 1.1 reads 1e-5 as a string."""
@@ -69,20 +62,10 @@ def test_exponents_without_a_dot_are_numbers(tmp_path, text, value):
     assert load_scenario(None, [f"gravimeter.sigma={text}"]).gravimeter.sigma == value
 
 
-def test_words_that_look_like_exponents_stay_words():
-    assert load_scenario(None, ["map.source=1e5_tiles.nc"]).map.source == "1e5_tiles.nc"
-    assert load_scenario(None, ["map.source=1e5"]).map.source == "1e5"
-
-
 def test_waypoints_take_the_place_of_both_ends():
     waypoints = "route.waypoints=[[-38, 144.5, 2e1], [-37, 146, 30]]"
     it = load_scenario(None, [waypoints, "route.start=null", "route.end=null"])
     assert it.route.waypoints == ((-38.0, 144.5, 20.0), (-37.0, 146.0, 30.0))
-
-
-@pytest.mark.parametrize("value", [3e-5, "auto"])
-def test_map_sigma_may_be_auto_or_a_number(value):
-    assert load_scenario(None, [f"matcher.map_sigma={value}"]).matcher.map_sigma == value
 
 
 @pytest.mark.parametrize(
@@ -92,19 +75,12 @@ def test_map_sigma_may_be_auto_or_a_number(value):
             "matcher.batch_lenght=15",
             "unknown key 'matcher.batch_lenght', did you mean 'matcher.batch_length'?",
         ),
-        ("sead=1", "unknown key 'sead', did you mean 'seed'?"),
-        ("route.hight=1", "unknown key 'route.hight', did you mean 'route.height'?"),
         ("gravimetre.sigma=1", "unknown key 'gravimetre', did you mean 'gravimeter'?"),
         ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
-        ("route.grade=quantum", "unknown key 'route.grade', did you mean 'imu.grade'?"),
         ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
-        ("imu.xyz=1", "unknown key 'imu.xyz'; allowed: imu.grade, imu.grades, imu.rate, "),
         ("gravimeter.sigma=-1", "gravimeter.sigma: must be greater than 0, not -1"),
         ("gravimeter.sigma=.inf", "gravimeter.sigma: must be a finite number, not inf"),
-        (
-            "gravimeter.sigma=much",
-            "gravimeter.sigma: must be a number, not 'much'",
-        ),
+        ("fusion.false_rejection=0.5", "fusion.false_rejection: must be at most "),
         (
             "gravimeter.interval=10.5",
             "gravimeter.interval (10.5 s) must be a whole number of IMU samples (1/1.0 s)",
@@ -124,22 +100,11 @@ def test_map_sigma_may_be_auto_or_a_number(value):
             " point-mass, sitan, tercom, viterbi",
         ),
         (
-            "matcher.name=pmth",
-            "matcher.name: unknown matcher 'pmth' (did you mean 'pmht'?); allowed: iccp, ",
-        ),
-        (
             "field=magnetik",
             "field: unknown field 'magnetik' (did you mean 'magnetic'?); allowed: disturbance, ",
         ),
-        ("matcher.name=5", "matcher.name: must be a text, not 5"),
         ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
-        ("matcher.batch_length=15.5", "matcher.batch_length: must be a whole number"),
-        ("seed=-1", "seed: must be at least 0, not -1"),
-        (
-            "route.start=[95, 0]",
-            "route.start.0: must be at most 89.9, not 95",
-        ),
-        ("route.start=[-38]", "route.start.1: must be given"),
+        ("route.start=[95, 0]", "route.start.0: must be at most 89.9, not 95"),
         ("route.start=null", "route: give start and end, or waypoints"),
         ("route.end=[-38.0, 144.5]", "route: start and end must differ"),
         ("route.waypoints=[[-38, 144, 22]]", "route: waypoints needs at least two points"),
@@ -147,17 +112,10 @@ def test_map_sigma_may_be_auto_or_a_number(value):
             "route.waypoints=[[-38, 144, 22], [-37, 145, 0]]",
             "route.waypoints.1.2: must be greater than 0, not 0",
         ),
-        ("route=5", "route: must be a section of keys, not 5"),
         ("route=null", "route: must be a section of keys, not null"),
         ("seed=2020-01-02", "seed: must be a whole number, not 2020-01-02"),
-        ("gravimeter.sigma=true", "gravimeter.sigma: must be a number, not true"),
-        ("matcher.batch_length=no", "matcher.batch_length: must be a whole number, not false"),
         ("matcher.map_sigma=true", "matcher.map_sigma: must be a number or 'auto', not true"),
-        ("map.source=true", "map.source: must be a text, not true"),
-        ("route.start=[true, 1]", "route.start.0: must be a number, not true"),
-        ("imu.accelerometer.bias=true", "imu.accelerometer.bias: must be a number"),
         ("imu.accelerometer.bias=[1, 2, yes]", "imu.accelerometer.bias: must be a number"),
-        ("seed=[null, {a: true}]", "seed: must be a whole number, not [null, {a: true}]"),
         ("gnss.available=[[9, 5]]", "gnss.available: must be [[from, to], ...], s since the"),
         (
             "gnss.deception={start: 300, end: 200}",
@@ -178,39 +136,22 @@ def test_bad_values_give_one_line_that_names_the_key(override, message):
     assert "pydantic" not in text
 
 
-@pytest.mark.parametrize("text", ["abc", "-1.5", ".nan", "null", "[]", "[[a]]", "{a: 1}"])
+@pytest.mark.parametrize("text", ["abc", ".nan", "null", "[[a]]", "{a: 1}", "true", "[no, 1, 2]"])
 def test_no_key_is_refused_in_the_words_of_a_library(text):
+    """And no number is true or false."""
     refused = []
     for key in known_keys(Scenario):
         try:
-            load_scenario(None, [f"{key}={text}"])
+            found = load_scenario(None, [f"{key}={text}"])
         except InputError as error:
             refused.append(str(error))
+            continue
+        for name in key.split("."):
+            found = getattr(found, name)
+        assert found is True or text not in ("true", "[no, 1, 2]"), key
     assert len(refused) > 10
     foreign = re.compile("input should|extra inputs|value_error|valid|otherwise|instance", re.I)
     assert not [line for line in refused if foreign.search(line)]
-
-
-@pytest.mark.parametrize("text", ["true", "[no, 1, 2]", "[[yes, 1]]"])
-def test_true_and_false_are_no_numbers(text):
-    for key in known_keys(Scenario):
-        try:
-            scenario = load_scenario(None, [f"{key}={text}"])
-        except InputError:
-            continue
-        found = scenario
-        for name in key.split("."):
-            found = getattr(found, name)
-        assert found is True, key
-
-
-def test_a_choice_of_types_is_named_once():
-    """`map_sigma` may be a number or a word: the line still names the key alone."""
-    with pytest.raises(InputError) as caught:
-        load_scenario(None, ["matcher.map_sigma=automatic"])
-    assert str(caught.value).startswith("scenario: matcher.map_sigma: ")
-    assert "function" not in str(caught.value)
-    assert "must be a number or 'auto', not 'automatic'" in str(caught.value)
 
 
 def test_times_of_aids_after_the_end_are_said():
@@ -230,24 +171,18 @@ def test_several_mistakes_are_all_named():
 
 @pytest.mark.parametrize(("text", "message"), [
     ("route: [1, 2\n", r"s\.yaml: not valid YAML \(line \d\): "),
-    ("- 1\n- 2\n", r"s\.yaml: must be a mapping of keys, is a list"),
     ("just words\n", r"s\.yaml: must be a mapping of keys, is a str"),
     ("seed: {\xff}\n".encode("latin-1"), r"s\.yaml: is not a text file"),
     ("sead: 1\n", r"s\.yaml: unknown key 'sead', did you mean 'seed'\?"),
-    ("route:\n", r"s\.yaml: route: "),
+    (None, r"cannot be read: No such file"),
 ])  # fmt: skip
 def test_bad_files_give_one_line_that_names_the_file(tmp_path, text, message):
     path = tmp_path / "s.yaml"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    if text is not None:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(InputError, match=message) as caught:
         load_scenario(path)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("path", ["nowhere.yaml", "."])
-def test_a_file_that_cannot_be_read(tmp_path, path):
-    with pytest.raises(InputError, match=r"cannot be read: (No such file|Is a directory)"):
-        load_scenario(tmp_path / path)
 
 
 @pytest.mark.parametrize(("override", "message"), [
@@ -261,13 +196,6 @@ def test_bad_overrides(override, message):
         load_scenario(None, [override])
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
-
-
-def test_an_override_into_a_value(tmp_path):
-    path = tmp_path / "s.yaml"
-    path.write_text("seed: 4\n")
-    with pytest.raises(InputError, match=r"--set seed\.x=1: 'seed' is a value, not a section"):
-        load_scenario(path, ["seed.x=1"])
 
 
 def test_known_keys_and_round_trip():

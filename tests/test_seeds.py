@@ -9,12 +9,6 @@ from scipy.stats import chi2
 from isogal.seeds import generator
 
 
-def test_a_stream_is_always_the_same():
-    assert (
-        generator(5, 2, "imu_noise").random(10) == generator(5, 2, "imu_noise").random(10)
-    ).all()
-
-
 def test_streams_do_not_change_between_releases():
     # recorded results would lose their meaning; numpy keeps PCG64 and SeedSequence fixed
     np.testing.assert_array_equal(
@@ -25,11 +19,6 @@ def test_streams_do_not_change_between_releases():
 @pytest.mark.parametrize("other", [(1, 0, "a"), (0, 1, "a"), (0, 0, "b")])
 def test_any_difference_gives_another_stream(other):
     assert not (generator(0, 0, "a").random(100) == generator(*other).random(100)).any()
-
-
-def test_seed_and_run_cannot_be_mistaken_for_each_other():
-    draws = [tuple(generator(seed, run, "x").random(3)) for seed in range(20) for run in range(20)]
-    assert len(set(draws)) == 400
 
 
 def test_streams_are_uncorrelated():

@@ -31,19 +31,26 @@ def after(code: str, **given: str) -> str:
 
 
 def test_importing_the_library_sets_nothing_and_reports_load_what_draws_when_they_draw() -> None:
+    """Nor does asking for one thread once NumPy is loaded."""
     assert after(
         "import isogal, isogal.evaluation.run_report, sys\n"
         "assert not {'matplotlib', 'jinja2', 'scipy.stats'} & set(sys.modules)\n"
-        "import isogal.matching.pmht.matcher, isogal.navigator, isogal.cli.main"
+        "import isogal.matching.pmht.matcher, isogal.navigator, isogal.cli.main\n"
+        "from isogal.threads import one_thread; one_thread()"
     ) == str([None] * 3)
 
 
-def test_command_sets_one() -> None:
+def test_command_sets_one_but_for_the_choice_of_the_user() -> None:
     code = (
         "import isogal.cli.main as m, sys; sys.argv = ['isogal', '--version']\ntry:"
         " m.main()\nexcept SystemExit: pass"
     )
     assert after(code) == str(["1"] * 3)
+    chosen, free = {"OPENBLAS_NUM_THREADS": "3"}, dict[str, str]()
+    one_thread(chosen)
+    one_thread(free)
+    assert chosen == {"OPENBLAS_NUM_THREADS": "3"}
+    assert free == dict.fromkeys(VARIABLES, "1")
 
 
 @pytest.mark.ros
@@ -63,24 +70,3 @@ for node in {NODES!r}:
     importlib.import_module(f"{{node}}.node")
 """
     assert after(code) == str(["1"] * 3)
-
-
-def test_choice_of_the_user_stands() -> None:
-    assert after(
-        "from isogal.threads import one_thread; one_thread()", OMP_NUM_THREADS="2"
-    ) == str(["2", None, None])
-    environment = {"OPENBLAS_NUM_THREADS": "3"}
-    one_thread(environment)
-    assert environment == {"OPENBLAS_NUM_THREADS": "3"}
-
-
-def test_too_late_for_this_process() -> None:
-    assert after("import numpy; from isogal.threads import one_thread; one_thread()") == str(
-        [None] * 3
-    )
-
-
-def test_process_to_be_started() -> None:
-    environment: dict[str, str] = {}
-    one_thread(environment)
-    assert environment == dict.fromkeys(VARIABLES, "1")

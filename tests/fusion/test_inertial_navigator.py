@@ -1,14 +1,14 @@
 """A late measurement equals one that came on time, in any order of arrival; what cannot be used
-changes nothing."""
+changes nothing; several states of which one is true."""
 
 import re
-from itertools import permutations
 
 import numpy as np
 import pytest
 
 from helpers.navigators import ROUTE, assert_close, error_between, fly, identical
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import horizontal_difference
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
     HeightReading,
@@ -18,10 +18,11 @@ from isogal.fusion.measurements import (
     PositionFix,
     Widening,
 )
+from isogal.fusion.mixture import COVERED, Mixture
 from isogal.fusion.outage import HELD, MANOEUVRE
 from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import batch_covariance, batch_difference
+from isogal.inertial.error_state import Estimate, batch_covariance, batch_difference
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
@@ -71,7 +72,7 @@ def information_at(state: FilterState, stamp: int, attitude: bool = False) -> In
     return InformationUpdate(M @ error, M)
 
 
-@pytest.mark.parametrize("arrival", [50, 51, 120])
+@pytest.mark.parametrize("arrival", [50, 120])
 @pytest.mark.parametrize("what", ["position", "information", "widened"])
 def test_a_late_measurement_equals_one_on_time(what, arrival):
     told = position_fix(50) if what == "position" else information_at(reference(50, {}), 50)
@@ -88,31 +89,28 @@ def test_a_late_measurement_equals_one_on_time(what, arrival):
     assert result.nis == on_time.nis
 
 
-@pytest.mark.parametrize("order", list(permutations(FIXES)))
-def test_positions_in_any_order_of_arrival(order):
+ORDERS = (20, 50, 90), (90, 50, 20), (50, 90, 20)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("at_once", [1, 7, 60])
+def test_positions_in_any_order_of_arrival(order, at_once):
     """Also where samples that have come at once are divided afterwards."""
-    it = navigator()
-    for arrival, stamp in zip((95, 100, 110), order, strict=True):
-        advance(it, arrival)
-        assert it.measure(float(stamp), position_fix(stamp)).used
-    advance(it, 120)
-    expected = reference(120, {stamp: [position_fix(stamp)] for stamp in FIXES})
-    assert identical(it.state, expected)
     in_time, found = navigator(), {}
     for stamp in FIXES:
         advance(in_time, stamp)
         found[stamp] = in_time.measure(float(stamp), position_fix(stamp)).innovation
-    for at_once in (1, 7, 60):
-        together = navigator()
-        advance(together, 120, at_once)
-        results = together.measure_all([(float(stamp), position_fix(stamp)) for stamp in order])
-        for stamp, one in zip(order, results, strict=True):
-            np.testing.assert_allclose(one.innovation, found[stamp], atol=1e-6)
-        assert_close(together.state, expected, 1e-9, 1e-9)
+    advance(in_time, 120)
+    it = navigator()
+    advance(it, 120, at_once)
+    results = it.measure_all([(float(stamp), position_fix(stamp)) for stamp in order])
+    for stamp, one in zip(order, results, strict=True):
+        np.testing.assert_allclose(one.innovation, found[stamp], atol=1e-6)
+    assert_close(it.state, in_time.state, 1e-9, 1e-9)
 
 
 @pytest.mark.parametrize("attitude", [False, True])
-@pytest.mark.parametrize("order", list(permutations(FIXES)))
+@pytest.mark.parametrize("order", ORDERS)
 def test_information_in_any_order_of_arrival(order, attitude):
     """Each piece refers to the estimate of its stamp when it comes, whatever older ones change
     later."""
@@ -264,18 +262,6 @@ def test_the_track_is_that_of_the_states():
     np.testing.assert_allclose((rows[4] - rows[3])[0] * north, 0.5 * rows[3, 3], rtol=1e-3)
 
 
-def test_a_forecast_goes_on_as_the_vehicle_did():
-    it = navigator()
-    advance(it, 60)
-    before = it.state.copy()
-    ahead = it.forecast(80.0, 100.0)
-    assert identical(it.state, before)
-    off = error_between(ahead, reference(80, {}))[:2]
-    sigma = np.sqrt(np.diag(ahead.covariance)[:2])
-    assert (sigma > np.sqrt(np.diag(before.covariance)[:2])).all()
-    assert (np.abs(off) < 3.0 * sigma).all()
-
-
 LONG = fly(route=ROUTE.model_copy(update={"duration": 900.0}))
 
 
@@ -382,3 +368,85 @@ def test_what_would_be_known_without_satellites() -> None:
         np.testing.assert_allclose(np.r_[without.position], alone.position, rtol=1e-15)
         assert without.covariance[0, 0] > 2.0 * it.state.covariance[0, 0]
     assert flown({5, 10}).unaided(10.0) is None
+
+
+ROUND = 50.0**2 * np.eye(2)
+FAR = 78e3
+"""m."""
+
+
+def of_two(apart: float, wider: float = 100.0) -> Mixture:
+    """Two states, the second north of the first by a distance (m), and of a larger covariance."""
+    mixture = Mixture.of(FLIGHT.start.copy()).divided(np.log([0.9, 0.1]).tolist())
+    mixture.states[1].position[0] += apart / 6.36e6
+    mixture.states[1].covariance *= wider
+    return mixture
+
+
+def test_others_are_told_of_the_most_uncertain_state():
+    mixture = of_two(1000.0)
+    one, (first, second) = mixture.merged, mixture.states
+    assert error_between(one, first)[0] == pytest.approx(100.0, rel=0.01)
+    P = second.covariance[:2, :2] + np.diag([900.0**2, 0.0])
+    np.testing.assert_allclose(one.covariance[:2, :2], P, rtol=0.02)
+    mixture.log_weights = np.log([1.0 - 0.5 * COVERED, 0.5 * COVERED])
+    mixed = 0.995 * first.covariance[1, 1] + 0.005 * second.covariance[1, 1]
+    assert mixture.merged.covariance[1, 1] == pytest.approx(mixed)
+
+
+@pytest.mark.parametrize("apart", [0.0, 100.0, 300.0])
+def test_a_position_and_its_information_say_the_same(apart):
+    """Probabilities are those of Bayes' rule, with the normal density of the innovation."""
+    fix = FLIGHT.fix(0, 60.0, -30.0)
+    off = np.array(horizontal_difference(*FLIGHT.start.position[:2], *fix))
+    M = np.zeros((4, 4))
+    M[:2, :2] = np.linalg.inv(ROUND)
+    place = Estimate(*(part.copy() for part in FLIGHT.start.estimate))
+    expected = []
+    for weight, state in zip((0.9, 0.1), of_two(apart).states, strict=True):
+        innovation = np.array(horizontal_difference(*fix, *state.position[:2]))
+        S = state.covariance[:2, :2] + ROUND
+        density = np.exp(-0.5 * innovation @ np.linalg.solve(S, innovation))
+        expected.append(weight * density / np.sqrt(np.linalg.det(S)))
+    for one in (
+        PositionFix(*fix, ROUND),
+        InformationUpdate(M @ np.array([*off, 0.0, 0.0]), M, place),
+    ):
+        mixture = of_two(apart)
+        assert mixture.update(one, FLIGHT.model).used
+        np.testing.assert_allclose(
+            np.exp(mixture.log_weights), np.array(expected) / np.sum(expected), rtol=0.01
+        )
+
+
+def test_the_state_that_foretold_a_fix_is_true():
+    far = PositionFix(FLIGHT.start.position[0] + FAR / 6.36e6, FLIGHT.start.position[1], np.eye(2))
+    mixture = of_two(FAR, 1.0)
+    assert mixture.update(far, FLIGHT.model).used
+    assert len(mixture.states) == 1
+    assert error_between(mixture.states[0], FLIGHT.start)[0] == pytest.approx(FAR, rel=0.01)
+    mixture, before = of_two(2.0 * FAR, 1.0), of_two(2.0 * FAR, 1.0)
+    assert mixture.update(far, FLIGHT.model).outcome is Outcome.REJECTED
+    np.testing.assert_array_equal(mixture.log_weights, before.log_weights)
+    for state, other in zip(mixture.states, before.states, strict=True):
+        np.testing.assert_array_equal(state.position, other.position)
+
+
+class Choosy:
+    """A measurement that wide states refuse, or all."""
+
+    def __init__(self, largest: float) -> None:
+        self.largest = largest
+
+    def update(self, state, model) -> Innovation:
+        if state.covariance[0, 0] > self.largest:
+            raise ValueError("of no use")
+        return Innovation.of(np.zeros(2), 1.0, model.gate(2))
+
+
+def test_a_measurement_that_one_state_refuses_says_nothing_of_it():
+    mixture = of_two(0.0)
+    mixture.update(Choosy(1e5), FLIGHT.model)
+    np.testing.assert_allclose(np.exp(mixture.log_weights), [0.9, 0.1])
+    with pytest.raises(ValueError, match="of no use"):
+        mixture.update(Choosy(0.0), FLIGHT.model)

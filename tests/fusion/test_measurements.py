@@ -1,8 +1,6 @@
 """Measurement models: against filterpy and differences; the gate; what cannot be used."""
 
 import math
-import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,8 +15,6 @@ from helpers.navigators import (
     identical,
     random_covariance,
 )
-from isogal.errors import InputError
-from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.fix import Fix, Information
 from isogal.fusion.gate import quantile
 from isogal.fusion.measurements import (
@@ -35,7 +31,6 @@ from isogal.fusion.measurements import (
     position_fix,
     satellite_velocity,
 )
-from isogal.fusion.measurements.height import by_auxiliary
 from isogal.fusion.measurements.model import Rows, update_linear
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.trust import AGREEING, INSISTS
@@ -44,7 +39,7 @@ from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, HORIZONTAL_STATES, batch_covariance
 from isogal.inertial.rotations import matrix
-from isogal.scenario import Fusion, Gnss, HeadingAid, Height, Imu, Velocity, load_scenario
+from isogal.scenario import Fusion, Gnss, HeadingAid, Height, Imu, Velocity
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 FAR = 78e3  # m
@@ -82,8 +77,7 @@ def assert_filterpy(before, state, H, R, z) -> np.ndarray:
     return kalman.x[:, 0]
 
 
-@pytest.mark.parametrize("states", [HORIZONTAL, BATCH], ids=["horizontal", "with attitude"])
-@pytest.mark.parametrize("rank", [1, 2, 4])
+@pytest.mark.parametrize(("rank", "states"), [(1, HORIZONTAL), (4, BATCH)])
 def test_information_equals_filterpy(rank, states):
     random = np.random.default_rng(rank)
     state = with_covariance()
@@ -100,12 +94,12 @@ def test_information_equals_filterpy(rank, states):
     assert result.nis == pytest.approx(z @ np.linalg.solve(S, z), rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_negative_information_makes_less_certain(seed):
+def test_negative_information_makes_less_certain():
     """Of a posterior wider than the prior in some directions: mean and covariance of (position,
-    velocity) become the posterior's."""
-    random = np.random.default_rng(seed)
-    state = with_covariance(seed)
+    velocity) become the posterior's. But nothing becomes more than twice as uncertain, though a
+    navigator may know less by now than when the batch was matched."""
+    random = np.random.default_rng(1)
+    state = with_covariance(1)
     before = state.copy()
     prior = horizontal(before)
     factor = np.linalg.cholesky(prior)
@@ -122,13 +116,7 @@ def test_negative_information_makes_less_certain(seed):
     np.testing.assert_allclose(moved / scale, -mean / scale, atol=1e-6)
     assert (np.linalg.eigvalsh(state.covariance / SCALE) > 0.0).all()
     assert result.nis >= 0.0
-
-
-def test_negative_information_is_bounded():
-    """Nothing becomes more than twice as uncertain, though a navigator may know less by now than
-    when the batch was matched."""
-    state = with_covariance()
-    prior = horizontal(state).copy()
+    state = before.copy()
     InformationUpdate(np.zeros(4), -1.2 * np.linalg.inv(prior)).update(state, FLIGHT.model)
     np.testing.assert_allclose(horizontal(state) / prior, 4.0, rtol=1e-6)
 
@@ -202,13 +190,9 @@ def test_rows_are_those_of_differences(name):
         (PositionFix(np.nan, 0.0, np.eye(2)), "fix is not finite"),
         (PositionFix(0.0, 0.0, np.full((2, 2), np.nan)), "not positive definite"),
         (PositionFix(0.0, 0.0, np.array([[1.0, 2.0], [2.0, 1.0]])), "not positive definite"),
-        (PositionFix(0.0, 0.0, -np.eye(2)), "not positive definite"),
         (InformationUpdate(np.full(4, np.nan), np.eye(4)), "information is not finite"),
-        (InformationUpdate(np.ones(4), np.diag([1.0, 1.0, 1.0, -1e6])), "too negative"),
         (HeightReading(np.nan, 1.0), "not finite"),
-        (HeightReading(100.0, -1.0), "not positive definite"),
         (LearntMapError(0.0, 5e3), "map error"),
-        (LearntMapError(np.nan, 5e3), "map error"),
         (LearntMapError(1e-5, np.inf), "map error"),
     ],
 )
@@ -218,17 +202,6 @@ def test_what_cannot_be_used_changes_nothing(measurement, message):
     with pytest.raises(ValueError, match=message):
         measurement.update(state, FLIGHT.model)
     assert identical(state, before)
-
-
-def test_a_map_error_is_the_navigators_residual_gravity():
-    state, told = FLIGHT.start.copy(), measurements_of(fix_away(0.0, map_error=(8e-5, 5e3)))
-    (learnt,) = [one for one in told if isinstance(one, LearntMapError)]
-    learnt.update(state, FLIGHT.model)  # has no map to take off
-    assert not state.residual_gravity.any()
-    model = replace(FLIGHT.model, gravity=KnownGravity(residual=Residual(0.0, 1.0)))
-    learnt.update(state, model)
-    expected = (np.hypot(8e-5 / np.sqrt(2.0), 1e-6), 5e3)
-    assert tuple(state.residual_gravity) == pytest.approx(expected)
 
 
 def test_widening_adds_to_a_batchs_states_alone():
@@ -260,13 +233,9 @@ def applied(fix: Fix, state, model=FLIGHT.model):
     return [one.update(state, model) for one in measurements_of(fix)][-1]
 
 
-@pytest.mark.parametrize("probability", [1e-2, 1e-9])
-def test_the_quantiles_are_those_of_chi_square(probability):
-    expected = [chi2.isf(probability, k) for k in range(1, 8)]
-    got = [quantile(probability, k) for k in range(1, 8)]
-    np.testing.assert_allclose(got, expected, rtol=1e-7)
+def test_the_gates_are_quantiles_of_chi_square():
+    np.testing.assert_allclose(FLIGHT.model.gates, chi2.isf(1e-9, range(1, 8)), rtol=1e-7)
     assert quantile(0.0, 2) == math.inf
-    assert FLIGHT.model.gates == tuple(quantile(1e-9, k) for k in range(1, 8))
 
 
 @pytest.mark.parametrize("whole", [False, True], ids=["position", "information"])
@@ -274,7 +243,7 @@ def test_a_fix_78_km_off_is_rejected_unless_it_is_to_be_believed(whole):
     state = FLIGHT.start.copy()
     result = applied(fix_away(FAR, whole=whole), state)
     assert result.outcome is Outcome.REJECTED
-    assert re.match(r"78\..* km from the estimate: normalised innovation sq", result.reason)
+    assert result.reason.startswith("78.")
     assert identical(state, FLIGHT.start)
     # without a gate, and where the matcher widens for it
     assert applied(fix_away(FAR, whole=whole), state, open_model()).nis > 1e5
@@ -287,12 +256,6 @@ def test_a_fix_78_km_off_is_rejected_unless_it_is_to_be_believed(whole):
     assert not identical(state, FLIGHT.start)
 
 
-@pytest.mark.parametrize("whole", [False, True], ids=["position", "information"])
-def test_a_fix_that_is_rejected_close_by_says_so_in_metres(whole):
-    result = applied(fix_away(9e3, whole=whole), FLIGHT.start.copy())
-    assert re.match(r"(89|90)\d\d m from the estimate: normalised innovation sq", result.reason)
-
-
 def test_weak_information_is_judged_by_what_it_does():
     """A direction of which next to nothing is told implies a place far away."""
     tiny = 1e-8 / sigma() ** 2
@@ -303,12 +266,6 @@ def test_weak_information_is_judged_by_what_it_does():
     assert result.used
     assert result.nis > FLIGHT.model.gate(4)
     assert np.hypot(*error_between(state, FLIGHT.start)[:2]) < 0.01 * sigma()
-
-
-@pytest.mark.parametrize("value", ["-1e-9", "0.5", "often"])
-def test_a_probability_that_is_none_is_refused(value):
-    with pytest.raises(InputError, match=r"fusion\.false_rejection"):
-        load_scenario(None, [f"fusion.false_rejection={value}"])
 
 
 # Height
@@ -367,36 +324,20 @@ def test_zero_variance_means_that_the_setting_counts():
     assert sigma_after(np.eye(3) * 4.0) > 1.2 * default
 
 
-def test_a_vehicle_that_stands_still_has_no_velocity():
-    settings = Velocity(kind="odometer", standstill_speed=0.1)
-    it = fly(velocity=settings)
-    it.start.velocity[:] = [0.03, -0.02, 0.0]
-    assert dvl([0.02, 0.0, 0.0], settings).update(it.start, it.model).used
-    assert np.linalg.norm(it.start.velocity) < 0.01
-    assert np.sqrt(it.start.covariance[3, 3]) < 0.011
-
-
-def test_a_contradicted_aid_is_not_used_but_a_standstill_is():
-    it = fly(velocity=DVL)
-    state = it.start
-    Widening(np.diag([1e4, 1e4, 1.0, 1.0, 0.0, 0.0, 0.0])).update(state, it.model)
-    before = state.copy()
-    assert dvl([22.0, 0.0, 0.0]).update(state, it.model).outcome is Outcome.UNTRUSTED
-    np.testing.assert_array_equal(state.velocity, before.velocity)
-    np.testing.assert_array_equal(state.covariance, before.covariance)
-    state.velocity[:] = 0.0
-    assert dvl([0.0, 0.0, 0.0]).update(state, it.model).used
-
-
 def test_a_contradicted_aid_is_used_again_once_it_has_agreed_for_a_while():
     it = fly(velocity=DVL)
     state = it.start
     Widening(np.zeros((7, 7))).update(state, it.model)
+    before = state.copy()
     forward = float(np.linalg.norm(state.velocity))
     right, wrong = dvl([forward, 0.0, 0.0]), dvl([forward + 2.0, 0.0, 0.0])
     for _ in range(AGREEING - 1):
         assert right.update(state, it.model).outcome is Outcome.UNTRUSTED
     assert wrong.update(state, it.model).outcome is Outcome.UNTRUSTED  # all is to be done again
+    np.testing.assert_array_equal(state.velocity, before.velocity)
+    np.testing.assert_array_equal(state.covariance, before.covariance)
+    before.velocity[:] = 0.0
+    assert dvl([0.0, 0.0, 0.0]).update(before, it.model).used  # a standstill is, at once
     outcomes = [right.update(state, it.model).outcome for _ in range(AGREEING)]
     assert outcomes == [Outcome.UNTRUSTED] * (AGREEING - 1) + [Outcome.USED]
     assert right.update(state, it.model).used
@@ -408,12 +349,9 @@ def test_an_aid_that_insists_is_heard_unless_it_is_far_off(sigmas, heard):
     it = fly(height=BAROMETER)
     state = it.start
     for _ in range(3):
-        HeightReading(100.0, 1.0).update(state, it.model)
-    seen = HeightReading(100.0, 1.0).update(state.copy(), it.model)
-    H = np.zeros(it.model.states)
-    H[2], H[15:] = -1.0, by_auxiliary(it.model, state.position[2])
-    spread = math.sqrt(H @ state.covariance @ H + 1.0)
-    reading = HeightReading(float(seen.expected[0]) + sigmas * spread, 1.0)
+        seen = HeightReading(100.0, 1.0).update(state, it.model)
+    away = HeightReading(float(seen.expected[0]) + 100.0, 1.0).update(state.copy(), it.model)
+    reading = HeightReading(float(seen.expected[0]) + 100.0 * sigmas / math.sqrt(away.nis), 1.0)
     before = state.copy()
     results = [reading.update(state, it.model) for _ in range(INSISTS)]
     assert not any(one.used for one in results[:-1])
@@ -430,12 +368,8 @@ def test_what_a_receiver_says_of_its_error_is_the_whole_of_it() -> None:
     assert satellite_velocity(GNSS, np.full(3, np.nan), np.zeros(3)) is None
     known = satellite_velocity(GNSS, np.ones(3), np.zeros(3), np.diag([0.04, 0.0, 0.0]))
     np.testing.assert_allclose(np.sqrt(np.diag(known.covariance)), [0.2, 0.03, 0.045])
-
-
-def test_velocity_without_an_axis() -> None:
-    state = FLIGHT.start.copy()
     only = GroundVelocity(np.array([4.0, np.nan, np.nan]), np.eye(3), np.zeros(3))
-    assert only.update(state, open_model()).innovation.shape == (1,)
+    assert only.update(FLIGHT.start.copy(), open_model()).innovation.shape == (1,)
 
 
 def test_a_course_of_a_slow_vehicle_says_nothing() -> None:

@@ -1,4 +1,10 @@
-"""Smoothing against conditioning of one Gaussian vector of all times, and what it must not do."""
+"""Smoothing against conditioning of one Gaussian vector of all times, what it must not do, and a
+smoothed voyage as files that others read."""
+
+import csv
+import io
+import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,6 +19,7 @@ from isogal.fusion.measurements import (
     Widening,
 )
 from isogal.fusion.prediction import propagate
+from isogal.fusion.smoothed_track import SmoothedTrack, as_csv, as_geojson, as_gpx, write_smoothed
 from isogal.fusion.trace import Trace
 from isogal.inertial.error_state import BATCH, batch_covariance
 from isogal.scenario import Gravity, Height, Velocity
@@ -213,14 +220,6 @@ def test_a_late_fix_and_other_times_change_nothing() -> None:
             assert_close(one, other, 1e-6, 1e-6)
 
 
-def test_a_navigator_without_measurements_knows_no_more_afterwards() -> None:
-    it = navigator()
-    for stamp in range(10, DURATION + 1, 10):
-        fly_free(it, stamp)
-    for one, time in zip(it.smoothed(EVERY), EVERY, strict=True):
-        assert identical(one, it.state_at(time))
-
-
 def after_gaps(*gaps: tuple[float, int]) -> InertialNavigator:
     """A navigator with a fix at the first gap's begin and without data in the gaps, to the end."""
     it = navigator()
@@ -254,26 +253,53 @@ def test_what_happened_in_a_gap_is_settled_by_a_later_fix() -> None:
     assert abs(again[0]) < 60.0  # before the gap there was a fix
 
 
-def test_several_gaps_while_it_is_undecided() -> None:
-    """States that were merged for a second gap are told apart by what came after it."""
-    it = after_gaps((20.0, 50), (51.0, 80))
-    it.measure(float(DURATION), fix(DURATION))
-    for one in it.smoothed(np.array([20.0, 51.0, 81.0])):
-        assert is_positive_definite(one)
-        assert np.isfinite(np.concatenate(one.estimate)).all()
+def track(*longitudes: float) -> SmoothedTrack:
+    states = []
+    for k, longitude in enumerate(longitudes):
+        state = FLIGHT.start.copy()
+        state.position[:] = np.radians(-36.5 + 0.001 * k), np.radians(longitude), 100.0
+        states.append(state)
+    return SmoothedTrack(10.0 * np.arange(len(longitudes)), states)
 
 
-def test_times_that_are_not_in_the_history() -> None:
-    it = navigator()
-    advance(it, DURATION)
-    with pytest.raises(ValueError, match="older than the buffer"):
-        it.smoothed(np.array([-5.0]))
-    assert it.smoothed(np.empty(0)) == []
+def test_csv(tmp_path) -> None:
+    paths = write_smoothed(track(147.0, 147.002), tmp_path)
+    assert [path.name for path in paths] == ["smoothed.csv", "smoothed.geojson", "smoothed.gpx"]
+    assert all(path.stat().st_size > 100 for path in paths)
+    rows = list(csv.DictReader(io.StringIO(paths[0].read_text())))
+    assert [float(row["time"]) for row in rows] == [0.0, 10.0]
+    assert float(rows[1]["longitude"]) == pytest.approx(147.002, abs=1e-9)
+    velocity, P = FLIGHT.start.velocity, FLIGHT.start.covariance
+    assert float(rows[0]["velocity_east"]) == pytest.approx(velocity[1], abs=1e-4)
+    for name, expected in (
+        ("covariance_north_north", P[0, 0]),
+        ("variance_velocity_north", P[3, 3]),
+        ("variance_heading", np.degrees(np.degrees(P[8, 8]))),
+    ):
+        assert float(rows[0][name]) == pytest.approx(expected, rel=1e-4)
 
 
-def test_samples_of_the_history() -> None:
-    it = flown(SCHEDULES["fixes"])
-    stamps, rates = it.samples(10.0, 50.0)
-    np.testing.assert_allclose(stamps, np.arange(11.0, 51.0))
-    np.testing.assert_array_equal(rates, FLIGHT.rate[10:50])
-    assert len(it.samples(-np.inf, it.time)[0]) == DURATION
+def test_stamps_of_real_clocks_keep_milliseconds() -> None:
+    made = track(147.0)._replace(time=np.array([1.7e9 + 0.125]))
+    row = next(csv.DictReader(io.StringIO(as_csv(made))))
+    assert float(row["time"]) == pytest.approx(1.7e9 + 0.125, abs=1e-3)
+    assert "2023-11-14T22:13:20.125Z" in as_gpx(made)
+
+
+def test_geojson_is_cut_at_the_date_line() -> None:
+    one = json.loads(as_geojson(track(147.0, 147.002)))["features"][0]
+    assert one["geometry"]["type"] == "LineString"
+    assert one["geometry"]["coordinates"][1][:2] == pytest.approx([147.002, -36.499])
+    assert len(one["properties"]["sigma_north"]) == len(one["properties"]["time"]) == 2
+    two = json.loads(as_geojson(track(179.99, 179.999, 180.001, 180.01)))["features"][0]
+    assert two["geometry"]["type"] == "MultiLineString"
+    assert [len(line) for line in two["geometry"]["coordinates"]] == [2, 2]
+    assert two["geometry"]["coordinates"][1][0][0] == pytest.approx(-179.999)
+
+
+def test_gpx() -> None:
+    root = ElementTree.fromstring(as_gpx(track(147.0, 147.002)))
+    space = {"gpx": "http://www.topografix.com/GPX/1/1"}
+    points = root.findall(".//gpx:trkpt", space)
+    assert [float(point.attrib["lon"]) for point in points] == pytest.approx([147.0, 147.002])
+    assert points[1].findtext("gpx:time", namespaces=space) == "1970-01-01T00:00:10.000Z"

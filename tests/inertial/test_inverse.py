@@ -12,7 +12,6 @@ from isogal.inertial.error_state import Estimate
 from isogal.inertial.inverse import (
     InverseStrapdown,
     NothingFeltError,
-    between,
     inverse,
     level_attitude,
 )
@@ -47,7 +46,7 @@ def distance(end: Estimate, row) -> float:
     st.floats(0.0, 300.0),
     st.floats(0.0, 0.3),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_the_strapdown_gives_the_solution_again(
     seed, dt, preintegrated, latitude, longitude, speed, turn
 ):
@@ -116,18 +115,6 @@ def test_an_estimate_beside_the_solution_moves_as_on_the_samples(voyage, attitud
     assert np.hypot(*(by_samples - by_solution)) < 1e-3 * np.hypot(*by_samples)
 
 
-def test_last_digits_do_not_add_up(voyage):
-    solution, _, height = voyage
-    rounded = solution.copy()
-    rounded[..., :2] = np.round(rounded[..., :2] / 1.7e-9) * 1.7e-9  # 1 cm
-    rounded[..., 3:6] = np.round(rounded[..., 3:6], 2)
-    _, track = propagate(
-        state_of(rounded[0, 0]), *inverse(rounded, 1.0), 1.0, height, history=True
-    )
-    off = horizontal_difference(*track[0, :, :2].T, *solution[0, 1:, :2].T)
-    assert np.hypot(*off.T).max() < 0.1
-
-
 def test_one_by_one_it_is_the_same(voyage):
     solution, _, _ = voyage
     force, rate = inverse(solution, 1.0)
@@ -153,17 +140,6 @@ def test_where_solutions_are_missing_the_way_there_is_not_lost(voyage):
     assert max(one.interval for one in felt) <= 10.0
     assert distance(state, solution[0, 559]) < 0.5
     assert np.abs(state.attitude[0] - solution[0, 559, 6:]).max() < 1e-9
-
-
-def test_between_ends_at_the_solution_across_the_date_line():
-    before = np.array([0.5, np.pi - 2e-5, 10.0, 1.0, 20.0, -1.0, 1.0, 0.0, 0.0, 0.0])
-    after = before.copy()
-    after[1] = -np.pi + 2e-5
-    rows = between(before, after, 10.0, 4)
-    assert np.array_equal(rows[-1], after)
-    turned = np.unwrap([before[1], *rows[:, 1]])
-    assert (np.diff(turned) > 0.0).all()
-    assert turned[-1] - turned[0] == pytest.approx(4e-5)
 
 
 def test_a_jump_is_no_acceleration(voyage):

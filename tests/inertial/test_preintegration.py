@@ -87,24 +87,6 @@ def made_of(force, rate, seconds):
     return u + 0.5 * cross + np.cross(a, cross) / 6.0
 
 
-def test_large_motion_between_samples_is_exact():
-    """A slow IMU that turns by some tenths of a radian, with samples of different durations; the
-    corrections within samples are left out by samples of zero rate between them."""
-    random = np.random.default_rng(3)
-    force, rate = random.standard_normal((12, 3)) * 5.0, random.standard_normal((12, 3)) * 0.8
-    duration = random.uniform(0.02, 0.2, 12)
-    still = np.zeros((24, 3)), np.zeros((24, 3)), np.full(24, 1e-9)
-    for whole, part in zip(still, (force, rate, duration), strict=True):
-        whole[1::2] = part
-    # w of a sample after a short one is large, but the rates before it are zero
-    f, w = preintegrate(still[0][None], still[1][None], still[2], np.array([0, 24]))
-    phi, velocity = reference(force, rate, duration)
-    total = still[2].sum()
-    np.testing.assert_allclose(w[0, 0] * total, phi, rtol=1e-7, atol=1e-9)
-    made = made_of(f[0, 0], w[0, 0], total)
-    np.testing.assert_allclose(made, velocity, rtol=2e-4, atol=2e-5)
-
-
 def test_correction_within_a_sample_with_unequal_durations():
     """Rate and force that change linearly: the corrections are exact to third order."""
 

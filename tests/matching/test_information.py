@@ -95,15 +95,3 @@ def test_position_fix_turns_the_priors_position_into_the_posteriors(seed, streng
     np.testing.assert_allclose(gain @ fix / SIGMA[:2], mean[:2] / SIGMA[:2], atol=0.03)
     if np.linalg.eigvals(np.linalg.solve(prior[position], covariance[position])).real.max() < 0.99:
         np.testing.assert_allclose(gain @ fix / SIGMA[:2], mean[:2] / SIGMA[:2], atol=1e-6)
-
-
-def test_position_fix_of_one_direction_leaves_the_other_open():
-    """Readings along a contour tell across it only."""
-    prior = np.diag(SIGMA**2)
-    covariance = np.diag([300.0**2, 10.0**2, 0.3**2, 0.2**2])
-    fix, R = measurement_only(np.array([0.0, 40.0, 0.0, 0.0]), covariance, prior)
-    assert R[0, 0] == pytest.approx(1e4 * 300.0**2)
-    assert R[1, 1] == pytest.approx(1.0 / (1.0 / 10.0**2 - 1.0 / 200.0**2))
-    assert abs(R[0, 1]) < 1e-6 * R[1, 1]
-    assert fix[1] == pytest.approx(40.0 / (1.0 - (10.0 / 200.0) ** 2))
-    assert fix[0] == 0.0

@@ -1,13 +1,16 @@
-"""Matchers by name: each is built, and whatever is wrong with its settings gives one line."""
+"""Matchers by name, and what they raise: a batch is declined and the memory stays."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from helpers.batches import make_batch
+from helpers.batches import field_map_of, make_batch
+from helpers.refusals import refusal
 from isogal import plugins
 from isogal.errors import InputError
+from isogal.matching.failures import FAILED, match_or_decline
+from isogal.matching.interfaces import Fix, Information, Status
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
@@ -37,35 +40,21 @@ def test_what_no_matcher_can_use_is_declined(name, changes, reason, rough_map):
     assert memory is None
 
 
-@pytest.mark.parametrize("name", MATCHERS)
-def test_unknown_options_are_refused(name):
-    with pytest.raises(
-        InputError, match=rf"^matcher\.options of {name}: unknown key 'nonsense'(; allowed: \w+)?"
-    ) as caught:
-        load_matcher(Matcher(name=name, options={"nonsense": 1}))
-    assert "\n" not in str(caught.value)
-
-
-def test_bad_values_of_options_are_refused():
-    with pytest.raises(
-        InputError,
-        match=r"matcher\.options of pmht: trust: must be .* 1, not 0\.5",
-    ):
-        load_matcher(Matcher(options={"trust": 0.5}))
-
-
-@pytest.mark.parametrize(("name", "message"), [
-    ("pmth", r"unknown matcher 'pmth' \(did you mean 'pmht'\?\)"),
-    ("zzz", r"unknown matcher 'zzz'; allowed: .*pmht"),
-])  # fmt: skip
-def test_unknown_names(name, message):
-    with pytest.raises(InputError, match=message):
-        load_matcher(Matcher().model_copy(update={"name": name}))
-
-
-def test_an_unknown_option_gets_the_nearest_of_its_matcher():
-    with pytest.raises(InputError, match=r"unknown key 'trus', did you mean 'trust'\?"):
-        load_matcher(Matcher(options={"trus": 2.0}))
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        *(
+            ({"name": name, "options": {"nonsense": 1}}, "unknown key 'nonsense'")
+            for name in MATCHERS
+        ),
+        ({"options": {"trus": 2.0}}, "unknown key 'trus', did you mean 'trust'?"),
+        ({"options": {"trust": 0.5}}, "matcher.options of pmht: trust: must be "),
+        ({"name": "pmth"}, "unknown matcher 'pmth' (did you mean 'pmht'?); allowed: iccp, "),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_line(keys, message):
+    with refusal(message):
+        load_matcher(Matcher().model_copy(update=keys))
 
 
 def test_only_pmht_takes_several_channels():
@@ -76,3 +65,75 @@ def test_only_pmht_takes_several_channels():
             match=rf"^matcher\.name: {name} takes one number .* several channels give pmht$",
         ):
             load_matcher(Matcher(name=name), channels=True)
+
+
+FIELD = field_map_of(lambda north, east: 1e-9 * north)
+BATCH, _ = make_batch(FIELD)
+GOOD = Fix(10.0, 0.1, 0.2, np.diag([9.0, 16.0]))
+NAN = np.full((2, 2), np.nan)
+
+
+class Asked:
+    """A matcher that does what it is told."""
+
+    context = 0
+
+    def __init__(self, action):
+        self.action = action
+
+    def match(self, batch, field_map, memory):
+        return self.action(), "after"
+
+
+def answer(action):
+    return match_or_decline(Asked(action), BATCH, FIELD, "before")
+
+
+def test_an_answer_is_passed_on():
+    assert answer(lambda: GOOD) == (GOOD, "after")
+    none = replace(GOOD, covariance=NAN, reason="too flat")
+    assert answer(lambda: none) == (none, "after")
+    assert not none.failed and none.status is Status.DECLINED
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (lambda: np.linalg.cholesky(-np.eye(2)), "LinAlgError: Matrix is not positive definite"),
+        (lambda: np.zeros(2)[3], "IndexError: index 3"),
+        (lambda: {}["no such\nkey"], "KeyError"),
+    ],
+)
+def test_what_it_raises_is_the_reason(action, words):
+    fix, memory = answer(action)
+    assert fix.reason.startswith(FAILED + words) and fix.failed and fix.status is Status.FAILED
+    assert "\n" not in fix.reason
+    # not in NumPy, where it was noticed
+    assert fix.reason.endswith(")") and f"({__name__}, line " in fix.reason
+    assert not fix.published and np.isnan(fix.covariance).all()
+    assert fix.time == BATCH.time[-1]
+    assert (fix.latitude, fix.longitude) == BATCH.end
+    assert memory == "before"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"latitude": np.nan},
+        {"covariance": NAN},
+        {"covariance": np.array([[1.0, 2.0], [2.0, 1.0]])},
+        {"information": Information(np.full(4, np.inf), np.eye(4))},
+    ],
+)
+def test_a_fix_that_is_none_counts_as_raised(change):
+    fix, memory = answer(lambda: replace(GOOD, **change))
+    assert fix.reason.startswith(f"{FAILED}ValueError: ")
+    assert memory == "before"
+
+
+def test_who_interrupts_is_not_stopped():
+    def interrupt():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        answer(interrupt)

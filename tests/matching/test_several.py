@@ -1,5 +1,5 @@
-"""Several fields together: what their readings say of one navigator, counted once; each field
-alone is matched as ever."""
+"""Several fields together, and several channels of one: what they say of one navigator, counted
+once."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,7 +9,11 @@ import pytest
 
 from helpers.bank import LETTER, close, posterior_of
 from helpers.batches import field_map_of, make_batch, wavy
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
+from isogal.maps.channels import ChannelMap
+from isogal.maps.potential import derivatives
+from isogal.matching.expansion import channel_batch
 from isogal.matching.information import informed
 from isogal.matching.interfaces import Batch, Information, SecondaryBatch
 from isogal.matching.pmht.matcher import Pmht
@@ -58,13 +62,6 @@ def test_two_fixes_are_one_with_the_information_of_both():
     close(posterior_of(fix, first.prior), informed(first.prior, summed), 0.1)
 
 
-def test_the_order_of_fields_does_not_matter():
-    first, second = both(**NARROW)
-    one, _ = joint().match(beside(first, second), FIRST, None)
-    other, _ = joint(lead=1).match(beside(second, first, FIRST, 0), SECOND, None)
-    close(posterior_of(other, first.prior), posterior_of(one, first.prior), 0.05)
-
-
 def test_a_field_without_readings_says_nothing():
     first, second = both(prior_sigma=(30.0, 0.02))
     silent = replace(second, reading=np.full(len(second), np.nan))
@@ -101,19 +98,6 @@ def test_what_one_field_leaves_open_the_other_decides():
     assert sigmas[0] < 20.0
 
 
-def test_a_bias_of_the_first_is_known_better_by_the_place_of_the_second():
-    first, second = both(prior_sigma=(200.0, 0.05))
-    first = replace(first, reading=first.reading + 4e-5)
-    matcher = joint(settings(bias_sigma=1e-4), settings())
-    _, one = matcher.match(first, FIRST, None)
-    _, two = matcher.match(beside(first, second), FIRST, None)
-    banks = [memory.fields[0].bank for memory in (one, two)]
-    sigma = [np.sqrt(bank.weight @ bank.covariance[:, 8, 8]) for bank in banks]
-    assert sigma[1] < 0.97 * sigma[0]
-    bias = banks[1].weight @ banks[1].mean[:, 8]
-    assert abs(bias - 4e-5) < 3.0 * sigma[1]
-
-
 def test_each_field_learns_its_own_map_s_error():
     """The second map is far worse than the first; nothing is told."""
     memory, matcher = None, joint(settings(map_sigma="auto"), settings(map_sigma="auto"))
@@ -126,17 +110,6 @@ def test_each_field_learns_its_own_map_s_error():
         fix, memory = matcher.match(beside(first, second), FIRST, memory)
     assert fix.diagnostics["map_sigma"] < 2e-5
     assert fix.diagnostics["field1.map_sigma"] > 5e-5
-
-
-def test_figures_name_their_fields_and_the_map_error_is_gravity_s():
-    first, second = both(**NARROW)
-    fix, memory = joint().match(beside(first, second), FIRST, None)
-    assert {"map_sigma", "field1.map_sigma", "field1.bias"} <= set(fix.diagnostics)
-    assert fix.map_error == memory.fields[0].bank.map_error
-    fix, _ = joint(lead=1).match(beside(second, first, FIRST, 0), SECOND, None)
-    assert fix.map_error == pytest.approx((1e-5, 4000.0))
-    fix, _ = joint(lead=1).match(second, SECOND, None)
-    assert fix.map_error is None
 
 
 def test_only_a_matcher_of_several_fields_is_built():
@@ -159,3 +132,93 @@ def test_batches_end_with_those_of_the_field_with_the_shortest_rhythm():
     assert schedule == UpdateSchedule(1, (100.0, 40.0))
     assert schedule.marks(1, scenario.each_field[1]) == 0
     assert schedule.marks(0, scenario.each_field[0]) == 16
+
+
+EOTVOS = 1e-9
+DISTURBANCE = field_map_of(wavy, half=50e3)
+TENSOR = derivatives(DISTURBANCE, edge=15e3)
+C = len(TENSOR)
+COVARIANCE = EOTVOS**2 * (9.0 * np.eye(C) + 4.0 * np.ones((C, C)))
+"""3 E on each channel and 2 E that all have together."""
+
+
+def values_at(field_map, latitude, longitude):
+    return np.stack([one.value(latitude, longitude) for one in field_map.channels], axis=-1)
+
+
+def tensor_batch(
+    error=(0.0, 0.0, 0.0, 0.0), seed=0, covariance=COVARIANCE, field_map=TENSOR, **keys
+):
+    """A batch of tensors along the track of `make_batch`; also the truth at its end."""
+    scalar, truth = make_batch(DISTURBANCE, error, **keys)
+    moved = scalar.transition @ np.array(error)
+    north, east = metres_per_radian(scalar.latitude)
+    tensors = values_at(
+        field_map, scalar.latitude - moved[:, 0] / north, scalar.longitude - moved[:, 1] / east
+    )
+    noise = np.random.default_rng(seed).multivariate_normal(
+        np.zeros(tensors.shape[1]), covariance, len(scalar), method="cholesky"
+    )
+    return channel_batch(scalar, tensors + noise, covariance), scalar, truth
+
+
+def test_a_channel_without_a_reading_is_left_out():
+    """A channel that reads nothing tells what is told without it."""
+    batch, scalar, _ = tensor_batch()
+    reading = batch.reading.reshape(-1, C).copy()
+    reading[:, 4] = np.nan
+    alone = 9.0 * EOTVOS**2 * np.eye(C)
+    four = ChannelMap(TENSOR.channels[:4])
+    matcher = Pmht.from_settings(Matcher(map_sigma=0.0))
+    holed, _ = matcher.match(channel_batch(scalar, reading, alone), TENSOR, None)
+    kept = channel_batch(scalar, reading[:, :4], alone[:4, :4])
+    expected, _ = matcher.match(kept, four, None)
+    np.testing.assert_allclose(holed.covariance, expected.covariance, rtol=1e-6)
+    reading[3, 2] = np.nan
+    fix, _ = matcher.match(channel_batch(scalar, reading, alone), TENSOR, None)
+    assert np.trace(fix.covariance) > np.trace(holed.covariance)
+
+
+def test_what_does_not_fit_is_refused_or_declined():
+    scalar, _ = make_batch(DISTURBANCE)
+    readings = np.zeros((30, 2))
+    for bad, covariance, message in (
+        (np.zeros((29, 2)), np.eye(2), r"must have shape \(30, channels\), have \(29, 2\)"),
+        (np.zeros(30), np.eye(1), r"must have shape \(30, channels\), have \(30,\)"),
+        (
+            readings,
+            np.eye(3),
+            r"covariance of readings of several channels must have shape \(2, 2\)",
+        ),
+        (readings, -np.eye(2), "must be positive definite"),
+        (readings, np.full((2, 2), np.nan), "must be positive definite"),
+    ):
+        with pytest.raises(InputError, match=message):
+            channel_batch(scalar, bad, covariance)
+    batch = channel_batch(scalar, readings, EOTVOS**2 * np.eye(2))
+    fix, _ = Pmht.from_settings(Matcher()).match(batch, ChannelMap(TENSOR.channels[:1]), None)
+    assert fix.reason == "the readings have 2 channels, the map 1"
+
+
+def test_channels_must_lie_on_one_grid():
+    coarse = field_map_of(wavy, step=1000.0)
+    with pytest.raises(InputError, match="channel 1 of a vector map is on another grid"):
+        ChannelMap([DISTURBANCE, coarse])
+    with pytest.raises(InputError, match="channel 1 of a vector map is in nT, channel 0 in m/s²"):
+        ChannelMap([DISTURBANCE, replace(DISTURBANCE, unit="nT")])
+    with pytest.raises(InputError, match="at least one channel"):
+        ChannelMap([])
+
+
+def test_noise_worse_than_told_does_not_send_the_navigator_away():
+    """Many noisy readings fit somewhere else by chance: five times the noise told, which is half
+    of what the map changes."""
+    matcher = Pmht.from_settings(Matcher())
+    told = (35.0 * EOTVOS) ** 2 * np.eye(C)
+    for seed in range(2):
+        good, noisy = (
+            tensor_batch(seed=seed, covariance=factor * told, prior_sigma=(50.0, 0.02))[0]
+            for factor in (1.0, 25.0)
+        )
+        fix, _ = matcher.match(replace(good, reading=noisy.reading), TENSOR, None)
+        assert not fix.reset, fix.reason

@@ -13,13 +13,12 @@ from isogal.paper.claims import (
     HOLDS,
     OPEN,
     RULES,
-    benefit_time,
     judge,
     paired,
     quantum_gain,
 )
 from isogal.paper.iterations import Snapshot
-from isogal.paper.measure import AlongTrack, Outcome, Results, Tracks, roughness
+from isogal.paper.measure import AlongTrack, Outcome, Results, Tracks
 
 TIME = np.arange(0.0, 12961.0, 60.0)
 RUNS = 100
@@ -169,13 +168,6 @@ def test_verdicts(expected, outcomes, key):
     assert verdict(key, results(outcomes)) == expected
 
 
-def test_benefit_begins_where_the_aided_error_stays_below():
-    made = outcome(Setting(), 500.0)
-    crossing = TIME[np.flatnonzero(made.rms >= made.unaided_rms)[-1] + 1]
-    assert benefit_time(made) == crossing
-    assert np.isnan(benefit_time(outcome(Setting(), 5000.0)))
-
-
 @pytest.mark.parametrize(("factor", "expected"), [(0.94, HOLDS), (0.997, FAILS)])
 def test_quantum_gain(factor, expected):
     outcomes = all_outcomes()
@@ -213,9 +205,3 @@ def test_iterations(key):
     bad = tuple(snapshot(50.0, 50.0, 500.0) for _ in range(30))
     assert verdict(key, results(all_outcomes(), snapshots=good)) == HOLDS
     assert verdict(key, results(all_outcomes(), snapshots=bad)) == FAILS
-
-
-def test_roughness():
-    assert roughness(np.array([[[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]]])) == pytest.approx(
-        np.sqrt(12.5)
-    )

@@ -142,3 +142,9 @@ def test_entry_points_can_be_imported(package: Path) -> None:
             name, _, target = (part.strip() for part in line.partition("="))
             found = EntryPoint(name, target, group).load()
             assert group != "console_scripts" or callable(found), line
+
+
+def test_colcon_workspace_holds_the_sources() -> None:
+    link = ROOT / "ros2_ws" / "src"
+    assert link.is_symlink()
+    assert str(link.readlink()) == "../src"

@@ -1,14 +1,17 @@
-"""IMU grades are those of Table 1, and the drawn errors have their statistics: chi-square
-intervals, Allan deviations against those of IEEE Std 952-1997, annex C, and what constant errors
-do on a known motion (fixed seeds)."""
+"""IMU grades are those of Table 1, and the drawn errors of sensors and of the navigator's start
+have their statistics: chi-square intervals, Allan deviations against those of IEEE Std 952-1997,
+annex C, and what constant errors do on a known motion (fixed seeds)."""
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from helpers.allan import allan_deviation
 from helpers.statistics import within_chi_square
-from isogal.scenario import Imu, Route, Scenario
+from isogal.earth.frames import horizontal_difference
+from isogal.scenario import Imu, InitialError, Route, Scenario
 from isogal.sensors.imu import quantise, simulate_imu
+from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 
 DEG_PER_HOUR = np.pi / 180.0 / 3600.0
@@ -108,19 +111,6 @@ def test_bias_instability_is_a_gauss_markov_process():
     assert errors[:, :, :3].any() == 0.0
 
 
-def test_quantisation_falls_with_time():
-    _, errors = simulate_only(
-        range(2), gyroscope={"quantisation": "1arcsec", "random_walk": "0.01deg/rt-h"}
-    )
-    taus = np.array([1.0, 4.0, 16.0])
-    rates = series(errors, 1)
-    of_counts = np.sqrt(3.0) * (np.pi / 648000.0 / np.sqrt(12.0)) / taus
-    of_noise = np.radians(0.01) / 60.0 / np.sqrt(taus)
-    np.testing.assert_allclose(
-        allan_deviation(rates, 1.0, taus), np.hypot(of_counts, of_noise), rtol=0.1
-    )
-
-
 def test_rounded_readings_are_whole_counts_and_lose_nothing():
     readings = np.random.default_rng(1).standard_normal((5000, 2)) + 0.3
     rounded = quantise(readings, np.array([0.25, 0.0]), 0.1)
@@ -142,28 +132,42 @@ def test_scale_factor_errors_multiply_what_is_measured(section, sigma):
     assert within_chi_square(((factor[:, 0] / sigma) ** 2).sum(axis=0), 200)
 
 
-def test_misalignment_brings_weight_to_the_horizontal_axes():
+def test_weight_comes_to_horizontal_axes_by_misalignment_and_into_rates_by_g_sensitivity():
+    tilted, turned = {"misalignment": "1mrad"}, {"g_sensitivity": "0.1deg/h/g"}
     trajectory, errors = simulate_only(
-        range(200), duration=4.0, accelerometer={"misalignment": "1mrad"}
+        range(200), duration=4.0, accelerometer=tilted, gyroscope=turned
     )
-    weight = trajectory.specific_force[0, 2]
-    assert within_chi_square(((errors[:, 0, :2] / weight / 1e-3) ** 2).sum(axis=0), 200)
+    force = trajectory.specific_force[0]
+    assert within_chi_square(((errors[:, 0, :2] / force[2] / 1e-3) ** 2).sum(axis=0), 200)
     # the vertical axis sees only the small horizontal force
-    assert np.abs(errors[:, 0, 2]).max() < 5e-3 * np.abs(trajectory.specific_force[0, :2]).max()
-    assert not errors[:, :, 3:].any()
+    assert np.abs(errors[:, 0, 2]).max() < 5e-3 * np.abs(force[:2]).max()
+    rate = 0.1 * DEG_PER_HOUR / 9.80665 * np.linalg.norm(force)
+    assert within_chi_square(((errors[:, 0, 3:] / rate) ** 2).sum(axis=0), 200)
 
 
-def test_g_sensitivity_turns_weight_into_rate():
-    trajectory, errors = simulate_only(
-        range(200), duration=4.0, gyroscope={"g_sensitivity": "0.1deg/h/g"}
+RUNS = 500
+
+
+def draw(runs, **sigma):
+    scenario = Scenario(route=Route(duration=10.0), initial_error=InitialError(**sigma))
+    trajectory = build_trajectory(scenario)
+    drawn = draw_initial_state(scenario.initial_error, trajectory, scenario.seed, runs)
+    return drawn, trajectory
+
+
+def test_errors_have_the_sigma_of_the_scenario():
+    sigma = {"position": 80.0, "velocity": 0.3, "tilt": 1e-4, "heading": 2e-3}
+    nav, trajectory = draw(range(RUNS), **sigma)
+    shift = horizontal_difference(
+        *nav.position[:, :2].T, trajectory.latitude[0], trajectory.longitude[0]
     )
-    size = 0.1 * np.pi / 180.0 / 3600.0 / 9.80665 * np.linalg.norm(trajectory.specific_force[0])
-    assert within_chi_square(((errors[:, 0, 3:] / size) ** 2).sum(axis=0), 200)
-    assert not errors[:, :, :3].any()
-
-
-def test_a_further_error_leaves_the_others_as_they_were():
-    _, before = simulate([3], 50.0)
-    _, after = simulate([3], 50.0, gyroscope={"bias_instability": "0.1deg/h"})
-    assert (before[..., :3] == after[..., :3]).all()
-    assert 0.1 < np.abs((after - before)[..., 3:]).mean() / (0.1 * DEG_PER_HOUR) < 3.0
+    faster = (nav.velocity - trajectory.velocity[0])[:, :2]
+    true = Rotation.from_quat(trajectory.attitude[0], scalar_first=True)
+    about_ned = Rotation.from_quat(nav.attitude, scalar_first=True) * true.inv()
+    turn = about_ned.as_rotvec()
+    errors = np.column_stack([shift / 80.0, faster / 0.3, turn / [1e-4, 1e-4, 2e-3]])
+    assert within_chi_square((errors**2).sum(axis=0), RUNS)
+    assert np.abs(np.corrcoef(errors.T) - np.eye(7)).max() < 4.0 / np.sqrt(RUNS)
+    assert np.abs(errors.mean(axis=0)).max() < 4.0 / np.sqrt(RUNS)
+    assert (nav.position[:, 2] == 100.0).all()
+    assert (nav.velocity[:, 2] == 0.0).all()

@@ -92,50 +92,6 @@ def test_iteration_equals_section_3_2_written_out(predicted):
     )
 
 
-def test_along_the_real_route(shared_data):
-    from isogal.maps.load import load_map
-
-    field_map = load_map(shared_data / "se_australia_gravity.nc", "ga")
-    errors = []
-    for seed in range(12):
-        random = np.random.default_rng(seed)
-        # over the rough half of the route (paper: the first hour has too few features)
-        start = (random.uniform(-50e3, 50e3), random.uniform(-50e3, 50e3))
-        batch, truth = make_batch(
-            field_map, (*random.normal(0, 300.0, 2), 0.03, -0.03), seed=seed, start=start
-        )
-        fix, _ = PmhtPaper().match(batch, field_map, None)
-        errors.append(np.hypot(*truth.error_of(fix)))
-    assert np.median(errors) < 250.0
-
-
-def test_candidates_are_listed_with_their_weights(rough_map):
-    batch, _ = make_batch(rough_map, ERROR)
-    fix, _ = PmhtPaper().match(batch, rough_map, None)
-    sums = np.bincount(fix.candidates.scan, fix.candidates.weight, minlength=len(batch))
-    np.testing.assert_allclose(sums, 1.0)
-    assert np.bincount(fix.candidates.scan).max() == 20
-    nearness = np.abs(
-        rough_map.value(fix.candidates.latitude, fix.candidates.longitude)
-        - batch.reading[fix.candidates.scan]
-    )
-    assert np.median(nearness) < 1e-5
-    assert {"feature_variability", "iterations", "spread"} <= set(fix.diagnostics)
-
-
-def test_missing_readings_are_left_out(rough_map):
-    batch, truth = make_batch(rough_map, ERROR)
-    batch.reading[5:15] = np.nan
-    fix, _ = PmhtPaper().match(batch, rough_map, None)
-    assert fix.published
-    assert np.hypot(*truth.error_of(fix)) < 300.0
-    assert not np.isin(np.arange(5, 15), fix.candidates.scan).any()
-    batch.reading[3:] = np.nan
-    fix, _ = PmhtPaper().match(batch, rough_map, None)
-    assert fix.reason == "only 3 of 30 scans have a reading (15 needed)"
-    assert np.isnan(fix.covariance).all()
-
-
 def test_declines_off_the_map_and_where_it_ends(rough_map):
     far, _ = make_batch(rough_map, start=(0.0, 35e3), reading=np.zeros(30))
     fix, _ = PmhtPaper().match(far, rough_map, None)

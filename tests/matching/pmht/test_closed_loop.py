@@ -4,8 +4,6 @@ NEES per axis of a run's posteriors hang together for half an hour or so: four r
 after the first half hour are some six independent values of two axes. Their mean is within
 `INTERVAL` in all but one of a thousand studies of a consistent matcher; the seeds are fixed."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,6 @@ from isogal.scenario import load_scenario
 INTERVAL = chi_square_interval(6, confidence=0.999)
 
 
-@cache
 def runs_of(count: int, duration: float, *settings: str) -> Runs:
     scenario = load_scenario(
         None, [f"route.duration={duration}", "gravity.field=normal", "seed=515", *settings]
@@ -37,11 +34,8 @@ def after(runs: Runs, time: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [
-    (), ("map_error.sigma=3e-5",), ("truth.gravimeter.sigma=3x",),
-], ids=["exact", "wrong map", "noise"])  # fmt: skip
-def test_errors_keep_to_their_covariance(settings):
-    runs = runs_of(4, 4500.0, *settings)
+def test_errors_keep_to_their_covariance_on_a_map_that_is_wrong():
+    runs = runs_of(4, 4500.0, "map_error.sigma=3e-5")
     aided, unaided, nees = after(runs, 1800.0)
     assert aided < 0.7 * unaided
     assert INTERVAL[0] < nees < INTERVAL[1]
@@ -49,11 +43,10 @@ def test_errors_keep_to_their_covariance(settings):
 
 @pytest.mark.slow
 def test_a_bias_that_nobody_has_told_of_is_found():
-    """5 mGal and 1 mGal/h: within twice the error without them."""
+    """5 mGal and 1 mGal/h: less than half of the unaided error."""
     drift = ("truth.gravimeter.bias=5e-5", "truth.gravimeter.drift=2.8e-9")
-    biased, _, nees = after(runs_of(4, 4500.0, *drift), 2700.0)
-    plain, _, _ = after(runs_of(4, 4500.0), 2700.0)
-    assert biased < 2.0 * plain
+    aided, unaided, nees = after(runs_of(4, 4500.0, *drift), 2700.0)
+    assert aided < 0.5 * unaided
     assert nees < 2.0 * INTERVAL[1]
 
 
@@ -65,12 +58,4 @@ def test_a_hidden_start_is_found():
     last = np.hypot(*runs.error[:, -1].T)
     sigma = np.sqrt(np.trace(runs.covariance[:, -1], axis1=1, axis2=2))
     assert (last < 300.0).all()
-    assert (last < 4.0 * sigma).all()
-
-
-def test_a_start_told_to_be_wide_is_found():
-    runs = runs_of(4, 2700.0, "initial_error.position=5000")
-    last = np.hypot(*runs.error[:, -1].T)
-    sigma = np.sqrt(np.trace(runs.covariance[:, -1], axis1=1, axis2=2))
-    assert np.median(last) < 200.0
     assert (last < 4.0 * sigma).all()

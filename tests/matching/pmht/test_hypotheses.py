@@ -1,4 +1,5 @@
-"""The bank: what splits, merges and updates keep."""
+"""The bank: what is thought possible and how likely before any reading, what splits, merges and
+updates keep, and the cells of a search."""
 
 import math
 from dataclasses import replace
@@ -13,25 +14,45 @@ from helpers.bank import HERE, PLANE, SLOPE, models, moments_of, random_bank, st
 from helpers.batches import field_map_of, make_batch, wavy
 from helpers.navigators import random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.information import LARGEST_RATIO
 from isogal.matching.interfaces import Information
+from isogal.matching.parameters import InstrumentErrors, Parameters
+from isogal.matching.path import FilterPath
 from isogal.matching.pmht import hypotheses as bank_of
+from isogal.matching.pmht.cells import Seen, in_common, residuals_at
 from isogal.matching.pmht.hypotheses import (
     CREDIBLE,
     FAINT,
     FLOOR,
     LIGHT,
-    MOST,
     NEGLIGIBLE,
     Hypotheses,
     with_needed,
 )
 from isogal.matching.pmht.memory import steps
-from isogal.matching.pmht.models import BIASED, DECEIVED, LATE, NONE, Models
+from isogal.matching.pmht.models import (
+    BIASED,
+    COARSE,
+    COARSE_SHARES,
+    DECEIVED,
+    FAULTS,
+    FILTERED,
+    LATE,
+    NONE,
+    SHAKEN,
+    UNHEARD_OF,
+    Assumed,
+    Models,
+    assumed,
+    few,
+    models_of,
+)
 from isogal.matching.pmht.rows import rows_of
-from isogal.matching.pmht.search import resolved, spread_over
-from isogal.matching.pmht.states import DELAY, UNKNOWN
-from isogal.passage import Aided
+from isogal.matching.pmht.search import resolved
+from isogal.matching.pmht.states import DELAY, UNKNOWN, States
+from isogal.passage import Aided, History
+from isogal.scenario import Matcher
 
 ROUGH = field_map_of(wavy)
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
@@ -130,13 +151,6 @@ def test_evidence_of_errors_with_tails_is_students_t(off):
         assert np.abs(found.mean[0, :2]).max() < 0.01 * off
 
 
-def test_there_are_never_more_than_so_many():
-    prior = np.diag(np.square([4000.0, 4000.0, 0.01, 0.01, 1e-8, 1e-8, 1e-8]))
-    parts = Hypotheses.before(models(), prior).split(ROUGH, rows(which=models()))
-    assert 1000 < len(parts) <= MOST
-    assert len(parts.reduced(HERE)) <= MOST
-
-
 @given(seeds)
 def test_being_informed_is_a_gaussian_update(seed):
     bank, random = random_bank(seed, 4), np.random.default_rng(seed)
@@ -181,14 +195,6 @@ def test_growth_of_the_navigator_joins_each_and_what_it_learnt_narrows_each(seed
     same(bank.moments(), (np.zeros(7), told), 1e-5)
 
 
-def test_a_worse_navigator_grows_by_its_factor():
-    which = models()
-    before = np.diag(SIGMA**2)
-    bank = carried(Hypotheses.before(which, before), before, np.eye(7), 2.0 * before)
-    expected = (which.start + which.growth)[:, None] * np.diag(before)
-    np.testing.assert_allclose(bank.covariance[:, range(7), range(7)], expected)
-
-
 def test_reduced_keeps_moments_of_what_overlaps_and_every_group():
     which = models()
     bank = random_bank(1, 4, TO_THE_LETTER)
@@ -200,16 +206,6 @@ def test_reduced_keeps_moments_of_what_overlaps_and_every_group():
     assert set(after.which) == set(range(len(which.sigma)))
     assert after.log_evidence == pytest.approx(0.0)
     np.testing.assert_allclose(after.log_weight.max() - after.log_weight.min(), FLOOR)
-
-
-def test_light_models_have_one_place_and_negligible_ones_go():
-    which = models(sigma=3e-5)
-    bank = random_bank(2, 6, Models._make(column[:2] for column in which))
-    bank.which[:] = [0, 0, 0, 1, 1, 1]
-    bank.mean[:, 0] = [0.0, 1e5, 2e5, 0.0, 1e5, 2e5]
-    bank.log_weight[:] = [0.0, -3.0, -30.0, -LIGHT - 1.0, -LIGHT - 1.5, -LIGHT - 2.0]
-    after = bank.reduced(HERE)
-    assert list(after.which) == [0, 0, 1]
 
 
 def test_models_that_are_negligible_beside_their_neighbours_are_left_out():
@@ -252,18 +248,6 @@ def test_a_negligible_neighbour_of_a_smaller_sigma_takes_the_places_of_the_large
     prior = which.log_prior[0] - which.log_prior[1]
     assert after.log_weight[0] - after.log_weight[1] == pytest.approx(prior - NEGLIGIBLE)
     assert after.log_weight[2] == -50.0
-
-
-def test_a_model_without_an_error_of_the_map_gives_its_neighbour_an_unknown_one():
-    which = models()
-    own = which.group == which.group[np.argmin(which.sigma)]
-    which = Models._make(column[own][:2] for column in which)._replace(group=np.zeros(2, int))
-    bank = Hypotheses.before(which, np.diag(SIGMA**2)).part(np.array([0]))
-    after = with_needed(bank, 1)
-    assert which.sigma[0] == 0.0 < which.sigma[1]
-    np.testing.assert_allclose(after.covariance[after.which == 1, 7, 7], 1.0)
-    back = with_needed(after.part(after.which == 1), 1)
-    assert (back.covariance[back.which == 0, 7] == 0.0).all()
 
 
 def test_places_of_a_late_model_are_split_along_the_way():
@@ -314,17 +298,6 @@ def test_a_place_is_known_where_all_that_is_probable_is_near(away, sigma, known)
     assert resolved(unlikely) is (sigma < 500.0)
 
 
-def test_places_under_other_models():
-    bank, which = random_bank(6, 3, EXACT), models()
-    bank.mean[:, :2] = [[0.0, 0.0], [9000.0, 0.0], [0.0, 9000.0]]
-    spread = spread_over(bank, which)
-    assert len(spread) == 3 * len(which.sigma)
-    same(spread.moments(), bank.moments())
-    np.testing.assert_allclose(spread.of_models,
-                               which.log_prior + bank.log_evidence)  # fmt: skip
-    np.testing.assert_allclose(spread.covariance[0, 7:, 7:], np.diag(which.initial[0] ** 2))
-
-
 def test_faults_that_readings_do_not_speak_for_are_not_published():
     which = models()
     bank = Hypotheses.before(which, np.diag(SIGMA**2))
@@ -334,21 +307,6 @@ def test_faults_that_readings_do_not_speak_for_are_not_published():
     more = np.where(which.family == LATE, np.log(2.0 * CREDIBLE), 0.0)
     later = replace(bank, log_weight=bank.log_weight + more)
     assert set(which.family[later.credible().which]) == {NONE, LATE}
-
-
-@given(seeds)
-def test_information_that_is_withdrawn_is_no_longer_known(seed):
-    bank, prior = random_bank(seed, 4), np.diag(SIGMA**2)
-    effect = np.random.default_rng(seed).standard_normal(7) / SIGMA
-    square = np.einsum("i,kij,j->k", effect, bank.covariance[:, :7, :7], effect)
-    size = np.sqrt((square + (bank.mean[:, :7] @ effect) ** 2).max())
-    told = Information(effect / (10.0 * size), np.outer(effect, effect) / (10.0 * size**2))
-    after = bank.informed(told, prior)
-    assert (after.log_weight != bank.log_weight).all()
-    before = after.informed(Information(-told.vector, -told.matrix), prior)
-    for k in range(len(bank)):
-        same((before.mean[k], before.covariance[k]), (bank.mean[k], bank.covariance[k]), 1e-6)
-    np.testing.assert_allclose(before.log_weight, bank.log_weight, atol=1e-6)
 
 
 def test_more_than_is_known_cannot_be_withdrawn():
@@ -377,23 +335,163 @@ def share_of(bank, which):
     return float(bank.weight @ which[bank.which])
 
 
-def test_satellites_make_no_model_more_probable_than_it_was():
-    # as slow errors of satellites do: jumps that growth of the navigator would explain
-    growth = np.diag(SIGMA**2)
-    before, bank = told_again_and_again(growth, np.full(7, 5.0))
-    faster = before.models.growth > 1.0
-    assert share_of(bank, faster) == pytest.approx(share_of(before, faster), rel=0.1)
-
-
-def test_satellites_speak_against_growth_that_is_not_there():
-    growth = np.diag(SIGMA**2)
-    before, bank = told_again_and_again(growth, np.zeros(7))
-    faster = before.models.growth > 1.0
-    assert share_of(bank, faster) < 0.01 * share_of(before, faster)
-
-
-def test_satellites_are_neither_for_nor_against_their_being_wrong():
+def test_satellites_speak_against_growth_that_is_not_there_and_for_nothing():
+    """Slow errors of satellites are jumps that growth of the navigator would explain: they make no
+    model more probable, nor say anything of the satellites' being wrong."""
     for jump in (0.0, 5.0):
         before, bank = told_again_and_again(np.diag(SIGMA**2), np.full(7, jump))
         wrong = before.models.family == DECEIVED
         assert share_of(bank, wrong) == pytest.approx(share_of(before, wrong), rel=1e-6)
+        faster = before.models.growth > 1.0
+        if jump:
+            assert share_of(bank, faster) == pytest.approx(share_of(before, faster), rel=0.1)
+        else:
+            assert share_of(bank, faster) < 0.01 * share_of(before, faster)
+
+
+UNTOLD = models(without=frozenset())
+TOLD = models(sigma=3e-5, length=2000.0)
+
+
+def probability(which, chosen) -> float:
+    return float(np.exp(which.log_prior[chosen]).sum())
+
+
+def test_each_fault_has_its_probability_whatever_the_map_s_error():
+    assert probability(UNTOLD, slice(None)) == pytest.approx(1.0)
+    for family in {fault.family for fault in FAULTS}:
+        expected = sum(fault.probability for fault in FAULTS if fault.family == family)
+        assert probability(UNTOLD, UNTOLD.family == family) == pytest.approx(
+            expected / sum(fault.probability for fault in FAULTS)
+        )
+
+
+def test_to_the_letter_there_is_one_model():
+    for which in (models(sigma=3e-5, trust=1.0), models(sigma=0.0, trust=1.0)):
+        assert len(which.sigma) == 1
+        assert which.family[0] == NONE
+    assert models(sigma=3e-5, trust=1.0, length=700.0).length[0] == 700.0
+    assert which.initial[0, 0] == 0.0  # a map without error has no state for it
+    assert which.sizes[0] == 7
+
+
+def test_what_a_grid_leaves_out_is_in_proportion_to_its_roughness():
+    which = models(rough=2e-5, step=1500.0)
+    coarse = which.family == COARSE
+    np.testing.assert_allclose(which.sigma[coarse], np.array(COARSE_SHARES) * 2e-5)
+    assert set(which.length[coarse]) == {750.0}
+    lengths, rough = which.shapes
+    assert len(lengths) == len(set(which.shape))
+    np.testing.assert_array_equal(lengths[which.shape], which.length)
+    np.testing.assert_array_equal(rough[which.shape], np.where(coarse, 2e-5, 0.0))
+    assert not (TOLD.family == COARSE).any()
+    assert not (models(rough=0.0).family == COARSE).any()
+
+
+def test_untold_sigmas_are_even_up_to_the_map_s_roughness():
+    alone = (UNTOLD.family == NONE) & (np.abs(UNTOLD.length / 4000.0 - 1.0) < 1e-9)
+    sigma, log = UNTOLD.sigma[alone], UNTOLD.log_prior[alone]
+    small = log[(sigma > 0.0) & (sigma <= 1e-5 * (1.0 + 1e-9))]
+    assert np.ptp(small) == pytest.approx(0.0, abs=1e-9)
+    assert (np.diff(log[sigma > 1e-5]) < 0.0).all()
+    assert sigma[1] == pytest.approx(0.125e-5)
+    assert sigma[-1] >= 0.5e-4  # half of the map's scale
+    assert sigma[0] == 0.0
+    assert log[0] > log[1]
+
+
+def test_a_search_has_few_models():
+    part = few(UNTOLD, 1e-5)
+    assert part.sigma.min() == 0.0
+    least, *_ = sigmas = np.unique(part.sigma[part.sigma > 0.0])
+    assert least > 0.4e-5
+    assert (np.diff(np.log(sigmas)) > np.log(1.9)).all()
+    assert sigmas[-1] == UNTOLD.sigma[UNTOLD.family == NONE].max()
+    assert (part.family == NONE).all()
+    assert np.exp(part.log_prior).sum() == pytest.approx(1.0)
+    assert len(few(models(sigma=0.0, trust=1.0), 1e-5).sigma) == 1
+
+
+def test_a_told_error_may_be_another_one():
+    for which, told in ((models(sigma=0.0), 0.0), (TOLD, 3e-5)):
+        another = np.abs(np.log2(np.maximum(which.sigma, 1e-9) / max(told, 1e-9))) > 4.0
+        share = probability(which, another) / UNHEARD_OF
+        assert 0.2 < share < 1.0 + 1e-9
+
+
+def test_what_is_told_is_right_within_a_factor():
+    plain = (TOLD.family == NONE) & (TOLD.sigma > 0.0)
+    weight = np.exp(TOLD.log_prior[plain])
+    weight /= weight.sum()
+    off = np.log2(TOLD.sigma[plain] / 3e-5)
+    assert weight @ off == pytest.approx(0.0, abs=0.05)
+    assert weight @ off**2 == pytest.approx(1.0, rel=0.25)  # trust 2 is a 1-sigma
+    best = np.argmax(weight)
+    assert (TOLD.sigma[plain][best], TOLD.length[plain][best]) == (3e-5, 2000.0)
+
+
+@pytest.mark.parametrize(("changes", "told", "gone"), [
+    ({}, {}, set()), ({}, {"bias_sigma": 1e-5}, {BIASED}), ({"bias_walk": 1e-7}, {}, {BIASED}),
+    ({"delay_sigma": 2.0}, {}, {LATE}), (None, {}, {DECEIVED}),
+    ({"filter_path": FilterPath(30.0, np.zeros((30, 1, 2)), np.ones(1))}, {}, {FILTERED}),
+    ({"parameters": Parameters(("coupling_forward",), np.ones(1), np.ones((30, 1)))}, {},
+     {SHAKEN}),
+])  # fmt: skip
+def test_what_is_told_is_no_fault(changes, told, gone):
+    """Changes of the instrument; None = without satellites."""
+    history, instrument = (
+        History(satellites=changes is not None),
+        InstrumentErrors(**changes or {}),
+    )
+    batch, _ = make_batch(ROUGH, instrument=instrument, history=history)
+    known = assumed(Matcher(**told), batch, ROUGH)
+    which = models_of(known, States.of(batch, ROUGH))
+    assert set(which.family) == {fault.family for fault in FAULTS} - gone
+
+
+ERROR = (2000.0, -1500.0, 0.0, 0.0)
+
+
+def test_what_states_put_into_rows_in_common():
+    """A random walk and a process that forgets, by the sum over all that has joined them."""
+    random = np.random.default_rng(1)
+    effect, decay = random.standard_normal((6, 2)), np.array([1.0, 0.8])
+    start, fresh = np.array([4.0, 1.0]), random.uniform(0.1, 1.0, (6, 2))
+    expected, covariance = np.zeros((6, 6)), np.zeros((6, 2, 2))
+    for s in range(2):
+        joined = np.r_[start[s], fresh[:, s]]
+        share = np.array([[decay[s] ** (t - k) * (t >= k) for k in range(-1, 6)]
+                          for t in range(6)])  # fmt: skip
+        of_state = (share * joined) @ share.T
+        expected += effect[:, s, None] * of_state * effect[:, s]
+        covariance[:, s, s] = np.diag(of_state)
+    gone = -np.arange(6)[:, None] * np.log(decay)
+    found = in_common(effect, covariance, gone, np.arange(6.0))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def seen_of(bias: float) -> tuple[Seen, np.ndarray]:
+    """Readings at a place 2.5 km from where the navigator believes to be, with a bias of 2 mGal,
+    and what is told of it."""
+    batch, _ = make_batch(ROUGH, ERROR, 60)
+    batch = replace(batch, reading=batch.reading + 2e-5)
+    states = States.of(batch, ROUGH)
+    rows, _ = rows_of(batch, ROUGH, states, np.array([4000.0]), None)
+    told = models_of(
+        Assumed(noise=1e-5, scale=1e-3, rough=1e-5, sigma=0.0, trust=1.0, bias=bias), states
+    )
+    rest = np.zeros((len(rows.level), BATCH_STATES, BATCH_STATES))
+    return Seen.of(rows, rest, ROUGH, few(told, 1e-5)), np.array([ERROR[:2], (0.0, 0.0)])
+
+
+def test_a_told_bias_is_counted():
+    """As a Gaussian whose covariance has the bias in all readings."""
+    (without, centres), (with_bias, _) = seen_of(0.0), seen_of(5e-5)
+    residual = residuals_at(with_bias.rows, ROUGH.grid, centres)
+    R = with_bias.other + 100.0**2 * with_bias.blur
+    np.testing.assert_allclose(with_bias.other - without.other, 25e-10, rtol=1e-9)
+    square = (np.linalg.solve(np.linalg.cholesky(R), residual) ** 2).sum(axis=0)
+    expected = -0.5 * (square + np.linalg.slogdet(R)[1])
+    found = with_bias.log_evidence(residual, 100.0)[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+    assert found[0] > without.log_evidence(residual, 100.0)[0, 0] + 10.0

@@ -124,18 +124,6 @@ def test_a_heading_that_is_unsure_is_split_and_keeps_its_moments() -> None:
     assert covariance[HEADING, HEADING] == pytest.approx(wide[HEADING, HEADING], rel=1e-6)
 
 
-def test_numbers_of_another_count_are_no_passage() -> None:
-    passage = driven()[0].passage(float(BEGIN))
-    assert passage is not None
-    numbers = np.concatenate([one.ravel() for one in passage.arrays])
-    again = Passage.of_numbers(float(BEGIN), numbers)
-    for one, other in zip(again.arrays, passage.arrays, strict=True):
-        np.testing.assert_array_equal(one, other)
-    for wrong in (numbers[1:], np.zeros(3)):
-        with pytest.raises(ValueError, match="no passage"):
-            Passage.of_numbers(float(BEGIN), wrong)
-
-
 def test_measurements_of_the_newest_stamp_count_though_a_passage_was_asked_for_before() -> None:
     def passage_of(asked: bool) -> Passage:
         one, _ = driven()
@@ -149,12 +137,3 @@ def test_measurements_of_the_newest_stamp_count_though_a_passage_was_asked_for_b
 
     for asked, other in zip(passage_of(True).arrays, passage_of(False).arrays, strict=True):
         np.testing.assert_allclose(asked, other, rtol=1e-9, atol=1e-12)
-
-
-def test_a_heading_that_is_known_needs_no_passage() -> None:
-    model = replace(filter_model(CAR), unsure_heading=False)
-    level = np.array([1.0, 0.0, 0.0, 0.0])
-    start = Estimate(np.array([0.7, 0.2, 0.0]), np.zeros(3), level)
-    navigator = InertialNavigator(model, FilterState.start(start, model))
-    navigator.imu(1.0, np.array([0.0, 0.0, -9.8]), np.zeros(3))
-    assert navigator.passage(0.0) is None

@@ -1,7 +1,6 @@
 """Bags are read whole or up to a cut, and what is no bag is refused."""
 
 import struct
-from pathlib import Path
 
 import pytest
 import yaml
@@ -15,19 +14,6 @@ from isogal_ros.bags.reader import BagReader, numbered, parts, topic_of
 from isogal_ros.bags.writer import BagWriter
 
 
-def test_what_is_written_is_read(tmp_path) -> None:
-    messages = write(tmp_path / "bag")
-    reader = BagReader(tmp_path / "bag")
-    assert reader.scenario().seed == 3
-    assert reader.texts["run"] == "2"
-    found = list(reader.messages())
-    assert [item.data for item in found] == messages
-    assert [item.log_ns for item in found] == [i * 10**9 for i in range(500)]
-    assert {item.topic for item in found} == {"/imu/data_raw"}
-    assert reader.cut is None
-    assert reader.types == {"/imu/data_raw": "sensor_msgs/msg/Imu"}
-
-
 def cut_off(data: bytes, share: float) -> bytes:
     return data[: int(len(data) * share)]
 
@@ -39,7 +25,7 @@ def spoilt(data: bytes, share: float) -> bytes:
 
 @pytest.mark.parametrize(
     ("damage", "share"),
-    [*((cut_off, share) for share in (0.02, 0.3, 0.5, 0.77, 0.95, 0.999)), (spoilt, 0.5)],
+    [(cut_off, 0.02), (cut_off, 0.5), (cut_off, 0.999), (spoilt, 0.5)],
 )
 def test_a_damaged_file_is_read_up_to_the_damage(tmp_path, damage, share) -> None:
     messages = write(tmp_path / "bag", 4000)
@@ -67,22 +53,17 @@ def _place_of_chunk(data: bytes) -> int:
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "words"),
+    ("field", "value", "largest"),
     [
         # of a chunk: times 8 + 8, its size unpacked 8, checksum 4, "zstd" 4 + 4, size 8
-        (16, 2**40, "the file is damaged ahead of byte"),
-        (16, 2**64 - 1, "the file is damaged ahead of byte"),
-        (36, 2**64 - 1, "the file is damaged ahead of byte"),
-        (
-            16,
-            1,
-            "the file is damaged ahead of byte",
-        ),  # the frame says that it is more than may be unpacked
+        (16, 2**64 - 1, None),
+        (36, 2**64 - 1, None),
+        (16, 1, 10_000),  # the frame says that it is more than may be unpacked
     ],
 )
-def test_a_size_that_cannot_be_is_damage(tmp_path, monkeypatch, field, value, words) -> None:
-    if value == 1:
-        monkeypatch.setattr("isogal.mcap_damage.LARGEST_CHUNK", 10_000)
+def test_a_size_that_cannot_be_is_damage(tmp_path, monkeypatch, field, value, largest) -> None:
+    if largest is not None:
+        monkeypatch.setattr("isogal.mcap_damage.LARGEST_CHUNK", largest)
     write(tmp_path / "bag")
     path = tmp_path / "bag" / "bag_0.mcap"
     data = bytearray(path.read_bytes())
@@ -90,7 +71,7 @@ def test_a_size_that_cannot_be_is_damage(tmp_path, monkeypatch, field, value, wo
     path.write_bytes(data)
     reader = BagReader(tmp_path / "bag")
     assert list(reader.messages()) == []
-    assert words in str(reader.cut)
+    assert "the file is damaged ahead of byte" in str(reader.cut)
 
 
 def test_a_scenario_that_is_no_yaml_is_refused_in_one_line(tmp_path) -> None:
@@ -104,26 +85,25 @@ def test_a_scenario_that_is_no_yaml_is_refused_in_one_line(tmp_path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_bad_bags(tmp_path) -> None:
-    cases = {
-        tmp_path / "none": "no such bag",
-        tmp_path: "no MCAP file",
-        Path(__file__): "not an MCAP file by its name",
-    }
-    for path, words in cases.items():
-        with pytest.raises(InputError, match=words):
-            BagReader(path)
-    (tmp_path / "x.db3").write_bytes(b"")
-    for path in (tmp_path, tmp_path / "x.db3"):
-        with pytest.raises(InputError, match=r"ros2 bag convert.*rosbags-convert"):
-            BagReader(path)
-    for content in (b"", b"123", b"hello, this is no MCAP file at all"):
-        (tmp_path / "y.mcap").write_bytes(content)
-        with pytest.raises(InputError, match="not an MCAP file"):
-            BagReader(tmp_path / "y.mcap")
-    (tmp_path / "z.mcap").write_bytes(b"")
-    with pytest.raises(InputError, match="2 MCAP files"):
-        BagReader(tmp_path)
+@pytest.mark.parametrize(
+    ("files", "path", "words"),
+    [
+        ({}, "none", "no such bag"),
+        ({}, "", "no MCAP file"),
+        ({"x.py": b""}, "x.py", "not an MCAP file by its name"),
+        ({"x.db3": b""}, "", r"ros2 bag convert.*rosbags-convert"),
+        ({"x.db3": b""}, "x.db3", r"ros2 bag convert.*rosbags-convert"),
+        ({"y.mcap": b"123"}, "y.mcap", "not an MCAP file"),
+        ({"y.mcap": b"hello, this is no MCAP file at all"}, "y.mcap", "not an MCAP file"),
+        ({"y.mcap": b"", "z.mcap": b""}, "", "2 MCAP files"),
+        ({"y.mcap.zstd": b"not zstd at all"}, "y.mcap.zstd", "not compressed by zstd"),
+    ],
+)
+def test_bad_bags(tmp_path, files, path, words) -> None:
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        BagReader(tmp_path / path)
 
 
 def test_topics_in_namespaces() -> None:
@@ -160,10 +140,9 @@ def test_a_recorder_that_was_started_again_keeps_what_there_was(tmp_path) -> Non
 
 
 def test_others_read_all_parts(tmp_path) -> None:
-    bag = tmp_path / "bag"
-    again(bag, 10, 0)
-    again(bag, 20, 10)
-    with AnyReader([bag]) as reader:
+    again(tmp_path / "bag", 10, 0)
+    again(tmp_path / "bag", 20, 10)
+    with AnyReader([tmp_path / "bag"]) as reader:
         assert sum(1 for _ in reader.messages()) == 30
 
 
@@ -186,9 +165,6 @@ def test_a_compressed_file(tmp_path, monkeypatch) -> None:
     assert reader.texts == expected.texts
     packed.write_bytes(packed.read_bytes()[:-200])  # its only block
     with pytest.raises(InputError, match="not an MCAP file"):
-        BagReader(packed)
-    packed.write_bytes(b"not zstd at all")
-    with pytest.raises(InputError, match="not compressed by zstd"):
         BagReader(packed)
     packed.write_bytes(zstandard.compress(bytes(10**7)))
     monkeypatch.setattr(reader_module, "LARGEST", 10**6)

@@ -9,44 +9,34 @@ from rclpy.serialization import deserialize_message, serialize_message
 from helpers.bag_writing import begin, sample
 from helpers.command_line import answer, refusal
 from helpers.recordings import rewritten
+from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.remapping import Remapping
+from isogal_ros.bags.remapping import Remapping, given_drivers
 
 FOREIGN = {"/imu/data_raw": "/sbg/imu", "/gravimeter/data_raw": "/mgs6/acceleration"}
 RULES = [word for old, new in FOREIGN.items() for word in ("--remap", f"{new}:={old}")]
 
 
-@pytest.fixture(scope="module")
-def foreign(recording, tmp_path_factory):
-    """The recording as another tool would have made it: other topics, sensors only, no
-    scenario."""
+def test_with_a_scenario_it_is_replayed_as_the_recording_itself_and_viewed(
+    recording, scenario, tmp_path
+) -> None:
+    """As another tool would have made it: other topics, sensors only, no scenario."""
 
     def kept(topic: str, data: bytes) -> bytes | None:
         return None if topic.startswith("/pmht_mm") else data
 
-    return rewritten(recording, tmp_path_factory.mktemp("foreign") / "bag", kept, {}, FOREIGN)
-
-
-@pytest.fixture(scope="module")
-def scenario_file(scenario, tmp_path_factory):
-    path = tmp_path_factory.mktemp("scenario") / "ship.yaml"
-    path.write_text(json.dumps(scenario().model_dump(mode="json")))
-    return path
-
-
-def test_it_replays_as_the_recording_itself(foreign, scenario_file, recording) -> None:
-    words = "--scenario", scenario_file, "--json"
-    found = json.loads(answer("replay", foreign, *words, *RULES))
-    plain = json.loads(answer("replay", recording, "--json"))
-    assert found["fixes"]["replayed"] == plain["fixes"]["replayed"] > 0
-
-
-def test_a_view_of_it(foreign, scenario_file, tmp_path) -> None:
-    page = tmp_path / "view.html"
-    answer("view", foreign, "--out", page, "--scenario", scenario_file)
-    assert page.stat().st_size > 1e5
+    foreign = rewritten(recording, tmp_path / "bag", kept, {}, FOREIGN)
+    file = tmp_path / "ship.yaml"
+    file.write_text(json.dumps(scenario().model_dump(mode="json")))
+    found = json.loads(answer("replay", foreign, "--scenario", file, "--json", *RULES))
+    assert found["fixes"]["replayed"] == 6
+    answer("view", foreign, "--out", tmp_path / "view.html", "--scenario", file)
+    assert "thus which map" not in (tmp_path / "view.html").read_text(encoding="utf-8")
+    words = "--remap", "/sbg/imo:=imu/data_raw"
+    said = refusal("replay", foreign, "--scenario", file, *words)
+    assert "no topic '/sbg/imo' in the recording; did you mean" in said
 
 
 def test_a_view_without_a_map_and_without_readings(recording, tmp_path) -> None:
@@ -84,18 +74,16 @@ def test_one_of_two_sources(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rules", "words"),
+    ("parse", "rules", "words"),
     [
-        (["/imu"], "must be FROM:=TO"),
-        (["/imu:="], "must be FROM:=TO"),
-        (["/imu:=imu/data"], "the graph has no topic 'imu/data'; did you mean 'imu/data_raw'?"),
-        (["/a:=imu/data_raw", "/b:=imu/data_raw"], "comes twice"),
-        (
-            ["/sbg/imo:=imu/data_raw"],
-            "no topic '/sbg/imo' in the recording; did you mean",
-        ),
+        (Remapping.parse, ["/imu"], "must be FROM:=TO"),
+        (Remapping.parse, ["/imu:="], "must be FROM:=TO"),
+        (Remapping.parse, ["/:=imu/data_raw"], "must be FROM:=TO"),
+        (Remapping.parse, ["/imu:=imu/data"], "no topic 'imu/data'; did you mean 'imu/data_raw'"),
+        (Remapping.parse, ["/a:=imu/data_raw", "/b:=imu/data_raw"], "comes twice"),
+        (given_drivers, ["unit=mGal"], r"must be TOPIC\.KEY=VALUE"),
     ],
 )
-def test_bad_rules(foreign, scenario_file, rules, words) -> None:
-    options = [word for rule in rules for word in ("--remap", rule)]
-    assert words in refusal("replay", foreign, "--scenario", scenario_file, *options)
+def test_bad_rules(parse, rules, words) -> None:
+    with pytest.raises(InputError, match=words):
+        parse(rules)

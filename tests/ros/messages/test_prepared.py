@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message
@@ -30,6 +30,7 @@ def read(topic, message):
     return deserialize_message(serialised(message), topic.type)
 
 
+@settings(max_examples=50)
 @given(
     st.sampled_from(EACH),
     st.text("abc/é", max_size=9),

@@ -115,14 +115,6 @@ def sample(number: int, topic=topics.IMU):
     return message
 
 
-def test_a_best_effort_publisher_is_heard(graph) -> None:
-    hearer, careless = graph.hearer, graph.publisher("driver", qos=qos_profile_sensor_data)
-    assert graph.connected(careless, hearer.imu, 1)
-    careless.publish(sample(1))
-    assert graph.until(lambda: hearer.heard == [1])
-    assert hearer.imu.topic_name == f"/{hearer.t_imu.name}"
-
-
 def test_a_publisher_of_another_type_is_heard(graph, domain) -> None:
     """A gravimeter's driver that publishes numbers, best effort: they are taken as what the graph
     has."""
@@ -210,7 +202,6 @@ def test_the_first_is_used_whoever_comes_later_and_however_much_is_sent(graph) -
     assert "another /driver: /driver is used" in hearer.health.why[hearer.t_imu.name]
 
 
-@EITHER
 def test_a_successor_of_the_same_name_takes_over_at_once(graph) -> None:
     """Of a process that was killed the middleware notices only after 20 s that it is gone."""
     hearer, first = graph.hearer, graph.driver_in_use()

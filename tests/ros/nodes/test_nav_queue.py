@@ -51,22 +51,14 @@ class Buffer:
 PLACE = (math.radians(-37.9), math.radians(144.6))
 
 
-def test_it_waits_for_the_covariance_where_it_is_published() -> None:
-    for publishers in (0, 1):
-        buffer = Buffer(publishers)
-        buffer.feed(5 * S, *PLACE, covariance=False)
-        sample = buffer.buffer.at(5 * S)
-        assert (sample is None) == (publishers == 1)
-        if sample is not None:
-            assert np.diag(sample.covariance) == pytest.approx([900.0, 900.0, 0.01, 0.01])
-
-
-def test_it_does_not_wait_where_a_later_covariance_has_come() -> None:
-    buffer = Buffer()
+@pytest.mark.parametrize("publishers", [0, 1])
+def test_it_waits_for_the_covariance_where_it_is_published_until_a_later_one(publishers) -> None:
+    buffer = Buffer(publishers)
     buffer.feed(5 * S, *PLACE, covariance=False)
-    assert buffer.buffer.at(5 * S) is None
+    assert (buffer.buffer.at(5 * S) is None) == (publishers == 1)
     buffer.feed(6 * S, *PLACE)
-    assert buffer.buffer.at(5 * S).covariance.shape == (4, 4)
+    covariance = buffer.buffer.at(5 * S).covariance
+    assert np.diag(covariance) == pytest.approx([900.0, 900.0, 0.01, 0.01])
 
 
 def test_a_second_message_of_a_stamp_is_a_jump() -> None:
@@ -131,7 +123,7 @@ def test_a_gap_has_the_states_at_either_side() -> None:
 
 def test_odometry_within_steps_does_not_crowd_out_the_steps() -> None:
     buffer = Buffer()
-    for k in range(60):
+    for k in range(25):
         buffer.feed(k * S, *PLACE)
         for j in range(1, 50):
             _, (topic, odom) = nav_messages(SCENARIO, k * S + j * S // 50, *PLACE)[1:]
@@ -144,9 +136,10 @@ def test_a_reading_that_nothing_answers_is_said() -> None:
     """A navigator that is silent, or whose clock is another."""
     buffer = Buffer()
     (unanswered,) = buffer.watches.values()
+    buffer.wall_time = 100.0
     buffer.buffer.put(1_700_000_000 * S, None)
     assert unanswered() is None
-    buffer.wall_time = 11.0
+    buffer.wall_time = 111.0
     assert unanswered() == "1 readings wait for nav/* of 1700000000.000 s, which has not come"
     buffer.feed(5 * S, *PLACE)
     assert "is at 5.000 s" in unanswered()

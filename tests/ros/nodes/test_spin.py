@@ -37,10 +37,6 @@ def test_arguments_reach_the_node() -> None:
     [
         (["--ros-args", "-p", "runn:=3"], "unknown parameter 'runn'; did you mean 'run'?"),
         (["-p", "run:=3"], "unknown argument '-p'; parameters are --ros-args -p KEY:=VALUE"),
-        (
-            ["--ros-args", "--params-file", "no.yaml"],
-            "Couldn't parse params file: '--params-file",
-        ),
         (["--ros-args", "-r"], "Couldn't parse trailing -r flag. No remap rule found.\n"),
     ],
 )

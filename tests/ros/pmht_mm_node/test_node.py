@@ -16,6 +16,7 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.gradiometer import GRADIOMETER
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns, to_seconds
+from isogal_ros.nodes import nav_queue
 from isogal_ros.nodes.health import WARN
 from isogal_ros.nodes.nav_queue import NavSample
 
@@ -42,28 +43,29 @@ def test_readings_may_come_before_the_navigators_state(matcher_bench, drive, sce
     assert matcher_bench.node.scans.waiting == 0
 
 
-def test_a_bad_reading_leaves_a_batch_of_the_same_length(matcher_bench, drive) -> None:
+def test_bad_old_and_lost_readings_leave_a_batch_of_the_same_length(matcher_bench, drive) -> None:
     """What else is bad of a message, tests of its reader say."""
-    for scan in range(1, 7):
-        drive(scan, **({"value": math.nan} if scan == 3 else {}))
+    drive(1)
+    drive(2)
+    drive(2)
+    drive(1)
+    assert matcher_bench.node.health.dropped == {"gravimeter/disturbance": 2}
+    drive(3, value=math.nan)
     assert matcher_bench.told("not finite")[0] == WARN
-    assert to_ns(matcher_bench.heard["pmht_mm/fix"][0].header.stamp) == from_seconds(60.0)
-
-
-def test_a_lost_reading_leaves_a_batch_of_the_same_length(matcher_bench, drive) -> None:
-    for scan in (1, 2, 4, 5, 6):
-        if scan == 4:  # the navigator has spoken, the gravimeter was not heard
-            matcher_bench.nav(30, -0.637, 2.5656)
-        drive(scan)
+    matcher_bench.nav(40, -0.637, 2.5656)  # the gravimeter was not heard
+    drive(5)
+    drive(6)
     assert to_ns(matcher_bench.heard["pmht_mm/fix"][0].header.stamp) == from_seconds(60.0)
     assert matcher_bench.says()[-1][2]["scans missing"] == "1"
 
 
-def test_stamps_must_increase(matcher_bench, drive) -> None:
-    drive(2)
-    drive(1)
-    drive(2)
-    assert matcher_bench.node.health.dropped == {"gravimeter/disturbance": 2}
+def test_what_waits_for_a_silent_navigator_is_bounded(matcher_bench, drive, monkeypatch) -> None:
+    monkeypatch.setattr(nav_queue, "LONGEST", 8)
+    for scan in range(1, 37):
+        drive(scan, navigator=False)
+    assert matcher_bench.node.scans.waiting == 8
+    assert matcher_bench.node.health.dropped == {"nav/odom": 28}
+    assert matcher_bench.told("more than 8 readings wait for the navigator")[0] == WARN
 
 
 @pytest.mark.parametrize(("later", "used"), [(0, True), (10**9, False)])

@@ -32,9 +32,8 @@ def fixes(made: Bench) -> dict[int, tuple[float, float]]:
     }
 
 
-@pytest.mark.parametrize("name", ["pmht", "pmht-paper"])
-def test_killed_between_two_scans_it_gives_the_same_fixes(scenario, drive, tmp_path, name) -> None:
-    one = scenario(f"matcher.name={name}")
+def test_killed_between_two_scans_it_gives_the_same_fixes(scenario, drive, tmp_path) -> None:
+    one = scenario("matcher.name=pmht")
     with bench(topics.PMHT_MM, one) as made:
         drive(made, 1, 24)
         undisturbed = fixes(made)
@@ -48,26 +47,22 @@ def test_killed_between_two_scans_it_gives_the_same_fixes(scenario, drive, tmp_p
     assert found == undisturbed
 
 
+@pytest.mark.parametrize(
+    ("first", "missing", "ends"), [(11, 2, [120, 180, 240]), (15, 6, [180, 240])]
+)
 def test_an_outage_costs_its_scans_and_batches_end_when_they_would_have(
-    scenario, drive, tmp_path
+    scenario, drive, tmp_path, first, missing, ends
 ) -> None:
+    """One that is longer than the batch's silence is told."""
     own = {"checkpoint": str(tmp_path)}
     with bench(topics.PMHT_MM, scenario(), **own) as made:
         drive(made, 1, 8)
     with bench(topics.PMHT_MM, scenario(), **own) as made:
-        drive(made, 11, 24)
-        assert list(fixes(made)) == [120, 180, 240]
-        assert made.says()[-1][2]["scans missing"] == "2"
-        assert not any("scans missing before" in text for _, text, _ in made.says())
-
-
-def test_a_long_outage_of_its_own_is_told(scenario, drive, tmp_path) -> None:
-    own = {"checkpoint": str(tmp_path)}
-    with bench(topics.PMHT_MM, scenario(), **own) as made:
-        drive(made, 1, 8)
-    with bench(topics.PMHT_MM, scenario(), **own) as made:
-        drive(made, 15, 24)
-        assert made.told("6 scans missing before 150 s")
+        drive(made, first, 24)
+        assert list(fixes(made))[-len(ends) :] == ends
+        assert made.says()[-1][2]["scans missing"] == str(missing)
+        told = any(f"{missing} scans missing before" in text for _, text, _ in made.says())
+        assert told == (missing == 6)
         assert made.says()[-1][0] == OK
 
 
@@ -144,12 +139,9 @@ def test_levels(fixes, levels) -> None:
     assert got == levels
 
 
-def test_what_was_told_is_in_doubt() -> None:
+def test_what_is_said() -> None:
     verdict = Verdict()
     verdict.take(DOUBT)
     assert "readings are late" in verdict.text
-
-
-def test_lines() -> None:
     assert line(10**10, GOOD) == "10 s: fix with a 1-sigma of 5 m"
     assert line(10**10, FLAT) == "10 s: no fix: too few features"

@@ -17,11 +17,7 @@ from isogal_ros import topics
 from isogal_ros.messages.aids import fill_twist
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import BASE, MAP, NED_ENU, map_frame
-from isogal_ros.messages.ins_solution import (
-    fill_error,
-    inertial_topics,
-    read_solution,
-)
+from isogal_ros.messages.ins_solution import fill_error, read_solution
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix, read_position
 from isogal_ros.messages.stamps import from_seconds
@@ -41,10 +37,17 @@ def rows(scenario):
     return said(truth.ins, solution)[0]
 
 
-def say(made: Bench, seconds: float, row: np.ndarray, **frames: str) -> None:
+@pytest.fixture
+def solving(scenario):
+    """A filter of an INS."""
+    with bench(topics.UKF_FUSION, scenario(SOLUTION)) as made:
+        yield made
+
+
+def say(made: Bench, seconds: float, row: np.ndarray) -> None:
     """Publish a solution as an Odometry."""
-    message = topics.INS_SOLUTION.type(child_frame_id=frames.get("child", BASE))
-    message.header.frame_id = frames.get("frame", MAP)
+    message = topics.INS_SOLUTION.type(child_frame_id=BASE)
+    message.header.frame_id = MAP
     fill_odom(message, from_seconds(seconds), map_frame(made.scenario), row, np.zeros(3))
     made.publish(topics.INS_SOLUTION, message)
 
@@ -85,50 +88,24 @@ def test_what_is_wrong_is_the_solution_less_the_state() -> None:
     assert np.diag(message.twist.covariance.reshape(6, 6)).tolist() == [5, 4, 6, 0, 0, 0]
 
 
-def test_which_topics_there_are(scenario) -> None:
-    assert inertial_topics(scenario().ins) == (topics.IMU,)
-    assert inertial_topics(scenario(SOLUTION).ins) == (topics.INS_SOLUTION,)
-    bare = scenario(SOLUTION, "ins.attitude=false").ins
-    assert inertial_topics(bare) == (topics.INS_SOLUTION_VELOCITY, topics.INS_SOLUTION_FIX)
-
-
-def test_it_starts_where_the_ins_is_and_follows_it(scenario, rows) -> None:
-    with bench(topics.UKF_FUSION, scenario(SOLUTION)) as made:
-        for k in range(40, 60):
-            say(made, k, rows[k])
-        assert stamps(made, topics.NAV_FIX) == list(range(40, 60))
-        assert stamps(made, topics.INS_ERROR) == list(range(40, 60))
-        assert away(made, rows[59]) < 0.01
-        made.fix(59, rows[59, 0] + 1e-5, rows[59, 1], variance=1.0)
-        error = made.heard["ins/error"][-1]
-        assert error.pose.pose.position.y == pytest.approx(-63.7, rel=0.02)
-        assert (error.header.frame_id, error.child_frame_id) == ("enu", "enu")
-
-
-def test_a_gap_costs_nothing_and_a_jump_is_not_followed(scenario, rows) -> None:
+def test_it_starts_where_the_ins_is_and_follows_no_jump(solving, rows) -> None:
+    """A gap costs nothing: after a leap of the stamps the second is believed, and the way there is
+    filled in."""
     moved = rows.copy()
-    moved[80:, 0] += 500.0 / 6.36e6
-    with bench(topics.UKF_FUSION, scenario(SOLUTION)) as made:
-        for k in (*range(21), *range(50, 100)):
-            say(made, k, moved[k])
-        # after a leap of the stamps the second is believed; the way there is filled in
-        published = stamps(made, topics.NAV_FIX)
-        assert published[:21] == list(range(21))
-        assert published[21:25] == [27, 35, 43, 51]
-        assert 80 not in published
-        assert away(made, rows[99]) < 1.0
-        assert away(made, moved[99]) == pytest.approx(500.0, rel=0.01)
-        made.told("position has jumped by")
-        assert made.heard["ins/error"][-1].pose.pose.position.y == pytest.approx(500.0, rel=0.01)
-
-
-def test_other_frames_are_refused_in_one_line(scenario, rows) -> None:
-    with bench(topics.UKF_FUSION, scenario(SOLUTION)) as made:
-        say(made, 0, rows[0], frame="odom")
-        made.told("frame_id must be 'map', is 'odom'")
-        say(made, 1, rows[1], child="imu_link")
-        made.told("child_frame_id must be 'base_link', is 'imu_link'")
-        assert not made.heard["nav/fix"]
+    moved[120:, 0] += 500.0 / 6.36e6
+    for k in (*range(40, 61), *range(90, 140)):
+        say(solving, k, moved[k])
+    published = stamps(solving, topics.NAV_FIX)
+    assert published[:21] == list(range(40, 61))
+    assert published[21:25] == [67, 75, 83, 91]
+    assert 120 not in published
+    assert away(solving, rows[139]) < 1.0
+    assert away(solving, moved[139]) == pytest.approx(500.0, rel=0.01)
+    solving.told("position has jumped by")
+    error = solving.heard["ins/error"][-1]
+    assert error.pose.pose.position.y == pytest.approx(500.0, rel=0.01)
+    assert (error.header.frame_id, error.child_frame_id) == ("enu", "enu")
+    assert stamps(solving, topics.INS_ERROR)[:22] == [*range(40, 61), 91]
 
 
 def test_position_and_velocity_are_enough(scenario, rows) -> None:
@@ -146,10 +123,9 @@ def test_position_and_velocity_are_enough(scenario, rows) -> None:
         assert away(made, rows[29]) < 0.01
 
 
-def test_an_ins_that_has_stopped_is_told(scenario, rows) -> None:
-    with bench(topics.UKF_FUSION, scenario(SOLUTION)) as made:
-        for k in range(10):
-            say(made, k, rows[min(k, 5)])
-        made.told("is the one before once more")
-        assert stamps(made, topics.NAV_FIX) == list(range(6))
-        assert not [text for level, text, _ in made.says() if level == ERROR]
+def test_an_ins_that_has_stopped_is_told(solving, rows) -> None:
+    for k in range(10):
+        say(solving, k, rows[min(k, 5)])
+    solving.told("is the one before once more")
+    assert stamps(solving, topics.NAV_FIX) == list(range(6))
+    assert not [text for level, text, _ in solving.says() if level == ERROR]
