@@ -151,33 +151,31 @@ def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> N
         assert "Traceback" not in log.read_text()
 
 
-@pytest.mark.parametrize("recorded", [True, False])
-def test_the_command_says_whether_an_interrupted_run_is_kept(
-    settings, recording, tmp_path, monkeypatch, recorded
+@pytest.mark.parametrize(
+    ("how", "status", "said"),
+    [
+        ("recorded", 130, "all nodes have ended. The recording is kept: isogal replay BAG"),
+        ("interrupted at once", 130, "all nodes have ended."),
+        ("a node dies", 1, "isogal: ukf_fusion_node ended (killed by SIGKILL)"),
+    ],
+)
+def test_the_command_says_how_a_run_has_ended(
+    settings, recording, tmp_path, monkeypatch, how, status, said
 ) -> None:
     bag = tmp_path / "out" / "bag"
 
-    def interrupted(_plan, _folder, interrupt, *_) -> float:
-        if recorded:
+    def ends(_plan, _folder, interrupt, *_) -> float:
+        if how == "a node dies":
+            raise GraphError("ukf_fusion_node ended (killed by SIGKILL)")
+        if how == "recorded":
             shutil.copytree(recording, bag, dirs_exist_ok=True)
         interrupt(signal.SIGINT)
         return 0.0
 
-    monkeypatch.setattr(commands, "run_processes", interrupted)
-    status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
-    assert status == 130
-    kept = f" The recording is kept: isogal replay {bag}" if recorded else ""
-    assert err.splitlines()[-1].endswith(f"all nodes have ended.{kept}")
-
-
-def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path, monkeypatch):
-    def ends(*_) -> None:
-        raise GraphError("ukf_fusion_node ended (killed by SIGKILL)")
-
     monkeypatch.setattr(commands, "run_processes", ends)
-    status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
-    assert status == 1
-    assert err.splitlines()[-1] == "isogal: ukf_fusion_node ended (killed by SIGKILL)"
+    code, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
+    assert code == status
+    assert err.splitlines()[-1].endswith(said.replace("BAG", str(bag)))
 
 
 def test_only_new_files_that_nobody_uses_are_deleted(monkeypatch, tmp_path) -> None:
