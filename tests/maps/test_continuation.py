@@ -90,6 +90,7 @@ def test_gain_and_length_of_errors_upwards_are_those_of_the_closed_form():
         ({"quantity": "gravity"}, {}, r"a map of gravity cannot be continued \(take the dist"),
         ({"height": None}, {}, r"give from_height \(--from-height\), or the terrain"),
         ({}, {"height": np.nan}, "height to continue to must be finite"),
+        ({}, {"from_height": np.inf}, "height to continue from must be finite"),
         ({}, {"edge": -1.0}, "edge of the continuation must be >= 0 m"),
         ({}, {"height": -300.0}, r"300 m down .* grow 6.5\d times, .*--downward-cutoff"),
         ({}, {"cutoff": 3e3}, "a cut-off wavelength is for downward continuation"),

@@ -57,7 +57,9 @@ def test_separators_comments_order_and_other_columns(tmp_path, separator):
         ("1,2,4", "1,,4", "longitude in line 3 is empty, not a number"),
         ("1,2,4", "inf,2,4", "latitude in line 3 is inf, not a finite number"),
         ("1,2,4", "91,2,4", "latitude in line 3 is 91 deg, must be -90 to 90"),
+        ("1,2,4", "1,-200,4", "longitude in line 3 is -200 deg, must be -180 to 360"),
         ("\n1,", "\n7,", r"times must increase; line 4 .2 s. is not later than line 3 .7 s."),
+        ("\n1,", "\n0,", r"times must increase; line 3 .0 s. is not later than line 2 .0 s."),
         ("2,3\n1,1,2,4", '2,"3\n1,1,2,4"', "quoted cell runs over several lines"),
     ],
 )

@@ -152,7 +152,13 @@ def test_readings_that_may_lie_off_the_map_do_not_move_the_fix():
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("position", 1e-4), ("position", np.inf), ("velocity", -1.0), ("walk", np.nan)],
+    [
+        ("position", 1e-4),
+        ("position", np.inf),
+        ("velocity", -1.0),
+        ("velocity", 2e3),
+        ("walk", np.nan),
+    ],
 )
 def test_uncertainties_out_of_range_are_refused(key, value):
     with pytest.raises(InputError, match="1-sigma of the track's"):

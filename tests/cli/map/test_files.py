@@ -153,6 +153,7 @@ def test_a_column_that_is_not_used_is_said(survey, tmp_path):
     ("words", "message"),
     [
         (("--height", "100"), "no column height"),
+        (("--spacing", "-1"), "must be > 0"),
         (("--variable", "mag"), "has no column 'mag'"),
         (("--trend", "4"), "'--trend'"),
     ],
