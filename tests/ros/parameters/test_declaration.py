@@ -54,7 +54,6 @@ def test_defaults_overrides_and_keys_of_other_nodes(probe) -> None:
     node = probe(
         {
             "gravimeter.interval": 20,
-            "gravimeter.lever_arm": [1, 0, 0],
             "matcher.batch_length": 12,
             "matcher.map_sigma": "auto",
             "matcher.options.trust": 3.0,
@@ -67,7 +66,6 @@ def test_defaults_overrides_and_keys_of_other_nodes(probe) -> None:
     assert matcher.options == {"trust": 3.0}
     assert node.get_parameter("gravimeter.interval").value == 20.0
     assert node.get_parameter("gravimeter.sigma").value == 1e-5
-    assert node.scenario.gravimeter.lever_arm == (1.0, 0.0, 0.0)
     assert node.scenario.route.speed == 22.0
     assert not node.has_parameter("route.speed")
     assert not node.has_parameter("truth")
