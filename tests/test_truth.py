@@ -68,9 +68,11 @@ def test_a_file_keeps_it(tmp_path):
 @pytest.mark.parametrize(("override", "message"), [
     ("truth.gravimeter.bias=3x", "truth.gravimeter.bias: 3x of 0.0 says nothing; give a number"),
     ("truth.imu.grade=3x", "truth.imu.grade: 3x of 'precision' is no number"),
+    ("truth.gravimeter=5", "truth.gravimeter: must be keys of gravimeter with their true values"),
     ("truth.altimeter=3x", "truth.altimeter: 3x of the whole section says nothing; name its keys"),
     ("truth.imuu.grade=quantum", "unknown key 'truth.imuu', did you mean 'truth.imu'?"),
     ("truth.route.speed=5", "unknown key 'truth.route'; allowed: truth.imu, truth.initial_"),
+    ("truth.gravimeter.sigma={a: 3x}", "truth.gravimeter.sigma: must be a number"),
     ("truth.gravimeter.sigma=-1", "truth.gravimeter.sigma: must be greater than 0, not"),
     ("truth.imu.rate=2", "truth.imu.rate: cannot differ from imu.rate (1.0), which says what the"),
     ("truth.gravimeter.interval=2x", "truth.gravimeter.interval: cannot differ from gravimeter."),

@@ -107,21 +107,15 @@ def test_out_of_range_and_missing(floor):
     assert none[..., -1].mean() > none[..., 0].mean()  # the slanting beams are longer
 
 
-@pytest.mark.parametrize(
-    ("items", "said"),
-    [
+def test_what_cannot_be_simulated_is_refused(floor):
+    for items, words in (
         (("altimeter.directions=[[0, 80]]",), "angle from straight down"),
         (("altimeter.beams=3", DVL), "says nothing where directions"),
         ((DVL, "altimeter.message=scan"), "directions needs points"),
         (("altimeter.beams=3", "truth.altimeter.beams=4"), "truth.altimeter.beams"),
-    ],
-)
-def test_bad_patterns_are_refused(items, said):
-    with refusal(said):
-        scenario_of(*items).true  # noqa: B018
-
-
-def test_what_cannot_be_simulated_is_refused(floor):
+    ):
+        with refusal(words):
+            scenario_of(*items).true  # noqa: B018
     for field_map, item, words in (
         (floor, "route.height=-320", "below the terrain"),
         (floor, "gravimeter.delay=5", "cannot be late"),

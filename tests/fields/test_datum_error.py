@@ -42,13 +42,10 @@ def drawn(runs=RUNS, channels=(), **datum):
     return TrueMapError(it.true, trajectory, index, runs).of_datum(channels), north, east
 
 
-def test_an_offset_is_the_same_at_all_scans():
+def test_an_offset_is_the_same_at_all_scans_and_a_tilt_is_a_plane_from_the_start():
     error, _, _ = drawn(offset=5e-5)
     assert not np.ptp(error, axis=1).any()
     assert np.std(error[:, 0]) == pytest.approx(5e-5, rel=0.15)  # 4 sigma of 400 draws
-
-
-def test_a_tilt_is_a_plane_from_the_start():
     error, north, east = drawn(tilt=1e-9)
     _, residual, *_ = np.linalg.lstsq(np.stack([north, east], axis=1), error.T)
     assert np.sqrt((residual / len(north)).max()) < 1e-3 * np.abs(error).max()
@@ -64,7 +61,7 @@ def test_each_run_and_channel_has_its_own():
     np.testing.assert_array_equal(drawn([1], (2,), offset=1.0, tilt=1e-5)[0][0], error[1])
 
 
-def test_readings_have_it():
+def test_readings_have_it_and_the_bound_takes_it_for_a_bias_and_a_drift():
     wrong = {"offset": 5e-5, "tilt": 1e-9}
     trajectory, field_map = build_trajectory(scenario()), field_map_of(wavy)
     felt, plain = (
@@ -72,14 +69,10 @@ def test_readings_have_it():
         for it in (scenario(map_error=wrong), scenario())
     )
     np.testing.assert_allclose(felt - plain, drawn([7], **wrong)[0], atol=1e-14)
-
-
-def test_the_bound_takes_it_for_a_bias_and_a_drift():
-    trajectory, field_map = build_trajectory(scenario()), field_map_of(wavy)
     instrument = {"quantity": "disturbance", "sigma": 1e-9, "bias": 5e-5, "drift": 22e-9}
     one, other, none = (
         posterior_cramer_rao(scenario(**keys).true, trajectory, field_map).covariance
-        for keys in ({"map_error": {"offset": 5e-5, "tilt": 1e-9}}, {"gravimeter": instrument}, {})
+        for keys in ({"map_error": wrong}, {"gravimeter": instrument}, {})
     )
     np.testing.assert_allclose(one, other, rtol=1e-6)
     assert np.trace(one[-1]) > 2.0 * np.trace(none[-1])

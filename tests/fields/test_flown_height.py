@@ -153,7 +153,6 @@ def test_a_tiled_map_is_the_same(low):
     it = scenario(low)
     route = build_trajectory(it)
     whole = map_for_scenario(it, route, 5000.0)
-
     tiled = TiledMap(flown(it), corridor_of(route.latitude, route.longitude, 5000.0))
     difference = along(it, tiled) - along(it, whole)
     assert rms(difference) < 0.02 * MGAL
@@ -161,14 +160,12 @@ def test_a_tiled_map_is_the_same(low):
     assert near.provenance.endswith("continued to 1000 m")
 
 
-def test_gradients_are_continued_from_the_level_that_is_told(low):
+def test_fields_that_do_not_change_with_height_stay_and_gradients_have_a_way_of_their_own(
+    low, tmp_path
+):
     it = scenario(low, "field=gradient", "map.level=400")
     disturbance = map_of(attraction(0.0))
-    found = MapSource.of(it).for_gradients(disturbance, it.route.height)
-    assert found == (disturbance, 600.0)
-
-
-def test_fields_that_do_not_change_with_height_stay(tmp_path):
+    assert MapSource.of(it).for_gradients(disturbance, it.route.height) == (disturbance, 600.0)
     ground = together(
         tmp_path / "ground.nc", replace(map_of(mountains()), unit="m", quantity="height")
     )

@@ -118,7 +118,8 @@ def test_normal_gravity_is_no_vector(world):
     for without in (magnetic, scenario):
         assert gravity_vector(without, trajectory) is None
     assert sensed_gravity(scenario.true, trajectory, [0]) is None
-    assert known_gravity(scenario, trajectory).residual_sigma == 0.0
+    known = known_gravity(scenario, trajectory)
+    assert (known.residual_sigma, known.residual) == (0.0, None)
 
 
 def test_averaging_keeps_means_and_places():
@@ -149,13 +150,6 @@ def test_what_is_believed_to_be_left(world, gravity, told, expected):
     known = known_gravity(scenario, trajectory)
     assert known.residual_sigma == pytest.approx(expected(spread), rel=1e-6)
     assert (known.compensation.share > 0.0) == (gravity.get("compensation") != "none")
-
-
-def test_what_is_really_left_goes_by_the_true_map_error(world):
-    scenario = changed(world, map_error={"sigma": 4e-5, "correlation_length": 9e3})
-    left = true_residual_gravity(scenario.true, build_trajectory(scenario))
-    assert left.residual_sigma == pytest.approx(np.hypot(4e-5 / np.sqrt(2.0), 1e-6))
-    assert left.residual_length == pytest.approx(9e3)
 
 
 @pytest.mark.parametrize("most", [3000, 0], ids=["by a root", "by waves"])
@@ -193,11 +187,12 @@ def test_maps_of_the_deflection_come_before_the_transform(world, tmp_path):
     np.testing.assert_allclose(measured, 3.0 * transformed, atol=0.1 * np.abs(transformed).max())
 
 
-def test_what_is_left_follows_the_map_error_that_readings_have_shown(world):
+def test_what_is_left_follows_the_true_map_error_or_the_one_that_readings_have_shown(world):
     trajectory = build_trajectory(world)
+    wrong = changed(world, map_error={"sigma": 6e-5, "correlation_length": 9e3})
+    really = true_residual_gravity(wrong.true, trajectory)
     expected = np.hypot(6e-5 / np.sqrt(2.0), 1e-6), 9e3
+    assert (really.residual_sigma, really.residual_length) == pytest.approx(expected)
     assert known_gravity(world, trajectory).residual.given(6e-5, 9e3) == pytest.approx(expected)
     told = changed(world, gravity={"residual_sigma": 7e-5, "residual_correlation_length": 5e3})
     assert known_gravity(told, trajectory).residual.given(6e-5, 9e3) == (7e-5, 5e3)
-    normal = known_gravity(changed(world, gravity={"field": "normal"}), trajectory)
-    assert normal.residual is None

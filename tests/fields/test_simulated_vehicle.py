@@ -30,12 +30,5 @@ def test_the_turn_rate_is_that_of_the_attitude(vehicle):
     rate = np.array(steps) / vehicle.trajectory.dt
     assert np.abs(rate[:, 2]).max() > 0.01  # it does turn
     np.testing.assert_allclose(vehicle.turn_rate[1:], rate, atol=1e-5)
-
-
-def test_all_begins_with_the_start(vehicle):
-    count = len(vehicle) + 1
-    assert vehicle.states.shape == (count, 10)
-    assert vehicle.unaided.shape == (count, 2)
-    assert vehicle.turn_rate.shape == (count, 3)
     off = horizontal_difference(*vehicle.unaided[0], *vehicle.states[0, :2])
     assert 0.0 < np.hypot(*off) < 300.0  # the initial error's 1-sigma is 50 m

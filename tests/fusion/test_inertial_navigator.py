@@ -262,6 +262,18 @@ def test_the_track_is_that_of_the_states():
     np.testing.assert_allclose((rows[4] - rows[3])[0] * north, 0.5 * rows[3, 3], rtol=1e-3)
 
 
+def test_a_forecast_goes_on_as_the_vehicle_did():
+    it = navigator()
+    advance(it, 60)
+    before = it.state.copy()
+    ahead = it.forecast(80.0, 100.0)
+    assert identical(it.state, before)
+    off = error_between(ahead, reference(80, {}))[:2]
+    sigma = np.sqrt(np.diag(ahead.covariance)[:2])
+    assert (sigma > np.sqrt(np.diag(before.covariance)[:2])).all()
+    assert (np.abs(off) < 3.0 * sigma).all()
+
+
 LONG = fly(route=ROUTE.model_copy(update={"duration": 900.0}))
 
 

@@ -43,6 +43,12 @@ def test_where_it_is_not_it_is_the_regression_over_all_places() -> None:
     np.testing.assert_allclose(found.left, 2.0 * (bend * 300.0**2) ** 2, rtol=0.02)
 
 
+def test_off_the_map_there_is_no_number() -> None:
+    latitude, longitude = places(WAVY, 2)
+    found = linear_map(WAVY, latitude + 0.1, longitude, np.tile(np.eye(2), (2, 1, 1)))
+    assert np.isnan(found.value).all()
+
+
 def test_a_reading_moves_the_navigator_along_the_gradient() -> None:
     """The residual is that of a navigator that is 100 m north of its reference, which is true."""
     state = FLIGHT.start.copy()

@@ -253,6 +253,23 @@ def test_what_happened_in_a_gap_is_settled_by_a_later_fix() -> None:
     assert abs(again[0]) < 60.0  # before the gap there was a fix
 
 
+def test_several_gaps_while_it_is_undecided() -> None:
+    """States that were merged for a second gap are told apart by what came after it."""
+    it = after_gaps((20.0, 50), (51.0, 80))
+    it.measure(float(DURATION), fix(DURATION))
+    for one in it.smoothed(np.array([20.0, 51.0, 81.0])):
+        assert is_positive_definite(one)
+        assert np.isfinite(np.concatenate(one.estimate)).all()
+
+
+def test_times_that_are_not_in_the_history() -> None:
+    it = navigator()
+    advance(it, DURATION)
+    with pytest.raises(ValueError, match="older than the buffer"):
+        it.smoothed(np.array([-5.0]))
+    assert it.smoothed(np.empty(0)) == []
+
+
 def track(*longitudes: float) -> SmoothedTrack:
     states = []
     for k, longitude in enumerate(longitudes):

@@ -1,7 +1,7 @@
 """Overrides of scenarios that measure something else than gravity."""
 
 SHORT = (
-    "route.duration=900.0",
+    "route.duration=600.0",
     "matcher.batch_length=15",
     "matcher.stride=15",
     "initial_error.position=300.0",

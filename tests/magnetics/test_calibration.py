@@ -6,21 +6,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from helpers.magnetics import (
-    BAD_SENSOR,
-    INTENSITY,
-    STROBE,
-    Circumstances,
-    aircraft,
-    fly,
-    spread,
-)
+from helpers.magnetics import BAD_SENSOR, INTENSITY, STROBE, Circumstances, aircraft, fly, spread
 from isogal.errors import InputError
 from isogal.evaluation.calibration_report import by_heading
 from isogal.magnetics.band_pass import Band
 from isogal.magnetics.calibration import Settings, calibrate
 from isogal.magnetics.manoeuvres import Flight, calibration_flight, ordinary_flight
-from isogal.magnetics.readings import BaseStation, Readings
+from isogal.magnetics.readings import Readings
 
 NO_LAG = Settings(lag=0.0)
 
@@ -55,6 +47,8 @@ def test_a_heading_error_of_200_nt_is_gone_on_another_flight():
     assert spread(after) < 0.5
     assert spread(by_heading(heading, before)) > 25.0
     assert spread(by_heading(heading, after)) < 0.5
+    means = by_heading(np.array([0.0, 6.2, np.pi / 2.0, np.pi]), np.array([1.0, 3.0, 5.0, np.nan]))
+    assert (means[0], means[2]) == (2.0, 5.0) and np.isnan(means[4])
     assert clean().rms_after < 0.05
     assert clean().rms_before > 5.0
 
@@ -70,9 +64,13 @@ def test_switched_currents_a_poor_vector_sensor_and_a_diurnal():
     np.testing.assert_allclose(found.coefficients[18:], STROBE, atol=0.3)  # in its axes
 
 
-def test_a_current_that_never_flows_does_no_harm():
+def test_gaps_and_a_current_that_never_flows_do_no_harm():
     readings, _ = flown()
-    found = calibrated(replace(readings, currents={"strobe": np.zeros(len(readings))}))
+    total = readings.total.copy()
+    total[1500:1520] = np.nan
+    never = {"strobe": np.zeros(len(readings))}
+    found = calibrated(replace(readings, total=total, currents=never))
+    assert found.used < clean().used
     np.testing.assert_array_equal(found.compensation.coefficients[18:], 0.0)
     assert np.isfinite(found.condition)
     assert found.rms_after == pytest.approx(clean().rms_after, rel=0.1)
@@ -141,42 +139,13 @@ def test_a_sensor_that_stands_still_tells_nothing_and_says_so():
     assert found.determined < 3.0
 
 
-def test_gaps_do_no_harm():
-    readings, _ = flown()
-    total = readings.total.copy()
-    total[1500:1520] = np.nan
-    found = calibrated(replace(readings, total=total))
-    assert found.used < clean().used
-    other, truth = other_flight()
-    assert spread(found.compensation.clean(other) - truth) < 1.0
-
-
-@pytest.mark.parametrize(
-    ("total", "vector", "said"),
-    [(5e-5, 5e4, "scalar"), (5e4, 5e-5, "vector"), (5e4, 2e4, "of the scalar")],
-)
-def test_readings_in_another_unit_are_refused(total, vector, said):
-    with pytest.raises(InputError, match=said):
-        Readings(np.arange(5.0), np.full(5, total), np.tile([0.0, 0.0, vector], (5, 1)), "file")
-
-
-def test_the_band_refuses_what_is_no_band():
+def test_readings_in_another_unit_and_what_is_no_band_are_refused():
+    for total, vector, said in (
+        (5e-5, 5e4, "scalar"),
+        (5e4, 5e-5, "vector"),
+        (5e4, 2e4, "of the"),
+    ):
+        with pytest.raises(InputError, match=said):
+            Readings(np.arange(5.0), np.full(5, total), np.outer(np.ones(5), [0, 0, vector]), "f")
     with pytest.raises(InputError, match="band"):
         Band(0.9, 0.1)
-
-
-def test_a_base_station():
-    time = np.arange(0.0, 100.0, 10.0)
-    station = BaseStation(time, 50_000.0 + time, "base.csv")
-    np.testing.assert_allclose(station.variation(np.array([0.0, 55.0]), "x"), [-45.0, 10.0])
-    with pytest.raises(InputError, match="does not cover"):
-        station.variation(np.array([0.0, 95.0]), "flight.csv")
-    with pytest.raises(InputError, match="neither"):
-        BaseStation(time, 5e-5 + 0.0 * time + 4000.0, "base.csv")
-
-
-def test_means_by_heading():
-    heading = np.array([0.0, 6.2, np.pi / 2.0, np.pi])
-    means = by_heading(heading, np.array([1.0, 3.0, 5.0, np.nan]))
-    assert (means[0], means[2]) == (2.0, 5.0)
-    assert np.isnan(means[4])

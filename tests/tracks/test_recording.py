@@ -28,9 +28,10 @@ def tracks_of(path, *topic):
     return {track.quantity: track for track in read_recording(path, *topic)}
 
 
-@pytest.mark.parametrize("prefix", ["/", "", "/ship/"])
+@pytest.mark.parametrize("prefix", ["", "/ship/"])
 def test_readings_get_the_position_at_their_stamp(tmp_path, prefix):
     write_bag(tmp_path / "bag" / "bag_0.mcap", *drive(prefix=prefix))
+    assert is_recording(tmp_path) and is_recording(Path("a.MCAP"))
     tracks = tracks_of(tmp_path / "bag")
     track = tracks["gravity"]
     np.testing.assert_allclose(track.time, np.arange(2.5, 19.0, 2.0))
@@ -68,18 +69,13 @@ def test_later_positions_of_a_stamp_those_without_a_fix_and_other_topics_are_ign
         ("/gravimeter/gravity", READING, reading(25.0, 9.8)),
         ("/talk", TEXT, SimpleNamespace(data="x")),
     ]
-    found = tracks_of(write_bag(tmp_path / "b.mcap", *messages))["gravity"]
+    bag = write_bag(tmp_path / "b.mcap", *messages)
+    found = tracks_of(bag)["gravity"]
     np.testing.assert_array_equal(found.latitude, expected.latitude)
     assert found.time[-1] == 18.5
-
-
-def test_another_topic_for_the_positions(tmp_path):
-    others = [(topic.replace("nav/fix", "ins/fix"), *message) for topic, *message in drive()]
-    bag = write_bag(tmp_path / "b.mcap", *others)
-    assert len(tracks_of(bag, "ins/fix")["gravity"]) == 9
-    topics = "/gravimeter/disturbance, /gravimeter/gravity, /ins/fix"
-    with pytest.raises(InputError, match=f"has no message on 'nav/fix'; it has {topics}"):
-        read_recording(bag)
+    topics = "/gravimeter/disturbance, /gravimeter/gravity, /nav/fix, /talk"
+    with pytest.raises(InputError, match=f"has no message on 'ins/fix'; it has {topics}"):
+        read_recording(bag, "ins/fix")
 
 
 def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
@@ -98,7 +94,7 @@ def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
     assert sizes[2] == 19  # the summary at the end is not needed
 
 
-def test_a_chunk_with_a_size_that_cannot_be_ends_the_reading(tmp_path):
+def test_a_chunk_with_an_impossible_size_ends_the_reading(tmp_path):
     file = write_bag(tmp_path / "b.mcap", *drive(40), chunk_size=1000)
     data = bytearray(file.read_bytes())
     place, chunks = 8, []
@@ -122,11 +118,7 @@ EARLY = [*READINGS, *(message for message in drive(4)[:4] if message[1] == FIX)]
     [
         ([], "has no message on 'nav/fix'; it has none at all"),
         ([m for m in drive() if "nav" in m[0]], "has no message on 'gravimeter/gravity'"),
-        ([("nav/fix", READING, reading(0.0, 1.0))], f"topic 'nav/fix' must be of type {FIX}"),
-        (
-            [("gravimeter/gravity", TEXT, SAYS)],
-            f"topic 'gravimeter/gravity' must be of type {READING}",
-        ),
+        ([("gravimeter/gravity", TEXT, SAYS)], f"'gravimeter/gravity' must be of type {READING}"),
         (EARLY, "no reading lies between the first and the last position"),
     ],
 )
@@ -152,9 +144,3 @@ def test_readings_without_a_variance_cannot_be_used(tmp_path):
     silent = tracks_of(write_bag(tmp_path / "s.mcap", *drive(variance=0.0)))["gravity"]
     with pytest.raises(InputError, match="a reading has no sigma; give --sensor-sigma"):
         silent.in_unit(1.0, None)
-
-
-def test_bags_are_recognised_by_suffix_or_as_folders(tmp_path):
-    assert is_recording(tmp_path)
-    assert is_recording(Path("a.MCAP"))
-    assert not is_recording(Path("a.csv"))

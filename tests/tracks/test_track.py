@@ -1,5 +1,5 @@
 """Recorded tracks: what is refused, whether a track belongs to a map, derivatives of the
-reduction."""
+reduction, means of stretches."""
 
 from dataclasses import replace
 
@@ -10,9 +10,11 @@ from helpers.tracks import field_of, made_track
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.maps.corridor import along_track
 from isogal.sensors.gravimeter import GravityReduction
 from isogal.sensors.magnetometer import intensity
 from isogal.sensors.reduction import State
+from isogal.tracks.averaging import averaged
 from isogal.tracks.track import fit_to_map
 
 DISTURBANCE = field_of("disturbance")
@@ -38,22 +40,21 @@ def test_wrong_numbers_are_refused(changes, message):
         changed(**changes)
 
 
-def test_two_readings_are_too_few():
-    names = ("time", "latitude", "longitude", "value", "sigma", "offset")
-    few = changed(**{name: getattr(changed(), name)[:2] for name in names})
-    with pytest.raises(InputError, match="at least 3 readings, has 2"):
-        fit_to_map(few, DISTURBANCE)
+NAMES = ("time", "latitude", "longitude", "value", "sigma", "offset")
 
 
-def test_a_track_off_the_map_is_refused():
-    far = changed(latitude=changed().latitude + 0.1)
-    with pytest.raises(InputError, match=r"off the map disturbance.nc .* 0 of 60 readings"):
-        fit_to_map(far, DISTURBANCE)
-
-
-def test_a_track_without_readings_is_refused():
-    with pytest.raises(InputError, match="0 of 60 readings have a value, at least 3 are needed"):
-        fit_to_map(changed(value=np.full(60, np.nan)), DISTURBANCE)
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({name: getattr(changed(), name)[:2] for name in NAMES}, "at least 3 readings, has 2"),
+        ({"latitude": changed().latitude + 0.1}, r"off the map disturbance.nc .* 0 of 60 readi"),
+        ({"value": np.full(60, np.nan)}, "0 of 60 readings have a value, at least 3 are needed"),
+    ],
+    ids=["few", "off the map", "missing"],
+)
+def test_tracks_that_do_not_fit_the_map_are_refused(changes, message):
+    with pytest.raises(InputError, match=message):
+        fit_to_map(changed(**changes), DISTURBANCE)
 
 
 def test_readings_where_the_map_is_empty_are_named():
@@ -69,7 +70,7 @@ def test_readings_where_the_map_is_empty_are_named():
 
 @pytest.mark.parametrize(
     ("quantity", "factor", "unit"),
-    [("disturbance", 1e5, "mGal"), ("height", 1e-3, "km"), ("magnetic_anomaly", 1e-9, "T")],
+    [("disturbance", 1e5, "mGal"), ("magnetic_anomaly", 1e-9, "T")],
 )
 def test_readings_in_another_unit_are_refused_with_the_unit(quantity, factor, unit):
     field_map = field_of(quantity)
@@ -92,6 +93,7 @@ def test_gravity_against_a_disturbance_map_is_refused_unless_normal_gravity_is_t
 
 def test_jacobian_of_each_reduction():
     track, _, _ = made_track(DISTURBANCE)
+    np.testing.assert_allclose(track.velocity, np.tile([14.0, 17.0], (60, 1)), rtol=2e-3)
     assert not track.jacobian("disturbance").any()
     latitude = replace(track, reduction="latitude").jacobian("bouguer_anomaly")
     # normal gravity at a latitude 1 m too far south (in the south it grows to the south) is too
@@ -107,11 +109,7 @@ def test_jacobian_of_each_reduction():
 
 @pytest.mark.parametrize(
     ("quantity", "reduction"),
-    [
-        *(("height", reduction) for reduction in ("latitude", "velocity", "main-field")),
-        *(("gravity", reduction) for reduction in ("latitude", "main-field")),
-        ("magnetic_anomaly", "velocity"),
-    ],
+    [("height", "velocity"), ("gravity", "latitude"), ("magnetic_anomaly", "velocity")],
 )
 def test_reductions_of_other_fields_are_refused(quantity, reduction):
     says = f"readings of {quantity} are not reduced with the track's {reduction}"
@@ -134,11 +132,24 @@ def test_jacobian_of_the_reduction_with_the_main_field():
     assert not jacobian[:, 2:].any()
 
 
-def test_velocity_is_that_of_the_positions():
-    np.testing.assert_allclose(changed().velocity, np.tile([14.0, 17.0], (60, 1)), rtol=2e-3)
-
-
 def test_constant_readings_are_not_taken_for_another_unit():
     track, _, _ = made_track(DISTURBANCE, sigma=1e-9)
     flat = replace(track, value=np.full(60, float(np.median(track.value))))
     fit_to_map(flat, DISTURBANCE)
+
+
+def test_readings_of_a_stretch_become_their_mean():
+    track, _, _ = made_track(field_of("disturbance"), count=60, sigma=2e-5)
+    step = float(np.median(np.diff(along_track(track.latitude, track.longitude))))
+    found = averaged(track, 3.0 * step + 1.0)
+    assert 18 <= len(found) <= 22
+    np.testing.assert_allclose(found.value.mean(), track.value.mean(), atol=1e-5)
+    assert found.sigma.min() == pytest.approx(2e-5 / np.sqrt(4.0), rel=0.16)
+    assert (np.diff(found.time) > 0.0).all()
+
+
+def test_missing_readings_do_not_count():
+    track, _, _ = made_track(field_of("disturbance"), count=60)
+    value = np.where(np.arange(60) % 2 == 0, np.nan, track.value)
+    found = averaged(replace(track, value=value), 1000.0)
+    assert np.isfinite(found.value).all()

@@ -27,9 +27,11 @@ def settings_of(assumed=None, matching=None, **of_map):
 
 
 def test_keys_of_set_are_in_the_unit_inside_and_options_win():
-    matching = MatcherChoice(set_=["matcher.map_sigma=4e-5", "matcher.stride=3"], stride=5)
+    keys = ["matcher.map_sigma=4e-5", "matcher.stride=3", "matcher.options.trust=3"]
+    matching = MatcherChoice("tercom", batch_length="20", stride=5, set_=keys)
     found = settings_of(matching=matching)
-    assert (found.map_sigma, found.stride) == (4e-5, 5)
+    assert (found.name, found.batch_length, found.stride) == ("tercom", 20, 5)
+    assert (found.map_sigma, found.options) == (4e-5, {"trust": 3})
     assert settings_of(Assumptions(map_sigma="3"), matching).map_sigma == pytest.approx(3e-5)
 
 
@@ -71,12 +73,9 @@ def test_normal_gravity_in_the_offset_may_be_that_of_another_latitude(files, tmp
         )
         words = ["match", "--map", map_file, "--track", path, "--sensor-sigma", sigma]
         words += ["--batch-length", 60, "--map-sigma", 0, "--json"]
-        _, out, said = call(*words)
-        assert "offset holds normal gravity" in said
-        assert "an unknown constant of 7.8e-06 m s-2 is allowed for" in said
-        (fix,) = json.loads(out)
-        assert squared_distance(fix, latitude[-1], longitude[-1]) < 13.8  # 99.9 %
-        _, out, said = call(*words, "--reduction", reduction)
-        assert "normal gravity" not in said
-        (fix,) = json.loads(out)  # of an offset that is estimated in any case
-        assert squared_distance(fix, latitude[-1], longitude[-1]) < 13.8
+        for options, warned in (((), True), (("--reduction", reduction), False)):
+            _, out, said = call(*words, *options)
+            assert ("offset holds normal gravity" in said) == warned
+            assert ("an unknown constant of 7.8e-06 m s-2 is allowed for" in said) == warned
+            (fix,) = json.loads(out)
+            assert squared_distance(fix, latitude[-1], longitude[-1]) < 13.8  # 99.9 %

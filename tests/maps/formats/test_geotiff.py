@@ -36,10 +36,6 @@ def check(path, tolerance, *asked, **options):
     return field_map
 
 
-def test_geographic(tmp_path):
-    assert np.isfinite(check(geotiff(tmp_path / "a.tif", MGAL, NORTH_UP), 1e-7).values).all()
-
-
 def test_packed_with_no_data(tmp_path):
     packed = np.rint((MGAL - 5.0) / 0.01)
     packed[50, 60] = -32768
@@ -49,7 +45,7 @@ def test_packed_with_no_data(tmp_path):
     assert np.argwhere(np.isnan(field_map.values)).tolist() == [[119 - 50, 60]]
 
 
-@pytest.mark.parametrize("crs", ["EPSG:28355", "EPSG:32755", "EPSG:3857"])
+@pytest.mark.parametrize("crs", ["EPSG:32755", "EPSG:3857"])
 def test_projected_systems_are_resampled(tmp_path, crs):
     """Written on a metric grid by an exact transformation of its cell centres; read back on a
     geographic one."""
@@ -99,10 +95,6 @@ def test_refusals(tmp_path):
     assert "axes swapped, or a proj" in refused(swapped)
     odd = geotiff(tmp_path / "b.tif", MGAL, NORTH_UP, kind="complex64")
     assert "band 1 holds complex64, not numbers" in refused(odd)
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04" * 100, "cut"], ids=str)
-def test_damaged_files(tmp_path, content):
-    path = geotiff(tmp_path / "a.tif", MGAL, NORTH_UP)
-    path.write_bytes(path.read_bytes()[:3000] if content == "cut" else content)
-    assert "cannot be read as GeoTIFF" in refused(path)
+    for content in (b"", b"PK\x03\x04" * 100, swapped.read_bytes()[:3000]):
+        odd.write_bytes(content)
+        assert "cannot be read as GeoTIFF" in refused(odd)

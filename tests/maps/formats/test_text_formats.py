@@ -50,20 +50,17 @@ def test_gdf_gaps_and_a_height_column(tmp_path):
     [
         (gdf(ROWS[:-16]), "not a table of numbers, or cut short"),
         (gdf(ROWS).replace("end_of_head", "the_end"), "no line 'end_of_head'"),
-        ("x" * 100_000, "no line 'end_of_head'"),
         (gdf(CUT), "points, the header says 480; cut short?"),
         (gdf(ROWS, drop=("unit",)), "does not say its unit"),
         (gdf(ROWS, functional="second_r_derivative"), "does not say what it is a map of"),
         (gdf(ROWS, functional="geoid", unit="mgal"), "unit 'mgal' does not fit a geoid map"),
         (gdf(ROWS, gapvalue="none"), "header gapvalue is not a number"),
-        (gdf(ROWS.replace("144.5000000000", "????", 1)), "not a table of numbers"),
         (
             gdf(ROWS).replace("longitude  latitude  g", "latitude  longitude  g"),
             "columns must begin with longitude, latitude",
         ),
         (gdf(table(SMALL, "lat lon value")), "latitudes reach 145.65 deg"),
         (gdf(""), "holds no numbers"),
-        (gdf("1 2 3\n"), "points, the header says 480"),
     ],
 )
 def test_gdf_refusals(tmp_path, text, words):
@@ -103,10 +100,6 @@ def test_xyz_with_holes(tmp_path):
 @pytest.mark.parametrize(
     "text,words",
     [
-        ("", "does not name its columns"),
-        ("lon lat dg[mGal]\n", "has no readings"),
-        ("lon lat dg[mGal]\n1 2\n", "line 2 has 2 cells, the header 3"),
-        ("lon lat dg[mGal]\n1 2 3\n1 2 x\n", "value in line 3 is 'x', not a number"),
         ("lon lat dg[mGal]\n1 nan 3\n1 2 3\n", "lat in line 2 is nan, not a finite number"),
         ("lon lat dg[mGal]\n500000 2 3\n500100 2 3\n", "is it a projected grid?"),
         ("lon lat dg[mGal]\n1 2 3\n2 2 3\n3 2 3\n", "all points have the same latitude"),
@@ -114,10 +107,6 @@ def test_xyz_with_holes(tmp_path):
         ("lon lat dg[mGal]\n" + ROWS + FIRST, "two points lie on the same node"),
         (
             "lon lat dg[mGal]\n" + "".join(f"{np.sqrt(i)} {i % 7} 1\n" for i in range(99)),
-            "regular grid",
-        ),
-        (
-            "lon lat dg[mGal]\n" + "".join(f"{i} {i * 1.3 % 60} 1\n" for i in range(99)),
             "regular grid",
         ),
         ("lon lat a b\n1 2 3 4\n", "does not say which column holds the values"),

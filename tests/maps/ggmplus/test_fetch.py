@@ -59,6 +59,8 @@ def test_tiles_arrive_whole_with_progress_and_checksums(mirror, fetch, tmp_path)
     again = fetch()
     assert (again.present, again.downloaded, again.trusted) == ([NAME], [], [])
     assert len(mirror.requests) == 3  # none for what is there
+    mirror.files[names[2]] = mirror.files[NAME]
+    assert fetch(*names).downloaded == names[2:]  # once it is there
 
 
 def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, fetch, tmp_path):
@@ -70,10 +72,8 @@ def test_a_tile_put_there_by_hand_is_trusted_on_first_use(mirror, fetch, tmp_pat
 @pytest.mark.parametrize(
     "trouble",
     [
-        ["cut"],
         ["cut", "cut", "cut", "cut", "cut", "cut"],
         ["stall"],
-        ["slow"],
         [503, 429, "cut"],
         ["cut", "lies"],
         ["cut", "no resume"],
@@ -107,7 +107,6 @@ def test_a_later_call_goes_on_where_the_first_broke_off(mirror, fetch, tmp_path)
         (["no length"], "sends more than the 20000 bytes of a tile"),
         ([403], "the server answers 403"),
         (["slow"] * 9, "no answer within 0.4 s; gave up after 3 tries"),
-        ([500] * 9, "the server answers 500"),
         ([404], "the server has none of the 1 tiles"),
     ],
 )
@@ -120,19 +119,19 @@ def test_permanent_server_errors_are_reported(mirror, fetch, tmp_path, trouble, 
     assert NAME not in left(tmp_path)
 
 
-@pytest.mark.parametrize("url", ["http://127.0.0.1:{port}", "http://no-such-host.invalid"])
-def test_no_network_is_one_clear_line(fetch, url):
+def test_no_network_is_one_clear_line(fetch):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    with pytest.raises(InputError, match=OFFLINE):
-        fetch(url=url.format(port=port))
+    for url in (f"http://127.0.0.1:{port}", "http://no-such-host.invalid"):
+        with pytest.raises(InputError, match=OFFLINE):
+            fetch(url=url)
 
 
-@pytest.mark.parametrize("url", ["ftp://x/y", "file:///etc", "curtin.edu", ""])
-def test_addresses_begin_with_http(fetch, url):
-    with refusal("must begin with http"):
-        fetch(url=url)
+def test_addresses_begin_with_http(fetch):
+    for url in ("file:///etc", "curtin.edu", ""):
+        with refusal("must begin with http"):
+            fetch(url=url)
 
 
 def test_another_edition_is_refused_and_damage_repaired(mirror, fetch, tmp_path):
@@ -149,23 +148,13 @@ def test_another_edition_is_refused_and_damage_repaired(mirror, fetch, tmp_path)
     assert left(tmp_path) == [REGISTRY]
 
 
-def test_a_tile_that_appears_later_is_fetched(mirror, fetch):
-    good = mirror.files.pop(NAME)
-    fetch(NAME, "S40E140.dg")
-    mirror.files[NAME] = good
-    assert fetch().downloaded == [NAME]
-
-
-def test_one_fetch_at_a_time(fetch, tmp_path):
+def test_one_fetch_at_a_time_with_a_registry_that_can_be_read(fetch, tmp_path):
     with (
         locked(tmp_path / "fetch", wait=False) as mine,
         pytest.raises(InputError, match="another isogal map fetch is at work"),
     ):
         assert mine
         fetch()
-
-
-def test_a_broken_registry_is_named(fetch, tmp_path):
     (tmp_path / REGISTRY).write_text("# head\nwhat is this\n")
     with pytest.raises(InputError, match=r"checksums\.txt \(line 2\)"):
         fetch()

@@ -76,7 +76,8 @@ def test_other_kinds_of_tiles(tmp_path, extension):
     np.testing.assert_allclose((part.values - middle) / kind.step, 300.0 * wave, atol=0.51)
 
 
-def test_tiles_are_joined(folder):
+def test_tiles_of_a_folder_are_joined(tmp_path, folder):
+    assert is_ggmplus(folder) and is_ggmplus(folder / "S40E140.dg") and not is_ggmplus(tmp_path)
     field_map = load_map(folder, None, "disturbance", window(-37.2, -37.0, 144.8, 145.3))
     lat, lon = np.radians(np.full(200, -37.1)), np.radians(np.linspace(144.8, 145.3, 200))
     np.testing.assert_allclose(
@@ -112,9 +113,3 @@ def test_refusals(tmp_path, folder):
     assert "check the unit, scale, no-data value and byte order" in said(tmp_path, "dg")
     np.full(CELLS * CELLS, KINDS["dg"].no_data, ">i2").tofile(tile)
     assert "all missing" in said(tmp_path, "dg")
-
-
-def test_a_folder_and_a_tile_are_recognised(tmp_path, folder):
-    assert is_ggmplus(folder) and is_ggmplus(folder / "S40E140.dg") and not is_ggmplus(tmp_path)
-    one = load_map(folder / "S40E145.dg", window=window(-37.1, -37.0, 146.0, 146.1))
-    assert one.quantity == "disturbance"

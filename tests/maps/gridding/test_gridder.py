@@ -106,6 +106,10 @@ def test_blunders_are_named_by_line_and_time():
     assert (first["line"], first["time"]) == (line[100], time[100])
     assert first["off"] == pytest.approx(200.0 * MGAL, rel=0.1) and first["sigmas"] > 6.0
     assert all(abs(one["off"]) < 0.5 * first["off"] for one in others)
+    # but both poles of a body at a small depth are used
+    readings[100:102] += np.array([100.0, -300.0]) * MGAL
+    poles = learn_model(survey_at(places, readings, line=line), GridSettings())
+    assert poles.report["readings"] == len(places)
     named = replace(model.survey, line_names={int(line[100]): "L7A"})
     errors = np.where(np.arange(len(named)) == 100, 1.0, 0.0)
     ones = np.ones(len(named))
@@ -132,22 +136,6 @@ def test_a_few_blunders_among_stations_are_named_and_not_used_unless_their_sigma
     own = np.where(number == 17, 100.0, 0.1) * MGAL
     model = learn_model(survey_at(places, wrong, sigma=own), GridSettings())
     assert model.report["readings"] == 199
-
-
-def test_both_poles_of_a_body_at_a_small_depth_are_used():
-    places, line = flight_lines(9, 1000.0, 600.0, 9e3)
-    _, readings = drawn(places, seed=5)
-    readings[100:102] += np.array([300.0, -300.0]) * MGAL
-    model = learn_model(survey_at(places, readings, line=line), GridSettings())
-    assert model.report["readings"] == len(places)
-
-
-def test_readings_that_say_nothing_make_no_map():
-    places, _ = flight_lines(9, 1000.0, 600.0, 9e3)
-    _, readings = drawn(places, seed=5)
-    survey = survey_at(places, readings, sigma=np.full(len(places), 1e3))
-    with refusal("nowhere do the readings say more"):
-        grid_survey(survey, GridSettings("kriging", spacing=2000.0))
 
 
 def test_sources_continue_upward():
@@ -188,15 +176,11 @@ def nodes_of(count, spacing):
     return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
 
 
-def test_error_lengths_of_an_exponential_covariance():
-    grid = nodes_of(12, 300.0)
+def test_error_lengths_and_ellipses_of_exponential_covariances():
+    grid = nodes_of(15, 250.0)
     distance = np.hypot(*(grid[:, None] - grid).T)
     lengths = error_lengths(grid, 4.0 * np.exp(-distance / 800.0))
     np.testing.assert_allclose(lengths, 800.0, rtol=0.01)
-
-
-def test_error_ellipses_of_a_covariance_that_is_longer_in_one_direction():
-    grid = nodes_of(15, 250.0)
     east, north = (grid[:, None] - grid).T
     angle = np.radians(60.0)  # from north to east
     along = north * np.cos(angle) + east * np.sin(angle)
@@ -252,30 +236,29 @@ def test_errors_along_a_line_between_others_hold_together_as_it_says(strike, one
             assert low < found < high
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
+def test_settings_are_checked():
+    for settings, words in (
         ({"method": "spline"}, "must be one of kriging, equivalent-sources, auto"),
         ({"method": "kriging", "height": 100.0}, "needs the method equivalent-sources"),
         ({"left_out": "points"}, "must be lines or blocks"),
         ({"trend": 7}, "must be 0 to 3"),
-    ],
-)
-def test_settings_are_checked(settings, words):
-    with refusal(words):
-        GridSettings(**settings)
+    ):
+        with refusal(words):
+            GridSettings(**settings)
 
 
 def test_a_survey_must_have_what_is_asked_for():
     places = scattered(60, 5e3, seed=10)
     survey = survey_at(places, drawn(places, seed=11)[1])
     same = survey_at(places, np.full(60, 1e-5))
+    silent = survey_at(places, survey.value, sigma=np.full(60, 1e3))
     for do, given, settings, words in (
         (learn_model, survey, {"method": "equivalent-sources", "height": 1e2}, "no column height"),
         (learn_model, survey, {"left_out": "lines"}, "no column line"),
         (learn_model, survey, {"level": True}, "no column line"),
         (grid_survey, survey, {"spacing": 2.0, "block": 0.0}, "larger --spacing"),
         (learn_model, same, {}, "all the same"),
+        (grid_survey, silent, {"method": "kriging"}, "nowhere do the readings say more"),
     ):
         with refusal(words):
             do(given, GridSettings(**settings))

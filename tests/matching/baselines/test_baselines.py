@@ -21,6 +21,7 @@ from isogal.matching.baselines.readings import (
 from isogal.matching.baselines.sitan import Sitan, SitanOptions, plane
 from isogal.matching.baselines.tercom import Tercom
 from isogal.matching.baselines.viterbi import Viterbi, _emissions, _trellis
+from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
 
@@ -67,6 +68,22 @@ def test_errors_are_small_and_agree_with_the_covariance(rough_map, name):
     # 60 values of chi-square(2)/2: mean 1 +- 0.13, 99.9 % below 1.45; ICCP is cautious, none may
     # be overconfident
     assert 0.15 < np.mean(nees) < 1.6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_prior_much_wider_than_the_map_is_no_error(rough_map, name):
+    # of the point-mass grid's first nodes only a few lie on the map
+    batch, _ = make_batch(rough_map, DRIFT, prior_sigma=(3e5, 0.05))
+    fix, _ = build(name).match(batch, rough_map, None)
+    assert not fix.published or np.isfinite(fix.covariance).all()
+
+
+@pytest.mark.parametrize("name", ["iccp", "particle"])
+def test_readings_that_no_place_explains_give_no_fix(rough_map, name):
+    batch, _ = make_batch(rough_map, DRIFT, sigma=1e-4)
+    surer = dataclasses.replace(batch, sigma=np.full(30, 2e-6))
+    fix, _ = build(name).match(surer, rough_map, None)
+    assert UNEXPLAINED in fix.diagnostics, fix.reason
 
 
 @pytest.mark.parametrize("name", ["tercom", "sitan", "particle", "point-mass"])
@@ -267,6 +284,9 @@ def test_gate_leaves_a_spike_out(rough_map):
     assert fix.diagnostics["readings_used"] == 29.0
     every, _ = Sitan().match(batch, rough_map, None)
     assert every.diagnostics["misfit"] > 3.0 * fix.diagnostics["misfit"]
+    batch.reading[:] += 1.0
+    none, _ = Sitan(options=SitanOptions(gate=5.0)).match(batch, rough_map, None)
+    assert UNEXPLAINED in none.diagnostics
 
 
 def test_plane_through_a_bowl_by_hand():

@@ -121,6 +121,8 @@ def test_the_less_feature_the_more_covariance(rough_map):
     )
     weighted, _ = PmhtPaper().match(batch, rough_map, None)
     variability = weighted.diagnostics["feature_variability"]
+    shown = weighted.candidates
+    np.testing.assert_allclose(np.bincount(shown.scan, shown.weight, minlength=len(batch)), 1.0)
     np.testing.assert_allclose(
         weighted.covariance, 30.0 / variability * plain.covariance, rtol=1e-12
     )

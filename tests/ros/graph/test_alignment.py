@@ -61,16 +61,3 @@ def test_aligned_graph_is_the_library(scenario, tmp_path, changes, first, last) 
     assert figures_of(states[-1])["aligned"] == "True"
     assert "aligning" not in states[-1].message
     assert_replayed(tmp_path / "bag")
-
-
-def test_gyroscopes_that_cannot_find_north_say_so(scenario, tmp_path) -> None:
-    poor = scenario("route.duration=40.0", "route.at_rest=40", "imu.gyroscope.bias=0.3deg/s",
-                    "fusion.start=align", "imu.grade=tactical")  # fmt: skip
-    run_here(poor, tmp_path / "bag")
-    found = messages_of(
-        tmp_path / "bag", topics.NAV_FIX, topics.PROTECTION_LEVEL, topics.DIAGNOSTICS
-    )
-    assert not found["nav/protection_level"]
-    assert {fix.status.status for fix in found["nav/fix"]} == {NavSatStatus.STATUS_NO_FIX}
-    text = said(found["/diagnostics"], "ukf_fusion_node")[-1].message
-    assert "waits for a course, a heading or a pose" in text

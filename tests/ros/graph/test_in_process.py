@@ -19,7 +19,6 @@ from isogal_ros.graph.running import Progress, run_in_process
 from isogal_ros.messages.frames import MAP
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.nodes.spin import make_executor
-from ukf_fusion_node.node import UkfFusionNode
 
 
 def test_a_recorder_that_fails_fails_the_run(scenario, tmp_path, monkeypatch) -> None:
@@ -34,23 +33,6 @@ def test_a_recorder_that_fails_fails_the_run(scenario, tmp_path, monkeypatch) ->
     with pytest.raises(GraphError, match=r"^isogal_recorder: .* No space left on device"):
         run_here(scenario(), tmp_path / "bag")
     assert len(collect(tmp_path / "bag").truth) > 10
-
-
-def test_a_node_that_stops_answering(scenario, tmp_path, monkeypatch) -> None:
-    publish, own = UkfFusionNode._publish, Plan.own
-    monkeypatch.setattr(
-        UkfFusionNode, "_publish", lambda self: publish(self) if self.samples < 20 else None
-    )
-    impatient = {"reply_timeout": 1.0}
-    monkeypatch.setattr(
-        Plan,
-        "own",
-        lambda plan, name: own(plan, name) | (impatient if name == topics.INS_SIM else {}),
-    )
-    with pytest.raises(
-        GraphError, match=r"no answer to the step at 20\.000 s .* missing nav/odom \(0 of 1\)"
-    ):
-        run_here(scenario(), tmp_path / "bag")
 
 
 def test_others_hear_it_and_are_heard(scenario) -> None:

@@ -97,24 +97,14 @@ def test_the_simulation_goes_on_without_it_and_with_it_again(graph, name) -> Non
         assert node.health.figures["ready"] is True
 
 
-def test_deactivated_for_less_than_anybody_notices(graph) -> None:
+@pytest.mark.parametrize("name", [topics.GRAVIMETER, topics.INS_SIM])
+def test_deactivated_for_less_than_anybody_notices(graph, name) -> None:
+    """The simulator itself stands still for so long."""
     graph.steps(1, "steps")
-    node = graph.nodes[topics.GRAVIMETER]
+    node, before, step = graph.nodes[name], forgotten(graph), graph.simulator.step
     node.trigger_deactivate()
     end = time.monotonic() + 0.3
     graph.spin(lambda: time.monotonic() > end, "some time")
+    assert name != topics.INS_SIM or (node.step, forgotten(graph)) == (step, before)
     node.trigger_activate()
     graph.steps(100, "steps afterwards")
-
-
-def test_the_simulator_itself(graph) -> None:
-    graph.steps(1, "steps")
-    node = graph.simulator
-    node.trigger_deactivate()
-    step, end = node.step, time.monotonic() + 0.5
-    graph.spin(lambda: time.monotonic() > end, "some time")
-    assert node.step == step
-    before = forgotten(graph)
-    node.trigger_activate()
-    graph.steps(100, "steps afterwards")
-    assert forgotten(graph) == before

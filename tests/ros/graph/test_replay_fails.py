@@ -63,32 +63,27 @@ def test_other_frames_fail_and_are_named(framed, tmp_path) -> None:
     assert "frame_id must be 'base_link', is 'imu_link' (parameter imu_frame)" in imu
     assert "gravimeter/disturbance: none of 36 messages was used" in gravity
     assert "frame_id must be 'gravimeter_link', is 'grav'" in gravity
+    assert "--driver TOPIC.frame=NAME" in gravity
     assert "no fix: no batch ended" in fixes
     assert "Largest difference" not in out
-    assert "report.html" not in out
     assert "No report" in out
     assert not (tmp_path / "out" / "report.html").exists()
 
 
 def test_readings_of_another_frame_fail(framed) -> None:
-    """The readings that the scenario matches, reduced when they were recorded."""
-    status, _, (gravity, fixes) = replayed(framed("/gravimeter"))
+    """The readings that the scenario matches, reduced when they were recorded; the instrument's
+    own, reduced anew, were waited for in vain."""
+    status, _, (_, fixes) = replayed(framed("/gravimeter"))
     assert status == 1
-    assert "--driver TOPIC.frame=NAME" in gravity
     assert "no fix: 6 batches gave none: only 0 of 6 scans have a reading" in fixes
-
-
-def test_the_instruments_own_readings_of_another_frame_fail(framed) -> None:
-    """Reduced anew, they were waited for in vain."""
     status, _, lines = replayed(framed("/gravimeter"), "--set", "gravimeter.sigma=9e-5")
     assert status == 1
     assert "gravimeter/data_raw: none of 36 messages was used: 36 dropped: frame_id" in lines[0]
 
 
 def test_the_parameter_that_is_named_mends_it(framed) -> None:
-    status, out, lines = replayed(
-        framed("/imu"), "--parameter", "imu_frame=imu_link", "--tolerance", 1e-3
-    )
+    words = "--parameter", "imu_frame=imu_link", "--tolerance", 1e-3
+    status, out, lines = replayed(framed("/imu"), *words)
     assert status == 0, lines
     assert "disagreements: 0" in out
 
@@ -97,7 +92,6 @@ def test_a_filter_that_never_starts_is_told_of(recording) -> None:
     status, _, lines = replayed(recording, "--parameter", "start_time=-5000")
     assert status == 1
     assert "imu/data_raw: none of 360 messages was used: waits for a pose" in lines[0]
-    assert "start_time" in lines[0]
 
 
 def test_samples_that_are_dropped_on_the_way_do_not_stop_it(recording, tmp_path) -> None:
@@ -119,21 +113,17 @@ def test_samples_that_are_dropped_on_the_way_do_not_stop_it(recording, tmp_path)
 
 def test_nothing_is_compared_without_recorded_fixes(sensors_only, tmp_path) -> None:
     """It once said "disagreements" of each fix, and claimed a report."""
-    words = (sensors_only, "--out", tmp_path / "out")
-    status, out, lines = replayed(*words)
+    status, out, lines = replayed(sensors_only, "--out", tmp_path / "out")
     assert status == 0, lines
     assert "0 recorded, 6 replayed" in out
     assert "Not compared: there are no fixes in the recording (pmht_mm/fix)" in out
     assert "isagreements" not in out
     assert "No report: the recording has no ground_truth/fix" in out
     assert "report.html" not in out
-    status, out, lines = replayed(*words, "--json")
+    status, out, lines = replayed(sensors_only, "--tolerance", "1", "--json")
     document = json.loads(out)
-    assert status == 0, lines
     assert document["fixes"] == {"recorded": 0, "replayed": 6, "common": 0}
-    keys = ("disagreements", "largest_difference_m", "summary", "report")
-    assert [document[key] for key in keys] == [None] * 4
-    status, _, lines = replayed(sensors_only, "--tolerance", "1")
+    assert document["disagreements"] is document["largest_difference_m"] is None
     assert status == 1
     assert "there are no fixes in the recording (pmht_mm/fix) to compare with" in lines[0]
 
@@ -150,11 +140,8 @@ def test_a_sensor_that_the_recording_lacks_is_named_with_its_key(recording) -> N
     ("text", "expected"),
     [
         ("imu_frme=x", "--parameter imu_frme: no parameter of ukf_fusion_node; did you mean"),
-        ("run=3", "--parameter run: no parameter of ukf_fusion_node"),
         ("max_gap", "--parameter: must be NAME=VALUE, not 'max_gap'"),
         ("max_gap=-1", "--parameter: max_gap"),
-        ("max_gap=long", "--parameter: max_gap"),
-        ("start_position=[1.0]", "--parameter: start_position"),
     ],
 )
 def test_a_parameter_that_is_none_is_refused(recording, text, expected) -> None:

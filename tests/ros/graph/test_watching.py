@@ -79,11 +79,8 @@ def test_the_dashboard(watch) -> None:
         assert words in text
 
 
-def test_a_recording_as_a_page(recording, tmp_path) -> None:
-    page = tmp_path / "view.html"
-    answer("view", recording, "--out", page)
-    assert "pmht-paper" in page.read_text(encoding="utf-8")
-    assert "--run" in refusal("view", recording, "--run", 1)
+def test_a_runs_folder_as_a_page(recording, tmp_path) -> None:
     shutil.copytree(recording, tmp_path / "run" / "bag")
-    answer("view", tmp_path / "run", "--out", page)
-    assert "<h1>run</h1>" in page.read_text(encoding="utf-8")
+    answer("view", tmp_path / "run", "--out", tmp_path / "view.html")
+    assert "<h1>run</h1>" in (tmp_path / "view.html").read_text(encoding="utf-8")
+    assert "--run" in refusal("view", recording, "--run", 1)

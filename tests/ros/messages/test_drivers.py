@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Float32, Float64
 
 from helpers.bag_writing import begin
@@ -98,6 +98,8 @@ def test_other_types_and_units() -> None:
     assert read_velocity(taken(topics.VELOCITY, odometry))[0][0] == 10.0
     pressure = taken(topics.BAROMETER, Float64(data=1013.25), unit="hPa")
     assert read_pressure(pressure, Height(source="barometer"))[0] == pytest.approx(101325.0)
+    given_ = FluidPressure(fluid_pressure=1013.25, variance=4.0)
+    assert taken(topics.BAROMETER, given_, unit="hPa").variance == pytest.approx(4e4)
     (bow,) = topics.aid_topics("heading")
     assert read_heading(taken(bow, Float32(data=100.0)))[0] == pytest.approx(math.radians(100.0))
 

@@ -220,17 +220,17 @@ def test_it_lasts_until_fixes_have_agreed_for_a_time(scenario) -> None:
         assert not told(50)
 
 
-ELBOW = [[-36.6, 146.9, 22.0], [-36.5161, 147.0044, 22.0], [-36.5511, 147.0480, 22.0]]
-"""Waypoints (deg, m/s) of ten minutes north-east, and four south-east."""
+ELBOW = [[-36.6, 146.9, 22.0], [-36.558, 146.9522, 22.0], [-36.5930, 146.9958, 22.0]]
+"""Waypoints (deg, m/s) of five minutes north-east, and four south-east."""
 
 
 def test_a_sharp_turn_in_a_gap_is_never_silent(scenario) -> None:
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
-    way = f"route.waypoints={ELBOW}", "route.turn_rate=0.1", "route.duration=840.0"
+    way = f"route.waypoints={ELBOW}", "route.turn_rate=0.1", "route.duration=540.0"
     player = Feed(scenario(*way, *own), 0).player()
     player.bus.change = lambda topic, data: (
-        [] if topic == topics.IMU.name and abs(player.bus.now - 600.0) <= GAP / 2.0 else [data]
+        [] if topic == topics.IMU.name and abs(player.bus.now - 300.0) <= GAP / 2.0 else [data]
     )
     track, silent = played(player)
-    assert track.error[track.time > 600.0].max() > 150.0
+    assert track.error[track.time > 300.0].max() > 150.0
     assert silent == []

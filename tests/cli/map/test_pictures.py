@@ -1,0 +1,145 @@
+"""What `isogal map info`, `variability` and `navigability` say and draw of a map."""
+
+import json
+from dataclasses import replace
+
+import netCDF4
+import numpy as np
+import pytest
+import rasterio
+
+from helpers.batches import field_map_of, wavy
+from helpers.command_line import answer
+from isogal.cli.map.figures import map_figure
+from isogal.evaluation.figures.style import png
+from isogal.maps import tiled_map
+from isogal.maps.formats.netcdf_writing import write_netcdf
+
+ROUTE = ("--route", "-36.9,144.7 -36.2,145.4")
+
+
+def described(*words):
+    return json.loads(answer("map", "info", *words, "--json"))
+
+
+def test_description_of_a_map(small_map, tmp_path):
+    values = small_map.values.copy()
+    values[3:6, 4:9] = np.nan
+    path = tmp_path / "holed.nc"
+    write_netcdf(replace(small_map, values=values), path)
+    found = described(path)
+    assert (found["quantity"], found["unit"], found["nodes"]) == ("disturbance", "m/s²", [20, 24])
+    expected = {
+        "maximum": np.nanmax(values),
+        "mean": np.nanmean(values),
+        "standard_deviation": np.nanstd(values),
+        "missing": 15 / 480,
+        "east": 145.65,
+    }
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
+    assert "mGal" in answer("map", "info", path)
+
+
+def test_a_route_adds_the_expected_accuracy_of_fixes(file, tmp_path):
+    picture = tmp_path / "new" / "picture.png"
+    sensor = ("--set", "gravimeter.sigma=1e-6")
+    route = described(file, *ROUTE, *sensor, "--figure", picture)["route"]
+    assert len(route["stretches"]) == round(route["length_km"] / 5.0)
+    assert all(0.0 < part["sigma_best"] <= part["sigma_worst"] for part in route["stretches"])
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    worse = described(file, *ROUTE, "--sensor-sigma", 1e-5)["route"]
+    assert worse["stretches"][0]["sigma_best"] > 5.0 * route["stretches"][0]["sigma_best"]
+    text = answer("map", "info", file, *ROUTE, "--figure", picture)
+    assert "worst (m)" in text
+    assert text.endswith(f"{picture}\n")
+
+
+def test_the_options_of_the_errors_count(file):
+    wrong = "--map-sigma", 1e-5
+    found = [
+        described(file, *ROUTE, *words)["route"]["stretches"][0]["sigma_worst"]
+        for words in ((), wrong, (*wrong, "--map-correlation-length", 500), ("--bias-sigma", 1e-4))
+    ]
+    assert found[0] < min(found[1:])
+    assert found[1] != found[2]
+
+
+def test_the_synthetic_map_is_shown_along_a_route():
+    found = described("synthetic", "--route", "-37.1,145.1 -37.05,145.2", "--margin", 5)
+    assert found["quantity"] == "gravity"
+    assert found["route"]["length_km"] == pytest.approx(10.5, abs=0.5)
+
+
+def test_a_large_map_is_described_in_tiles(file, tmp_path, monkeypatch):
+    route = (*ROUTE, "--margin", 10)
+    whole = described(file, *route)
+    monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 100)
+    monkeypatch.setattr(tiled_map, "TILE_CELLS", 8)
+    picture = tmp_path / "picture.png"
+    tiled = described(file, *route, "--figure", picture)
+    for one, other in zip(tiled["route"]["stretches"], whole["route"]["stretches"], strict=True):
+        assert one == pytest.approx(other, rel=1e-6)
+    assert tiled["mean"] == pytest.approx(whole["mean"], abs=0.2 * whole["standard_deviation"])
+    assert whole["minimum"] <= tiled["minimum"] < tiled["maximum"] <= whole["maximum"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_variability_along_a_route(file, tmp_path):
+    picture = tmp_path / "picture.png"
+    words = ("map", "variability", file, *ROUTE)
+    found = json.loads(answer(*words, "--samples", 50, "--figure", picture, "--json"))
+    assert (found["samples"], found["points"], found["half_width"]) == (50, 9, 2000.0)
+    assert len(found["places"]) > 300
+    assert found["places"][0]["latitude"] == pytest.approx(-36.9)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    text = answer(*words, "--figure", picture)
+    assert "normalised" in text
+    assert text.endswith(f"{picture}\n")
+
+
+def test_where_the_map_ends_the_variability_is_missing(file):
+    """More than half of a template 400 km wide lies off the map."""
+    words = ("map", "variability", file, *ROUTE, "--half-width", 200_000)
+    places = json.loads(answer(*words, "--json"))["places"]
+    assert all(place["variability"] is None for place in places)
+    assert "nan" not in answer(*words)
+
+
+@pytest.fixture(scope="module")
+def rough(tmp_path_factory):
+    path = tmp_path_factory.mktemp("navigability") / "rough.nc"
+    write_netcdf(field_map_of(wavy, half=9e3, step=500.0), path)
+    return path
+
+
+def test_files_hold_the_same_grids(rough, tmp_path):
+    words = ("--headings", 4, "--out", tmp_path / "a.nc", "--out", tmp_path / "a.tif")
+    text = answer("map", "navigability", rough, *words, "--figure", tmp_path / "a.png")
+    assert "error_worst (m)" in text
+    assert (tmp_path / "a.png").stat().st_size > 20_000
+    with netCDF4.Dataset(tmp_path / "a.nc") as grids, rasterio.open(tmp_path / "a.tif") as bands:
+        assert bands.descriptions[1] == "error_mean"
+        mean = np.ma.filled(grids["error_mean"][:], np.nan)
+        np.testing.assert_array_equal(bands.read(2)[::-1], mean)
+        latitude, longitude = float(grids["lat"][30]), float(grids["lon"][20])
+        assert bands.index(longitude, latitude) == (mean.shape[0] - 1 - 30, 20)
+        assert grids["error"].shape == (4, *mean.shape)
+    found = json.loads(answer("map", "navigability", rough, "--headings", 1, "--json"))
+    assert found["headings"] == 1
+    assert found["error_best"] == found["error_worst"]
+
+
+def test_a_window_is_enough(rough):
+    words = ("--window", -36.55, -36.45, 146.95, 147.05, "--json", "--headings", 2)
+    found = json.loads(answer("map", "navigability", rough, *words))
+    assert max(found["nodes"]) < 40
+
+
+def test_holes_constant_values_and_strips_can_be_drawn(small_map):
+    holed = np.where(small_map.values > 4e-4, np.nan, small_map.values)
+    for odd in (
+        replace(small_map, values=np.full_like(holed, 1e-4)),
+        replace(small_map, latitude=small_map.latitude[:6], values=small_map.values[:6]),
+        replace(small_map, values=holed.astype(np.float32)),
+    ):
+        assert png(map_figure(odd)).startswith(b"\x89PNG")
