@@ -88,6 +88,7 @@ def test_bias_and_drift_are_constant_in_a_run_and_drawn_anew_in_the_next():
 @pytest.mark.parametrize("most", [3000, 0], ids=["by a root", "by waves"])
 def test_map_error_has_the_stated_covariance(monkeypatch, most):
     monkeypatch.setattr("isogal.fields.map_error._EXACT_PLACES", most)
+    monkeypatch.setattr("isogal.fields.map_error._WAVES", 200)  # right in the mean with any number
     it = scenario(map_error=MapError(sigma=3e-5, correlation_length=4000.0))
     trajectory, index, runs = build_trajectory(it), np.arange(10, 601, 10), 600
     error = TrueMapError(it.true, trajectory, index, range(runs)).at_scans()
