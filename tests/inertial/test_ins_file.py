@@ -45,6 +45,29 @@ def test_positions_alone(tmp_path) -> None:
     assert said.solution[:, 6:] == pytest.approx(np.tile(from_heading(np.pi / 2), (3, 1)))
 
 
+def test_units_that_the_header_names(tmp_path) -> None:
+    names = (
+        "time[ms] latitude[rad] longitude(rad) height[ft] vn[kn] ve[km/h] roll pitch heading[rad]"
+    )
+    rows = [
+        (1000.0 * t, *np.radians([lat, lon]), 1000.0, 36.0, 36.0, 1.0, 0.0, np.pi / 2)
+        for t, lat, lon in PLACES
+    ]
+    said = read_ins_file(
+        write(tmp_path / "ins.csv", [*names.split(), "value[mGal]"], [(*r, 1) for r in rows]), 0.0
+    )
+    assert said.time.tolist() == [0.0, 1.0, 3.0]
+    assert np.degrees(said.solution[0, :2]) == pytest.approx(PLACES[0][1:])
+    assert said.solution[0, 2:5] == pytest.approx([304.8, 18.52, 10.0])
+    assert said.solution[0, 6:] == pytest.approx(from_angles(*np.radians([1.0, 0.0, 90.0])))
+    assert said.unit == "mGal"
+
+
+def test_a_correction_of_the_ins_is_no_error(tmp_path) -> None:
+    rows = [(0.0, 10.0, 20.0), (0.01, 10.0, 20.0), (0.02, 10.1, 20.0)]
+    read_ins_file(write(tmp_path / "ins.csv", ["time", "latitude", "longitude"], rows), 0.0)
+
+
 @pytest.mark.parametrize(
     ("names", "rows", "words"),
     [
@@ -54,6 +77,26 @@ def test_positions_alone(tmp_path) -> None:
         ("time latitude longitude", PLACES[:2], "needs at least 3 rows, has 2"),
         ("time latitude longitude", PLACES[::-1], r"line 3 \(1 s\) is not later"),
         ("time latitude longitude heading", [(*p, 400) for p in PLACES], "must be -360 to 360"),
+        (
+            "time latitude longitude",
+            [(1e3 * (1.7e9 + t), *p) for t, *p in PLACES],
+            r"time in line 2 is 1.7e\+12 s, must be 0 to 2147483648; a header time\[ms\]",
+        ),
+        (
+            "time latitude longitude",
+            [(t - 9, *p) for t, *p in PLACES],
+            "line 2 is -9 s, must be 0",
+        ),
+        (
+            "time latitude longitude",
+            [("2016-12-31T23:59:60Z", *p) for _, *p in PLACES],
+            "not a number or a date and time by ISO 8601 that there is",
+        ),
+        (
+            "time latitude longitude",
+            [(0.0, 0.0, 0.0), *[(t + 1, *p) for t, *p in PLACES]],
+            "line 3 are 19[0-9]{3} km from those 1 s before",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(tmp_path, names, rows, words) -> None:

@@ -80,7 +80,12 @@ def test_a_unit_of_another_field_and_a_way_back_are_refused(tmp_path) -> None:
     )
     said = refusal("bag", path, "--out", out)
     assert "the INS ends where it began; give --set route.start and route.end" in said
+    rows = [f"{k},{-38 + 0.01 * (k > 5)},144.5,1" for k in range(9)]
+    path.write_text("\n".join(["time,latitude,longitude,value[nT]", *rows]))
+    assert "the INS stands still most of the time" in refusal("bag", path, "--out", out)
     sets = "--set", "route.start=[-38.0,144.4]"
     said = refusal("bag", path, "--out", out, *sets, "--unit", "nT")
     assert "--unit: 'nT' does not fit gravity, which is in m/s²" in said
+    said = refusal("bag", path, "--out", out, *sets)
+    assert "value: 'nT' does not fit gravity, which is in m/s²" in said
     assert not out.exists()

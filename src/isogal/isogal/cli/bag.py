@@ -32,7 +32,8 @@ def bag(
     out: Annotated[Path, written_folder("The recording.")],
     chosen: ScenarioChoice,
     unit: Annotated[
-        str | None, text("UNIT", "Of value and sigma, such as mGal; default: SI, nT.")
+        str | None,
+        text("UNIT", "Of value and sigma, such as mGal; default: that of the header, SI, nT."),
     ] = None,
     replace: Annotated[
         bool, flag("--replace", "Delete an earlier recording in the folder.")
@@ -44,8 +45,10 @@ def bag(
     The column value holds readings as they are matched, reduced with the INS's own position and
     velocity: what the instrument sensed goes into the recording, to be reduced anew.
 
-    Times are seconds or ISO 8601; velocity is in m/s, angles in deg. Where the scenario has no
-    route of its own, that is the straight line from the first to the last place."""
+    Times are seconds or ISO 8601; velocity is in m/s, angles in deg. A header that names another
+    unit counts: time[ms], height[ft], velocity_north[kn], heading[rad], value[mGal]. Where the
+    scenario has no route of its own, that is the straight line from the first to the last
+    place."""
     from isogal.cli.run import require_ros
     from isogal.inertial.ins_file import read_ins_file
 
@@ -68,9 +71,8 @@ def _changes(scenario: "Scenario", said: "InsFile") -> list[str]:
     places = np.degrees(said.solution[[0, -1], :2])
     speed = float(np.median(np.hypot(*said.solution[:, 3:5].T)))
     if np.array_equal(*places) or speed == 0.0:
-        raise InputError(
-            "route: the INS ends where it began; give --set route.start and route.end"
-        )
+        why = "the INS ends where it began" if speed else "the INS stands still most of the time"
+        raise InputError(f"route: {why}; give --set route.start and route.end, route.speed")
     start, end = (f"[{latitude!r}, {longitude!r}]" for latitude, longitude in places.tolist())
     height = float(np.median(said.solution[:, 2]))
     found += [f"route.start={start}", f"route.end={end}", f"route.speed={speed!r}"]
@@ -88,11 +90,12 @@ def _readings(scenario: "Scenario", said: "InsFile", unit: str | None) -> "Array
     if said.value is None:
         return None
     field, factor = measured_field(scenario), 1.0
+    where, unit = ("value", said.unit) if unit is None else ("--unit", unit)
     if unit is not None:
-        inside, factor = unit_factor(unit, "--unit")
+        inside, factor = unit_factor(unit, where)
         if inside != field.unit:
             raise InputError(
-                f"--unit: '{unit}' does not fit {field.name}, which is in {field.unit}"
+                f"{where}: '{unit}' does not fit {field.name}, which is in {field.unit}"
             )
     sigma = np.zeros(len(said.time)) if said.sigma is None else np.nan_to_num(said.sigma) * factor
     latitude, longitude, height, v_north, v_east = said.solution[:, :5].T

@@ -16,14 +16,18 @@ from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, Column,
 REQUIRED = ("time", "latitude", "longitude")
 VELOCITY = ("velocity_north", "velocity_east", "velocity_down")
 ANGLES = ("roll", "pitch", "heading")
+LAST = 2.0**31
+"""s since 1970: seconds of ROS's stamps have 32 bits, with a sign."""
+FASTEST, CORRECTION = 1000.0, 1e5
+"""m/s, as for `route.speed`; and m by which no INS that is in use is corrected at once."""
 _COLUMNS = {
     "time": TIME,
     "latitude": LATITUDE,
     "longitude": LONGITUDE,
     "height": HEIGHT,
-    "velocity_north": Column(("velocity_north", "vn")),
-    "velocity_east": Column(("velocity_east", "ve")),
-    "velocity_down": Column(("velocity_down", "vd")),
+    "velocity_north": Column(("velocity_north", "vn"), unit=" m/s"),
+    "velocity_east": Column(("velocity_east", "ve"), unit=" m/s"),
+    "velocity_down": Column(("velocity_down", "vd"), unit=" m/s"),
     "roll": Column(("roll",), -360.0, 360.0, " deg"),
     "pitch": Column(("pitch",), -360.0, 360.0, " deg"),
     "heading": Column(("heading", "yaw"), -360.0, 360.0, " deg"),
@@ -46,13 +50,15 @@ class InsFile:
     """(N,) readings, unit of the file, NaN = none at that time; None = the file has none."""
     sigma: Array | None
     """(N,) their 1-sigma."""
+    unit: str | None
+    """Of `value`, as its header says it: ``value[mGal]``; None = not said."""
 
 
 def read_ins_file(path: str | Path, height: float) -> InsFile:
     """Read a file with a header line and the columns time, latitude, longitude (deg) and, as far
     as there are, height (m), velocity_north, velocity_east, velocity_down (m/s), roll, pitch,
-    heading (deg), value and sigma. Without the horizontal velocity it is taken from differences of
-    the positions.
+    heading (deg), value and sigma; or in another unit that a header has: ``height[ft]``. Without
+    the horizontal velocity it is taken from differences of the positions.
 
     Parameters
     ----------
@@ -64,12 +70,14 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     ------
     InputError
         The file cannot be read, lacks a column, has one of several that belong together, or too
-        few rows; times do not increase.
+        few rows; times do not increase, or no recording can have them; a place cannot be reached
+        from the one before.
     """
     rows = read_rows(path, ", ".join(REQUIRED))
     columns = rows.read(_COLUMNS, REQUIRED)
     _check(columns, rows)
     time, count = columns["time"], len(columns["time"])
+    unit = rows.units.get("value")
     places = np.column_stack(
         [
             np.radians(columns["latitude"]),
@@ -79,6 +87,7 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     )
     north, east = metres_per_radian(places[:, 0], places[:, 2])
     metres = np.column_stack([north, east, np.full(count, -1.0)])
+    _check_steps(np.diff(places, axis=0)[:, :2] * metres[1:, :2], time, rows)
     velocity = np.gradient(places, time, axis=0) * metres
     for axis, name in enumerate(VELOCITY):
         if name in columns:
@@ -90,7 +99,7 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     else:
         attitude = level_attitude(velocity)
     solution = np.concatenate([places, velocity, attitude], axis=1)
-    return InsFile(time, solution, has_attitude, columns.get("value"), columns.get("sigma"))
+    return InsFile(time, solution, has_attitude, columns.get("value"), columns.get("sigma"), unit)
 
 
 def _check(columns: dict[str, Array], rows: Rows) -> None:
@@ -104,4 +113,22 @@ def _check(columns: dict[str, Array], rows: Rows) -> None:
             )
     if len(rows) < 3:
         raise InputError(f"{rows.where}: needs at least 3 rows, has {len(rows)}")
-    rows.check_times(columns["time"])
+    time = columns["time"]
+    rows.check_times(time)
+    for k in np.flatnonzero((time < 0.0) | (time >= LAST))[:1].tolist():
+        raise InputError(
+            f"{rows.where}: time in line {rows.number[k]} is {time[k]:.10g} s, must be 0 to"
+            f" {LAST:.0f}; a header time[ms] says another unit"
+        )
+
+
+def _check_steps(steps: Array, time: Array, rows: Rows) -> None:
+    """Raise InputError where a place is further from the one before, by (N - 1, 2) m, than a
+    vehicle and a correction of its INS go."""
+    most = FASTEST * np.diff(time) + CORRECTION
+    for k in np.flatnonzero(np.hypot(*steps.T) > most)[:1].tolist():
+        raise InputError(
+            f"{rows.where}: latitude and longitude in line {rows.number[k + 1]} are"
+            f" {1e-3 * math.hypot(*steps[k]):.0f} km from those {time[k + 1] - time[k]:.3g} s"
+            " before; leave out what the INS says before it is aligned"
+        )

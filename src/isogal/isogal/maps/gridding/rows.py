@@ -34,8 +34,22 @@ _SECONDS = {
     **dict.fromkeys(("min", "minute"), 60.0),
     **dict.fromkeys(("h", "hr", "hour"), 3600.0),
     **dict.fromkeys(("d", "day"), 86400.0),
+    **dict.fromkeys(("ms", "millisecond"), 1e-3),
+    **dict.fromkeys(("us", "µs", "microsecond"), 1e-6),
+    **dict.fromkeys(("ns", "nanosecond"), 1e-9),
 }
 """In a unit of time, as UDUNITS names it in the singular."""
+_OTHERS = {
+    " deg": dict.fromkeys(("rad", "radian", "radians"), math.degrees(1.0)),
+    " m": {**dict.fromkeys(("ft", "foot", "feet"), 0.3048), "km": 1e3, "cm": 1e-2, "mm": 1e-3},
+    " m/s": {
+        **dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), 1852.0 / 3600.0),
+        **dict.fromkeys(("km/h", "kmh", "kph"), 1.0 / 3.6),
+        **{"cm/s": 1e-2, "mm/s": 1e-3, "ft/s": 0.3048},
+    },
+}
+"""Units that a file may name in place of a column's own: the column's in each."""
+_EXAMPLE = "2026-05-01T12:00:00Z"
 _LINE = re.compile(r"^\s*(line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 
 
@@ -47,7 +61,7 @@ class Column(NamedTuple):
     least: float = -math.inf
     most: float = math.inf
     unit: str = ""
-    """Of the limits."""
+    """Of its numbers and the limits."""
     gaps: bool = False
     """Whether readings may be missing."""
 
@@ -136,9 +150,12 @@ class Rows:
                 except ValueError:
                     shown = f"'{text.strip()[:40]}'" if text.strip() else "empty"
                     hint = " (write 1.5, not 1,5)" if "," in text else ""
+                    if column is TIME and ":" in text:
+                        hint = f" or a date and time by ISO 8601 that there is: {_EXAMPLE}"
                     raise self._bad(name, k, f"{shown}, not a number{hint}") from None
         if column is TIME and plain:
             found = _seconds(found, unit, f"{self.where}: {self.names[i]}")
+        found *= _OTHERS.get(column.unit, {}).get(unit.casefold(), 1.0)
         if column.gaps:
             found[np.isin(found, _DUMMIES)] = np.nan
         beyond = (found < column.least) | (found > column.most)
@@ -388,15 +405,16 @@ def _float(text: str) -> float:
 def _seconds(time: Array, unit: str, where: str) -> Array:
     """Return times in s: since 1970 where the unit says since when."""
     scale, _, since = unit.partition(" since ")
-    factor = _SECONDS.get(scale.strip().casefold().removesuffix("s"))
+    name = scale.strip().casefold()
+    factor = _SECONDS.get(name, _SECONDS.get(name.removesuffix("s")))
     try:
         start = datetime.fromisoformat(since.strip()) if since else None
     except ValueError:
         factor = start = None
     if factor is None:
         raise InputError(
-            f"{where}: unknown unit '{unit}'; must be seconds, minutes, hours or days, or so many"
-            " since a date and time by ISO 8601"
+            f"{where}: unknown unit '{unit}'; must be seconds, minutes, hours, days, ms, us or ns,"
+            " or so many since a date and time by ISO 8601"
         )
     if start is None:
         return time * factor
