@@ -195,8 +195,8 @@ class Autopilot:
         host, port = made.node.settings.receive.split(":")
         self._to = host, int(port)
 
-    def send(self, *messages, system: int = 1, spoil: bool = False) -> None:
-        sender = common.MAVLink(None, system, 1)
+    def send(self, *messages, system: int = 1, component: int = 1, spoil: bool = False) -> None:
+        sender = common.MAVLink(None, system, component)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             for message in messages:
                 data = bytearray(message.pack(sender))
@@ -290,6 +290,65 @@ def test_what_is_not_taken(scenario) -> None:
         assert read_position_fix(autopilot.heard(topics.GNSS_FIX)[0]) is None
         assert not autopilot.heard(topics.GNSS_VELOCITY)
     assert "imu/data_raw" in text
+
+
+def test_of_two_sensors_that_send_the_same_one_is_used(scenario) -> None:
+    """Of another IMU of the autopilot, or of another component; another takes over where the
+    first is gone."""
+    first, second = (highres_imu(k, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0)) for k in (1, 2))
+    second.id = 1
+    with autopilot_of(scenario) as autopilot:
+        autopilot.send(first, second)
+        autopilot.send(first, component=191)
+        assert len(autopilot.heard(topics.IMU)) == 1
+        assert autopilot.bench.told("component 191, id 0: component 1, id 0 is used")[0] == WARN
+        autopilot.bench.bus.now += 6.0
+        autopilot.send(second)
+        assert len(autopilot.heard(topics.IMU)) == 2
+
+
+def test_a_time_that_no_stamp_can_hold_is_refused(scenario) -> None:
+    with autopilot_of(scenario) as autopilot:
+        autopilot.send(highres_imu(2**64 - 1, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0)))
+        assert not autopilot.heard(topics.IMU)
+        autopilot.bench.told("no such time: 18446744073709 s")
+
+
+def test_it_says_what_does_not_come_until_it_does(scenario) -> None:
+    """Nothing, another system, another message; and then what is wanted."""
+    sample = highres_imu(1, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0))
+    raw = common.MAVLink_raw_imu_message(3, 0, 0, -1000, 0, 0, 0, 0, 0, 0)
+    cases = (
+        ({}, (), "nothing comes; have the autopilot, or its router, send there"),
+        ({"system": 2}, (sample,), "messages of system 2, not of 1 (system_id)"),
+        ({}, (raw,), "no HIGHRES_IMU among RAW_IMU; request what is missing"),
+        ({}, (sample,), None),
+    )
+    with autopilot_of(scenario, sensors=["HIGHRES_IMU"]) as autopilot:
+        for options, messages, words in cases:
+            autopilot.bench.bus.now += 6.0
+            autopilot.send(*messages, **options)
+            autopilot.bench.node._beat()
+            level, text, _ = autopilot.bench.says()[-1]
+            assert (level == WARN) == (words is not None)
+            assert words is None or words in text
+
+
+def test_it_says_that_the_navigator_is_gone_until_it_is_back(received, scenario) -> None:
+    with node(received, scenario(), VISION) as made:
+        for seconds, gone in ((1.0, False), (7.0, True), (8.0, False)):
+            if not gone:
+                made.nav(seconds, *PLACE)
+            made.bus.now += 6.0 if gone else 0.0
+            made.node._beat()
+            level, text, _ = made.says()[-1]
+            assert ("nothing on nav/odom, so nothing is sent" in text) == gone
+            assert (level == WARN) == gone
+
+
+def test_datagrams_may_go_to_all_of_a_network(received, scenario) -> None:
+    with node(received, scenario(), VISION) as made:
+        assert made.node._socket.getsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST)
 
 
 def test_times_since_1970_and_since_the_start() -> None:

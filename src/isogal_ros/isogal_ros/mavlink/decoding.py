@@ -22,6 +22,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, framed
 from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.position import fill_fix
+from isogal_ros.messages.stamps import LAST_STAMP, SECOND
 from isogal_ros.topics import Message, Topic
 
 if TYPE_CHECKING:
@@ -34,12 +35,30 @@ _UNKNOWN = 65535
 """In the unsigned numbers of GPS_RAW_INT."""
 _NOT_MEASURED = -1.0
 _MILLI_G = 1e-3 * G
+_UNREADABLE = "BAD_DATA", "UNKNOWN_"
+"""Begin what pymavlink calls messages that are damaged, or of another dialect."""
 _INERTIAL = 0b111111
 """Of HIGHRES_IMU_UPDATED_FLAGS: accelerometers and gyroscopes."""
 
 Received: TypeAlias = Any
 """A message as pymavlink decodes it, which has no types."""
 Published = Iterator[tuple[Topic, Message]]
+
+
+class Source(NamedTuple):
+    """What sends a message of MAVLink: several of an autopilot's sensors may have the same."""
+
+    component: int
+    sensor: int
+    """Its ``id``, where the message has one."""
+
+    @classmethod
+    def of(cls, found: Received) -> "Source":
+        """Return what has sent a message."""
+        return cls(found.get_srcComponent(), getattr(found, "id", 0))
+
+    def __str__(self) -> str:
+        return f"component {self.component}, id {self.sensor}"
 
 
 class Row(NamedTuple):
@@ -159,7 +178,10 @@ class SenderClock:
         self._newest = 0
 
     def stamp(self, time: int, now: int) -> int:
-        """Return the stamp (ns) of a time (ns) that came at `now` (ns)."""
+        """Return the stamp (ns) of a time (ns) that came at `now` (ns); raises BadMessageError
+        where a message cannot have it."""
+        if time >= LAST_STAMP:
+            raise BadMessageError(f"no such time: {time // SECOND} s")
         if time >= self.UTC:
             return time
         if self._shift is None or time < self._newest - self.REBOOT:
@@ -173,10 +195,13 @@ PERIOD = 0.005
 _MOST = 1000
 """Datagrams at one look."""
 _LARGEST = 65535
+PATIENCE = 5.0
+"""s without a message after which it is missed, or another source of it is used."""
 
 
 class Receiver:
-    """Takes messages of one system at a port, and publishes those that are wanted.
+    """Takes messages of one system at a port, and publishes those that are wanted: of each, those
+    of the first source, while it is there.
 
     Parameters
     ----------
@@ -203,7 +228,12 @@ class Receiver:
         if len(set(publish)) < len(publish):
             raise InputError("sensors: two of them are for one topic; name one")
         self._publishers = {topic: node.advertise(topic) for topic in publish}
-        self._clock = SenderClock()
+        self._clock, self._at = SenderClock(), at
+        self._used: dict[str, tuple[Source, float]] = {}
+        """By message, whose it is, and when it came last, s of `GraphNode.monotonic`."""
+        self._heard: dict[tuple[int, str], float] = {}
+        """When each message of each system came last, wanted or not."""
+        self._begun = node.monotonic()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind(at)
@@ -213,6 +243,7 @@ class Receiver:
         self._socket.setblocking(False)
         # by wall time: the node's clock may be one that only begins with what is received
         node.create_timer(PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.watch("without sensors of the autopilot", self._missing)
 
     def _look(self) -> None:
         for _ in range(_MOST):
@@ -221,14 +252,43 @@ class Receiver:
             except OSError:  # nothing more
                 return
             for found in self._decoder.parse_buffer(data) or ():
-                if found.get_type() in self._wanted and found.get_srcSystem() == self._system:
+                name, system = found.get_type(), found.get_srcSystem()
+                if name.startswith(_UNREADABLE):
+                    continue
+                self._heard[system, name] = self._node.monotonic()
+                if name in self._wanted and system == self._system:
                     self._take(found)
+
+    def _missing(self) -> str | None:
+        """Say which messages do not come, and what comes in their place; None = all come."""
+        now, where = self._node.monotonic(), f"receive: {self._at[0]}:{self._at[1]}"
+        last = {name: self._used.get(name, (None, self._begun))[1] for name in self._wanted}
+        late = [name for name, time in last.items() if now - time > PATIENCE]
+        if not late:
+            return None
+        there = sorted(one for one, time in self._heard.items() if now - time <= PATIENCE)
+        if not there:
+            return f"{where}: nothing comes; have the autopilot, or its router, send there"
+        own = [name for system, name in there if system == self._system]
+        if not own:
+            systems = ", ".join(sorted({str(system) for system, _ in there}))
+            return f"{where}: messages of system {systems}, not of {self._system} (system_id)"
+        return (
+            f"{where}: no {', '.join(late)} among {', '.join(own)}; request what is missing of the"
+            " autopilot, or leave it out of `sensors`"
+        )
 
     def _take(self, found: Received) -> None:
         if not self._node.active:
             return
-        row = self._wanted[found.get_type()]
-        now = self._node.now_ns()
+        name = found.get_type()
+        row = self._wanted[name]
+        now, here, source = self._node.now_ns(), self._node.monotonic(), Source.of(found)
+        used, last = self._used.get(name, (source, here))
+        if source != used and here - last <= PATIENCE:
+            self._node.health.drop(row.topics[0].name, f"{name} of {source}: {used} is used")
+            return
+        self._used[name] = source, here
         try:
             for topic, message in row.decode(found, self._clock.stamp(time_of(found), now)):
                 self._publishers[topic].publish(message)

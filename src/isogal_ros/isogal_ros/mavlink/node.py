@@ -14,7 +14,7 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 from isogal.errors import InputError
 from isogal.sensors.scans import Thinning
 from isogal_ros import topics
-from isogal_ros.mavlink.decoding import ROWS, Receiver
+from isogal_ros.mavlink.decoding import PATIENCE, ROWS, Receiver
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
     SENT,
@@ -122,6 +122,8 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             )
         self._to = host_and_port("address", self.settings.address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        # without it a datagram to all of a network is refused
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._mavlink = self._dialect.MAVLink(
             None, self.settings.system_id, self.settings.component_id
         )
@@ -137,6 +139,15 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self.listen(topics.DIAGNOSTICS, self._take_diagnostics)
         self.listen(topics.NAV_FIX, self._take_fix)
         self.listen(topics.NAV_ODOM, self._take_odometry)
+        self._heard = self.monotonic()
+        self.watch("without the navigator", self._unheard)
+
+    def _unheard(self) -> str | None:
+        """Say that the navigator's state does not come; None = it does."""
+        silent = self.monotonic() - self._heard
+        if silent <= PATIENCE:
+            return None
+        return f"nothing on {topics.NAV_ODOM.name}, so nothing is sent: is the navigator running?"
 
     def _take_information(self, message: PointCloud2) -> None:
         fix = read_fix_information(message).fix
@@ -154,6 +165,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
 
     def _take_odometry(self, message: Odometry) -> None:
         ns = to_ns(message.header.stamp)
+        self._heard = self.monotonic()
         self.health.tick(ns)
         if (why := self._silence.why) is not None:
             self.health.state(WARN, f"silent: {why}")
@@ -198,7 +210,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
 def host_and_port(name: str, text: str) -> tuple[str, int]:
     """Return what a parameter says; raises InputError where it is no ``host:port``."""
     host, _, port = text.rpartition(":")
-    if not (host and port.isdigit() and 0 < int(port) < 65536):
+    if not (host and port.isdecimal() and 0 < int(port) < 65536):
         raise InputError(f"{name}: must be host:port, not {text!r}")
     return host, int(port)
 

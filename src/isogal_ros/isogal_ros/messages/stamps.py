@@ -7,6 +7,8 @@ from builtin_interfaces.msg import Time
 
 SECOND = 1_000_000_000
 """ns."""
+LAST_STAMP = 2**31 * SECOND
+"""ns from which on a stamp cannot be written: its seconds have 32 bits, with a sign."""
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 
 
