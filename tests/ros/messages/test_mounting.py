@@ -56,10 +56,37 @@ def test_transforms_are_read_in_either_byte_order() -> None:
         np.testing.assert_allclose(one[child].pose[:3, :3], wanted, atol=1e-12)
 
 
-def test_a_place_that_is_not_on_the_earth_is_refused() -> None:
-    away = serialised({"gps": ("base_link", (np.inf, 0.0, 0.0), (0.0, 0.0, 0.0))})
-    with pytest.raises(BadMessageError, match="'gps': not finite, or not on the Earth"):
-        read_transforms(away)
+@pytest.mark.parametrize(
+    ("place", "angles", "fault"),
+    [
+        ((np.inf, 0.0, 0.0), (0.0, 0.0, 0.0), "its place is not finite, or not on the Earth"),
+        ((0.0, 0.0, 0.0), (np.nan, 0.0, 0.0), "its rotation is not a unit quaternion"),
+    ],
+)
+def test_one_that_cannot_be_used_hides_no_others(place, angles, fault) -> None:
+    """Of a message with those of the whole vehicle; it is named where it is asked for."""
+
+    def look(_enough):
+        return read_transforms(serialised({"gps": ("mast", place, angles), **others}))
+
+    others = {name: one for name, one in VEHICLE.items() if name != "gps"}
+    arm = placed(Entrance({"gnss/fix": Driver(frame="mast", from_tf=True)}), look)
+    assert arm.drivers["gnss/fix"].translation == pytest.approx((1.0, 0.0, 3.0))
+    with pytest.raises(InputError, match=f"transform to 'gps': {fault}"):
+        placed(Entrance({"gnss/fix": Driver(frame="gps", from_tf=True)}), look)
+
+
+@pytest.mark.parametrize(
+    ("topic", "one", "words"),
+    [
+        ("gnss/fix", {"frame": "gps"}, r"drivers.gnss/fix.frame: has no effect.*from_tf: true"),
+        ("altimeter/points", {"frame": "dvl", "from_tf": True}, "are not turned"),
+        ("altimeter/points", {"rotation": (0.0, 0.0, 90.0)}, "must be those of 'base_link'"),
+    ],
+)
+def test_what_an_entry_asks_for_in_vain_is_refused(topic, one, words) -> None:
+    with pytest.raises(InputError, match=words):
+        placed(Entrance({topic: Driver(**one)}), look)
 
 
 @settings(max_examples=25)

@@ -230,6 +230,21 @@ class Entrance:
                 allowed = f"one of {', '.join(units)}" if units else "empty"
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
 
+    def require_effect(self) -> None:
+        """Raise InputError where an entry asks for what is not done with messages of its topic."""
+        for name, driver in self.drivers.items():
+            form = _form(topics.topic_named(name, topics.ALL, "drivers"))
+            if driver.frame and driver == Driver(frame=driver.frame) and form.frame is None:
+                raise InputError(
+                    f"drivers.{name}.frame: has no effect, messages of any frame are taken;"
+                    " with `from_tf: true` the sensor's place is that of the frame"
+                )
+            if any(driver.rotation or ()) and form.frame == BASE and not form.vectors:
+                raise InputError(
+                    f"drivers.{name}: its messages are not turned, their axes must be those of"
+                    f" {self.names.outside(BASE)!r}: turn them before, and give no rotation"
+                )
+
     def text(self) -> str:
         """Return what a recording keeps of it."""
         drivers = {name: one.model_dump() for name, one in self.drivers.items()}

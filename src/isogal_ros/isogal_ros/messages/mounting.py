@@ -37,6 +37,8 @@ class Link(NamedTuple):
 
     parent: str
     pose: Pose
+    fault: str = ""
+    """Why the pose cannot be used; empty = it can."""
 
 
 Tree = Mapping[str, Link]
@@ -52,7 +54,8 @@ def pose_of(place: Array, rotation: Array) -> Pose:
 
 def read_transforms(data: bytes) -> dict[str, Link]:
     """Return the transforms of a serialised tf2_msgs/TFMessage, whose class is not among ROS 2's
-    wheels; raises BadMessageError where it is none."""
+    wheels; raises BadMessageError where it is none. One of them that cannot be used is there with
+    its fault: a message has those of the whole vehicle."""
     content, found = Reader(data), dict[str, Link]()
     try:
         (count,) = content.take("I")
@@ -61,10 +64,13 @@ def read_transforms(data: bytes) -> dict[str, Link]:
             parent, child = content.text(), content.text()
             numbers = np.array(content.take("7d"))
             turn = np.roll(numbers[3:], 1)  # w first
-            if not (np.abs(numbers[:3]) < FARTHEST).all():
-                raise BadMessageError(f"transform to {child!r}: not finite, or not on the Earth")
-            require_unit(turn, f"rotation of the transform to {child!r}")
-            found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
+            try:
+                if not (np.abs(numbers[:3]) < FARTHEST).all():
+                    raise BadMessageError("its place is not finite, or not on the Earth")
+                require_unit(turn, "its rotation")
+                found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
+            except BadMessageError as error:
+                found[child] = Link(parent, np.eye(4), f"transform to {child!r}: {error}")
     except (struct.error, UnicodeDecodeError):
         raise BadMessageError("no transforms") from None
     return found
@@ -80,7 +86,7 @@ def _to_root(tree: Tree, frame: str) -> tuple[str, Pose]:
     """Return the last of a frame's parents, and the frame's pose in it."""
     pose = np.eye(4)
     for _ in range(len(tree)):  # which ends where transforms go in a circle
-        if frame not in tree:
+        if frame not in tree or tree[frame].fault:
             break
         frame, pose = tree[frame].parent, tree[frame].pose @ pose
     return frame, pose
@@ -99,8 +105,9 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
     Raises
     ------
     InputError
-        An entry's frame is not connected with that of the vehicle.
+        An entry's frame is not connected with that of the vehicle; or an entry has no effect.
     """
+    entrance.require_effect()
     asking = {name: one for name, one in entrance.drivers.items() if one.from_tf}
     if not asking:
         return entrance
@@ -114,9 +121,10 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
     for (name, one), pose in zip(asking.items(), frames(tree), strict=True):
         if pose is None:
             there = ", ".join(sorted(tree)) or "nothing"
+            faults = "".join(f"; {link.fault}" for link in tree.values() if link.fault)
             raise InputError(
                 f"drivers.{name}.from_tf: no transform from {base!r} to {one.frame!r} on"
-                f" {TF_STATIC}, which has {there}"
+                f" {TF_STATIC}, which has {there}{faults}"
             )
         angles = np.degrees(to_angles(pose[:3, :3])).tolist()
         turn = (0.0, 0.0, 0.0) if name.startswith(_ON_GROUND) else tuple(angles)
@@ -126,7 +134,9 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
             "translation": one.translation or tuple(pose[:3, 3].tolist()),
         }
         found[name] = one.model_copy(update=update)
-    return replace(entrance, drivers={**entrance.drivers, **found})
+    made = replace(entrance, drivers={**entrance.drivers, **found})
+    made.require_effect()
+    return made
 
 
 def mounted(scenario: Scenario, drivers: Mapping[str, Driver]) -> Scenario:
