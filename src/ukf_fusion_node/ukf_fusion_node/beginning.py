@@ -75,13 +75,20 @@ def with_given(settings: UkfFusionSettings, state: Estimate) -> Estimate:
     return state
 
 
+LARGEST_SIGMA = 1e6
+"""m. Sigma points of a wider Gaussian do not lie on one side of the Earth."""
+LOWEST, HIGHEST = -12e3, 1e5
+"""m: no vehicle is below the deepest sea, or above the air."""
+
+
 def placed(
     state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame, speed: float
 ) -> FilterState:
     """Return a state at a pose, with the biases of another state.
 
-    The velocity, which a pose does not say, is a speed (m/s) straight ahead. Where the variances
-    of the orientation are zero, those of the other state stand.
+    The velocity, which a pose does not say, is a speed (m/s) straight ahead. Where the variance
+    of z is zero, as RViz has it, the height of the other state stands, which a place in the plane
+    of the map does not say; where those of the orientation are zero, its variances.
 
     Parameters
     ----------
@@ -96,16 +103,30 @@ def placed(
     Raises
     ------
     BadMessageError
-        The pose is of another frame, not finite, without the variance of a position, or its
-        orientation is not a unit quaternion.
+        The pose is of another frame, not finite, of no height of a vehicle, without the variance
+        of a position, or with one that the filter cannot compute with; or its orientation is not
+        a unit quaternion.
     """
     place, covariance, to_ned = read_pose(message, frame)
     turn = unit_quaternion(message.pose.pose.orientation)
     require_covariance(covariance)
     if min(covariance[0, 0], covariance[1, 1]) <= 0.0:
         raise BadMessageError("the variances of x and y must be positive")
+    if max(covariance[0, 0], covariance[1, 1]) > LARGEST_SIGMA**2:
+        raise BadMessageError(f"the variances of x and y must be at most {LARGEST_SIGMA**2:g} m²")
+    if np.diag(covariance)[3:].max() > math.pi**2:
+        raise BadMessageError(
+            "the variances of the orientation must be at most π² rad², or 0 for the filter's own"
+        )
     attitude = to_ned @ matrix(turn) * FRD_FLU
     new = state.copy()
+    if covariance[2, 2] == 0.0:
+        place[2] = state.position[2]
+    if not LOWEST <= place[2] <= HIGHEST:
+        raise BadMessageError(
+            f"height is {place[2]:.0f} m, must be {LOWEST:g} to {HIGHEST:g}; the"
+            " filter's own with variance 0 of z"
+        )
     new.position[:] = place
     new.attitude[:] = from_matrix(attitude)
     ahead = attitude[:2, 0] / max(math.hypot(*attitude[:2, 0]), 1e-9)

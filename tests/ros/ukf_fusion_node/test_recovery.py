@@ -138,6 +138,24 @@ def pose_at(scenario, k: int, offset: float = 0.0):
     return message
 
 
+def variances(place: float, height: float, turn: float) -> np.ndarray:
+    """A covariance (36,) of x and y, of z, and of the orientation."""
+    return np.diag([place, place, height, turn, turn, turn]).ravel()
+
+
+@pytest.mark.parametrize(("variance", "height"), [(0.0, 100.0), (4.0, 883.0)])
+def test_the_height_of_a_pose_counts_where_it_has_a_variance(
+    filtering, scenario, drive, variance, height
+) -> None:
+    """RViz gives z = 0 without one: 100 km from the origin that is 883 m above the ellipsoid."""
+    drive(filtering, (1, 5))
+    message = changed(pose_at(scenario(), 5), pose__covariance=variances(2500.0, variance, 0.0))
+    place = message.pose.pose.position
+    place.x, place.y, place.z = 1e5, 0.0, 0.0
+    filtering.publish(topics.INITIAL_POSE, message)
+    assert filtering.heard["nav/fix"][-1].altitude == pytest.approx(height, abs=5.0)
+
+
 def test_late_or_again_without_a_checkpoint_it_waits_for_a_pose(
     filtering, scenario, drive
 ) -> None:
@@ -161,11 +179,15 @@ def test_late_or_again_without_a_checkpoint_it_waits_for_a_pose(
         ("pose__pose__orientation__w", 5.0, "unit quaternion"),
         ("pose__covariance", np.zeros(36), "must be positive"),
         ("pose__covariance", np.full(36, math.nan), "not finite"),
+        ("pose__covariance", variances(1e14, 0.0, 0.0), "of x and y must be at most 1e+12 m²"),
+        ("pose__covariance", variances(2500.0, 0.0, 1e6), "orientation must be at most π²"),
+        ("pose__covariance", variances(2500.0, 1.0, 0.0), "m, must be -12000 to 100000"),
     ],
 )
 def test_a_pose_that_cannot_be_used(filtering, scenario, drive, field, value, words) -> None:
     drive(filtering, (1, 5))
-    message = changed(pose_at(scenario(), 5), **{field: value})
+    far = 2e6 if "-12000" in words else 0.0
+    message = changed(pose_at(scenario(), 5, far), **{field: value})
     filtering.publish(topics.INITIAL_POSE, message)
     assert filtering.told(words)
     assert filtering.node.health.dropped == {"initialpose": 1}
