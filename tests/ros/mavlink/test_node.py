@@ -12,6 +12,7 @@ from rclpy.clock import ClockType
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatStatus
 
+from helpers.changed_messages import changed
 from helpers.node_bench import Bench, bench, nav_messages
 from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
@@ -332,6 +333,23 @@ def test_it_says_what_does_not_come_until_it_does(scenario) -> None:
             level, text, _ = autopilot.bench.says()[-1]
             assert (level == WARN) == (words is not None)
             assert words is None or words in text
+
+
+@pytest.mark.parametrize("message", [GPS_INPUT, VISION, SENSOR])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("pose__pose__position__x", math.nan),
+        ("pose__pose__orientation__w", math.nan),
+        ("pose__covariance", np.full(36, math.nan)),
+    ],
+)
+def test_a_state_that_is_not_finite_is_not_sent(received, scenario, message, field, value):
+    with node(received, scenario(), message) as made:
+        odometry = nav_messages(made.scenario, from_seconds(1.0), *PLACE)[-1][1]
+        made.publish(topics.NAV_ODOM, changed(odometry, **{field: value}))
+        assert not received(message)
+        assert made.node.health.dropped == {"nav/odom": 1}
 
 
 def test_it_says_that_the_navigator_is_gone_until_it_is_back(received, scenario) -> None:

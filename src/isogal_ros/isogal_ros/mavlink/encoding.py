@@ -9,7 +9,13 @@ from nav_msgs.msg import Odometry
 
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix, to_angles
-from isogal_ros.messages.frames import FRD_FLU, NED_ENU
+from isogal_ros.messages.checks import (
+    BadMessageError,
+    require_covariance,
+    require_frame,
+    unit_quaternion,
+)
+from isogal_ros.messages.frames import FRD_FLU, MAP, NED_ENU
 from isogal_ros.messages.odometry import read_velocity
 from isogal_ros.messages.position import read_pose
 from isogal_ros.messages.stamps import to_ns
@@ -25,6 +31,17 @@ IGNORED = 1 | 2 | 4 | 16 | 128
 """Of GPS_INPUT_IGNORE_FLAGS: altitude (ours is above the ellipsoid, not the sea, and no
 measurement), HDOP, VDOP, vertical velocity, vertical accuracy."""
 _UPPER = np.triu_indices(6)
+
+
+def require_usable(odometry: Odometry) -> None:
+    """Raise BadMessageError unless an Odometry has a pose that an autopilot may have: of the frame
+    ``map``, finite, with a covariance."""
+    require_frame(odometry, MAP)
+    place = odometry.pose.pose.position
+    if not np.isfinite([place.x, place.y, place.z]).all():
+        raise BadMessageError("position is not finite")
+    unit_quaternion(odometry.pose.pose.orientation)
+    require_covariance(np.reshape(odometry.pose.covariance, (6, 6)))
 
 
 def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: int) -> Any:

@@ -21,6 +21,7 @@ from isogal_ros.mavlink.encoding import (
     VISION,
     global_position_sensor,
     gps_input,
+    require_usable,
     vision_position_estimate,
 )
 from isogal_ros.messages.fix_information import read_fix_information
@@ -170,6 +171,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         if (why := self._silence.why) is not None:
             self.health.state(WARN, f"silent: {why}")
             return
+        require_usable(message)
         if not self._pace.takes(ns):
             return
         own = self.settings
