@@ -80,6 +80,7 @@ def test_waypoints_take_the_place_of_both_ends():
         ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
         ("gravimeter.sigma=-1", "gravimeter.sigma: must be greater than 0, not -1"),
         ("gravimeter.sigma=.inf", "gravimeter.sigma: must be a finite number, not inf"),
+        ("gnss.lever_arm=[.nan, 0, 0]", "gnss.lever_arm.0: must be a finite number, not nan"),
         ("fusion.false_rejection=0.5", "fusion.false_rejection: must be at most "),
         (
             "gravimeter.interval=10.5",

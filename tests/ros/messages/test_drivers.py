@@ -144,6 +144,8 @@ DAMAGED = "is damaged"
         (None, {"gravimeter/data": {}}, "'gravimeter/data'; did you mean 'gravimeter/data_raw'"),
         (None, {"gravimeter/data_raw": {"unit": "gal"}}, "unit: must be one of m/s2, mGal"),
         (None, {"imu/data_raw": {"unit": "g"}}, "unit: must be empty"),
+        (None, {"imu/data_raw": {"rotation": [math.nan, 0, 0]}}, "must be a finite number"),
+        (None, {"gnss/fix": {"translation": [math.inf, 0, 0]}}, "must be a finite number"),
         (None, {"imu/data_raw": {"frames": "x"}}, "unknown key 'frames'"),
         (None, {"gnss/fix": {"from_tf": True}}, r"drivers\.gnss/fix\.from_tf: needs `frame`"),
         ("{", {}, DAMAGED),

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 from pydantic import AfterValidator, Field, model_validator
 
-from isogal.scenario.section import Document, NonNegative, Positive, Section
+from isogal.scenario.section import Document, Finite, NonNegative, Positive, Section
 
 
 def _in_order(times: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -158,7 +158,7 @@ class Velocity(_OfKind):
     """s, its correlation time"""
     current_length: Positive = 20000.0
     """m along the track, its correlation length"""
-    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lever_arm: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """of the sensor from the inertial ones: forward, right, down, m"""
     standstill_speed: NonNegative = 0.0
     """m/s below which a reading means that the vehicle stands still; 0 = never"""
@@ -241,7 +241,7 @@ class PositionAid(Section):
     """1-sigma of the slowly changing error of north and east, m"""
     correlation_time: Positive = 600.0
     """s, its correlation time"""
-    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lever_arm: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """of what is measured from the inertial sensors: forward, right, down, m"""
     delay: NonNegative = 0.0
     """s by which a fix comes after its own time, which it is stamped with"""
@@ -346,7 +346,7 @@ class Gnss(Section):
     """1-sigma of the slowly changing error of north and east, m"""
     correlation_time: Positive = 600.0
     """s, its correlation time"""
-    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lever_arm: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """of the antenna from the inertial sensors: forward, right, down, m"""
     delay: NonNegative = 0.0
     """s by which a fix comes after its own time, which it is stamped with"""

@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from isogal.scenario.section import NonNegative, Positive, Section
+from isogal.scenario.section import Finite, NonNegative, Positive, Section
 
 
 class Gravimeter(Section):
@@ -51,7 +51,7 @@ class Gravimeter(Section):
     """1-sigma of a gravimeter's tilt about north and east, rad"""
     platform_time: Positive = 300.0
     """s, correlation time of that tilt (first-order Gauss-Markov)"""
-    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lever_arm: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """of a gravimeter from the inertial sensors: forward, right, down, m"""
     filter_time: NonNegative = Field(0.0, le=300.0)
     """s, time constant of the instrument's low-pass filter"""

@@ -22,6 +22,7 @@ LatitudeDeg = Annotated[float, Field(ge=-89.9, le=89.9)]
 LongitudeDeg = Annotated[float, Field(ge=-180.0, le=360.0)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Value: TypeAlias = "str | float | Sequence[Value] | Mapping[str, Value] | None"
 """What YAML has for a key."""
 Document = dict[str, Any]

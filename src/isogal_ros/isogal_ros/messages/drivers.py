@@ -53,7 +53,7 @@ Triple = tuple[float, float, float]
 class Driver(BaseModel):
     """How the messages of a topic come, where that is not as the graph has them."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     frame: str | None = None
     """of its messages, in place of the graph's own; empty = any; null = the graph's own"""
