@@ -100,6 +100,15 @@ def test_a_short_record_has_its_time_in_minutes():
     assert short.axes[0].get_xlabel().endswith("(min)")
 
 
+@pytest.mark.parametrize("seconds", [10.0, 60.0, 170.0])
+def test_a_record_of_one_scan_has_its_time_in_seconds(seconds):
+    """With ticks between which one can read: in minutes there was one, at 0."""
+    axes = style.new_figure(2.0).subplots()
+    style.time_axis(axes, seconds / 3600.0)
+    assert axes.get_xlabel() == "time since start (s)"
+    assert 6 <= np.sum(axes.get_xticks() * 3600.0 <= seconds + 1e-6) <= 12
+
+
 def test_errors_and_band_are_those_of_the_record(make_runs):
     runs = make_runs(runs=2)
     north = error_figure(runs).axes[0]

@@ -43,6 +43,18 @@ def test_shapes_broadcast():
     assert (wave_map().sigma_at(lat, lon) == np.zeros((2, 3))).all()
 
 
+def test_masked_nodes_and_points_have_no_value():
+    """As netCDF4 gives them: what lies beneath the mask is not a value."""
+    lat, lon = np.radians(np.linspace(-38.0, -36.0, 21)), np.radians(np.linspace(144.0, 147.0, 31))
+    values = np.ma.masked_less(np.where(lon > lon[15], -9999.0, 1e-4 * np.ones((21, 31))), -1.0)
+    field_map = FieldMap(lat, lon, values, "m/s²", "disturbance")
+    assert field_map.covers(lat[10], lon[[5, 25]]).tolist() == [True, False]
+    points = np.ma.array(lon[[5, 6]], mask=[False, True])
+    assert field_map.covers(lat[10], points).tolist() == [True, False]
+    with pytest.raises(InputError, match="values must be numbers, is of type complex128"):
+        FieldMap(lat, lon, 1j * np.ones((21, 31)), "m/s²", "disturbance")
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     st.floats(-37.9, -36.2),

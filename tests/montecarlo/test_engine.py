@@ -12,6 +12,7 @@ from helpers.batches import field_map_of, wavy
 from helpers.navigators import ROUTE
 from helpers.studies import same_runs
 from isogal.earth.frames import horizontal_difference
+from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.montecarlo.engine import simulate
@@ -34,6 +35,11 @@ def scenario(duration=600.0, **matcher):
         map_error=MapError(sigma=1e-5),
         matcher=Matcher(**({"batch_length": 15, "stride": length, "map_sigma": 1e-5} | matcher)),
     )
+
+
+def test_a_study_without_runs_is_refused():
+    with pytest.raises(InputError, match="at least one run"):
+        simulate(scenario(), [], MAP)
 
 
 @pytest.mark.parametrize("settings", [{}, {"mode": "retrodiction", "map_sigma": "auto"}])

@@ -8,6 +8,7 @@ from isogal.errors import InputError
 from isogal.inertial.inverse import NO_COURSE
 from isogal.inertial.rotations import matrix, to_angles
 from isogal.scenario import validate_scenario
+from isogal.sensors.recorded_track import read_positions
 from isogal.sensors.trajectory import build_trajectory, first_place
 
 LATITUDE, LONGITUDE = 47.0, 8.0
@@ -109,6 +110,14 @@ def test_a_track_that_jumps_is_refused_by_line(tmp_path):
     path = write(tmp_path / "a.csv", time, north, east)
     with pytest.raises(InputError, match=r"latitude and longitude in line 12 are .*e\+04 m/s"):
         build_trajectory(scenario(path))
+
+
+def test_a_track_over_a_pole_is_refused_by_line(tmp_path):
+    rows = (f"{k},{89.9 + 0.02 * k},10.0" for k in range(6))
+    path = tmp_path / "track.csv"
+    path.write_text("\n".join(["time,latitude,longitude", *rows]))
+    with pytest.raises(InputError, match=r"latitude in line 5 must be within 89.95 deg"):
+        read_positions(str(path))
 
 
 @pytest.mark.parametrize("key", ["start", "waypoints", "at_rest"])

@@ -52,6 +52,15 @@ def test_rhumb_azimuth():
     )
 
 
+def test_a_route_over_a_pole_is_refused():
+    """It went on to latitudes above 90 deg."""
+    over = {"start": (89.9, 0.0), "end": (89.0, 180.0), "line": "geodesic", "speed": 100.0}
+    with pytest.raises(InputError, match=r"passes a pole after \d+ s, must stay within 89.95 deg"):
+        route(**over)
+    beside = route(start=(89.9, 0.0), end=(89.9, 60.0), line="geodesic", speed=100.0)
+    assert np.degrees(beside.latitude.max()) == pytest.approx(89.913, abs=2e-3)
+
+
 def test_geodesic_is_the_shortest_line():
     trajectory = route(line="geodesic", height=0.0)
     line = Geod(ellps="GRS80").inv(144.5, -38.0, 150.0, -35.0)

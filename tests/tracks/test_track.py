@@ -4,6 +4,7 @@ reduction, means of stretches."""
 from dataclasses import replace
 
 import numpy as np
+import pandas
 import pytest
 
 from helpers.tracks import field_of, made_track
@@ -32,12 +33,28 @@ def changed(**changes):
         ({"time": np.zeros(60)}, "time of reading 2 is not later .* times must increase"),
         ({"latitude": np.full(60, 2.0)}, "place of reading 1 is out of range"),
         ({"sigma": np.zeros(60)}, "sigma of reading 1 must be > 0"),
+        ({"sigma": np.full(60, np.inf)}, "sigma of reading 1 must be > 0 and finite"),
+        ({"sigma": 1e-5}, r"sigma must have shape \(60,\), has \(\)"),
+        ({"value": np.zeros(20)}, r"value must have shape \(60,\), has \(20,\)"),
+        ({"value": np.zeros((60, 1))}, r"value must have shape \(60,\), has \(60, 1\)"),
+        ({"time": np.arange(60).astype("M8[ns]")}, "time must be numbers, is of type datetime64"),
         ({"reduction": "speed"}, "must be one of none, latitude, velocity"),
     ],
 )
 def test_wrong_numbers_are_refused(changes, message):
     with pytest.raises(InputError, match=message):
         changed(**changes)
+
+
+def test_columns_may_be_lists_masked_or_labelled():
+    """A table's column keeps the labels of its rows, by which arithmetic would pair them."""
+    track = changed()
+    holed = np.ma.array(track.value, mask=np.arange(60) == 3, fill_value=-9999.0)
+    labelled = pandas.Series(track.sigma, index=np.arange(60) + 7)
+    same = changed(time=list(track.time), value=holed, sigma=labelled)
+    assert type(same.sigma) is type(same.time) is np.ndarray
+    assert np.flatnonzero(np.isnan(same.value)).tolist() == [3]
+    np.testing.assert_array_equal(same.time, track.time)
 
 
 NAMES = ("time", "latitude", "longitude", "value", "sigma", "offset")

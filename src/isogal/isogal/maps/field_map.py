@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isogal.arrays import Array, Booleans, Values
+from isogal.arrays import Array, Booleans, Values, real_numbers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.axes import (
@@ -43,8 +43,8 @@ class FieldMap:
     longitude : (m,) rad
         Increasing, regular, at least four nodes; a grid round the Earth has each meridian once.
     values : (n, m) float64 or float32
-        At the nodes; NaN = missing. Gravity (9.8 m/s²) needs float64: float32 rounds it to 0.1
-        mGal.
+        At the nodes; NaN or masked = missing. Gravity (9.8 m/s²) needs float64: float32 rounds it
+        to 0.1 mGal.
     unit : str
         SI, except magnetic fields, which are in nT throughout.
     quantity : str
@@ -107,7 +107,7 @@ class FieldMap:
                 f"{where}: latitudes must lie within -90 to 90 deg; are they in degrees, or"
                 " swapped with longitude?"
             )
-        values = np.asarray(self.values)
+        values = real_numbers(self.values, f"{where}: values")
         if values.shape != (latitude.size, longitude.size):
             raise InputError(
                 f"{where}: values have shape {values.shape}, the axes need ({latitude.size},"
@@ -132,9 +132,9 @@ class FieldMap:
     def _check_errors(self, where: str, drop: bool) -> None:
         shape = self.values.shape
         for name in _ERRORS_AT_NODES:
-            array = np.asarray(getattr(self, name), dtype=np.float64)
-            if array.ndim == 0:  # one number, or None
+            if np.ndim(given := getattr(self, name)) == 0:  # one number, or None
                 continue
+            array = np.asarray(real_numbers(given, f"{where}: {name}"), dtype=np.float64)
             array = np.ascontiguousarray(array[:, :-1] if drop and array.ndim > 1 else array)
             if array.shape != (*shape, 3)[: 3 if name == "error_ellipses" else 2]:
                 raise InputError(f"{where}: {name} has shape {array.shape}, the values {shape}")
@@ -367,7 +367,8 @@ class FieldMap:
 def flat_points(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array, tuple[int, ...]]:
     """Return points (rad, any shapes that broadcast) as two arrays (N,), and their shape."""
     lat, lon = np.broadcast_arrays(
-        np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
+        real_numbers(latitude, "latitude").astype(np.float64, copy=False),
+        real_numbers(longitude, "longitude").astype(np.float64, copy=False),
     )
     return np.ascontiguousarray(lat).reshape(-1), np.ascontiguousarray(lon).reshape(-1), lat.shape
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
+from isogal.errors import InputError
 from isogal.evaluation.records import Runs
 from isogal.fields.gravity_vector import sensed_gravity
 from isogal.fields.known_gravity import known_gravity
@@ -86,8 +87,10 @@ def simulate(
     Raises
     ------
     InputError
-        The scenario, its map or its matcher cannot be used.
+        There are no runs, or the scenario, its map or its matcher cannot be used.
     """
+    if len(runs) == 0:
+        raise InputError("a study needs at least one run")
     trajectory = build_trajectory(scenario)
     field_map = field_map or maps_for_scenario(scenario, trajectory)
     matcher = matcher or build_run_matcher(scenario)

@@ -31,6 +31,9 @@ FEWEST = 5
 """Positions that a smoothing spline needs."""
 FASTEST = 1000.0
 """m/s, as for `route.speed`."""
+NEAREST_POLE_DEG = 89.95
+"""Beyond which there is no north to steer by: points are up to 89.9, and the shortest line between
+two bows towards the pole."""
 _SCATTER = 4.0
 """1-sigmas of the positions' own scatter within which those of a vehicle at rest are."""
 _ROUNDED = 0.1
@@ -77,6 +80,12 @@ def read_positions(path: str, line: str | None = None) -> Positions:
     if len(time) < FEWEST:
         raise InputError(f"{rows.where}: a track needs {FEWEST} positions, has {len(time)}")
     rows.check_times(time)
+    if (polar := np.abs(columns["latitude"]) > NEAREST_POLE_DEG).any():
+        first = int(np.argmax(polar))
+        raise InputError(
+            f"{rows.where}: latitude in line {rows.number[first]} must be within"
+            f" {NEAREST_POLE_DEG:g} deg north and south, is {columns['latitude'][first]:g}"
+        )
     gone = np.diff(time)
     metres = np.column_stack(metres_per_radian(place[:-1, 0]))
     speed = np.hypot(*(np.diff(place, axis=0) * metres).T) / gone

@@ -19,7 +19,7 @@ from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Route, Settings
-from isogal.sensors.recorded_track import Followed, follow, read_positions
+from isogal.sensors.recorded_track import NEAREST_POLE_DEG, Followed, follow, read_positions
 from isogal.sensors.reduction import State
 
 
@@ -73,7 +73,8 @@ def build_trajectory(settings: Settings) -> Trajectory:
     Raises
     ------
     InputError
-        The route is shorter than the duration asked for, or its recorded track cannot be followed.
+        The route is shorter than the duration asked for or passes a pole, or its recorded track
+        cannot be followed.
     """
     if settings.route.track is not None:
         rate, samples = settings.navigation_rate, settings.samples_per_step
@@ -183,6 +184,11 @@ def drive(route: Route, rate: float) -> tuple[Array, Array]:
         speed += acceleration * dt
         rows.append((lat, lon, heading, speed))
         rates.append((turn, acceleration))
+        if abs(lat) > math.radians(NEAREST_POLE_DEG):
+            raise InputError(
+                f"route: passes a pole after {len(rates) * dt:.0f} s, must stay within"
+                f" {NEAREST_POLE_DEG:g} deg north and south; give waypoints that lead round it"
+            )
     if len(rates) < 2:
         raise InputError("route: must last at least two IMU samples")
     return np.array(rows), np.array(rates)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 RECORDED = style.UNAIDED
 MATCHED = style.Line(style.BLUE, "-", 1.6)
 ELLIPSE = style.Line("black", "-", 1.0)
-_MOST_PANELS, _COLUMNS = 6, 3
+_COLUMNS = 3
 _DEPTH = 20.0
 """Natural logarithms below the best that are shown."""
 
@@ -119,9 +119,9 @@ def readings_figure(track: Track, field_map: ScalarMap, matches: Sequence[Match]
 
 @style.journal
 def shift_figure(matches: Sequence[Match]) -> "Figure":
-    """Draw the log posterior over all shifts of up to six batches that have one, and the 2-sigma
+    """Draw the log posterior over all shifts of the batches that have kept it, and the 2-sigma
     ellipse of the posterior with its widened covariance."""
-    shown = [(match, s) for match in matches if (s := match.shifts) is not None][:_MOST_PANELS]
+    shown = [(match, s) for match in matches if (s := match.shifts) is not None]
     columns = min(_COLUMNS, len(shown))
     rows = math.ceil(len(shown) / columns)
     width = style.WIDTH if columns > 1 else 4.6

@@ -44,12 +44,14 @@ from isogal.tracks.fields import (
 )
 from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
-from isogal.tracks.track import Track
+from isogal.tracks.track import Track, enough_readings
 
 Progress = Callable[[int, int], None]
 """Called with how many batches are done, and how many there are."""
 _LONGEST = 4
 """Batches that an unresolved one may grow to: its readings are matched again with the next."""
+MOST_SHIFTS = 6
+"""Batches of a track whose `Match.shifts` are kept, for display: each has some 20 MB."""
 _LEAST_VELOCITY = 1e-6
 """m/s, least 1-sigma of the velocity: matchers need a prior that is positive definite."""
 _LIMITS = {
@@ -111,7 +113,8 @@ class Match:
     position: tuple[float, float]
     """Latitude and longitude (rad) of the recorded track at the batch end less its `error`."""
     shifts: Shifts | None = None
-    """Posterior of the batch's shift, where `pmht` has matched it."""
+    """Posterior of the batch's shift, where `pmht` has matched it; of the first `MOST_SHIFTS` of
+    these batches only."""
 
 
 def match_track(
@@ -152,12 +155,13 @@ def match_fields(
     Raises
     ------
     InputError
-        The matcher's options are wrong, the track's reduction does not fit the quantity, or fields
-        are not of one track (`fields.check_fields`).
+        There are fewer than three readings, the matcher's options are wrong, the track's reduction
+        does not fit the quantity, or fields are not of one track (`fields.check_fields`).
     """
     check_fields(fields)
     matching = matcher or matcher_of(fields)
     track, settings = fields[0].track, fields[0].settings
+    enough_readings(track)
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
     earlier = matching.context + settings.batch_length - between_batches(settings)
@@ -179,6 +183,8 @@ def match_fields(
         north, east = metres_per_radian(latitude)
         here = float(latitude - error[0] / north), float(longitude - error[1] / east)
         shifts = after if isinstance(after, Shifts) and after is not memory else None
+        if sum(one.shifts is not None for one in matches) == MOST_SHIFTS:
+            shifts = None
         matches.append(Match(fix, slice(previous, end), error, covariance, here, shifts))
         resolved = (counted if chained else fix).published
         if resolved or end - unresolved >= _LONGEST * settings.batch_length:

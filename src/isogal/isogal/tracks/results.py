@@ -63,7 +63,7 @@ def found(match: Match, fields: Sequence[TrackField]) -> Entry:
     """Return what a batch has found of errors and readings, each field's in its own unit, lengths
     in m; nothing where noise was not integrated out."""
     numbers = match.fix.diagnostics
-    if match.shifts is None or not fields:
+    if "readings_left_out" not in numbers or not fields:
         return {}
     result: Entry = {}
     for field in fields:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array, Booleans, real_numbers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
@@ -24,6 +24,7 @@ that and the Eötvös acceleration of its velocity, or the Earth's main magnetic
 position."""
 FEWEST = 3
 """Readings that a track needs."""
+_COLUMNS = ("time", "latitude", "longitude", "value", "sigma", "offset")
 _OFF_SCALE = 30.0
 """Factor between the spread of the readings and the map's from which on they are taken to be in
 another unit, if there is one that explains it."""
@@ -53,8 +54,8 @@ class Track:
     Raises
     ------
     InputError
-        A number is not finite, times do not increase, a place is out of range, or a sigma is not
-        positive.
+        Columns differ in shape or hold no numbers, a number is not finite, times do not increase,
+        a place is out of range, or a sigma is not positive.
     """
 
     time: Array
@@ -92,6 +93,12 @@ class Track:
                 f"reduction (--reduction) must be one of {', '.join(REDUCTIONS)}, is"
                 f" '{self.reduction}'"
             )
+        for name in _COLUMNS:  # from lists and columns of tables, too, whose rows have labels
+            what = f"{self.where}: {name}"
+            column = np.asarray(real_numbers(getattr(self, name), what), dtype=np.float64)
+            object.__setattr__(self, name, column)
+            if column.shape != (count := self.time.size,):
+                raise InputError(f"{what} must have shape ({count},), has {column.shape}")
         for name in ("time", "latitude", "longitude", "offset"):
             self._refuse(~np.isfinite(getattr(self, name)), name, "is not a finite number")
         outside = (np.abs(self.latitude) > math.pi / 2) | (np.abs(self.longitude) > 2.0 * math.pi)
@@ -100,7 +107,8 @@ class Track:
         )
         late = np.diff(self.time, prepend=-math.inf) <= 0.0
         self._refuse(late, "time", "is not later than that of the one before: times must increase")
-        self._refuse(self.sigma <= 0.0, "sigma", "must be > 0")
+        bad = (self.sigma <= 0.0) | np.isinf(self.sigma)
+        self._refuse(bad, "sigma", "must be > 0 and finite")
 
     def _refuse(self, wrong: Booleans, name: str, why: str) -> None:
         """Raise InputError for the first reading of which something is wrong (N,)."""
@@ -202,6 +210,12 @@ class Track:
         return float(np.abs(normal_gravity_gradient_north(self.latitude)).max())
 
 
+def enough_readings(track: Track) -> None:
+    """Raise InputError where a track is too short to be matched."""
+    if len(track) < FEWEST:
+        raise InputError(f"{track.where}: needs at least {FEWEST} readings, has {len(track)}")
+
+
 def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
     """Return a track that belongs to a map, and (N,) where the map has no value at its recorded
     places.
@@ -211,8 +225,7 @@ def fit_to_map(track: Track, field_map: ScalarMap) -> tuple[Track, Booleans]:
     InputError
         There are fewer than three readings, or on the map, or they are not in the map's unit.
     """
-    if len(track) < FEWEST:
-        raise InputError(f"{track.where}: needs at least {FEWEST} readings, has {len(track)}")
+    enough_readings(track)
     if (given := int(np.isfinite(track.value).sum())) < FEWEST:
         raise InputError(
             f"{track.where}: {given} of {len(track)} readings have a value, at least {FEWEST} are"

@@ -174,14 +174,15 @@ def hours(seconds: Array) -> Array:
 
 def time_axis(axes: "Axes", end: float) -> None:
     """Label a time axis of data in hours, which ends at `end` hours; records under 20 minutes get
-    a scale in minutes."""
+    a scale in minutes, under three minutes in seconds."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
     axes.set_xlim(0.0, end)
     if end < 1.0 / 3.0:
-        axes.xaxis.set_major_locator(MultipleLocator(max(1, round(end * 60 / 8)) / 60))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * 60:g}"))
-        unit = "min"
+        unit, in_an_hour = ("min", 60.0) if end >= 0.05 else ("s", 3600.0)
+        step = next(one for one in (1, 2, 5, 10, 20) if end * in_an_hour <= 10 * one)
+        axes.xaxis.set_major_locator(MultipleLocator(step / in_an_hour))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * in_an_hour:g}"))
     else:
         axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]))
         unit = "h"
