@@ -22,6 +22,7 @@ from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_covariance, unit_quaternion
 from isogal_ros.messages.frames import FRD_FLU
+from isogal_ros.messages.ins_solution import HIGHEST
 from isogal_ros.messages.position import read_pose
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -77,8 +78,8 @@ def with_given(settings: UkfFusionSettings, state: Estimate) -> Estimate:
 
 LARGEST_SIGMA = 1e6
 """m. Sigma points of a wider Gaussian do not lie on one side of the Earth."""
-LOWEST, HIGHEST = -12e3, 1e5
-"""m: no vehicle is below the deepest sea, or above the air."""
+LOWEST = -12e3
+"""m, below the deepest sea."""
 
 
 def placed(

@@ -18,6 +18,7 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.inertial.error_state import Estimate
+from isogal.inertial.ins_file import FASTEST
 from isogal.inertial.inverse import NO_COURSE, inverse
 from isogal.inertial.rotations import from_heading
 from isogal.inertial.strapdown import propagate
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 FEWEST = 5
 """Positions that a smoothing spline needs."""
-FASTEST = 1000.0
-"""m/s, as for `route.speed`."""
 NEAREST_POLE_DEG = 89.95
 """Beyond which there is no north to steer by: points are up to 89.9, and the shortest line between
 two bows towards the pole."""

@@ -34,7 +34,7 @@ from isogal_ros.topics import Message, Topic
 ENU = "enu"
 """Axes east, north, up at the vehicle."""
 HIGHEST = 1e5
-"""m."""
+"""m: no vehicle is above the air."""
 _POSE = [0, 1, 2, 6, 7, 8]
 
 
