@@ -21,7 +21,6 @@ from isogal.matching.transitions import (
     across,
     backwards,
     carried,
-    reading_rate,
 )
 from isogal.matrices import symmetric
 from isogal.passage import History
@@ -263,7 +262,7 @@ class BatchBuilder:
                 self._noise(scans, velocity, times),
                 self.instrument.bias_walk,
                 self.instrument.delay_sigma,
-                reading_rate(at_scan, velocity, times),
+                self._added(latitude, longitude, self._scans.heights(scans), velocity),
             ),
             history=History(correction),
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
@@ -299,7 +298,7 @@ class BatchBuilder:
         end = float(batch.time[-1])
         _, every, apart = self._errors(latitude, velocity, told_of, end, prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        rate = reading_rate(at_scan, velocity, batch.time)
+        added = self._added(latitude, longitude, np.asarray(seen.height), velocity)
         return replace(
             batch,
             latitude=latitude,
@@ -308,7 +307,7 @@ class BatchBuilder:
             reading=reading,
             by_error=_of_rows(every, at_scan),
             apart=_of_rows(apart, at_scan),
-            instrument=replace(batch.instrument, rate=rate, filter_path=filter_path),
+            instrument=replace(batch.instrument, added=added, filter_path=filter_path),
             end_place=batch.end,
         )
 
@@ -326,6 +325,11 @@ class BatchBuilder:
         every, apart = across(self._bridge, plain, latitude, velocity, times, end)
         moved = self.gravity.apart(velocity, times, end, prior)
         return plain, every, np.concatenate([apart, moved], axis=2)
+
+    def _added(self, latitude: Array, longitude: Array, height: Array, velocity: Array) -> Array:
+        """Return (T,) what the reduction adds to readings at the scans."""
+        at = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1])
+        return self.reduction.reduce(np.zeros(len(latitude)), at)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height

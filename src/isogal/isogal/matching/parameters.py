@@ -83,9 +83,9 @@ class InstrumentErrors:
     """Random walk of their bias, map's unit per root second."""
     delay_sigma: float = 0.0
     """1-sigma of a delay beyond the specified one, s."""
-    rate: Array | None = None
-    """(T,) by how much what the reduction adds to a reading changes per s along the path, map's
-    unit; None = not at all."""
+    added: Array | None = None
+    """(T,) what the reduction adds to each reading by the navigator's state, map's unit; None =
+    nothing."""
     filter_path: FilterPath | None = None
     """What of the path each reading is a mean over; None = a point."""
 
@@ -94,7 +94,7 @@ class InstrumentErrors:
         return replace(
             self,
             parameters=None if self.parameters is None else self.parameters.part(rows),
-            rate=None if self.rate is None else self.rate[rows],
+            added=None if self.added is None else self.added[rows],
             filter_path=None if self.filter_path is None else self.filter_path.part(rows),
         )
 

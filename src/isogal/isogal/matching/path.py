@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.sensors.lag import Lag, low_pass
@@ -37,27 +38,34 @@ class Path:
         """Return the states at other times, of their shape: cubic between two scans by positions
         and velocities there, straight before the first and after the last."""
         north, east = metres_per_radian(self.latitude)
-        latitude, by_north = _hermite(time, self.time, self.latitude, self.velocity[:, 0] / north)
-        longitude, by_east = _hermite(time, self.time, self.longitude, self.velocity[:, 1] / east)
+        flat, shape = np.ravel(time), np.shape(time)
+        of_north = hermite(flat, self.time, self.latitude, self.velocity[:, 0] / north)
+        of_east = hermite(flat, self.time, self.longitude, self.velocity[:, 1] / east)
+        latitude, by_north = (part.reshape(shape) for part in of_north)
+        longitude, by_east = (part.reshape(shape) for part in of_east)
         north, east = metres_per_radian(latitude)
         height = np.interp(time, self.time, self.height)
         return State(latitude, longitude, height, by_north * north, by_east * east)
 
 
-def _hermite(time: Array, known: Array, value: Array, slope: Array) -> tuple[Array, Array]:
-    """Return cubic Hermite interpolation of values (N,) and slopes (N,), and its derivative."""
-    if len(known) == 1:
-        return value[0] + slope[0] * (time - known[0]), np.full(np.shape(time), slope[0])
-    i = np.clip(np.searchsorted(known, time, side="right") - 1, 0, len(known) - 2)
-    step = known[i + 1] - known[i]
-    u = (time - known[i]) / step
-    inside = np.clip(u, 0.0, 1.0)
-    a, b = inside * inside * (3.0 - 2.0 * inside), inside * (1.0 - inside)
-    cubic = (1.0 - a) * value[i] + a * value[i + 1]
-    cubic = cubic + step * b * ((1.0 - inside) * slope[i] - inside * slope[i + 1])
-    by_time = 6.0 * b * (value[i + 1] - value[i]) / step + (1.0 - inside - 3.0 * b) * slope[i]
-    by_time = by_time + (inside - 3.0 * b) * slope[i + 1]
-    return cubic + by_time * step * (u - inside), by_time
+@kernel
+def hermite(time: Array, known: Array, value: Array, slope: Array) -> tuple[Array, Array]:
+    """Return at times (N,) what has values (T,) and slopes at known times, cubic in between and
+    straight before and after, and its slopes."""
+    out, by_time, last = np.empty(len(time)), np.empty(len(time)), len(known) - 1
+    for k in range(len(time)):
+        i = min(max(np.searchsorted(known, time[k], side="right") - 1, 0), max(last - 1, 0))
+        step = known[i + 1] - known[i] if last > 0 else 1.0
+        j = min(i + 1, last)
+        u = (time[k] - known[i]) / step
+        inside = min(max(u, 0.0), 1.0) if last > 0 else 0.0
+        a, b = inside * inside * (3.0 - 2.0 * inside), inside * (1.0 - inside)
+        cubic = (1.0 - a) * value[i] + a * value[j]
+        cubic += step * b * ((1.0 - inside) * slope[i] - inside * slope[j])
+        change = 6.0 * b * (value[j] - value[i]) / step + (1.0 - inside - 3.0 * b) * slope[i]
+        by_time[k] = change + (inside - 3.0 * b) * slope[j]
+        out[k] = cubic + by_time[k] * step * (u - inside)
+    return out, by_time
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,8 @@ from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid, bilinear, value_and_gradient
 from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import Rows
+from isogal.matching.pmht.rows import PAST, Rows
+from isogal.matching.pmht.states import DELAY, FILTER, UNKNOWN
 
 ITERATIONS = 8
 """Linearisations at most; from the fourth on steps are halved, since a step that has not
@@ -29,27 +30,52 @@ whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
-AGES = np.stack(np.polynomial.laguerre.laggauss(12), axis=1)[:6]
-AGES /= 1.0, AGES[:, 1].sum()
-"""(6, 2) ages, in units of its time constant, and weights of what of the path a first-order
-low-pass filter has a mean over: a Gauss-Laguerre rule without the 0.02 % that is older than seven
-time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off."""
+SHORTEST = 0.1
+"""Of a model's time constant, the least that is believed while its error is looked for."""
 
 
 @kernel(error_model="numpy")
 def predicted(
-    grid: Grid, nodes: Array, t: int, count: int, lat: float, lon: float, channel: int
+    grid: Grid, nodes: Array, t: int, lat: float, lon: float, channel: int
 ) -> tuple[float, float, float]:
     """Return the map's value and its derivatives (per rad of latitude and of longitude) for row t
-    where it was taken at a place (rad): means over the first `count` points of `nodes` (n, Q, 3),
-    as in `Rows`."""
+    where it was taken at a place (rad): means over the points of `nodes` (n, Q, 3), as in
+    `Rows`."""
     value = by_lat = by_lon = 0.0
-    for q in range(count):
+    for q in range(nodes.shape[1]):
         v, a, b = value_and_gradient(grid, lat + nodes[t, q, 0], lon + nodes[t, q, 1], channel)
         value += nodes[t, q, 2] * v
         by_lat += nodes[t, q, 2] * a
         by_lon += nodes[t, q, 2] * b
     return value, by_lat, by_lon
+
+
+@kernel(error_model="numpy")
+def between(past: Array, t: int, age: float) -> tuple[float, float, float, float, float, float]:
+    """Return what `past` (n, Q, 3) says of row t at an age (s), and how that changes per s."""
+    i = min(max(int(age / PAST), 0), past.shape[1] - 2)
+    one, two, u = past[t, i], past[t, i + 1], age / PAST - i
+    a, b, c = one[0], one[1], one[2]
+    by_a, by_b, by_c = two[0] - a, two[1] - b, two[2] - c
+    return a + u * by_a, b + u * by_b, c + u * by_c, by_a / PAST, by_b / PAST, by_c / PAST
+
+
+@kernel(error_model="numpy")
+def sensed(
+    grid: Grid,
+    nodes: Array,
+    past: Array,
+    t: int,
+    lat: float,
+    lon: float,
+    channel: int,
+    age: float,
+) -> tuple[float, float, float, float]:
+    """Return what an instrument at a place (rad) has sensed in row t an age (s) ago, as reduced
+    now, and its derivatives by the place (per rad) and by the age (per s)."""
+    a, b, c, by_a, by_b, by_c = between(past, t, age)
+    value, by_lat, by_lon = predicted(grid, nodes, t, lat + a, lon + b, channel)
+    return value + c, by_lat, by_lon, by_lat * by_a + by_lon * by_b + by_c
 
 
 @kernel(error_model="numpy")
@@ -89,7 +115,7 @@ def departures(
     constant, of the map at the one point that is older by it."""
     size, n, last = mean.shape[1], rows.level.shape[0], rows.level.shape[0] - 1
     worst, across = np.zeros(which.shape[0]), np.empty((2, size))
-    bend, change, count = np.empty(2), np.empty(2), rows.nodes.shape[1]
+    bend, change = np.empty(2), np.empty(2)
     for k in range(which.shape[0]):
         if not asked[k]:
             continue
@@ -125,14 +151,14 @@ def departures(
                 for u in range(rows.load.shape[2]):
                     load = error * rows.load[shape, t, u]
                     R += load * load * rows.joined[shape, t, u, u]
-            lat -= (north + models.lag[m] * rows.velocity[t, 0]) * to_lat
-            lon -= (east + models.lag[m] * rows.velocity[t, 1]) * to_lon
-            middle = predicted(grid, rows.nodes, t, count, lat, lon, channel)[0]
+            back = between(rows.past, t, models.lag[m])
+            lat, lon = lat - north * to_lat + back[0], lon - east * to_lon + back[1]
+            middle = predicted(grid, rows.nodes, t, lat, lon, channel)[0]
             for axis in range(2):
                 a, b = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
                 a, b = reach * a * to_lat, reach * b * to_lon
-                one = predicted(grid, rows.nodes, t, count, lat + a, lon + b, channel)[0]
-                other = predicted(grid, rows.nodes, t, count, lat - a, lon - b, channel)[0]
+                one = predicted(grid, rows.nodes, t, lat + a, lon + b, channel)[0]
+                other = predicted(grid, rows.nodes, t, lat - a, lon - b, channel)[0]
                 bend[axis] += (0.5 * (one + other) - middle) ** 2 / R
                 change[axis] += (0.5 * (one - other)) ** 2 / R
         departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)
@@ -166,6 +192,21 @@ class Own(NamedTuple):
     """(n, N)."""
     nodes: Array
     """(n, Q, 3)."""
+    past: Array
+    """(n, Q, 3)."""
+    elapsed: Array
+    """(n,)."""
+
+
+class Filter(NamedTuple):
+    """By what a model's readings are old: a low-pass filter, or a delay."""
+
+    value: int
+    """Which of its states is what the filter gives; -1 = there is no filter."""
+    error: int
+    """Which is the error of its time constant, or the delay; -1 = there is neither."""
+    lag: float
+    """Its time constant, s."""
 
 
 class Update(NamedTuple):
@@ -184,6 +225,11 @@ class Update(NamedTuple):
     z: Array
     """(n,), and H (n, N): the readings, linearised."""
     H: Array
+    g: Array
+    """(n,), and G (n, N): what a filter takes in, linearised: g + G x."""
+    by_age: Array
+    """(n,) change of what the instrument senses with its age, map's unit per s."""
+    G: Array
     PH: Array
     """(N,)."""
 
@@ -191,22 +237,28 @@ class Update(NamedTuple):
 @kernel(error_model="numpy")
 def _own(rows: Rows, size: int) -> Own:
     """Return room for those of models of at most so many states."""
-    n, count = rows.level.shape[0], max(AGES.shape[0], rows.nodes.shape[1])
+    n = rows.level.shape[0]
     place, reading = np.empty((n, 2, size)), np.empty((n, size))
     level, noise = np.empty(n), np.empty(n)
     keep, fresh = np.empty((n, size)), np.empty((n, size))
-    return Own(place, reading, level, noise, keep, fresh, np.empty((n, count, 3)))
+    return Own(place, reading, level, noise, keep, fresh, rows.nodes, rows.past, rows.elapsed)
 
 
 @kernel(error_model="numpy")
 def _of_model(
     rows: Rows, used: Integers, c: int, shape: int, lag: float, noise: float, own: Own
-) -> int:
+) -> Filter:
     """Write the rows of a model of the c states `used`, of whose noise the variance is so many
-    times as large, and return how many points a reading is a mean over."""
-    n, filtered = BATCH_STATES, lag > 0.0
+    times as large, and return its filter."""
+    n, value, error = BATCH_STATES, -1, -1
+    unknown = own.reading.shape[1] - len(UNKNOWN)
+    for i in range(c if rows.past.shape[1] > 2 else 0):
+        if used[i] == unknown + FILTER:
+            value = i
+        if used[i] == unknown + DELAY:
+            error = i
     for t in range(rows.level.shape[0]):
-        own.level[t] = rows.level[t] - lag * rows.rate[t]
+        own.level[t] = rows.level[t] - (rows.added[t] if value >= 0 else 0.0)
         own.noise[t] = noise * rows.noise[t]
         for i in range(c):
             s, keep, fresh = used[i], 1.0, 0.0
@@ -215,18 +267,11 @@ def _of_model(
             if s == n and rows.load.shape[2] == 1 and rows.joined[shape, t, 0, 0] > 0.0:
                 keep, fresh = rows.step[shape, t, 0, 0], rows.joined[shape, t, 0, 0]
             own.keep[t, i], own.fresh[t, i] = keep, fresh
-            own.reading[t, i] = rows.reading[t, s]
+            own.reading[t, i] = 0.0 if i == error else rows.reading[t, s]
             for axis in range(2):
-                own.place[t, axis, i] = rows.place[t, axis, s] * rows.radian[t, axis]
-        for q in range(AGES.shape[0] if filtered else 0):
-            for axis in range(2):
-                back = AGES[q, 0] * lag * rows.velocity[t, axis]
-                own.nodes[t, q, axis] = -back * rows.radian[t, axis]
-            own.nodes[t, q, 2] = AGES[q, 1]
-        for q in range(0 if filtered else rows.nodes.shape[1]):
-            for i in range(3):
-                own.nodes[t, q, i] = rows.nodes[t, q, i]
-    return AGES.shape[0] if filtered else rows.nodes.shape[1]
+                moved = rows.place[t, axis, s] * rows.radian[t, axis]
+                own.place[t, axis, i] = 0.0 if i == error else moved
+    return Filter(value, error, lag)
 
 
 @kernel(error_model="numpy")
@@ -260,6 +305,53 @@ def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array
 
 
 @kernel(error_model="numpy")
+def _share(lag: float, elapsed: float) -> tuple[float, float, float]:
+    """Return what of a filter's value is left after some time, and mean and standard deviation of
+    the age of what has come in since; all s."""
+    left = math.exp(-elapsed / lag)
+    gone = elapsed * left / (1.0 - left)
+    age = lag - gone
+    return left, age, math.sqrt(2.0 * lag**2 - gone * (elapsed + 2.0 * lag) - age**2)
+
+
+@kernel(error_model="numpy")
+def _through(
+    x: Array,
+    P: Array,
+    one: Filter,
+    error: float,
+    elapsed: float,
+    g: float,
+    by_age: float,
+    G: Array,
+    c: int,
+    work: Array,
+) -> None:
+    """Let a filter take in g + G x for `elapsed` s, in place; linear about an `error` of its time
+    constant."""
+    y, lag = one.value, max(one.lag + error, SHORTEST * one.lag)
+    left = _share(lag, elapsed)[0]
+    more = left * elapsed / lag**2  # of that, per s of the time constant
+    for i in range(c):
+        g += G[i] * x[i]
+    by_lag = more * (x[y] - g)
+    by_lag += (1.0 - left) * by_age * (1.0 - elapsed * more / (1.0 - left) ** 2)
+    x[y] = left * x[y] + (1.0 - left) * g + by_lag * (x[one.error] - error)
+    variance = 0.0
+    for j in range(c):
+        work[j] = left * P[y, j] + by_lag * P[one.error, j]
+        for i in range(c):
+            work[j] += (1.0 - left) * G[i] * P[i, j]
+    for j in range(c):
+        variance += (1.0 - left) * G[j] * work[j]
+    variance += left * work[y] + by_lag * work[one.error]
+    for j in range(c):
+        P[y, j] = work[j]
+        P[j, y] = work[j]
+    P[y, y] = variance
+
+
+@kernel(error_model="numpy")
 def _filtered(
     c: int,
     x: Array,
@@ -272,6 +364,12 @@ def _filtered(
     step: Array,
     joined: Array,
     tails: float,
+    one: Filter,
+    error: float,
+    elapsed: Array,
+    g: Array,
+    by_age: Array,
+    G: Array,
     PH: Array,
 ) -> float:
     """Kalman filter of readings one after the other, in place; return their log evidence.
@@ -299,6 +397,8 @@ def _filtered(
                     P[i, j] *= f
                     P[j, i] *= f
             P[i, i] += fresh[t, i]
+        if one.value >= 0 and elapsed[t] > 0.0:
+            _through(x, P, one, error, elapsed[t], g[t], by_age[t], G[t], c, PH)
         S, innovation = noise[t], z[t]
         for i in range(c):
             value = 0.0
@@ -343,7 +443,7 @@ def _iterated(
     grid: Grid,
     rows: Rows,
     own: Own,
-    count: int,
+    one: Filter,
     errors: Array,
     step: Array,
     joined: Array,
@@ -355,17 +455,30 @@ def _iterated(
     `at` on, with map errors of 1-sigmas `errors` (n, U); return their log evidence, -inf off the
     map."""
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
-    place, reading, level, noise, keep, fresh, nodes = own
-    x, P, before, prior, at, z, H, PH = update
-    evidence, first = -math.inf, BATCH_STATES
+    place, reading, level, noise, keep, fresh, nodes, past, elapsed = own
+    x, P, before, prior, at, z, H, g, by_age, G, PH = update
+    evidence, first, error = -math.inf, BATCH_STATES, 0.0
     for iteration in range(ITERATIONS):
         # z = H x + noise: z - J x = z - (J - G) x - G x
+        if one.error >= 0:
+            error = at[one.error]
         for t in range(level.shape[0]):
             lat, lon = latitude[t], longitude[t]
             for i in range(c):
                 lat -= place[t, 0, i] * at[i]
                 lon -= place[t, 1, i] * at[i]
-            value, by_lat, by_lon = predicted(grid, nodes, t, count, lat, lon, channel[t])
+            age, spread = error, 0.0
+            if one.value >= 0:
+                lag = max(one.lag + error, SHORTEST * one.lag)
+                age, spread = _share(lag, elapsed[t])[1:] if elapsed[t] > 0.0 else (0.0, 0.0)
+            value, by_lat, by_lon, slope = sensed(
+                grid, nodes, past, t, lat, lon, channel[t], age + spread
+            )
+            if spread > 0.0:
+                v, a, b, s = sensed(grid, nodes, past, t, lat, lon, channel[t], age - spread)
+                value, slope = 0.5 * (value + v), 0.5 * (slope + s)
+                by_lat, by_lon = 0.5 * (by_lat + a), 0.5 * (by_lon + b)
+            by_age[t] = slope
             if not math.isfinite(value):
                 return -math.inf
             rest = level[t] - value
@@ -376,11 +489,22 @@ def _iterated(
             z[t] = rest
             for i in range(first, min(c, first + errors.shape[1])):
                 H[t, i] += errors[t, i - first]
+            if one.value < 0 and one.error >= 0:
+                H[t, one.error] = by_age[t]
+                z[t] += by_age[t] * error
+            if one.value >= 0:
+                g[t], z[t] = level[t] - rest - (rows.level[t] - level[t]), level[t]
+                for i in range(c):
+                    G[t, i] = H[t, i]
+                    H[t, i] = 1.0 if i == one.value else 0.0
         for i in range(c):
             x[i] = before[i]
             for j in range(c):
                 P[i, j] = prior[i, j]
-        evidence = _filtered(c, x, P, z, H, noise, keep, fresh, step, joined, tails, PH)
+        evidence = _filtered(
+            c, x, P, z, H, noise, keep, fresh, step, joined, tails, one, error, elapsed,
+            g, by_age, G, PH,
+        )  # fmt: skip
         moved = math.hypot(x[0] - at[0], x[1] - at[1])
         if not moved > SETTLED * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
             break
@@ -388,6 +512,18 @@ def _iterated(
         for i in range(c):
             at[i] += share * (x[i] - at[i])
     return evidence
+
+
+@kernel(error_model="numpy")
+def _settled(grid: Grid, rows: Rows, own: Own, lag: float, x: Array, c: int) -> float:
+    """Return what a filter of a time constant (s) gives before the first row, by the map where it
+    was so many s ago; 0 off the map."""
+    lat, lon = rows.latitude[0], rows.longitude[0]
+    for i in range(c):
+        lat -= own.place[0, 0, i] * x[i]
+        lon -= own.place[0, 1, i] * x[i]
+    value = sensed(grid, own.nodes, own.past, 0, lat, lon, rows.channel[0], lag)[0]
+    return value - rows.added[0] if math.isfinite(value) else 0.0
 
 
 @kernel(error_model="numpy")
@@ -407,21 +543,26 @@ def observed(
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
     n, size, several, first = rows.level.shape[0], mean.shape[1], rows.load.shape[2], BATCH_STATES
-    own, model, count, errors = _own(rows, size), -1, 1, np.empty((n, several))
+    own, model, one, errors = _own(rows, size), -1, Filter(-1, -1, 0.0), np.empty((n, several))
     x, P, before = np.empty(size), np.empty((size, size)), np.empty(size)
     prior, at, shift = np.empty((size, size)), np.empty(size), np.zeros(size)
-    update = Update(x, P, before, prior, at, np.empty(n), np.empty((n, size)), np.empty(size))
+    z, H, g, by_age, G = (
+        np.empty(n), np.empty((n, size)), np.empty(n), np.empty(n), np.empty((n, size))
+    )  # fmt: skip
+    update = Update(x, P, before, prior, at, z, H, g, by_age, G, np.empty(size))
     from_north, from_east, place = math.inf, math.inf, own.place
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
     for k in range(which.shape[0]):
         m = which[k]
         c, used, shape, sigma = models.sizes[m], models.used[m], models.shape[m], models.sigma[m]
         if m != model:
-            count, model = _of_model(rows, used, c, shape, models.lag[m], models.noise[m], own), m
+            one, model = _of_model(rows, used, c, shape, models.lag[m], models.noise[m], own), m
         for i in range(c):
             before[i] = mean[k, used[i]]
             for j in range(c):
                 prior[i, j] = covariance[k, used[i], used[j]]
+        if one.value >= 0 and before[one.value] == 0.0:
+            before[one.value] = _settled(grid, rows, own, one.lag, before, c)
         graded = sigma > 0.0 and not models.rough[m] > 0.0
         for t in range(n):
             error, north, east = sigma, 0.0, 0.0
@@ -442,7 +583,7 @@ def observed(
         stepped = several if several > 1 and c > first and used[first] == first else 0
         step, joined = rows.step[shape, :, :stepped, :stepped], rows.joined[shape]
         evidence[k] = _iterated(
-            grid, rows, own, count, errors, step, joined, models.tails[m], c, update
+            grid, rows, own, one, errors, step, joined, models.tails[m], c, update
         )
         for i in range(size):
             shift[i] = 0.0

@@ -25,6 +25,7 @@ from isogal.matching.pmht.states import (
     COUPLING_RIGHT,
     DELAY,
     DRIFT,
+    FILTER,
     States,
 )
 from isogal.matching.registry import check_options
@@ -111,7 +112,7 @@ FAULTS = (
     Fault(NAVIGATOR, RARE, growth=WORSE),
     Fault(NAVIGATOR, RARE, growth=WORSE**2),
     Fault(LATE, 0.02, delay=LATE_S),
-    *(Fault(FILTERED, 0.01, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
+    *(Fault(FILTERED, 0.01, lag=lag, delay=UNSURE_LAG * lag) for lag in (10.0, 30.0, 60.0, 120.0)),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
     # satellites are wrong on a voyage in a thousand, times how likely what they say is then: as
@@ -376,6 +377,7 @@ def table_of(
         last[:, BIAS] = [max(f.bias * share, assumed.bias) for f in fault]
         last[:, DRIFT] = [max(f.drift * share / DRIFT_TIME, assumed.drift) for f in fault]
         last[:, DELAY] = [max(f.delay, assumed.delay) for f in fault]
+        last[:, FILTER] = [assumed.scale if f.lag > 0.0 else 0.0 for f in fault]
         last[:, COUPLING_FORWARD] = last[:, COUPLING_RIGHT] = [f.coupling for f in fault]
     has = np.concatenate([np.ones((count, BATCH_STATES), bool), initial > 0.0], axis=1)
     has[:, BATCH_STATES + states.channels :] |= states.walk > 0.0

@@ -29,6 +29,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors
+from isogal.matching.path import hermite
 from isogal.matching.pmht.states import (
     BIAS,
     COUPLING_FORWARD,
@@ -38,10 +39,13 @@ from isogal.matching.pmht.states import (
     States,
     footprints,
 )
+from isogal.matching.transitions import rates
 from isogal.sensors.gravimeter_errors import accelerations
 
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
+PAST, LONGEST = 5.0, 25
+"""s between the points of the past that rows have, and how many: two minutes."""
 CHUNK = 15
 """Readings that hypotheses take in one update: with twice as many the first fix takes twice as
 long, 0.2 s where the map is rough."""
@@ -76,10 +80,13 @@ class Rows(NamedTuple):
     joined: Array
     """(L, n, U, U) covariance that has joined u; 0 of a row at the place of the one before, whose
     `step` does not count."""
-    rate: Array
-    """(n,) change per s of what the reduction adds to the readings."""
-    velocity: Array
-    """(n, 2) m/s."""
+    added: Array
+    """(n,) what the reduction adds to the readings."""
+    past: Array
+    """(n, Q, 3) where the vehicle was before, rad beside the row's place, and what less was added
+    then, `PAST` s apart."""
+    elapsed: Array
+    """(n,) s since the reading before."""
     nodes: Array
     """(n, Q, 3) points (rad beside the row's place) and weights that a reading is a mean over."""
     channel: Integers
@@ -178,8 +185,9 @@ def rows_of(
         fresh,
         step,
         joined,
-        np.zeros(len(which)) if instrument.rate is None else instrument.rate,
-        np.ascontiguousarray(velocity),
+        np.zeros(len(which)) if instrument.added is None else instrument.added,
+        _past(batch, which, states),
+        elapsed,
         nodes,
         channel.astype(np.int64),
     )
@@ -224,6 +232,28 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
     )
 
 
+def _past(batch: Batch, which: Integers, states: States) -> Array:
+    """Return `Rows.past` of rows `which` (n,) of a batch; zeros where no model asks for it."""
+    past = np.zeros((len(which), LONGEST if states.unknown else 2, 3))
+    if not states.unknown:
+        return past
+    time = batch.time[which]
+    ages = PAST * np.arange(past.shape[1])
+    north, east = metres_per_radian(batch.latitude)
+    velocity = batch.velocity
+    columns = [
+        (batch.latitude, velocity[:, 0] / north),
+        (batch.longitude, velocity[:, 1] / east),
+    ]
+    added = batch.instrument.added
+    if added is not None:
+        columns.append((-added, -rates(added[:, None], batch.time)[:, 0]))
+    for k, (value, slope) in enumerate(columns):
+        then = hermite((time[:, None] - ages).ravel(), batch.time, value, slope)[0]
+        past[..., k] = then.reshape(past.shape[:2]) - value[which][:, None]
+    return past
+
+
 def _effects(
     batch: Batch, which: Integers, instrument: InstrumentErrors, states: States, before: Epoch
 ) -> tuple[Array, Array]:
@@ -242,8 +272,8 @@ def _effects(
         unknown = reading[:, -states.unknown :]
         unknown[:, BIAS], unknown[:, DRIFT] = 1.0, time - before.start
         place[..., -states.unknown + DELAY] = velocity
-        if instrument.rate is not None:
-            unknown[:, DELAY] = instrument.rate
+        if batch.instrument.added is not None:
+            unknown[:, DELAY] = rates(batch.instrument.added[:, None], batch.time)[which, 0]
         each = np.append(before.time, time)
         later = each[1:] > each[:-1]  # than the row before: another scan
         if later.any():
