@@ -23,7 +23,10 @@ from isogal.matching.batching import BatchBuilder, fix_due
 from isogal.matching.expansion import Soundings
 from isogal.matching.interfaces import Fix
 from isogal.matching.joint_batches import JointBatches
+from isogal.matching.pmht.late import sensed
 from isogal.matching.pmht.matcher import Pmht
+from isogal.matching.pmht.rows import rows_of
+from isogal.matching.pmht.states import States
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected, Scan, Scans
 from isogal.matching.transitions import carried
@@ -379,12 +382,13 @@ def scenario(route=BENT, **keys):
     )
 
 
-def batch_of(it, scans=60, error=(0.0, 0.0)):
+def batch_of(it, scans=60, error=(0.0, 0.0), told=True):
     """The batch of a navigator that knows its state, or is wrong by a constant (m)."""
     trajectory = build_trajectory(it)
     simulator = ReadingSimulator(it, trajectory, MAP, [0])
     reduction = DISTURBANCE.reduction(it)
-    builder = BatchBuilder(Matcher(batch_length=40), reduction, 0, it.gravimeter)
+    instrument = it.gravimeter if told else scenario().gravimeter
+    builder = BatchBuilder(Matcher(batch_length=40), reduction, 0, instrument)
     metres = horizontal_difference(ORIGIN[0] + 1e-5, ORIGIN[1] + 1e-5, *ORIGIN) / 1e-5
     for j in range(scans):
         i = simulator.index[j]
@@ -430,6 +434,26 @@ def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_t
     assert np.abs(residual).max() < (1e-5 if filter_time else 2e-5)
     raw, _ = batch_of(scenario(delay=delay, filter_time=filter_time), scans=60)
     np.testing.assert_array_equal(raw.reading, batch.reading)
+
+
+def test_rows_have_what_a_delay_nobody_tells_of_does_in_a_turn():
+    """70 mGal are added more, or less, after the turn; a straight line into the past is 100 m
+    off."""
+    batch, _ = batch_of(scenario(delay=20.0), told=False)
+    states = States.of(batch, MAP)
+    rows, _ = rows_of(batch, MAP, states, np.array([4000.0]), None)
+    assert rows is not None
+
+    def foretold(age):
+        where = rows.nodes, rows.past
+        place = zip(rows.latitude, rows.longitude, strict=True)
+        return [sensed(MAP.grid, *where, t, *at, 0, age)[0] for t, at in enumerate(place)]
+
+    residual = rows.level - foretold(20.0)
+    assert np.abs(residual).max() < 2e-5
+    assert np.median(np.abs(residual)) < 1e-7
+    assert np.abs(rows.level - foretold(0.0)).max() > 2e-4
+    assert np.abs(residual).max() < 0.2 * np.abs(rows.level - foretold(15.0)).max()
 
 
 def test_the_posterior_is_at_the_navigator_s_error():

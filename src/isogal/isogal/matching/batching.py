@@ -326,8 +326,13 @@ class BatchBuilder:
         moved = self.gravity.apart(velocity, times, end, prior)
         return plain, every, np.concatenate([apart, moved], axis=2)
 
-    def _added(self, latitude: Array, longitude: Array, height: Array, velocity: Array) -> Array:
-        """Return (T,) what the reduction adds to readings at the scans."""
+    def _added(
+        self, latitude: Array, longitude: Array, height: Array, velocity: Array
+    ) -> Array | None:
+        """Return (T,) what the reduction adds to readings at the scans; None of readings that are
+        several numbers."""
+        if self._scans.shape[0] > 1:
+            return None
         at = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1])
         return self.reduction.reduce(np.zeros(len(latitude)), at)
 

@@ -14,10 +14,10 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.interpolation import Grid, bilinear, value_and_gradient
+from isogal.maps.interpolation import Grid, bilinear
+from isogal.matching.pmht.late import Late, earlier, filtered, late_by, predicted, sensed, taken_in
 from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import PAST, Rows
-from isogal.matching.pmht.states import DELAY, FILTER, UNKNOWN
+from isogal.matching.pmht.rows import Rows
 
 ITERATIONS = 8
 """Linearisations at most; from the fourth on steps are halved, since a step that has not
@@ -30,52 +30,6 @@ whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
-SHORTEST = 0.1
-"""Of a model's time constant, the least that is believed while its error is looked for."""
-
-
-@kernel(error_model="numpy")
-def predicted(
-    grid: Grid, nodes: Array, t: int, lat: float, lon: float, channel: int
-) -> tuple[float, float, float]:
-    """Return the map's value and its derivatives (per rad of latitude and of longitude) for row t
-    where it was taken at a place (rad): means over the points of `nodes` (n, Q, 3), as in
-    `Rows`."""
-    value = by_lat = by_lon = 0.0
-    for q in range(nodes.shape[1]):
-        v, a, b = value_and_gradient(grid, lat + nodes[t, q, 0], lon + nodes[t, q, 1], channel)
-        value += nodes[t, q, 2] * v
-        by_lat += nodes[t, q, 2] * a
-        by_lon += nodes[t, q, 2] * b
-    return value, by_lat, by_lon
-
-
-@kernel(error_model="numpy")
-def between(past: Array, t: int, age: float) -> tuple[float, float, float, float, float, float]:
-    """Return what `past` (n, Q, 3) says of row t at an age (s), and how that changes per s."""
-    i = min(max(int(age / PAST), 0), past.shape[1] - 2)
-    one, two, u = past[t, i], past[t, i + 1], age / PAST - i
-    a, b, c = one[0], one[1], one[2]
-    by_a, by_b, by_c = two[0] - a, two[1] - b, two[2] - c
-    return a + u * by_a, b + u * by_b, c + u * by_c, by_a / PAST, by_b / PAST, by_c / PAST
-
-
-@kernel(error_model="numpy")
-def sensed(
-    grid: Grid,
-    nodes: Array,
-    past: Array,
-    t: int,
-    lat: float,
-    lon: float,
-    channel: int,
-    age: float,
-) -> tuple[float, float, float, float]:
-    """Return what an instrument at a place (rad) has sensed in row t an age (s) ago, as reduced
-    now, and its derivatives by the place (per rad) and by the age (per s)."""
-    a, b, c, by_a, by_b, by_c = between(past, t, age)
-    value, by_lat, by_lon = predicted(grid, nodes, t, lat + a, lon + b, channel)
-    return value + c, by_lat, by_lon, by_lat * by_a + by_lon * by_b + by_c
 
 
 @kernel(error_model="numpy")
@@ -151,8 +105,9 @@ def departures(
                 for u in range(rows.load.shape[2]):
                     load = error * rows.load[shape, t, u]
                     R += load * load * rows.joined[shape, t, u, u]
-            back = between(rows.past, t, models.lag[m])
-            lat, lon = lat - north * to_lat + back[0], lon - east * to_lon + back[1]
+            to_older = earlier(rows.past, t, models.lag[m])
+            lat += to_older[0] - north * to_lat
+            lon += to_older[1] - east * to_lon
             middle = predicted(grid, rows.nodes, t, lat, lon, channel)[0]
             for axis in range(2):
                 a, b = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
@@ -198,17 +153,6 @@ class Own(NamedTuple):
     """(n,)."""
 
 
-class Filter(NamedTuple):
-    """By what a model's readings are old: a low-pass filter, or a delay."""
-
-    value: int
-    """Which of its states is what the filter gives; -1 = there is no filter."""
-    error: int
-    """Which is the error of its time constant, or the delay; -1 = there is neither."""
-    lag: float
-    """Its time constant, s."""
-
-
 class Update(NamedTuple):
     """What an update of one hypothesis works with."""
 
@@ -227,9 +171,9 @@ class Update(NamedTuple):
     H: Array
     g: Array
     """(n,), and G (n, N): what a filter takes in, linearised: g + G x."""
-    by_age: Array
-    """(n,) change of what the instrument senses with its age, map's unit per s."""
     G: Array
+    by_age: Array
+    """(n,) how what is sensed changes with its age, map's unit per s."""
     PH: Array
     """(N,)."""
 
@@ -247,18 +191,12 @@ def _own(rows: Rows, size: int) -> Own:
 @kernel(error_model="numpy")
 def _of_model(
     rows: Rows, used: Integers, c: int, shape: int, lag: float, noise: float, own: Own
-) -> Filter:
+) -> Late:
     """Write the rows of a model of the c states `used`, of whose noise the variance is so many
-    times as large, and return its filter."""
-    n, value, error = BATCH_STATES, -1, -1
-    unknown = own.reading.shape[1] - len(UNKNOWN)
-    for i in range(c if rows.past.shape[1] > 2 else 0):
-        if used[i] == unknown + FILTER:
-            value = i
-        if used[i] == unknown + DELAY:
-            error = i
+    times as large, and return by what its readings are late."""
+    n, late = BATCH_STATES, late_by(used, c, own.reading.shape[1], lag, rows.past)
     for t in range(rows.level.shape[0]):
-        own.level[t] = rows.level[t] - (rows.added[t] if value >= 0 else 0.0)
+        own.level[t] = rows.level[t] - (rows.added[t] if late.value >= 0 else 0.0)
         own.noise[t] = noise * rows.noise[t]
         for i in range(c):
             s, keep, fresh = used[i], 1.0, 0.0
@@ -267,11 +205,11 @@ def _of_model(
             if s == n and rows.load.shape[2] == 1 and rows.joined[shape, t, 0, 0] > 0.0:
                 keep, fresh = rows.step[shape, t, 0, 0], rows.joined[shape, t, 0, 0]
             own.keep[t, i], own.fresh[t, i] = keep, fresh
-            own.reading[t, i] = 0.0 if i == error else rows.reading[t, s]
+            own.reading[t, i] = 0.0 if i == late.error else rows.reading[t, s]
             for axis in range(2):
                 moved = rows.place[t, axis, s] * rows.radian[t, axis]
-                own.place[t, axis, i] = 0.0 if i == error else moved
-    return Filter(value, error, lag)
+                own.place[t, axis, i] = 0.0 if i == late.error else moved
+    return late
 
 
 @kernel(error_model="numpy")
@@ -305,50 +243,16 @@ def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array
 
 
 @kernel(error_model="numpy")
-def _share(lag: float, elapsed: float) -> tuple[float, float, float]:
-    """Return what of a filter's value is left after some time, and mean and standard deviation of
-    the age of what has come in since; all s."""
-    left = math.exp(-elapsed / lag)
-    gone = elapsed * left / (1.0 - left)
-    age = lag - gone
-    return left, age, math.sqrt(2.0 * lag**2 - gone * (elapsed + 2.0 * lag) - age**2)
-
-
-@kernel(error_model="numpy")
-def _through(
-    x: Array,
-    P: Array,
-    one: Filter,
-    error: float,
-    elapsed: float,
-    g: float,
-    by_age: float,
-    G: Array,
-    c: int,
-    work: Array,
-) -> None:
-    """Let a filter take in g + G x for `elapsed` s, in place; linear about an `error` of its time
-    constant."""
-    y, lag = one.value, max(one.lag + error, SHORTEST * one.lag)
-    left = _share(lag, elapsed)[0]
-    more = left * elapsed / lag**2  # of that, per s of the time constant
-    for i in range(c):
-        g += G[i] * x[i]
-    by_lag = more * (x[y] - g)
-    by_lag += (1.0 - left) * by_age * (1.0 - elapsed * more / (1.0 - left) ** 2)
-    x[y] = left * x[y] + (1.0 - left) * g + by_lag * (x[one.error] - error)
-    variance = 0.0
-    for j in range(c):
-        work[j] = left * P[y, j] + by_lag * P[one.error, j]
-        for i in range(c):
-            work[j] += (1.0 - left) * G[i] * P[i, j]
-    for j in range(c):
-        variance += (1.0 - left) * G[j] * work[j]
-    variance += left * work[y] + by_lag * work[one.error]
-    for j in range(c):
-        P[y, j] = work[j]
-        P[j, y] = work[j]
-    P[y, y] = variance
+def _changed(x: Array, P: Array, keep: Array, fresh: Array, t: int, c: int) -> None:
+    """Carry states beside the navigator's to row t, in place; see `Own`."""
+    for i in range(BATCH_STATES, c):
+        f = keep[t, i]
+        if f != 1.0:
+            x[i] *= f
+            for j in range(c):
+                P[i, j] *= f
+                P[j, i] *= f
+        P[i, i] += fresh[t, i]
 
 
 @kernel(error_model="numpy")
@@ -364,12 +268,12 @@ def _filtered(
     step: Array,
     joined: Array,
     tails: float,
-    one: Filter,
+    late: Late,
     error: float,
     elapsed: Array,
     g: Array,
-    by_age: Array,
     G: Array,
+    by_age: Array,
     PH: Array,
 ) -> float:
     """Kalman filter of readings one after the other, in place; return their log evidence.
@@ -380,7 +284,7 @@ def _filtered(
     variance were so much larger. `step` and `joined` (n, U, U): of map errors that depend on each
     other, U = 0 where there are none."""
     wrong, width = OUTLIER
-    peak, n = 0.0, BATCH_STATES
+    peak = 0.0
     if tails < math.inf:
         peak = (
             math.lgamma(0.5 * tails + 0.5) - math.lgamma(0.5 * tails) - 0.5 * math.log(0.5 * tails)
@@ -389,16 +293,9 @@ def _filtered(
     for t in range(z.shape[0]):
         if step.shape[1] > 0 and joined[t, 0, 0] > 0.0:
             _stepped(x, P, step[t], joined[t], c, PH)
-        for i in range(n, c):
-            f = keep[t, i]
-            if f != 1.0:
-                x[i] *= f
-                for j in range(c):
-                    P[i, j] *= f
-                    P[j, i] *= f
-            P[i, i] += fresh[t, i]
-        if one.value >= 0 and elapsed[t] > 0.0:
-            _through(x, P, one, error, elapsed[t], g[t], by_age[t], G[t], c, PH)
+        _changed(x, P, keep, fresh, t, c)
+        if late.value >= 0 and elapsed[t] > 0.0:
+            filtered(x, P, late, error, elapsed[t], g[t], G[t], by_age[t], c, PH)
         S, innovation = noise[t], z[t]
         for i in range(c):
             value = 0.0
@@ -443,7 +340,7 @@ def _iterated(
     grid: Grid,
     rows: Rows,
     own: Own,
-    one: Filter,
+    late: Late,
     errors: Array,
     step: Array,
     joined: Array,
@@ -456,54 +353,47 @@ def _iterated(
     map."""
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
     place, reading, level, noise, keep, fresh, nodes, past, elapsed = own
-    x, P, before, prior, at, z, H, g, by_age, G, PH = update
+    x, P, before, prior, at, z, H, g, G, by_age, PH = update
     evidence, first, error = -math.inf, BATCH_STATES, 0.0
     for iteration in range(ITERATIONS):
         # z = H x + noise: z - J x = z - (J - G) x - G x
-        if one.error >= 0:
-            error = at[one.error]
+        if late.error >= 0:
+            error = at[late.error]
         for t in range(level.shape[0]):
             lat, lon = latitude[t], longitude[t]
             for i in range(c):
                 lat -= place[t, 0, i] * at[i]
                 lon -= place[t, 1, i] * at[i]
-            age, spread = error, 0.0
-            if one.value >= 0:
-                lag = max(one.lag + error, SHORTEST * one.lag)
-                age, spread = _share(lag, elapsed[t])[1:] if elapsed[t] > 0.0 else (0.0, 0.0)
-            value, by_lat, by_lon, slope = sensed(
-                grid, nodes, past, t, lat, lon, channel[t], age + spread
-            )
-            if spread > 0.0:
-                v, a, b, s = sensed(grid, nodes, past, t, lat, lon, channel[t], age - spread)
-                value, slope = 0.5 * (value + v), 0.5 * (slope + s)
-                by_lat, by_lon = 0.5 * (by_lat + a), 0.5 * (by_lon + b)
-            by_age[t] = slope
+            if late.error < 0:
+                value, by_lat, by_lon = predicted(grid, nodes, t, lat, lon, channel[t])
+            else:
+                value, by_lat, by_lon, by_age[t] = taken_in(
+                    grid, nodes, past, t, lat, lon, channel[t], late, error, elapsed[t]
+                )
             if not math.isfinite(value):
                 return -math.inf
-            rest = level[t] - value
             for i in range(c):
                 slope = by_lat * place[t, 0, i] + by_lon * place[t, 1, i]
                 H[t, i] = reading[t, i] - slope
-                rest -= slope * at[i]
-            z[t] = rest
+                value += slope * at[i]
             for i in range(first, min(c, first + errors.shape[1])):
                 H[t, i] += errors[t, i - first]
-            if one.value < 0 and one.error >= 0:
-                H[t, one.error] = by_age[t]
-                z[t] += by_age[t] * error
-            if one.value >= 0:
-                g[t], z[t] = level[t] - rest - (rows.level[t] - level[t]), level[t]
+            z[t] = level[t] - value
+            if late.value >= 0:  # the reading is the filter's value, which takes in g + G x
+                z[t], g[t] = level[t], value - rows.added[t]
                 for i in range(c):
-                    G[t, i] = H[t, i]
-                    H[t, i] = 1.0 if i == one.value else 0.0
+                    G[t, i], H[t, i] = H[t, i], 0.0
+                H[t, late.value] = 1.0
+            elif late.error >= 0:
+                H[t, late.error] = by_age[t]
+                z[t] += by_age[t] * error
         for i in range(c):
             x[i] = before[i]
             for j in range(c):
                 P[i, j] = prior[i, j]
         evidence = _filtered(
-            c, x, P, z, H, noise, keep, fresh, step, joined, tails, one, error, elapsed,
-            g, by_age, G, PH,
+            c, x, P, z, H, noise, keep, fresh, step, joined, tails, late, error, elapsed,
+            g, G, by_age, PH,
         )  # fmt: skip
         moved = math.hypot(x[0] - at[0], x[1] - at[1])
         if not moved > SETTLED * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
@@ -516,8 +406,8 @@ def _iterated(
 
 @kernel(error_model="numpy")
 def _settled(grid: Grid, rows: Rows, own: Own, lag: float, x: Array, c: int) -> float:
-    """Return what a filter of a time constant (s) gives before the first row, by the map where it
-    was so many s ago; 0 off the map."""
+    """Return what a filter that is known nothing of gives before the first row: what was sensed a
+    time constant (s) before; 0 off the map."""
     lat, lon = rows.latitude[0], rows.longitude[0]
     for i in range(c):
         lat -= own.place[0, 0, i] * x[i]
@@ -543,26 +433,24 @@ def observed(
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
     n, size, several, first = rows.level.shape[0], mean.shape[1], rows.load.shape[2], BATCH_STATES
-    own, model, one, errors = _own(rows, size), -1, Filter(-1, -1, 0.0), np.empty((n, several))
+    own, model, late, errors = _own(rows, size), -1, Late(-1, -1, 0.0), np.empty((n, several))
     x, P, before = np.empty(size), np.empty((size, size)), np.empty(size)
     prior, at, shift = np.empty((size, size)), np.empty(size), np.zeros(size)
-    z, H, g, by_age, G = (
-        np.empty(n), np.empty((n, size)), np.empty(n), np.empty(n), np.empty((n, size))
-    )  # fmt: skip
-    update = Update(x, P, before, prior, at, z, H, g, by_age, G, np.empty(size))
+    z, H, g, G = np.empty(n), np.empty((n, size)), np.empty(n), np.empty((n, size))
+    update = Update(x, P, before, prior, at, z, H, g, G, np.empty(n), np.empty(size))
     from_north, from_east, place = math.inf, math.inf, own.place
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
     for k in range(which.shape[0]):
         m = which[k]
         c, used, shape, sigma = models.sizes[m], models.used[m], models.shape[m], models.sigma[m]
         if m != model:
-            one, model = _of_model(rows, used, c, shape, models.lag[m], models.noise[m], own), m
+            late, model = _of_model(rows, used, c, shape, models.lag[m], models.noise[m], own), m
         for i in range(c):
             before[i] = mean[k, used[i]]
             for j in range(c):
                 prior[i, j] = covariance[k, used[i], used[j]]
-        if one.value >= 0 and before[one.value] == 0.0:
-            before[one.value] = _settled(grid, rows, own, one.lag, before, c)
+        if late.value >= 0 and before[late.value] == 0.0:
+            before[late.value] = _settled(grid, rows, own, late.lag, before, c)
         graded = sigma > 0.0 and not models.rough[m] > 0.0
         for t in range(n):
             error, north, east = sigma, 0.0, 0.0
@@ -583,7 +471,7 @@ def observed(
         stepped = several if several > 1 and c > first and used[first] == first else 0
         step, joined = rows.step[shape, :, :stepped, :stepped], rows.joined[shape]
         evidence[k] = _iterated(
-            grid, rows, own, one, errors, step, joined, models.tails[m], c, update
+            grid, rows, own, late, errors, step, joined, models.tails[m], c, update
         )
         for i in range(size):
             shift[i] = 0.0

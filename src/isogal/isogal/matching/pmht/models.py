@@ -274,7 +274,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
     known = (
         (BIASED, matcher.bias_sigma > 0.0 or instrument.bias_walk > 0.0),
         (LATE, instrument.delay_sigma > 0.0),
-        (FILTERED, instrument.filter_path is not None),
+        (FILTERED, instrument.filter_path is not None or batch.rows_per_scan > 1),
         (SHAKEN, field_map.quantity not in GRAVITY or "coupling_forward" in named),
         (DECEIVED, not batch.history.satellites),
     )

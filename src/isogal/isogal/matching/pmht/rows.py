@@ -234,8 +234,8 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
 
 def _past(batch: Batch, which: Integers, states: States) -> Array:
     """Return `Rows.past` of rows `which` (n,) of a batch; zeros where no model asks for it."""
-    past = np.zeros((len(which), LONGEST if states.unknown else 2, 3))
-    if not states.unknown:
+    past = np.zeros((len(which), LONGEST, 3))
+    if not states.unknown or batch.rows_per_scan > 1:
         return past
     time = batch.time[which]
     ages = PAST * np.arange(past.shape[1])

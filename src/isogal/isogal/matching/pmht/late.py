@@ -1,0 +1,159 @@
+"""Readings that tell of earlier: compiled, of one hypothesis (docs/mathematics.md, section 5.4).
+
+An instrument that is late by tau gives what it sensed tau ago. One with a first-order low-pass
+filter of the time constant T gives y, with T dy/dt = s - y of what it senses, s: y is a state of
+the hypothesis, which takes in s from reading to reading. Both tau and the error of T are states.
+"""
+
+import math
+from typing import NamedTuple
+
+from isogal.arrays import Array, Integers
+from isogal.compiled import kernel
+from isogal.maps.interpolation import Grid, value_and_gradient
+from isogal.matching.pmht.rows import PAST
+from isogal.matching.pmht.states import DELAY, FILTER, UNKNOWN
+
+SHORTEST = 0.1
+"""Of a model's time constant, the least that is believed while its error is looked for."""
+
+
+class Late(NamedTuple):
+    """By what a model's readings are late."""
+
+    value: int
+    """Which of its states is the value of a filter; -1 = there is no filter."""
+    error: int
+    """Which is the error of the filter's time constant, or the delay; -1 = neither is a state."""
+    lag: float
+    """The time constant, s."""
+
+
+@kernel(error_model="numpy")
+def late_by(used: Integers, c: int, states: int, lag: float, past: Array) -> Late:
+    """Return by what the readings of a model of c of so many states, `used`, are late; of
+    readings whose `past` is not known they are not."""
+    value, error, unknown = -1, -1, states - len(UNKNOWN)
+    for i in range(c if past.any() else 0):
+        if used[i] == unknown + FILTER:
+            value = i
+        elif used[i] == unknown + DELAY:
+            error = i
+    return Late(value, error, lag)
+
+
+@kernel(error_model="numpy")
+def predicted(
+    grid: Grid, nodes: Array, t: int, lat: float, lon: float, channel: int
+) -> tuple[float, float, float]:
+    """Return the map's value and its derivatives (per rad of latitude and of longitude) for row t
+    where it was taken at a place (rad): means over the points of `nodes` (n, Q, 3), as in
+    `Rows`."""
+    value = by_lat = by_lon = 0.0
+    for q in range(nodes.shape[1]):
+        v, a, b = value_and_gradient(grid, lat + nodes[t, q, 0], lon + nodes[t, q, 1], channel)
+        value += nodes[t, q, 2] * v
+        by_lat += nodes[t, q, 2] * a
+        by_lon += nodes[t, q, 2] * b
+    return value, by_lat, by_lon
+
+
+@kernel(error_model="numpy")
+def earlier(past: Array, t: int, age: float) -> tuple[float, float, float, float, float, float]:
+    """Return what `Rows.past` (n, Q, 3) says of row t at an age (s), and how that changes per
+    s."""
+    i = min(max(int(age / PAST), 0), past.shape[1] - 2)
+    u = age / PAST - i
+    lat, lon, less = past[t, i, 0], past[t, i, 1], past[t, i, 2]
+    by_lat, by_lon = past[t, i + 1, 0] - lat, past[t, i + 1, 1] - lon
+    by_less = past[t, i + 1, 2] - less
+    return (
+        lat + u * by_lat, lon + u * by_lon, less + u * by_less,
+        by_lat / PAST, by_lon / PAST, by_less / PAST,
+    )  # fmt: skip
+
+
+@kernel(error_model="numpy")
+def sensed(
+    grid: Grid, nodes: Array, past: Array, t: int, lat: float, lon: float, channel: int, age: float
+) -> tuple[float, float, float, float]:
+    """Return what was sensed an age (s) before row t, whose place is given (rad), as if reduced
+    at the row, and its derivatives by that place (per rad) and by the age (per s)."""
+    to_lat, to_lon, less, lat_by, lon_by, less_by = earlier(past, t, age)
+    value, by_lat, by_lon = predicted(grid, nodes, t, lat + to_lat, lon + to_lon, channel)
+    return value + less, by_lat, by_lon, by_lat * lat_by + by_lon * lon_by + less_by
+
+
+@kernel(error_model="numpy")
+def taken_in(
+    grid: Grid,
+    nodes: Array,
+    past: Array,
+    t: int,
+    lat: float,
+    lon: float,
+    channel: int,
+    late: Late,
+    error: float,
+    elapsed: float,
+) -> tuple[float, float, float, float]:
+    """Return `sensed` of a delay of `error`, or the mean that a filter takes in over `elapsed`
+    s: at two ages of its first two moments."""
+    if late.value < 0 or not elapsed > 0.0:
+        age = error if late.value < 0 else 0.0
+        return sensed(grid, nodes, past, t, lat, lon, channel, age)
+    _, age, spread = shares(believed(late, error), elapsed)
+    v, a, b, s = sensed(grid, nodes, past, t, lat, lon, channel, age - spread)
+    v2, a2, b2, s2 = sensed(grid, nodes, past, t, lat, lon, channel, age + spread)
+    return 0.5 * (v + v2), 0.5 * (a + a2), 0.5 * (b + b2), 0.5 * (s + s2)
+
+
+@kernel(error_model="numpy")
+def believed(late: Late, error: float) -> float:
+    """Return a filter's time constant, s, by its error."""
+    return max(late.lag + error, SHORTEST * late.lag)
+
+
+@kernel(error_model="numpy")
+def shares(lag: float, elapsed: float) -> tuple[float, float, float]:
+    """Return what of a filter's value is left after some time, and mean and standard deviation of
+    the age of what it has taken in since; all s."""
+    left = math.exp(-elapsed / lag)
+    gone = elapsed * left / (1.0 - left)
+    age = lag - gone
+    return left, age, math.sqrt(2.0 * lag**2 - gone * (elapsed + 2.0 * lag) - age**2)
+
+
+@kernel(error_model="numpy")
+def filtered(
+    x: Array,
+    P: Array,
+    late: Late,
+    error: float,
+    elapsed: float,
+    g: float,
+    G: Array,
+    by_age: float,
+    c: int,
+    work: Array,
+) -> None:
+    """Let a filter take in g + G x for `elapsed` s, in place: mean x and covariance P of c
+    states, linear about an `error` of its time constant; `by_age` as in `sensed`."""
+    y, lag = late.value, believed(late, error)
+    left = math.exp(-elapsed / lag)
+    new, more = 1.0 - left, left * elapsed / lag**2  # of `left`, per s of the time constant
+    for i in range(c):
+        g += G[i] * x[i]
+    by_lag = more * (x[y] - g) + by_age * (new - elapsed * more / new)
+    x[y] = left * x[y] + new * g + by_lag * (x[late.error] - error)
+    for j in range(c):
+        work[j] = left * P[y, j] + by_lag * P[late.error, j]
+        for i in range(c):
+            work[j] += new * G[i] * P[i, j]
+    variance = left * work[y] + by_lag * work[late.error]
+    for j in range(c):
+        variance += new * G[j] * work[j]
+    for j in range(c):
+        P[y, j] = work[j]
+        P[j, y] = work[j]
+    P[y, y] = variance
