@@ -1,22 +1,18 @@
 """Where the navigator was, between scans: for readings that are late (docs/mathematics.md, section
 4.7)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.frames import horizontal_difference
 from isogal.sensors.lag import Lag, low_pass
 from isogal.sensors.reduction import Reduction, State
 
 _STEP = 1.0
 """s, in which reductions are filtered as the readings were."""
-_LEAST_WEIGHT = 1e-4
-"""Of a node of the path: what those of less weight change of a reading is less than 1e-5 of how
-the field differs along it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,37 +64,11 @@ def hermite(time: Array, known: Array, value: Array, slope: Array) -> tuple[Arra
     return out, by_time
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FilterPath:
-    """Where the vehicle was while an instrument's filter took in a reading."""
-
-    filter_time: float
-    """s."""
-    away: Array
-    """(T, K, 2) m north and east of the row's place."""
-    weight: Array
-    """(K,), sum 1."""
-
-    def nodes(self, latitude: Array) -> Array:
-        """Return (T, Q, 3) what a kernel looks up instead of places at latitudes (T,) (rad):
-        latitude and longitude beside them (rad), and weight."""
-        counts = self.weight > _LEAST_WEIGHT
-        weight = np.broadcast_to(self.weight[counts], (len(latitude), counts.sum()))
-        away, scale = self.away[:, counts], np.stack(metres_per_radian(latitude), axis=-1)
-        parts = [away / scale[:, None], weight[..., None] / weight[0].sum()]
-        return np.ascontiguousarray(np.concatenate(parts, axis=-1))  # else compiled once more
-
-    def part(self, rows: Integers) -> "FilterPath":
-        """Return that of some of the rows, by their indices."""
-        return replace(self, away=self.away[rows])
-
-
 def sensed(
     path: Path, times: Array, reading: Array, lag: Lag, reduction: Reduction
-) -> tuple[State, Array, FilterPath | None]:
-    """Return the states (T,) at the mean time that each late reading was sensed, the readings (T,)
-    reduced with the navigator's states of then, and what of the path they are a mean over (None =
-    a point).
+) -> tuple[State, Array]:
+    """Return the states (T,) at the mean time that each late reading was sensed, and the readings
+    (T,) reduced with the navigator's states of then.
 
     Parameters
     ----------
@@ -110,15 +80,4 @@ def sensed(
     now = reduction.reduce(np.zeros(len(times)), path.at(times))
     fine = np.arange(times[0] - lag.reach, times[-1] + _STEP, _STEP)
     then = low_pass(reduction.reduce(np.zeros(len(fine)), path.at(fine)), _STEP, lag.filter_time)
-    reading = reading + np.interp(times - lag.delay, fine, then) - now
-    if lag.filter_time == 0.0:
-        return at, reading, None
-    ages, weight = lag.ages()
-    sensed_at = path.at(times[:, None] - ages)
-    away = horizontal_difference(
-        sensed_at.latitude,
-        sensed_at.longitude,
-        np.asarray(at.latitude)[:, None],
-        np.asarray(at.longitude)[:, None],
-    )
-    return at, reading, FilterPath(lag.filter_time, away, weight)
+    return at, reading + np.interp(times - lag.delay, fine, then) - now

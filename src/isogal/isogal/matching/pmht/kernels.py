@@ -14,8 +14,8 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.interpolation import Grid, bilinear
-from isogal.matching.pmht.late import Late, earlier, filtered, late_by, predicted, sensed, taken_in
+from isogal.maps.interpolation import Grid, bilinear, value_and_gradient
+from isogal.matching.pmht.late import Late, earlier, filtered, late_by, sensed, taken_in
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
 
@@ -108,12 +108,12 @@ def departures(
             to_older = earlier(rows.past, t, models.lag[m])
             lat += to_older[0] - north * to_lat
             lon += to_older[1] - east * to_lon
-            middle = predicted(grid, rows.nodes, t, lat, lon, channel)[0]
+            middle = value_and_gradient(grid, lat, lon, channel)[0]
             for axis in range(2):
                 a, b = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
                 a, b = reach * a * to_lat, reach * b * to_lon
-                one = predicted(grid, rows.nodes, t, lat + a, lon + b, channel)[0]
-                other = predicted(grid, rows.nodes, t, lat - a, lon - b, channel)[0]
+                one = value_and_gradient(grid, lat + a, lon + b, channel)[0]
+                other = value_and_gradient(grid, lat - a, lon - b, channel)[0]
                 bend[axis] += (0.5 * (one + other) - middle) ** 2 / R
                 change[axis] += (0.5 * (one - other)) ** 2 / R
         departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)
@@ -145,8 +145,6 @@ class Own(NamedTuple):
     `_stepped`."""
     fresh: Array
     """(n, N)."""
-    nodes: Array
-    """(n, Q, 3)."""
     past: Array
     """(n, Q, 3)."""
     elapsed: Array
@@ -185,7 +183,7 @@ def _own(rows: Rows, size: int) -> Own:
     place, reading = np.empty((n, 2, size)), np.empty((n, size))
     level, noise = np.empty(n), np.empty(n)
     keep, fresh = np.empty((n, size)), np.empty((n, size))
-    return Own(place, reading, level, noise, keep, fresh, rows.nodes, rows.past, rows.elapsed)
+    return Own(place, reading, level, noise, keep, fresh, rows.past, rows.elapsed)
 
 
 @kernel(error_model="numpy")
@@ -352,7 +350,7 @@ def _iterated(
     `at` on, with map errors of 1-sigmas `errors` (n, U); return their log evidence, -inf off the
     map."""
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
-    place, reading, level, noise, keep, fresh, nodes, past, elapsed = own
+    place, reading, level, noise, keep, fresh, past, elapsed = own
     x, P, before, prior, at, z, H, g, G, by_age, PH = update
     evidence, first, error = -math.inf, BATCH_STATES, 0.0
     for iteration in range(ITERATIONS):
@@ -364,11 +362,11 @@ def _iterated(
             for i in range(c):
                 lat -= place[t, 0, i] * at[i]
                 lon -= place[t, 1, i] * at[i]
-            if late.error < 0:
-                value, by_lat, by_lon = predicted(grid, nodes, t, lat, lon, channel[t])
+            if late.value < 0 and late.error < 0:
+                value, by_lat, by_lon = value_and_gradient(grid, lat, lon, channel[t])
             else:
                 value, by_lat, by_lon, by_age[t] = taken_in(
-                    grid, nodes, past, t, lat, lon, channel[t], late, error, elapsed[t]
+                    grid, past, t, lat, lon, channel[t], late, error, elapsed[t]
                 )
             if not math.isfinite(value):
                 return -math.inf
@@ -412,7 +410,7 @@ def _settled(grid: Grid, rows: Rows, own: Own, lag: float, x: Array, c: int) -> 
     for i in range(c):
         lat -= own.place[0, 0, i] * x[i]
         lon -= own.place[0, 1, i] * x[i]
-    value = sensed(grid, own.nodes, own.past, 0, lat, lon, rows.channel[0], lag)[0]
+    value = sensed(grid, own.past, 0, lat, lon, rows.channel[0], lag)[0]
     return value - rows.added[0] if math.isfinite(value) else 0.0
 
 

@@ -8,6 +8,8 @@ the hypothesis, which takes in s from reading to reading. Both tau and the error
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.interpolation import Grid, value_and_gradient
@@ -43,22 +45,6 @@ def late_by(used: Integers, c: int, states: int, lag: float, past: Array) -> Lat
 
 
 @kernel(error_model="numpy")
-def predicted(
-    grid: Grid, nodes: Array, t: int, lat: float, lon: float, channel: int
-) -> tuple[float, float, float]:
-    """Return the map's value and its derivatives (per rad of latitude and of longitude) for row t
-    where it was taken at a place (rad): means over the points of `nodes` (n, Q, 3), as in
-    `Rows`."""
-    value = by_lat = by_lon = 0.0
-    for q in range(nodes.shape[1]):
-        v, a, b = value_and_gradient(grid, lat + nodes[t, q, 0], lon + nodes[t, q, 1], channel)
-        value += nodes[t, q, 2] * v
-        by_lat += nodes[t, q, 2] * a
-        by_lon += nodes[t, q, 2] * b
-    return value, by_lat, by_lon
-
-
-@kernel(error_model="numpy")
 def earlier(past: Array, t: int, age: float) -> tuple[float, float, float, float, float, float]:
     """Return what `Rows.past` (n, Q, 3) says of row t at an age (s), and how that changes per
     s."""
@@ -73,21 +59,25 @@ def earlier(past: Array, t: int, age: float) -> tuple[float, float, float, float
     )  # fmt: skip
 
 
+def older(past: Array, age: float) -> Array:
+    """Return (n, 3) what `Rows.past` (n, Q, 3) says of rows at an age (s)."""
+    return np.array([earlier(past, t, age)[:3] for t in range(len(past))])
+
+
 @kernel(error_model="numpy")
 def sensed(
-    grid: Grid, nodes: Array, past: Array, t: int, lat: float, lon: float, channel: int, age: float
+    grid: Grid, past: Array, t: int, lat: float, lon: float, channel: int, age: float
 ) -> tuple[float, float, float, float]:
     """Return what was sensed an age (s) before row t, whose place is given (rad), as if reduced
     at the row, and its derivatives by that place (per rad) and by the age (per s)."""
     to_lat, to_lon, less, lat_by, lon_by, less_by = earlier(past, t, age)
-    value, by_lat, by_lon = predicted(grid, nodes, t, lat + to_lat, lon + to_lon, channel)
+    value, by_lat, by_lon = value_and_gradient(grid, lat + to_lat, lon + to_lon, channel)
     return value + less, by_lat, by_lon, by_lat * lat_by + by_lon * lon_by + less_by
 
 
 @kernel(error_model="numpy")
 def taken_in(
     grid: Grid,
-    nodes: Array,
     past: Array,
     t: int,
     lat: float,
@@ -101,10 +91,10 @@ def taken_in(
     s: at two ages of its first two moments."""
     if late.value < 0 or not elapsed > 0.0:
         age = error if late.value < 0 else 0.0
-        return sensed(grid, nodes, past, t, lat, lon, channel, age)
+        return sensed(grid, past, t, lat, lon, channel, age)
     _, age, spread = shares(believed(late, error), elapsed)
-    v, a, b, s = sensed(grid, nodes, past, t, lat, lon, channel, age - spread)
-    v2, a2, b2, s2 = sensed(grid, nodes, past, t, lat, lon, channel, age + spread)
+    v, a, b, s = sensed(grid, past, t, lat, lon, channel, age - spread)
+    v2, a2, b2, s2 = sensed(grid, past, t, lat, lon, channel, age + spread)
     return 0.5 * (v + v2), 0.5 * (a + a2), 0.5 * (b + b2), 0.5 * (s + s2)
 
 
@@ -139,18 +129,18 @@ def filtered(
 ) -> None:
     """Let a filter take in g + G x for `elapsed` s, in place: mean x and covariance P of c
     states, linear about an `error` of its time constant; `by_age` as in `sensed`."""
-    y, lag = late.value, believed(late, error)
+    y, e, lag = late.value, max(late.error, 0), believed(late, error)
     left = math.exp(-elapsed / lag)
     new, more = 1.0 - left, left * elapsed / lag**2  # of `left`, per s of the time constant
     for i in range(c):
         g += G[i] * x[i]
-    by_lag = more * (x[y] - g) + by_age * (new - elapsed * more / new)
-    x[y] = left * x[y] + new * g + by_lag * (x[late.error] - error)
+    by_lag = more * (x[y] - g) + by_age * (new - elapsed * more / new) if late.error >= 0 else 0.0
+    x[y] = left * x[y] + new * g + by_lag * (x[e] - error)
     for j in range(c):
-        work[j] = left * P[y, j] + by_lag * P[late.error, j]
+        work[j] = left * P[y, j] + by_lag * P[e, j]
         for i in range(c):
             work[j] += new * G[i] * P[i, j]
-    variance = left * work[y] + by_lag * work[late.error]
+    variance = left * work[y] + by_lag * work[e]
     for j in range(c):
         variance += new * G[j] * work[j]
     for j in range(c):

@@ -87,8 +87,6 @@ class Rows(NamedTuple):
     then, `PAST` s apart."""
     elapsed: Array
     """(n,) s since the reading before."""
-    nodes: Array
-    """(n, Q, 3) points (rad beside the row's place) and weights that a reading is a mean over."""
     channel: Integers
     """(n,)."""
 
@@ -168,10 +166,6 @@ def rows_of(
     instrument = batch.instrument.part(which)
     place, reading = _effects(batch, which, instrument, states, first)
     rough = np.zeros(len(lengths)) if rough is None else rough
-    if instrument.filter_path is None:
-        nodes = np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
-    else:
-        nodes = instrument.filter_path.nodes(latitude)
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
@@ -188,7 +182,6 @@ def rows_of(
         np.zeros(len(which)) if instrument.added is None else instrument.added,
         _past(batch, which, states),
         elapsed,
-        nodes,
         channel.astype(np.int64),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
