@@ -9,7 +9,7 @@ from isogal.matching.pmht.rows import PAST
 from isogal.sensors.lag import low_pass
 
 INTERVAL, STATES = 10.0, 9
-LATE = Late(value=7, error=8, lag=30.0)
+LATE = Late(value=7, error=8, delay=-1, lag=30.0)
 
 
 def signal(time):
@@ -43,12 +43,13 @@ def test_shares_are_moments_of_the_filter_s_weights(lag):
 def test_a_filter_s_value_is_that_of_a_low_pass(lag, error):
     """Its error of 8 s or more has gone after ten time constants."""
     time = np.arange(0.0, 14.0 * lag, INTERVAL)
-    late = Late(7, 8, lag)
+    late = Late(7, 8, -1, lag)
     x, P, work = np.zeros(STATES), np.zeros((STATES, STATES)), np.zeros(STATES)
     x[8] = error
+    at = x.copy()
     for now in time[1:]:
         g, by_age = taken(now, lag + error)
-        filtered(x, P, late, error, INTERVAL, float(g), np.zeros(STATES), float(by_age), 9, work)
+        filtered(x, P, late, at, INTERVAL, float(g), np.zeros(STATES), float(by_age), 9, work)
     fine = np.arange(0.0, time[-1] + 0.05, 0.1)
     assert x[7] == pytest.approx(low_pass(signal(fine), 0.1, lag + error)[-1], abs=2e-3)
     other = low_pass(signal(fine), 0.1, 1.3 * (lag + error))[-1]
@@ -74,15 +75,18 @@ def test_its_covariance_is_that_of_finite_differences():
     F[7] = slope
     g, by_age = taken(500.0, LATE.lag + error)
     x, P = mean.copy(), P0.copy()
-    filtered(x, P, LATE, error, INTERVAL, float(g), G, float(by_age), STATES, np.zeros(STATES))
+    filtered(x, P, LATE, mean, INTERVAL, float(g), G, float(by_age), STATES, np.zeros(STATES))
     assert x[7] == pytest.approx(value(mean), rel=1e-12)
     np.testing.assert_allclose(P, F @ P0 @ F.T, rtol=1e-3, atol=1e-3)
     np.testing.assert_array_equal(np.delete(x, 7), np.delete(mean, 7))
 
 
 def test_a_time_constant_stays_positive():
-    assert believed(LATE, -40.0) == SHORTEST * 30.0
-    assert believed(LATE, 5.0) == 35.0
+    at = np.zeros(STATES)
+    assert believed(LATE, at) == 30.0
+    at[8] = -40.0
+    assert believed(LATE, at) == SHORTEST * 30.0
+    assert believed(LATE._replace(error=-1), at) == 30.0
 
 
 def test_the_past_is_linear_between_its_points_and_goes_on_beyond_them():

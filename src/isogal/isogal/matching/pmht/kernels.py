@@ -203,10 +203,10 @@ def _of_model(
             if s == n and rows.load.shape[2] == 1 and rows.joined[shape, t, 0, 0] > 0.0:
                 keep, fresh = rows.step[shape, t, 0, 0], rows.joined[shape, t, 0, 0]
             own.keep[t, i], own.fresh[t, i] = keep, fresh
-            own.reading[t, i] = 0.0 if i == late.error else rows.reading[t, s]
+            own.reading[t, i] = 0.0 if i == late.delay else rows.reading[t, s]
             for axis in range(2):
                 moved = rows.place[t, axis, s] * rows.radian[t, axis]
-                own.place[t, axis, i] = 0.0 if i == late.error else moved
+                own.place[t, axis, i] = 0.0 if i == late.delay else moved
     return late
 
 
@@ -267,7 +267,7 @@ def _filtered(
     joined: Array,
     tails: float,
     late: Late,
-    error: float,
+    at: Array,
     elapsed: Array,
     g: Array,
     G: Array,
@@ -293,7 +293,7 @@ def _filtered(
             _stepped(x, P, step[t], joined[t], c, PH)
         _changed(x, P, keep, fresh, t, c)
         if late.value >= 0 and elapsed[t] > 0.0:
-            filtered(x, P, late, error, elapsed[t], g[t], G[t], by_age[t], c, PH)
+            filtered(x, P, late, at, elapsed[t], g[t], G[t], by_age[t], c, PH)
         S, innovation = noise[t], z[t]
         for i in range(c):
             value = 0.0
@@ -352,21 +352,19 @@ def _iterated(
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
     place, reading, level, noise, keep, fresh, past, elapsed = own
     x, P, before, prior, at, z, H, g, G, by_age, PH = update
-    evidence, first, error = -math.inf, BATCH_STATES, 0.0
+    evidence, first = -math.inf, BATCH_STATES
     for iteration in range(ITERATIONS):
         # z = H x + noise: z - J x = z - (J - G) x - G x
-        if late.error >= 0:
-            error = at[late.error]
         for t in range(level.shape[0]):
             lat, lon = latitude[t], longitude[t]
             for i in range(c):
                 lat -= place[t, 0, i] * at[i]
                 lon -= place[t, 1, i] * at[i]
-            if late.value < 0 and late.error < 0:
+            if late.value < 0 and late.delay < 0:
                 value, by_lat, by_lon = value_and_gradient(grid, lat, lon, channel[t])
             else:
                 value, by_lat, by_lon, by_age[t] = taken_in(
-                    grid, past, t, lat, lon, channel[t], late, error, elapsed[t]
+                    grid, past, t, lat, lon, channel[t], late, at, elapsed[t]
                 )
             if not math.isfinite(value):
                 return -math.inf
@@ -376,21 +374,21 @@ def _iterated(
                 value += slope * at[i]
             for i in range(first, min(c, first + errors.shape[1])):
                 H[t, i] += errors[t, i - first]
+            if late.delay >= 0:
+                H[t, late.delay] = by_age[t]
+                value -= by_age[t] * at[late.delay]
             z[t] = level[t] - value
             if late.value >= 0:  # the reading is the filter's value, which takes in g + G x
                 z[t], g[t] = level[t], value - rows.added[t]
                 for i in range(c):
                     G[t, i], H[t, i] = H[t, i], 0.0
                 H[t, late.value] = 1.0
-            elif late.error >= 0:
-                H[t, late.error] = by_age[t]
-                z[t] += by_age[t] * error
         for i in range(c):
             x[i] = before[i]
             for j in range(c):
                 P[i, j] = prior[i, j]
         evidence = _filtered(
-            c, x, P, z, H, noise, keep, fresh, step, joined, tails, late, error, elapsed,
+            c, x, P, z, H, noise, keep, fresh, step, joined, tails, late, at, elapsed,
             g, G, by_age, PH,
         )  # fmt: skip
         moved = math.hypot(x[0] - at[0], x[1] - at[1])
@@ -431,7 +429,7 @@ def observed(
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
     n, size, several, first = rows.level.shape[0], mean.shape[1], rows.load.shape[2], BATCH_STATES
-    own, model, late, errors = _own(rows, size), -1, Late(-1, -1, 0.0), np.empty((n, several))
+    own, model, late, errors = _own(rows, size), -1, Late(-1, -1, -1, 0.0), np.empty((n, several))
     x, P, before = np.empty(size), np.empty((size, size)), np.empty(size)
     prior, at, shift = np.empty((size, size)), np.empty(size), np.zeros(size)
     z, H, g, G = np.empty(n), np.empty((n, size)), np.empty(n), np.empty((n, size))

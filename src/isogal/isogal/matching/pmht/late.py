@@ -14,7 +14,7 @@ from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.pmht.rows import PAST
-from isogal.matching.pmht.states import DELAY, FILTER, UNKNOWN
+from isogal.matching.pmht.states import DELAY, FILTER, FILTER_ERROR, UNKNOWN
 
 SHORTEST = 0.1
 """Of a model's time constant, the least that is believed while its error is looked for."""
@@ -26,7 +26,9 @@ class Late(NamedTuple):
     value: int
     """Which of its states is the value of a filter; -1 = there is no filter."""
     error: int
-    """Which is the error of the filter's time constant, or the delay; -1 = neither is a state."""
+    """Which is the error of its time constant; -1 = there is none."""
+    delay: int
+    """Which is the delay; -1 = there is none."""
     lag: float
     """The time constant, s."""
 
@@ -35,13 +37,15 @@ class Late(NamedTuple):
 def late_by(used: Integers, c: int, states: int, lag: float, past: Array) -> Late:
     """Return by what the readings of a model of c of so many states, `used`, are late; of
     readings whose `past` is not known they are not."""
-    value, error, unknown = -1, -1, states - len(UNKNOWN)
+    value, error, delay, unknown = -1, -1, -1, states - len(UNKNOWN)
     for i in range(c if past.any() else 0):
         if used[i] == unknown + FILTER:
             value = i
-        elif used[i] == unknown + DELAY:
+        elif used[i] == unknown + FILTER_ERROR:
             error = i
-    return Late(value, error, lag)
+        elif used[i] == unknown + DELAY:
+            delay = i
+    return Late(value, error, delay, lag)
 
 
 @kernel(error_model="numpy")
@@ -84,24 +88,25 @@ def taken_in(
     lon: float,
     channel: int,
     late: Late,
-    error: float,
+    at: Array,
     elapsed: float,
 ) -> tuple[float, float, float, float]:
-    """Return `sensed` of a delay of `error`, or the mean that a filter takes in over `elapsed`
-    s: at two ages of its first two moments."""
+    """Return `sensed` of a hypothesis of states `at`: of its delay, or what its filter takes in
+    over `elapsed` s, as the mean at two ages of the first two moments."""
+    delay = at[late.delay] if late.delay >= 0 else 0.0
     if late.value < 0 or not elapsed > 0.0:
-        age = error if late.value < 0 else 0.0
-        return sensed(grid, past, t, lat, lon, channel, age)
-    _, age, spread = shares(believed(late, error), elapsed)
+        return sensed(grid, past, t, lat, lon, channel, delay)
+    _, age, spread = shares(believed(late, at), elapsed)
+    age += delay
     v, a, b, s = sensed(grid, past, t, lat, lon, channel, age - spread)
     v2, a2, b2, s2 = sensed(grid, past, t, lat, lon, channel, age + spread)
     return 0.5 * (v + v2), 0.5 * (a + a2), 0.5 * (b + b2), 0.5 * (s + s2)
 
 
 @kernel(error_model="numpy")
-def believed(late: Late, error: float) -> float:
-    """Return a filter's time constant, s, by its error."""
-    return max(late.lag + error, SHORTEST * late.lag)
+def believed(late: Late, at: Array) -> float:
+    """Return a filter's time constant, s, of a hypothesis of states `at`."""
+    return max(late.lag + (at[late.error] if late.error >= 0 else 0.0), SHORTEST * late.lag)
 
 
 @kernel(error_model="numpy")
@@ -119,7 +124,7 @@ def filtered(
     x: Array,
     P: Array,
     late: Late,
-    error: float,
+    at: Array,
     elapsed: float,
     g: float,
     G: Array,
@@ -128,14 +133,14 @@ def filtered(
     work: Array,
 ) -> None:
     """Let a filter take in g + G x for `elapsed` s, in place: mean x and covariance P of c
-    states, linear about an `error` of its time constant; `by_age` as in `sensed`."""
-    y, e, lag = late.value, max(late.error, 0), believed(late, error)
+    states, linear about `at`; `by_age` as in `sensed`."""
+    y, e, lag = late.value, max(late.error, 0), believed(late, at)
     left = math.exp(-elapsed / lag)
     new, more = 1.0 - left, left * elapsed / lag**2  # of `left`, per s of the time constant
     for i in range(c):
         g += G[i] * x[i]
     by_lag = more * (x[y] - g) + by_age * (new - elapsed * more / new) if late.error >= 0 else 0.0
-    x[y] = left * x[y] + new * g + by_lag * (x[e] - error)
+    x[y] = left * x[y] + new * g + by_lag * (x[e] - at[e])
     for j in range(c):
         work[j] = left * P[y, j] + by_lag * P[e, j]
         for i in range(c):

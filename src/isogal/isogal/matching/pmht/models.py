@@ -26,6 +26,7 @@ from isogal.matching.pmht.states import (
     DELAY,
     DRIFT,
     FILTER,
+    FILTER_ERROR,
     States,
 )
 from isogal.matching.registry import check_options
@@ -55,8 +56,8 @@ RARE, UNHEARD_OF = 0.01, 1e-3
 that is wrong altogether, a navigator that has diverged."""
 WORSE = 10.0
 """Factor of a navigator's covariance from one model to the next."""
-UNSURE_LAG = 0.3
-"""1-sigma of a low-pass filter's time constant, of itself: half of what is between two models."""
+LAGS, UNSURE_LAG = (15.0, 60.0), 0.5
+"""Time constants of a low-pass filter, s, and their 1-sigma, of themselves."""
 LATE_S = 20.0
 """1-sigma of a delay where none is specified."""
 COUPLING = 1e-3
@@ -112,7 +113,8 @@ FAULTS = (
     Fault(NAVIGATOR, RARE, growth=WORSE),
     Fault(NAVIGATOR, RARE, growth=WORSE**2),
     Fault(LATE, 0.02, delay=LATE_S),
-    *(Fault(FILTERED, 0.01, lag=lag, delay=UNSURE_LAG * lag) for lag in (10.0, 30.0, 60.0, 120.0)),
+    *(Fault(FILTERED, 0.02, lag=lag) for lag in LAGS),
+    *(Fault(FILTERED, UNHEARD_OF, lag=lag, delay=LATE_S) for lag in LAGS),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
     # satellites are wrong on a voyage in a thousand, times how likely what they say is then: as
@@ -380,6 +382,7 @@ def table_of(
         last[:, BIAS] = [max(f.bias * share, assumed.bias) for f in fault]
         last[:, DRIFT] = [max(f.drift * share / DRIFT_TIME, assumed.drift) for f in fault]
         last[:, DELAY] = [max(f.delay, assumed.delay) for f in fault]
+        last[:, FILTER_ERROR] = [UNSURE_LAG * f.lag for f in fault]
         last[:, FILTER] = [assumed.scale if f.lag or assumed.lag else 0.0 for f in fault]
         last[:, COUPLING_FORWARD] = last[:, COUPLING_RIGHT] = [f.coupling for f in fault]
     has = np.concatenate([np.ones((count, BATCH_STATES), bool), initial > 0.0], axis=1)
