@@ -126,6 +126,40 @@ def departures(
     return worst
 
 
+@kernel(error_model="numpy")
+def carried(mean: Array, covariance: Array, forward: Array, growth: Array, factor: Array) -> None:
+    """Carry hypotheses, means (K, N) and covariances (K, N, N), in place: their first states are
+    `forward` (n, n) times what they were, and `growth` (n, n) times `factor` (K,) has joined the
+    covariance of these."""
+    n, size = forward.shape[0], mean.shape[1]
+    old = np.empty((n, size))
+    for k in range(mean.shape[0]):
+        P = covariance[k]
+        for i in range(n):
+            old[i, 0] = mean[k, i]
+        for i in range(n):
+            mean[k, i] = 0.0
+            for j in range(n):
+                mean[k, i] += forward[i, j] * old[j, 0]
+        for i in range(n):
+            for j in range(size):
+                old[i, j] = 0.0
+            for h in range(n):
+                share = forward[i, h]
+                for j in range(size):
+                    old[i, j] += share * P[h, j]
+        for i in range(n):
+            for j in range(n, size):
+                P[i, j] = old[i, j]
+                P[j, i] = old[i, j]
+            for j in range(i + 1):
+                value = factor[k] * growth[i, j]
+                for h in range(n):
+                    value += old[i, h] * forward[j, h]
+                P[i, j] = value
+                P[j, i] = value
+
+
 class Own(NamedTuple):
     """Rows as a model has them, whose c states come first.
 
