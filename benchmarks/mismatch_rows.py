@@ -140,6 +140,23 @@ ROWS = (
         unknown=("gravimeter.delay_sigma=9",),
     ),
     Row(
+        "gravimeter with a low-pass filter of 120 s",
+        ("gravimeter.filter_time=120",),
+        unknown=("gravimeter.delay_sigma=36",),
+    ),
+    Row(
+        "readings 20 s late, route with turns",
+        ("gravimeter.delay=20",),
+        base=(*MGAL_3, TURNS),
+        unknown=("gravimeter.delay_sigma=20",),
+    ),
+    Row(
+        "readings 15 s late through a low-pass filter of 30 s, route with turns",
+        ("gravimeter.delay=15", "gravimeter.filter_time=30"),
+        base=(*MGAL_3, TURNS),
+        unknown=("gravimeter.delay_sigma=20",),
+    ),
+    Row(
         "gravimeter takes 1 mGal from 0.01 m/s², route with turns",
         ("gravimeter.cross_coupling=1e-3",),
         base=(*MGAL_3, TURNS),

@@ -109,14 +109,15 @@ def forged(content: object, arrays: list | None = None) -> bytes:
     header = {"owner": ME, "time": 0, "content": content, "arrays": arrays or []}
     text = json.dumps(header).encode()
     body = len(text).to_bytes(8, "little") + text
-    return f"isogal-checkpoint 1 {checkpoints.hashlib.sha256(body).hexdigest()}\n".encode() + body
+    digest = checkpoints.hashlib.sha256(body).hexdigest()
+    return f"isogal-checkpoint {checkpoints.VERSION} {digest}\n".encode() + body
 
 
 @pytest.mark.parametrize(("data", "words"), [
     (b"", "not a checkpoint"),
     (pickle.dumps(Trap()), "not a checkpoint"),
-    (b"isogal-checkpoint 2 abc\n", "version 2"),
-    (b"isogal-checkpoint 1 abc\n", "checksum"),
+    (b"isogal-checkpoint 1 abc\n", "version 1"),
+    (b"isogal-checkpoint 2 abc\n", "checksum"),
     (forged({"class": "subprocess:Popen", "fields": {"args": "true"}}), "class subprocess:Popen"),
     (forged({"class": "isogal.files:os.system", "fields": {}}), "class isogal.files:os.system"),
     (forged({"class": "isogal.files:write_atomic", "fields": {}}), "class isogal.files"),

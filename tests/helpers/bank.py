@@ -55,7 +55,8 @@ def random_bank(seed: int, count: int = 12, which: Models | None = None) -> Hypo
     random = np.random.default_rng(seed)
     which = models() if which is None else which
     n = 7 + which.initial.shape[1]
-    scale = np.array([300.0, 300.0, 0.3, 0.3, 1e-4, 1e-4, 1e-3, 1.0, 1e-5, 1e-9, 10.0, 1e-3, 1e-3])
+    of_instrument = [1e-5, 1e-9, 10.0, 1e-3, 1e-3, 10.0, 1e-4]
+    scale = np.array([300.0, 300.0, 0.3, 0.3, 1e-4, 1e-4, 1e-3, 1.0, *of_instrument])
     roots = (np.eye(n) + 0.3 * random.standard_normal((count, n, n))) * scale[:, None]
     return Hypotheses(
         which,

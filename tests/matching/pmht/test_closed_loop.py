@@ -50,6 +50,25 @@ def test_a_bias_that_nobody_has_told_of_is_found():
     assert nees < 2.0 * INTERVAL[1]
 
 
+TURNING = (
+    "route.waypoints=[[-37.0,146.5,22],[-36.9,146.5,22],[-36.9,146.57,22],[-37.0,146.57,22],"
+    "[-37.0,146.64,22],[-36.9,146.64,22],[-36.9,146.71,22],[-37.0,146.71,22]]"
+)
+"""Legs of 11 km with half circles: readings change by 300 mGal in a turn."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("delay", "filter_time"), [(20, 0), (0, 20), (0, 60), (15, 30)])
+def test_an_instrument_that_is_late_in_turns_is_found_out(delay, filter_time):
+    """Within twice the errors of one that is not late: a filter of a minute takes sharp features
+    away."""
+    told = runs_of(2, 2700.0, TURNING)
+    late = f"truth.gravimeter.delay={delay}", f"truth.gravimeter.filter_time={filter_time}"
+    aided, _, nees = after(runs_of(2, 2700.0, TURNING, *late), 1350.0)
+    assert aided < 2.0 * after(told, 1350.0)[0]
+    assert nees < INTERVAL[1]
+
+
 @pytest.mark.slow
 def test_a_hidden_start_is_found():
     """10 km off and not told: after 75 min each of four runs is where it believes to be."""

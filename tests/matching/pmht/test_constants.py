@@ -20,6 +20,7 @@ OTHERS = INDICES | {
     "DIVERGED_LOG_ODDS",
     "SAYS",
     "LARGEST_RATIO",
+    "FILTER",
 }
 """What is no number of its own."""
 

@@ -18,7 +18,6 @@ from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.information import LARGEST_RATIO
 from isogal.matching.interfaces import Information
 from isogal.matching.parameters import InstrumentErrors, Parameters
-from isogal.matching.path import FilterPath
 from isogal.matching.pmht import hypotheses as bank_of
 from isogal.matching.pmht.cells import Seen, in_common, residuals_at
 from isogal.matching.pmht.hypotheses import (
@@ -433,7 +432,7 @@ def test_what_is_told_is_right_within_a_factor():
 @pytest.mark.parametrize(("changes", "told", "gone"), [
     ({}, {}, set()), ({}, {"bias_sigma": 1e-5}, {BIASED}), ({"bias_walk": 1e-7}, {}, {BIASED}),
     ({"delay_sigma": 2.0}, {}, {LATE}), (None, {}, {DECEIVED}),
-    ({"filter_path": FilterPath(30.0, np.zeros((30, 1, 2)), np.ones(1))}, {}, {FILTERED}),
+    ({"filter_time": 30.0}, {}, {FILTERED}),
     ({"parameters": Parameters(("coupling_forward",), np.ones(1), np.ones((30, 1)))}, {},
      {SHAKEN}),
 ])  # fmt: skip

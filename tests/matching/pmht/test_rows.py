@@ -22,6 +22,7 @@ from isogal.matching.pmht.states import (
     COUPLING_FORWARD,
     COUPLING_RIGHT,
     DRIFT,
+    FILTER_ERROR,
     TENSOR_ORDER,
     UNKNOWN,
     States,
@@ -98,7 +99,7 @@ def test_accelerations_are_those_since_the_reading_before():
     angle, speed = 2e-3 * batch.time, 20.0
     turning = replace(batch, velocity=speed * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
     made, _, _ = rows(turning, PLANE)
-    moving = made.reading[:, 8 + COUPLING_FORWARD :]
+    moving = made.reading[:, 8 + COUPLING_FORWARD : 8 + FILTER_ERROR]
     np.testing.assert_allclose(moving, [[0.0, speed * 2e-3]] * 30, atol=1e-5)
     _, epoch, _ = rows(replace(turning.part(np.arange(10)), new=10), PLANE)
     jump = np.array([0.0, 0.0, 0.5, -0.3, 0.0, 0.0, 0.0])

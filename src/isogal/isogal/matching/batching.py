@@ -14,6 +14,7 @@ from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.path import Path, sensed
 from isogal.matching.reading_noise import height_states, joined, noise_states
+from isogal.matching.registry import able
 from isogal.matching.residual_gravity import UNMOVED
 from isogal.matching.scans import Collected, Scan, Scans
 from isogal.matching.transitions import (
@@ -21,7 +22,6 @@ from isogal.matching.transitions import (
     across,
     backwards,
     carried,
-    reading_rate,
 )
 from isogal.matrices import symmetric
 from isogal.passage import History
@@ -76,10 +76,12 @@ class BatchBuilder:
         self.reduction = reduction
         self.instrument = instrument or Gravimeter()
         self._height = height or Height()
-        self._lag = Lag.of(self.instrument)
+        shape = (1, 1) if expansion is None else expansion.shape
+        lag = Lag.of(self.instrument)
+        self._filters = shape[0] == 1 and able(settings.name, "takes_filters")
+        self._lag = lag._replace(filter_time=0.0) if self._filters else lag
         self._longest = settings.batch_length + context + marks
         older = math.ceil(self._lag.reach / self.instrument.interval)
-        shape = (1, 1) if expansion is None else expansion.shape
         self._scans = Scans(self._longest + older, shape)
         self._count = 0
         self._unused = 0
@@ -263,7 +265,8 @@ class BatchBuilder:
                 self._noise(scans, velocity, times),
                 self.instrument.bias_walk,
                 self.instrument.delay_sigma,
-                reading_rate(at_scan, velocity, times),
+                self._added(latitude, longitude, self._scans.heights(scans), velocity),
+                self.instrument.filter_time if self._filters else 0.0,
             ),
             history=History(correction),
             cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
@@ -290,16 +293,14 @@ class BatchBuilder:
         every_scan = self._scans.every
         latitude, longitude, velocity, times = self._scans.track(every_scan)
         path = Path(times, latitude, longitude, self._scans.heights(every_scan), velocity)
-        seen, reading, filter_path = sensed(
-            path, batch.time, batch.reading, self._lag, self.reduction
-        )
+        seen, reading = sensed(path, batch.time, batch.reading, self._lag, self.reduction)
         latitude, longitude = np.asarray(seen.latitude), np.asarray(seen.longitude)
         velocity = np.stack([seen.v_north, seen.v_east], axis=-1)
         told_of = batch.time - self._lag.mean
         end = float(batch.time[-1])
         _, every, apart = self._errors(latitude, velocity, told_of, end, prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        rate = reading_rate(at_scan, velocity, batch.time)
+        added = self._added(latitude, longitude, np.asarray(seen.height), velocity)
         return replace(
             batch,
             latitude=latitude,
@@ -308,7 +309,7 @@ class BatchBuilder:
             reading=reading,
             by_error=_of_rows(every, at_scan),
             apart=_of_rows(apart, at_scan),
-            instrument=replace(batch.instrument, rate=rate, filter_path=filter_path),
+            instrument=replace(batch.instrument, added=added),
             end_place=batch.end,
         )
 
@@ -326,6 +327,16 @@ class BatchBuilder:
         every, apart = across(self._bridge, plain, latitude, velocity, times, end)
         moved = self.gravity.apart(velocity, times, end, prior)
         return plain, every, np.concatenate([apart, moved], axis=2)
+
+    def _added(
+        self, latitude: Array, longitude: Array, height: Array, velocity: Array
+    ) -> Array | None:
+        """Return (T,) what the reduction adds to readings at the scans; None of readings that are
+        several numbers."""
+        if self._scans.shape[0] > 1:
+            return None
+        at = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1])
+        return self.reduction.reduce(np.zeros(len(latitude)), at)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height

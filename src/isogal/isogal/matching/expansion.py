@@ -156,7 +156,7 @@ def _repeated(batch: Batch, count: int) -> Batch:
     """Return a batch with so many rows for each scan, whose readings were not reduced with the
     scan's own place and velocity alone."""
     rows = batch.part(np.repeat(np.arange(len(batch)), count))
-    return replace(rows, new=batch.new * count, instrument=replace(rows.instrument, rate=None))
+    return replace(rows, new=batch.new * count, instrument=replace(rows.instrument, added=None))
 
 
 def _of_each_scan(covariance: Array, scans: int, channels: int) -> Array:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.matching.path import FilterPath
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,19 +82,19 @@ class InstrumentErrors:
     """Random walk of their bias, map's unit per root second."""
     delay_sigma: float = 0.0
     """1-sigma of a delay beyond the specified one, s."""
-    rate: Array | None = None
-    """(T,) by how much what the reduction adds to a reading changes per s along the path, map's
-    unit; None = not at all."""
-    filter_path: FilterPath | None = None
-    """What of the path each reading is a mean over; None = a point."""
+    added: Array | None = None
+    """(T,) what the reduction adds to each reading by the navigator's state, map's unit; None =
+    nothing."""
+    filter_time: float = 0.0
+    """s, time constant of the low-pass filter that they have come through, where the batch has
+    them where they were reported from, not where they tell of in the mean."""
 
     def part(self, rows: Integers) -> "InstrumentErrors":
         """Return those of some rows."""
         return replace(
             self,
             parameters=None if self.parameters is None else self.parameters.part(rows),
-            rate=None if self.rate is None else self.rate[rows],
-            filter_path=None if self.filter_path is None else self.filter_path.part(rows),
+            added=None if self.added is None else self.added[rows],
         )
 
     def along(self, *more: Parameters | None) -> "InstrumentErrors":

@@ -107,16 +107,6 @@ def rates(values: Array, times: Array) -> Array:
     return out
 
 
-def reading_rate(jacobian: Array, velocity: Array, times: Array) -> Array | None:
-    """Return (T,) the change per s along the path of what a reduction adds to the readings, by
-    its Jacobian (T, 4) at the scans."""
-    if len(times) < 2:
-        return None
-    velocity = np.ascontiguousarray(velocity)
-    moving = np.concatenate([velocity, rates(velocity, times)], axis=1)
-    return np.asarray((jacobian * moving).sum(axis=1))
-
-
 @kernel
 def _chain(latitude: Array, velocity: Array, times: Array, end: float) -> Array:
     """Multiply up the transitions from the end to each scan, each exp(-F step) to third order."""

@@ -13,6 +13,7 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_model import decay
 from isogal.maps.interpolation import Grid, look_up
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
+from isogal.matching.pmht.late import older
 from isogal.matching.pmht.models import RARE, Models
 from isogal.matching.pmht.rows import Rows, some
 
@@ -152,7 +153,14 @@ class Seen:
 
     @classmethod
     def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "Seen":
-        """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`)."""
+        """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`); of those
+        through a filter, where they tell of in the mean."""
+        to_older = older(rows.past, models.lag[0])
+        rows = rows._replace(
+            latitude=rows.latitude + to_older[:, 0],
+            longitude=rows.longitude + to_older[:, 1],
+            level=rows.level - to_older[:, 2],
+        )
         size = -(-len(rows.level) // GROUPS)
         # those of a channel one after the other, the last of them in whole groups
         each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]

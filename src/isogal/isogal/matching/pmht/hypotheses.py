@@ -180,11 +180,9 @@ class Hypotheses:
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
         covariance `growth` (7, 7) has been added."""
-        whole, n = np.eye(self.mean.shape[1]), BATCH_STATES
-        whole[:n, :n] = forward
-        covariance = whole @ self.covariance @ whole.T
-        covariance[:, :n, :n] += self.models.growth[self.which, None, None] * growth
-        return self.changed(mean=self.mean @ whole.T, covariance=symmetric(covariance))
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        kernels.carried(mean, covariance, forward, growth, self.models.growth[self.which])
+        return self.changed(mean=mean, covariance=covariance)
 
     def split(
         self, field_map: AnyMap, rows: Rows, most: int | None = None, curved: float = CURVED

@@ -15,6 +15,7 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid, bilinear, value_and_gradient
+from isogal.matching.pmht.late import Late, earlier, filtered, late_by, sensed, taken_in
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
 
@@ -29,27 +30,6 @@ whose peak is that of outliers."""
 SUSPECT = 9.0
 """Normalised innovation squared below which a reading is taken to be no outlier: its probability
 to be one is then below 1 %."""
-AGES = np.stack(np.polynomial.laguerre.laggauss(12), axis=1)[:6]
-AGES /= 1.0, AGES[:, 1].sum()
-"""(6, 2) ages, in units of its time constant, and weights of what of the path a first-order
-low-pass filter has a mean over: a Gauss-Laguerre rule without the 0.02 % that is older than seven
-time constants. With a rule of order 3, at 30 s and 22 m/s, fixes were 100 m off."""
-
-
-@kernel(error_model="numpy")
-def predicted(
-    grid: Grid, nodes: Array, t: int, count: int, lat: float, lon: float, channel: int
-) -> tuple[float, float, float]:
-    """Return the map's value and its derivatives (per rad of latitude and of longitude) for row t
-    where it was taken at a place (rad): means over the first `count` points of `nodes` (n, Q, 3),
-    as in `Rows`."""
-    value = by_lat = by_lon = 0.0
-    for q in range(count):
-        v, a, b = value_and_gradient(grid, lat + nodes[t, q, 0], lon + nodes[t, q, 1], channel)
-        value += nodes[t, q, 2] * v
-        by_lat += nodes[t, q, 2] * a
-        by_lon += nodes[t, q, 2] * b
-    return value, by_lat, by_lon
 
 
 @kernel(error_model="numpy")
@@ -89,7 +69,7 @@ def departures(
     constant, of the map at the one point that is older by it."""
     size, n, last = mean.shape[1], rows.level.shape[0], rows.level.shape[0] - 1
     worst, across = np.zeros(which.shape[0]), np.empty((2, size))
-    bend, change, count = np.empty(2), np.empty(2), rows.nodes.shape[1]
+    bend, change = np.empty(2), np.empty(2)
     for k in range(which.shape[0]):
         if not asked[k]:
             continue
@@ -125,14 +105,15 @@ def departures(
                 for u in range(rows.load.shape[2]):
                     load = error * rows.load[shape, t, u]
                     R += load * load * rows.joined[shape, t, u, u]
-            lat -= (north + models.lag[m] * rows.velocity[t, 0]) * to_lat
-            lon -= (east + models.lag[m] * rows.velocity[t, 1]) * to_lon
-            middle = predicted(grid, rows.nodes, t, count, lat, lon, channel)[0]
+            to_older = earlier(rows.past, t, models.lag[m])
+            lat += to_older[0] - north * to_lat
+            lon += to_older[1] - east * to_lon
+            middle = value_and_gradient(grid, lat, lon, channel)[0]
             for axis in range(2):
                 a, b = (first * cos, first * sin) if axis == 0 else (-second * sin, second * cos)
                 a, b = reach * a * to_lat, reach * b * to_lon
-                one = predicted(grid, rows.nodes, t, count, lat + a, lon + b, channel)[0]
-                other = predicted(grid, rows.nodes, t, count, lat - a, lon - b, channel)[0]
+                one = value_and_gradient(grid, lat + a, lon + b, channel)[0]
+                other = value_and_gradient(grid, lat - a, lon - b, channel)[0]
                 bend[axis] += (0.5 * (one + other) - middle) ** 2 / R
                 change[axis] += (0.5 * (one - other)) ** 2 / R
         departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)
@@ -143,6 +124,40 @@ def departures(
             to_second = cos * across[1, i] - sin * across[0, i]
             along[k, used[i]] = to_first / first if worse == 0 else to_second / second
     return worst
+
+
+@kernel(error_model="numpy")
+def carried(mean: Array, covariance: Array, forward: Array, growth: Array, factor: Array) -> None:
+    """Carry hypotheses, means (K, N) and covariances (K, N, N), in place: their first states are
+    `forward` (n, n) times what they were, and `growth` (n, n) times `factor` (K,) has joined the
+    covariance of these."""
+    n, size = forward.shape[0], mean.shape[1]
+    old = np.empty((n, size))
+    for k in range(mean.shape[0]):
+        P = covariance[k]
+        for i in range(n):
+            old[i, 0] = mean[k, i]
+        for i in range(n):
+            mean[k, i] = 0.0
+            for j in range(n):
+                mean[k, i] += forward[i, j] * old[j, 0]
+        for i in range(n):
+            for j in range(size):
+                old[i, j] = 0.0
+            for h in range(n):
+                share = forward[i, h]
+                for j in range(size):
+                    old[i, j] += share * P[h, j]
+        for i in range(n):
+            for j in range(n, size):
+                P[i, j] = old[i, j]
+                P[j, i] = old[i, j]
+            for j in range(i + 1):
+                value = factor[k] * growth[i, j]
+                for h in range(n):
+                    value += old[i, h] * forward[j, h]
+                P[i, j] = value
+                P[j, i] = value
 
 
 class Own(NamedTuple):
@@ -164,8 +179,10 @@ class Own(NamedTuple):
     `_stepped`."""
     fresh: Array
     """(n, N)."""
-    nodes: Array
+    past: Array
     """(n, Q, 3)."""
+    elapsed: Array
+    """(n,)."""
 
 
 class Update(NamedTuple):
@@ -184,6 +201,11 @@ class Update(NamedTuple):
     z: Array
     """(n,), and H (n, N): the readings, linearised."""
     H: Array
+    g: Array
+    """(n,), and G (n, N): what a filter takes in, linearised: g + G x."""
+    G: Array
+    by_age: Array
+    """(n,) how what is sensed changes with its age, map's unit per s."""
     PH: Array
     """(N,)."""
 
@@ -191,22 +213,22 @@ class Update(NamedTuple):
 @kernel(error_model="numpy")
 def _own(rows: Rows, size: int) -> Own:
     """Return room for those of models of at most so many states."""
-    n, count = rows.level.shape[0], max(AGES.shape[0], rows.nodes.shape[1])
+    n = rows.level.shape[0]
     place, reading = np.empty((n, 2, size)), np.empty((n, size))
     level, noise = np.empty(n), np.empty(n)
     keep, fresh = np.empty((n, size)), np.empty((n, size))
-    return Own(place, reading, level, noise, keep, fresh, np.empty((n, count, 3)))
+    return Own(place, reading, level, noise, keep, fresh, rows.past, rows.elapsed)
 
 
 @kernel(error_model="numpy")
 def _of_model(
     rows: Rows, used: Integers, c: int, shape: int, lag: float, noise: float, own: Own
-) -> int:
+) -> Late:
     """Write the rows of a model of the c states `used`, of whose noise the variance is so many
-    times as large, and return how many points a reading is a mean over."""
-    n, filtered = BATCH_STATES, lag > 0.0
+    times as large, and return by what its readings are late."""
+    n, late = BATCH_STATES, late_by(used, c, own.reading.shape[1], lag, rows.past)
     for t in range(rows.level.shape[0]):
-        own.level[t] = rows.level[t] - lag * rows.rate[t]
+        own.level[t] = rows.level[t] - (rows.added[t] if late.value >= 0 else 0.0)
         own.noise[t] = noise * rows.noise[t]
         for i in range(c):
             s, keep, fresh = used[i], 1.0, 0.0
@@ -215,18 +237,11 @@ def _of_model(
             if s == n and rows.load.shape[2] == 1 and rows.joined[shape, t, 0, 0] > 0.0:
                 keep, fresh = rows.step[shape, t, 0, 0], rows.joined[shape, t, 0, 0]
             own.keep[t, i], own.fresh[t, i] = keep, fresh
-            own.reading[t, i] = rows.reading[t, s]
+            own.reading[t, i] = 0.0 if i == late.delay else rows.reading[t, s]
             for axis in range(2):
-                own.place[t, axis, i] = rows.place[t, axis, s] * rows.radian[t, axis]
-        for q in range(AGES.shape[0] if filtered else 0):
-            for axis in range(2):
-                back = AGES[q, 0] * lag * rows.velocity[t, axis]
-                own.nodes[t, q, axis] = -back * rows.radian[t, axis]
-            own.nodes[t, q, 2] = AGES[q, 1]
-        for q in range(0 if filtered else rows.nodes.shape[1]):
-            for i in range(3):
-                own.nodes[t, q, i] = rows.nodes[t, q, i]
-    return AGES.shape[0] if filtered else rows.nodes.shape[1]
+                moved = rows.place[t, axis, s] * rows.radian[t, axis]
+                own.place[t, axis, i] = 0.0 if i == late.delay else moved
+    return late
 
 
 @kernel(error_model="numpy")
@@ -260,6 +275,19 @@ def _stepped(x: Array, P: Array, step: Array, joined: Array, c: int, work: Array
 
 
 @kernel(error_model="numpy")
+def _changed(x: Array, P: Array, keep: Array, fresh: Array, t: int, c: int) -> None:
+    """Carry states beside the navigator's to row t, in place; see `Own`."""
+    for i in range(BATCH_STATES, c):
+        f = keep[t, i]
+        if f != 1.0:
+            x[i] *= f
+            for j in range(c):
+                P[i, j] *= f
+                P[j, i] *= f
+        P[i, i] += fresh[t, i]
+
+
+@kernel(error_model="numpy")
 def _filtered(
     c: int,
     x: Array,
@@ -272,6 +300,12 @@ def _filtered(
     step: Array,
     joined: Array,
     tails: float,
+    late: Late,
+    at: Array,
+    elapsed: Array,
+    g: Array,
+    G: Array,
+    by_age: Array,
     PH: Array,
 ) -> float:
     """Kalman filter of readings one after the other, in place; return their log evidence.
@@ -282,7 +316,7 @@ def _filtered(
     variance were so much larger. `step` and `joined` (n, U, U): of map errors that depend on each
     other, U = 0 where there are none."""
     wrong, width = OUTLIER
-    peak, n = 0.0, BATCH_STATES
+    peak = 0.0
     if tails < math.inf:
         peak = (
             math.lgamma(0.5 * tails + 0.5) - math.lgamma(0.5 * tails) - 0.5 * math.log(0.5 * tails)
@@ -291,14 +325,9 @@ def _filtered(
     for t in range(z.shape[0]):
         if step.shape[1] > 0 and joined[t, 0, 0] > 0.0:
             _stepped(x, P, step[t], joined[t], c, PH)
-        for i in range(n, c):
-            f = keep[t, i]
-            if f != 1.0:
-                x[i] *= f
-                for j in range(c):
-                    P[i, j] *= f
-                    P[j, i] *= f
-            P[i, i] += fresh[t, i]
+        _changed(x, P, keep, fresh, t, c)
+        if late.value >= 0 and elapsed[t] > 0.0:
+            filtered(x, P, late, at, elapsed[t], g[t], G[t], by_age[t], c, PH)
         S, innovation = noise[t], z[t]
         for i in range(c):
             value = 0.0
@@ -343,7 +372,7 @@ def _iterated(
     grid: Grid,
     rows: Rows,
     own: Own,
-    count: int,
+    late: Late,
     errors: Array,
     step: Array,
     joined: Array,
@@ -355,8 +384,8 @@ def _iterated(
     `at` on, with map errors of 1-sigmas `errors` (n, U); return their log evidence, -inf off the
     map."""
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
-    place, reading, level, noise, keep, fresh, nodes = own
-    x, P, before, prior, at, z, H, PH = update
+    place, reading, level, noise, keep, fresh, past, elapsed = own
+    x, P, before, prior, at, z, H, g, G, by_age, PH = update
     evidence, first = -math.inf, BATCH_STATES
     for iteration in range(ITERATIONS):
         # z = H x + noise: z - J x = z - (J - G) x - G x
@@ -365,22 +394,37 @@ def _iterated(
             for i in range(c):
                 lat -= place[t, 0, i] * at[i]
                 lon -= place[t, 1, i] * at[i]
-            value, by_lat, by_lon = predicted(grid, nodes, t, count, lat, lon, channel[t])
+            if late.value < 0 and late.delay < 0:
+                value, by_lat, by_lon = value_and_gradient(grid, lat, lon, channel[t])
+            else:
+                value, by_lat, by_lon, by_age[t] = taken_in(
+                    grid, past, t, lat, lon, channel[t], late, at, elapsed[t]
+                )
             if not math.isfinite(value):
                 return -math.inf
-            rest = level[t] - value
             for i in range(c):
                 slope = by_lat * place[t, 0, i] + by_lon * place[t, 1, i]
                 H[t, i] = reading[t, i] - slope
-                rest -= slope * at[i]
-            z[t] = rest
+                value += slope * at[i]
             for i in range(first, min(c, first + errors.shape[1])):
                 H[t, i] += errors[t, i - first]
+            if late.delay >= 0:
+                H[t, late.delay] = by_age[t]
+                value -= by_age[t] * at[late.delay]
+            z[t] = level[t] - value
+            if late.value >= 0:  # the reading is the filter's value, which takes in g + G x
+                z[t], g[t] = level[t], value - rows.added[t]
+                for i in range(c):
+                    G[t, i], H[t, i] = H[t, i], 0.0
+                H[t, late.value] = 1.0
         for i in range(c):
             x[i] = before[i]
             for j in range(c):
                 P[i, j] = prior[i, j]
-        evidence = _filtered(c, x, P, z, H, noise, keep, fresh, step, joined, tails, PH)
+        evidence = _filtered(
+            c, x, P, z, H, noise, keep, fresh, step, joined, tails, late, at, elapsed,
+            g, G, by_age, PH,
+        )  # fmt: skip
         moved = math.hypot(x[0] - at[0], x[1] - at[1])
         if not moved > SETTLED * math.sqrt(abs(min(P[0, 0], P[1, 1]))):
             break
@@ -388,6 +432,18 @@ def _iterated(
         for i in range(c):
             at[i] += share * (x[i] - at[i])
     return evidence
+
+
+@kernel(error_model="numpy")
+def _settled(grid: Grid, rows: Rows, own: Own, lag: float, x: Array, c: int) -> float:
+    """Return what a filter that is known nothing of gives before the first row: what was sensed a
+    time constant (s) before; 0 off the map."""
+    lat, lon = rows.latitude[0], rows.longitude[0]
+    for i in range(c):
+        lat -= own.place[0, 0, i] * x[i]
+        lon -= own.place[0, 1, i] * x[i]
+    value = sensed(grid, own.past, 0, lat, lon, rows.channel[0], lag)[0]
+    return value - rows.added[0] if math.isfinite(value) else 0.0
 
 
 @kernel(error_model="numpy")
@@ -407,21 +463,24 @@ def observed(
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
     n, size, several, first = rows.level.shape[0], mean.shape[1], rows.load.shape[2], BATCH_STATES
-    own, model, count, errors = _own(rows, size), -1, 1, np.empty((n, several))
+    own, model, late, errors = _own(rows, size), -1, Late(-1, -1, -1, 0.0), np.empty((n, several))
     x, P, before = np.empty(size), np.empty((size, size)), np.empty(size)
     prior, at, shift = np.empty((size, size)), np.empty(size), np.zeros(size)
-    update = Update(x, P, before, prior, at, np.empty(n), np.empty((n, size)), np.empty(size))
+    z, H, g, G = np.empty(n), np.empty((n, size)), np.empty(n), np.empty((n, size))
+    update = Update(x, P, before, prior, at, z, H, g, G, np.empty(n), np.empty(size))
     from_north, from_east, place = math.inf, math.inf, own.place
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
     for k in range(which.shape[0]):
         m = which[k]
         c, used, shape, sigma = models.sizes[m], models.used[m], models.shape[m], models.sigma[m]
         if m != model:
-            count, model = _of_model(rows, used, c, shape, models.lag[m], models.noise[m], own), m
+            late, model = _of_model(rows, used, c, shape, models.lag[m], models.noise[m], own), m
         for i in range(c):
             before[i] = mean[k, used[i]]
             for j in range(c):
                 prior[i, j] = covariance[k, used[i], used[j]]
+        if late.value >= 0 and before[late.value] == 0.0:
+            before[late.value] = _settled(grid, rows, own, late.lag, before, c)
         graded = sigma > 0.0 and not models.rough[m] > 0.0
         for t in range(n):
             error, north, east = sigma, 0.0, 0.0
@@ -442,7 +501,7 @@ def observed(
         stepped = several if several > 1 and c > first and used[first] == first else 0
         step, joined = rows.step[shape, :, :stepped, :stepped], rows.joined[shape]
         evidence[k] = _iterated(
-            grid, rows, own, count, errors, step, joined, models.tails[m], c, update
+            grid, rows, own, late, errors, step, joined, models.tails[m], c, update
         )
         for i in range(size):
             shift[i] = 0.0

@@ -68,6 +68,8 @@ class Pmht:
     takes_channels: ClassVar[bool] = True
     takes_parameters: ClassVar[bool] = True
     """Whether it estimates the parameters of a batch (`isogal.matching.parameters`)."""
+    takes_filters: ClassVar[bool] = True
+    """Whether readings through a specified low-pass filter stay where they were reported."""
     stride: ClassVar[int] = 5
     """New scans between fixes where none is specified: with fewer the result is the same, with
     more it waits longer for what the last readings say. Measured."""

@@ -25,6 +25,8 @@ from isogal.matching.pmht.states import (
     COUPLING_RIGHT,
     DELAY,
     DRIFT,
+    FILTER,
+    FILTER_ERROR,
     States,
 )
 from isogal.matching.registry import check_options
@@ -54,8 +56,8 @@ RARE, UNHEARD_OF = 0.01, 1e-3
 that is wrong altogether, a navigator that has diverged."""
 WORSE = 10.0
 """Factor of a navigator's covariance from one model to the next."""
-UNSURE_LAG = 0.3
-"""1-sigma of a low-pass filter's time constant, of itself: half of what is between two models."""
+LAGS, UNSURE_LAG = (15.0, 60.0), 0.5
+"""Time constants of a low-pass filter, s, and their 1-sigma, of themselves."""
 LATE_S = 20.0
 """1-sigma of a delay where none is specified."""
 COUPLING = 1e-3
@@ -111,7 +113,8 @@ FAULTS = (
     Fault(NAVIGATOR, RARE, growth=WORSE),
     Fault(NAVIGATOR, RARE, growth=WORSE**2),
     Fault(LATE, 0.02, delay=LATE_S),
-    *(Fault(FILTERED, 0.01, lag=lag, delay=UNSURE_LAG * lag) for lag in (30.0, 60.0, 120.0)),
+    *(Fault(FILTERED, 0.02, lag=lag) for lag in LAGS),
+    *(Fault(FILTERED, UNHEARD_OF, lag=lag, delay=LATE_S) for lag in LAGS),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
     # satellites are wrong on a voyage in a thousand, times how likely what they say is then: as
@@ -203,6 +206,8 @@ class Assumed:
     """1-sigma, per s."""
     delay: float = 0.0
     """1-sigma of a specified delay, s."""
+    lag: float = 0.0
+    """Time constant of a specified low-pass filter, s."""
     tails: float = math.inf
     """Degrees of freedom of the density of a reading's error."""
     without: frozenset[int] = frozenset({DECEIVED})
@@ -273,7 +278,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
     known = (
         (BIASED, matcher.bias_sigma > 0.0 or instrument.bias_walk > 0.0),
         (LATE, instrument.delay_sigma > 0.0),
-        (FILTERED, instrument.filter_path is not None),
+        (FILTERED, instrument.filter_time > 0.0 or batch.rows_per_scan > 1),
         (SHAKEN, field_map.quantity not in GRAVITY or "coupling_forward" in named),
         (DECEIVED, not batch.history.satellites),
     )
@@ -288,6 +293,7 @@ def assumed(matcher: MatcherSettings, batch: Batch, field_map: AnyMap) -> Assume
         bias=matcher.bias_sigma,
         drift=matcher.bias_sigma / DRIFT_TIME if drift is None else drift,
         delay=instrument.delay_sigma,
+        lag=instrument.filter_time,
         tails=options.tails or math.inf,
         without=frozenset(family for family, gone in known if gone),
     )
@@ -376,13 +382,16 @@ def table_of(
         last[:, BIAS] = [max(f.bias * share, assumed.bias) for f in fault]
         last[:, DRIFT] = [max(f.drift * share / DRIFT_TIME, assumed.drift) for f in fault]
         last[:, DELAY] = [max(f.delay, assumed.delay) for f in fault]
+        last[:, FILTER_ERROR] = [UNSURE_LAG * f.lag for f in fault]
+        last[:, FILTER] = [assumed.scale if f.lag or assumed.lag else 0.0 for f in fault]
         last[:, COUPLING_FORWARD] = last[:, COUPLING_RIGHT] = [f.coupling for f in fault]
     has = np.concatenate([np.ones((count, BATCH_STATES), bool), initial > 0.0], axis=1)
     has[:, BATCH_STATES + states.channels :] |= states.walk > 0.0
-    family, noise, lag, start, growth = (
+    family, noise, start, growth = (
         np.array([getattr(f, name) for f in fault])
-        for name in ("family", "noise", "lag", "start", "growth")
+        for name in ("family", "noise", "start", "growth")
     )
+    lag = np.array([f.lag or assumed.lag for f in fault])
     begins = [a[3] != b[3] or a[1] != b[1] for a, b in itertools.pairwise(rows)]
     rough = np.where(family == COARSE, assumed.rough, 0.0)
     shape = np.unique(np.stack([rough, length], axis=1), axis=0, return_inverse=True)[1]

@@ -29,6 +29,7 @@ from isogal.maps.field_map import FieldMap
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors
+from isogal.matching.path import hermite
 from isogal.matching.pmht.states import (
     BIAS,
     COUPLING_FORWARD,
@@ -38,10 +39,13 @@ from isogal.matching.pmht.states import (
     States,
     footprints,
 )
+from isogal.matching.transitions import rates
 from isogal.sensors.gravimeter_errors import accelerations
 
 OF_LENGTHS = ("load", "step", "joined")
 """Columns of rows that have another axis in front."""
+PAST, LONGEST = 5.0, 25
+"""s between the points of the past that rows have, and how many: two minutes."""
 CHUNK = 15
 """Readings that hypotheses take in one update: with twice as many the first fix takes twice as
 long, 0.2 s where the map is rough."""
@@ -76,12 +80,13 @@ class Rows(NamedTuple):
     joined: Array
     """(L, n, U, U) covariance that has joined u; 0 of a row at the place of the one before, whose
     `step` does not count."""
-    rate: Array
-    """(n,) change per s of what the reduction adds to the readings."""
-    velocity: Array
-    """(n, 2) m/s."""
-    nodes: Array
-    """(n, Q, 3) points (rad beside the row's place) and weights that a reading is a mean over."""
+    added: Array
+    """(n,) what the reduction adds to the readings."""
+    past: Array
+    """(n, Q, 3) where the vehicle was before, rad beside the row's place, and what less was added
+    then, `PAST` s apart."""
+    elapsed: Array
+    """(n,) s since the reading before."""
     channel: Integers
     """(n,)."""
 
@@ -161,10 +166,6 @@ def rows_of(
     instrument = batch.instrument.part(which)
     place, reading = _effects(batch, which, instrument, states, first)
     rough = np.zeros(len(lengths)) if rough is None else rough
-    if instrument.filter_path is None:
-        nodes = np.tile([0.0, 0.0, 1.0], (len(which), 1, 1))
-    else:
-        nodes = instrument.filter_path.nodes(latitude)
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),
@@ -178,9 +179,9 @@ def rows_of(
         fresh,
         step,
         joined,
-        np.zeros(len(which)) if instrument.rate is None else instrument.rate,
-        np.ascontiguousarray(velocity),
-        nodes,
+        np.zeros(len(which)) if instrument.added is None else instrument.added,
+        _past(batch, which, states),
+        elapsed,
         channel.astype(np.int64),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
@@ -224,6 +225,28 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
     )
 
 
+def _past(batch: Batch, which: Integers, states: States) -> Array:
+    """Return `Rows.past` of rows `which` (n,) of a batch; zeros where no model asks for it."""
+    past = np.zeros((len(which), LONGEST, 3))
+    if not states.unknown or batch.rows_per_scan > 1:
+        return past
+    time = batch.time[which]
+    ages = PAST * np.arange(past.shape[1])
+    north, east = metres_per_radian(batch.latitude)
+    velocity = batch.velocity
+    columns = [
+        (batch.latitude, velocity[:, 0] / north),
+        (batch.longitude, velocity[:, 1] / east),
+    ]
+    added = batch.instrument.added
+    if added is not None:
+        columns.append((-added, -rates(added[:, None], batch.time)[:, 0]))
+    for k, (value, slope) in enumerate(columns):
+        then = hermite((time[:, None] - ages).ravel(), batch.time, value, slope)[0]
+        past[..., k] = then.reshape(past.shape[:2]) - value[which][:, None]
+    return past
+
+
 def _effects(
     batch: Batch, which: Integers, instrument: InstrumentErrors, states: States, before: Epoch
 ) -> tuple[Array, Array]:
@@ -242,8 +265,8 @@ def _effects(
         unknown = reading[:, -states.unknown :]
         unknown[:, BIAS], unknown[:, DRIFT] = 1.0, time - before.start
         place[..., -states.unknown + DELAY] = velocity
-        if instrument.rate is not None:
-            unknown[:, DELAY] = instrument.rate
+        if batch.instrument.added is not None:
+            unknown[:, DELAY] = rates(batch.instrument.added[:, None], batch.time)[which, 0]
         each = np.append(before.time, time)
         later = each[1:] > each[:-1]  # than the row before: another scan
         if later.any():

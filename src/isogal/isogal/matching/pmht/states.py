@@ -13,11 +13,12 @@ from isogal.maps.displacement import EXTENT, displacement_at, length_of
 from isogal.matching.interfaces import Batch, SecondaryBatch
 from isogal.matching.parameters import Parameters
 
-UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right")
+UNKNOWN = ("bias", "drift", "delay", "coupling_forward", "coupling_right", "filter_error", "")
 """States of every instrument that is one number: what readings are off by (map's unit), by how
-much that changes per s, by how many s readings are later than specified, and what they take from
-horizontal accelerations (map's unit per m/s²)."""
-BIAS, DRIFT, DELAY, COUPLING_FORWARD, COUPLING_RIGHT = range(5)
+much that changes per s, by how many s readings are later than specified, what they take from
+horizontal accelerations (map's unit per m/s²), by how many s the time constant of its low-pass
+filter is longer than the model's, and that filter's value (map's unit)."""
+BIAS, DRIFT, DELAY, COUPLING_FORWARD, COUPLING_RIGHT, FILTER_ERROR, FILTER = range(7)
 TENSOR_ORDER, MOST_ERRORS = 2, 24
 """Scans whose map errors of one potential say what those of the next are. Against the whole
 covariance a straight track has 1.4 to 1.5 times the error with independent chains, 1.2 to 1.3 with
