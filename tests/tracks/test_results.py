@@ -10,7 +10,7 @@ import pytest
 from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
 from isogal.tracks.matching import Match
-from isogal.tracks.results import as_csv, as_geojson, as_objects, write_results, writer_for
+from isogal.tracks.results import as_csv, as_geojson, as_objects, write_results
 
 NORTH_EAST = np.array([[100.0, 30.0], [30.0, 400.0]])
 
@@ -68,7 +68,7 @@ def test_geojson_has_longitude_first_and_no_geometry_without_a_fix():
 def test_files_that_cannot_be_written_are_refused(tmp_path):
     says = r"results are written to .json, .csv, .geojson files, not to '.txt'"
     with pytest.raises(InputError, match=says):
-        writer_for(tmp_path / "a.txt")
+        write_results([], tmp_path / "a.txt")
     (tmp_path / "a.json").write_text("")
     with pytest.raises(InputError, match="cannot be made: Not a directory"):
         write_results([], tmp_path / "a.json" / "none" / "a.json")

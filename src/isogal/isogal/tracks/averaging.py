@@ -1,11 +1,10 @@
-"""A dense track averaged over stretches of itself.
+"""Means of neighbouring readings: a dense track averaged over stretches of itself, and the rows of
+the matcher.
 
 Readings closer together than the map's features say little more than one, and cost time. Within a
 stretch everything is averaged alike: time, place, reading and offset, so the mean of the readings
 is compared with the map at their mean place. White noise averages out: n readings of 1-sigma s
-have s / sqrt(n).
-
-Rows of the matcher are means of neighbouring readings in the same way."""
+have s / sqrt(n)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -26,39 +25,13 @@ MOST_POINTS = 440
 """Readings that stand for the rows: time grows with the square."""
 
 
-def averaged(track: Track, spacing: float) -> Track:
-    """Return a track with one reading for each stretch of a length (m, > 0); missing readings do
-    not count, and a stretch without any is left out."""
-    keep = np.isfinite(track.value)
-    stretch = np.floor(along_track(track.latitude, track.longitude)[keep] / spacing)
-    _, group = np.unique(stretch, return_inverse=True)
-    count = np.bincount(group)
-
-    def mean(values: Array) -> Array:
-        return np.asarray(np.bincount(group, values[keep]) / count)
-
-    return replace(
-        track,
-        time=mean(track.time),
-        latitude=mean(track.latitude),
-        longitude=mean(np.unwrap(track.longitude)),
-        value=mean(track.value),
-        sigma=np.sqrt(np.bincount(group, track.sigma[keep] ** 2)) / count,
-        offset=mean(track.offset),
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Averages:
-    """Which readings are averaged: neighbours of one channel."""
+    """Which readings are averaged: neighbours, of one channel."""
 
     order: Integers
     """(n,) the readings of row 0, those of row 1, ..."""
     first: Integers
-    """(m,) of them each row begins with."""
-    points: Integers
-    """(p,) readings that stand for the rows where each with each is compared, in this order."""
-    point: Integers
     """(m,) of them each row begins with."""
 
     @classmethod
@@ -73,19 +46,13 @@ class Averages:
         step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
         resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
         size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
+        if size == 1:
+            return cls(np.arange(count), np.arange(count))
         block = (np.arange(count) - old) // (size * channels)
-        order, new = np.arange(count), np.ones(count, bool)
-        if size > 1:
-            order = np.lexsort((rows.channel, block))
-            new = np.diff(block[order], prepend=block[0] - 1) != 0
-            new |= np.diff(rows.channel[order], prepend=-1) != 0
-        first = np.flatnonzero(new)
-        row = np.cumsum(new) - 1
-        every = math.ceil(size / max(1, MOST_POINTS // len(first)))
-        chosen = np.flatnonzero((np.arange(count) - first[row]) % every == 0)
-        return cls(
-            order, first, order[chosen], np.searchsorted(row[chosen], np.arange(row[-1] + 1))
-        )
+        order = np.lexsort((rows.channel, block))
+        new = np.diff(block[order], prepend=block[0] - 1) != 0
+        new |= np.diff(rows.channel[order], prepend=-1) != 0
+        return cls(order, np.flatnonzero(new))
 
     @property
     def sizes(self) -> Integers:
@@ -97,11 +64,37 @@ class Averages:
         sums = np.add.reduceat(values[self.order], self.first, axis=0)
         return np.asarray(sums / self.sizes.reshape(-1, *[1] * (values.ndim - 1)))
 
-    def covariance(self, of_points: Array) -> Array:
-        """Return (m, m) the covariance of means by that of their points (p, p): a covariance of
-        means is one, a correlation function of their distances is not."""
-        if len(self.point) == len(self.points):
-            return of_points
-        sums = np.add.reduceat(np.add.reduceat(of_points, self.point, axis=0), self.point, axis=1)
-        count = np.diff(np.r_[self.point, len(self.points)])
-        return np.asarray(sums / np.outer(count, count))
+    def few(self) -> "Averages":
+        """Return those of fewer readings that stand for the rows where each is compared with each:
+        every second, third, ... of a row."""
+        every = math.ceil(int(self.sizes.max()) / max(1, MOST_POINTS // len(self.first)))
+        place = np.arange(len(self.order)) - np.repeat(self.first, self.sizes)
+        chosen = np.flatnonzero(place % every == 0)
+        return Averages(self.order[chosen], np.searchsorted(chosen, self.first))
+
+    def covariance(self, of_readings: Array) -> Array:
+        """Return (m, m) the covariance of means by that of readings (n, n) in their order: a
+        covariance of means is one, a correlation function of their distances is not."""
+        if len(self.first) == len(self.order):
+            return of_readings
+        sums = np.add.reduceat(
+            np.add.reduceat(of_readings, self.first, axis=0), self.first, axis=1
+        )
+        return np.asarray(sums / np.outer(self.sizes, self.sizes))
+
+
+def averaged(track: Track, spacing: float) -> Track:
+    """Return a track with one reading for each stretch of a length (m, > 0); missing readings do
+    not count, and a stretch without any is left out."""
+    there = np.flatnonzero(np.isfinite(track.value))
+    stretch = np.floor(along_track(track.latitude, track.longitude)[there] / spacing)
+    means = Averages(there, np.unique(stretch, return_index=True)[1])
+    return replace(
+        track,
+        time=means.mean(track.time),
+        latitude=means.mean(track.latitude),
+        longitude=means.mean(np.unwrap(track.longitude)),
+        value=means.mean(track.value),
+        sigma=np.sqrt(means.mean(track.sigma**2) / means.sizes),
+        offset=means.mean(track.offset),
+    )

@@ -15,10 +15,10 @@ from scipy.special import softmax
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import SecondaryBatch
 from isogal.scenario import Matcher
-from isogal.tracks.bank import seen_of
 from isogal.tracks.continued_map import rms_gradient
-from isogal.tracks.evidence import GRADIENT_SHARE
+from isogal.tracks.evidence import GRADIENT_SHARE, Seen
 from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Uncertainty
 from isogal.tracks.track import Track
@@ -46,15 +46,17 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> Learn
     fields = [TrackField("", track, field_map) for track in references]
     prior = Uncertainty(position=1.0).prior
     batches = [one.batch(slice(None), len(one.track), np.zeros(4), prior) for one in fields]
-    found = [seen_of(batch, field_map, Matcher()) for batch in batches]
+    found = [Seen.of(SecondaryBatch(0, batch, field_map), Matcher(), "") for batch in batches]
     seen = [one.placed(nowhere, np.ones(1)) for one in found if one is not None]
     if not seen:
         raise InputError("no reference track lies on the map")
     models = seen[0].models
     every = np.arange(len(models.sigma))
-    log = models.log_prior + sum(one.parts(nowhere, 0.0, every).sum(axis=(1, 2)) for one in seen)
+    log = models.log_prior + sum(
+        one.at(nowhere, 0.0, every).parts.sum(axis=(1, 2)) for one in seen
+    )
     weight = softmax(log)
-    square = np.mean([one.map_sigma(every) ** 2 for one in seen], axis=0)
+    square = np.mean([one.map_sigma**2 for one in seen], axis=0)
     sigma = math.sqrt(float(weight @ square))
     of_gradient = GRADIENT_SHARE * float(weight @ (models.shape // len(models.lengths) % 2))
     latitude = np.concatenate([one.latitude for one in references])
