@@ -20,7 +20,7 @@ from isogal.matching.pmht.cells import residuals_at
 from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher
 from isogal.seeds import generator
-from isogal.tracks.averaging import Averages
+from isogal.tracks.averaging import few, neighbours
 from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
 from isogal.tracks.matching import Uncertainty, match_track
@@ -254,8 +254,8 @@ def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells(monkeypa
 def test_the_covariance_of_means_is_that_of_their_readings_averaged():
     batch, _ = make_batch(DISTURBANCE, scans=400, velocity=(0.0, 5.0))
     seen = seen_of(batch)
-    sizes = seen.rows.sizes
-    mean = np.repeat(np.eye(len(sizes)) / sizes[:, None], sizes, axis=1)
+    own = seen.rows.of[seen.points] == np.arange(len(seen.rows.count))[:, None]
+    mean = own / own.sum(axis=1)[:, None]
     distance = np.hypot(*np.moveaxis(seen.apart, -1, 0))
     every = correlations(distance, seen.models.lengths)
     for found, each in zip(seen.correlation, every, strict=True):
@@ -266,8 +266,8 @@ def test_few_readings_are_rows_of_their_own_whatever_channels_are_missing():
     batch, _ = make_batch(DISTURBANCE, velocity=(0.0, 60.0), scans=12)
     rows = seen_of(batch).readings
     rows = rows._replace(channel=np.array([0, 0, 1, 0, 1, 2, 0, 0, 0, 1, 2, 2]))
-    found = Averages.of(rows, 300.0)
-    np.testing.assert_array_equal([found.first, found.few().order], [np.arange(12)] * 2)
+    found = neighbours(rows, 300.0, 0)
+    np.testing.assert_array_equal([found.first, few(found)], [np.arange(12)] * 2)
 
 
 def test_rows_are_means_of_neighbouring_readings():
@@ -276,7 +276,7 @@ def test_rows_are_means_of_neighbouring_readings():
     north = 500.0 - 50.0 * np.abs(np.arange(count) % 20 - 10)  # to and fro
     batch = replace(batch, latitude=ORIGIN[0] + north / metres_per_radian(ORIGIN[0])[0])
     seen = seen_of(batch)
-    sizes, first = seen.rows.sizes, seen.rows.first
+    sizes, first = seen.rows.count, seen.rows.first
     assert len(sizes) <= 220
     np.testing.assert_allclose(seen.white * sizes**2, np.add.reduceat(seen.readings.noise, first))
     centre = np.array([[100.0, -50.0]])

@@ -7,12 +7,13 @@ is compared with the map at their mean place. White noise averages out: n readin
 have s / sqrt(n)."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Integers
 from isogal.earth.frames import horizontal_difference
+from isogal.groups import Groups
 from isogal.maps.corridor import along_track
 from isogal.matching.pmht.rows import Rows
 from isogal.tracks.track import Track
@@ -25,76 +26,54 @@ MOST_POINTS = 440
 """Readings that stand for the rows: time grows with the square."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Averages:
-    """Which readings are averaged: neighbours, of one channel."""
+def neighbours(readings: Rows, node: float, old: int) -> Groups:
+    """Return which readings are averaged, of one channel: few enough, and about as far apart as
+    the map can resolve.
 
-    order: Integers
-    """(n,) the readings of row 0, those of row 1, ..."""
-    first: Integers
-    """(m,) of them each row begins with."""
+    Parameters
+    ----------
+    readings : Rows
+    node : float
+        From one node of the map to the next, m.
+    old : int
+        How many of the first are not averaged with later ones.
+    """
+    count, channels = len(readings.level), int(readings.channel.max()) + 1
+    latitude, longitude = readings.latitude, readings.longitude
+    way = horizontal_difference(latitude[:-1], longitude[:-1], latitude[1:], longitude[1:])
+    way = np.hypot(way[..., 0], way[..., 1])
+    step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
+    resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
+    size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
+    if size == 1:
+        return Groups.by(np.arange(count))
+    return Groups.by((np.arange(count) - old) // (size * channels), readings.channel)
 
-    @classmethod
-    def of(cls, rows: Rows, node: float, old: int = 0) -> "Averages":
-        """Choose them for readings where `node` (m) is the distance between two of the map. The
-        first `old` are not averaged with later ones."""
-        count, channels = len(rows.level), int(rows.channel.max()) + 1
-        way = horizontal_difference(
-            rows.latitude[:-1], rows.longitude[:-1], rows.latitude[1:], rows.longitude[1:]
-        )
-        way = np.hypot(way[..., 0], way[..., 1])
-        step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
-        resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
-        size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
-        if size == 1:
-            return cls(np.arange(count), np.arange(count))
-        block = (np.arange(count) - old) // (size * channels)
-        order = np.lexsort((rows.channel, block))
-        new = np.diff(block[order], prepend=block[0] - 1) != 0
-        new |= np.diff(rows.channel[order], prepend=-1) != 0
-        return cls(order, np.flatnonzero(new))
 
-    @property
-    def sizes(self) -> Integers:
-        """(m,) how many readings each row is of."""
-        return np.diff(np.r_[self.first, len(self.order)])
-
-    def mean(self, values: Array) -> Array:
-        """Return (m, ...) means of what readings have (n, ...)."""
-        sums = np.add.reduceat(values[self.order], self.first, axis=0)
-        return np.asarray(sums / self.sizes.reshape(-1, *[1] * (values.ndim - 1)))
-
-    def few(self) -> "Averages":
-        """Return those of fewer readings that stand for the rows where each is compared with each:
-        every second, third, ... of a row."""
-        every = math.ceil(int(self.sizes.max()) / max(1, MOST_POINTS // len(self.first)))
-        place = np.arange(len(self.order)) - np.repeat(self.first, self.sizes)
-        chosen = np.flatnonzero(place % every == 0)
-        return Averages(self.order[chosen], np.searchsorted(chosen, self.first))
-
-    def covariance(self, of_readings: Array) -> Array:
-        """Return (m, m) the covariance of means by that of readings (n, n) in their order: a
-        covariance of means is one, a correlation function of their distances is not."""
-        if len(self.first) == len(self.order):
-            return of_readings
-        sums = np.add.reduceat(
-            np.add.reduceat(of_readings, self.first, axis=0), self.first, axis=1
-        )
-        return np.asarray(sums / np.outer(self.sizes, self.sizes))
+def few(rows: Groups) -> Integers:
+    """Return the readings (p,) that stand for rows where each is compared with each: of every row
+    the first and then every second, third, ..."""
+    order, count = np.argsort(rows.of, kind="stable"), rows.count.astype(np.int64)
+    place = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
+    every = math.ceil(int(count.max()) / max(1, MOST_POINTS // len(count)))
+    return order[place % every == 0]
 
 
 def averaged(track: Track, spacing: float) -> Track:
     """Return a track with one reading for each stretch of a length (m, > 0); missing readings do
     not count, and a stretch without any is left out."""
-    there = np.flatnonzero(np.isfinite(track.value))
+    there = np.isfinite(track.value)
     stretch = np.floor(along_track(track.latitude, track.longitude)[there] / spacing)
-    means = Averages(there, np.unique(stretch, return_index=True)[1])
+    groups = Groups.by(stretch)
+    places = [track.latitude, np.unwrap(track.longitude)]
+    columns = np.column_stack([track.time, *places, track.value, track.offset, track.sigma**2])
+    time, latitude, longitude, value, offset, square = groups.mean(columns[there]).T
     return replace(
         track,
-        time=means.mean(track.time),
-        latitude=means.mean(track.latitude),
-        longitude=means.mean(np.unwrap(track.longitude)),
-        value=means.mean(track.value),
-        sigma=np.sqrt(means.mean(track.sigma**2) / means.sizes),
-        offset=means.mean(track.offset),
+        time=time,
+        latitude=latitude,
+        longitude=longitude,
+        value=value,
+        sigma=np.sqrt(square / groups.count),
+        offset=offset,
     )

@@ -9,6 +9,7 @@ anomalies and gaps of a survey leave errors that hold half of all squares in a h
 readings."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.special import logsumexp
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.groups import Groups
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, RouteMap, channels_of
 from isogal.maps.error_ellipses import joint
@@ -28,7 +30,7 @@ from isogal.matching.pmht.rows import Rows, rows_of
 from isogal.matching.pmht.states import States
 from isogal.matching.quasi_random import standard_normal
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.averaging import Averages
+from isogal.tracks.averaging import few, neighbours
 from isogal.tracks.continued_map import ContinuedMap, continued
 from isogal.tracks.models import SHAPES, track_models
 from isogal.tracks.track import FEWEST
@@ -61,10 +63,10 @@ class Seen:
     """How many are of these."""
     unused: int
     """How many others there are: off the map, or unlike the rest."""
-    rows: Averages
+    rows: Groups
     """Of which m rows are means."""
-    points: Averages
-    """p of them, which stand for the rows where each is compared with each."""
+    points: Integers
+    """(p,) readings that stand for the rows where each is compared with each."""
     field_map: AnyMap
     around: ContinuedMap | None
     """That map, continued; None = of several channels, which is not."""
@@ -112,10 +114,10 @@ class Seen:
         field_map = field_map if around is None else around.field
         grid = channels_of(field_map)[0]
         node = math.sqrt(math.prod(grid.cell_size_m(float(np.mean(grid.latitude)))))
-        rows = Averages.of(readings, node, old)
-        points = rows.few()
-        latitude, longitude = readings.latitude[points.order], readings.longitude[points.order]
-        channel = readings.channel[points.order]
+        rows = neighbours(readings, node, old)
+        points = few(rows)
+        latitude, longitude = readings.latitude[points], readings.longitude[points]
+        channel = readings.channel[points]
         apart = displacements(latitude, longitude)
         distance = np.hypot(apart[..., 0], apart[..., 1])
         potential = None if batch.layout is None else batch.layout.of_one_potential
@@ -132,9 +134,9 @@ class Seen:
         initial, of_instrument = np.unique(models.initial, axis=0, return_inverse=True)
         return cls(
             name, readings, old, unused, rows, points, field_map, around, models, apart,
-            np.stack([points.covariance(one) for one in every]),
+            of_means(rows, points, every),
             np.zeros(2 * [len(rows.first)]),
-            points.covariance(slope) / 6.0,
+            of_means(rows, points, [slope])[0] / 6.0,
             np.stack([_of_instrument(readings, rows, one) for one in initial]),
             of_instrument.ravel(),
             np.arange(len(models.sigma)),
@@ -143,15 +145,14 @@ class Seen:
 
     def without(self, rows: Booleans) -> "Seen":
         """Return it with some rows (m,) of no weight."""
-        noise, out = self.readings.noise.copy(), np.repeat(rows, self.rows.sizes)
-        noise[self.rows.order[out]] *= 1e12
-        unused = self.unused + int(out.sum())
-        return replace(self, readings=self.readings._replace(noise=noise), unused=unused)
+        out = rows[self.rows.of]
+        readings = self.readings._replace(noise=np.where(out, 1e12, 1.0) * self.readings.noise)
+        return replace(self, readings=readings, unused=self.unused + int(out.sum()))
 
     @property
     def white(self) -> Array:
         """(m,) variance of the noise."""
-        return self.rows.mean(self.readings.noise) / self.rows.sizes
+        return self.rows.mean(self.readings.noise) / self.rows.count
 
     def load(self, shape: int) -> Array:
         """Return (m,) 1-sigma of the map's error in units of a model's, for one of the models'
@@ -202,7 +203,7 @@ class Seen:
     @property
     def old_rows(self) -> int:
         """How many rows are of earlier batches."""
-        return int(np.searchsorted(self.rows.first, self.old))
+        return int((self.rows.first < self.old).sum())
 
     def placed(self, centres: Array, weight: Array) -> "Seen":
         """Return it with the map's errors as they are where the track probably is, by weighted
@@ -228,24 +229,24 @@ class Seen:
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
         count = len(self.models.lengths)
         load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
-        doubt = np.sqrt(mean_square(self.around.doubt))[points.order]
+        doubt = np.sqrt(mean_square(self.around.doubt))[points]
         known = decay(np.hypot(*np.moveaxis(self.apart, -1, 0)), FEATURE_M)
         placed = replace(
             self,
             readings=readings._replace(load=load),
-            known=points.covariance(np.outer(doubt, doubt) * known),
+            known=of_means(self.rows, points, [np.outer(doubt, doubt) * known])[0],
         )
         usual = self.around.field.correlation_length
         if self.around.field.error_ellipses is None or usual is None:
             return placed
-        ellipses = self.around.field.error_ellipse_at(*(one[:, points.order] for one in places))
+        ellipses = self.around.field.error_ellipse_at(*(one[:, points] for one in places))
         there = share[:, None] * np.isfinite(ellipses[..., 0])
         mean = np.einsum("ct,ctk->tk", there, np.nan_to_num(ellipses))
         mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
         relative, alike = joint(self.apart, mean)
         every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
-        return replace(placed, correlation=np.stack([points.covariance(one) for one in every]))
+        return replace(placed, correlation=of_means(self.rows, points, every))
 
     def residuals(self, centres: Array) -> Array:
         """Return (m, C) at shifts (C, 2); NaN off the map."""
@@ -312,7 +313,14 @@ def with_heavy_tails(log_normal: Array) -> Array:
     return np.asarray(np.log(mixed + WIDE_SHARE / WIDER) + log_normal / WIDER**2)
 
 
-def _of_instrument(readings: Rows, rows: Averages, initial: Array) -> Array:
+def of_means(rows: Groups, points: Integers, each: Sequence[Array]) -> Array:
+    """Return (K, m, m) the covariances of rows by each of their points' (p, p): a covariance of
+    means is one, a correlation function of their distances is not."""
+    groups = Groups.by(rows.of[points])
+    return np.stack([groups.mean(groups.mean(one).T) for one in each])
+
+
+def _of_instrument(readings: Rows, rows: Groups, initial: Array) -> Array:
     """Return (m, m) the covariance that states of 1-sigmas (N - 7,) at the start put into rows."""
     nothing = np.zeros((len(readings.level), BATCH_STATES, BATCH_STATES))
     covariance, gone = map(rows.mean, states_at(readings, nothing, initial))

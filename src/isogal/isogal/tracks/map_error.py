@@ -7,7 +7,6 @@ for other tracks count as said by the map."""
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import softmax
@@ -24,18 +23,10 @@ from isogal.tracks.matching import Uncertainty
 from isogal.tracks.track import Track
 
 
-class LearntMap(NamedTuple):
-    """A map with the error that reference tracks show."""
-
-    field_map: FieldMap
-    """With a 1-sigma at each node and its correlation length."""
-    sigma: float
-    """RMS of the 1-sigma along the tracks."""
-
-
-def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> LearntMap:
-    """Return a map with the error that tracks with true positions show: place by place in the
-    proportions that the map says, or even; and as far as they show it with its gradient.
+def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> tuple[FieldMap, float]:
+    """Return a map with the error that tracks with true positions show, a 1-sigma at each node and
+    its correlation length: place by place in the proportions that the map says, or even; and as
+    far as they show it with its gradient. And the RMS of the 1-sigma along the tracks.
 
     Raises
     ------
@@ -71,7 +62,7 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> Learn
     variance = (1.0 - of_gradient) * share(own) + of_gradient * share(rms_gradient(field_map))
     length = math.exp(float(weight @ np.log(models.length)))
     learnt = replace(field_map, sigma=sigma * np.sqrt(variance), correlation_length=length)
-    return LearntMap(learnt, sigma)
+    return learnt, sigma
 
 
 def reading_sigma(references: Sequence[Track], field_map: FieldMap) -> float:

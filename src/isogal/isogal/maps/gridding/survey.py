@@ -9,6 +9,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
+from isogal.groups import Groups
 from isogal.maps.quantities import QUANTITIES, check_plausible, said
 
 FEWEST = 30
@@ -134,34 +135,6 @@ class Plane:
             (longitude - self.longitude) * self.east_scale,
             (latitude - self.latitude) * self.north_scale,
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Groups:
-    """Readings (N,) that have something in common, in G groups."""
-
-    first: Integers
-    """(G,) row of the first of each."""
-    of: Integers
-    """(N,) group of each reading."""
-    count: Array
-    """(G,) readings of each."""
-
-    @classmethod
-    def by(cls, *keys: Array | Integers) -> "Groups":
-        """Return those that have the same integers in all keys, (N,) or (N, K)."""
-        _, first, of, count = np.unique(
-            np.column_stack(keys).astype(np.int64),
-            axis=0,
-            return_index=True,
-            return_inverse=True,
-            return_counts=True,
-        )
-        return cls(first, of.reshape(-1), count.astype(np.float64))
-
-    def mean(self, values: Array) -> Array:
-        """Return (G,) means of values (N,)."""
-        return np.asarray(np.bincount(self.of, values) / self.count)
 
 
 def blocks_of(places: Array, side: float) -> Array:
