@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,12 +43,12 @@ def test_keys_of_objects_with_and_without_a_fix():
     assert none["with_prior_covariance_enu"] == [[1.0, 0.0], [0.0, 1.0]]
     own = none["status"], none["covariance_enu"], none["reason"]
     assert own == ("no_fix", None, "ambiguous: 2 places fit")
-    (chained,) = as_objects([FIXED], chained=True)
+    (chained,) = as_objects([replace(FIXED, chained=True)])
     assert chained == {key.replace("with_prior", "aided"): value for key, value in fixed.items()}
 
 
 def test_csv_has_a_column_for_each_number():
-    text = as_csv(as_objects([FIXED, DECLINED], chained=True))
+    text = as_csv(as_objects([replace(one, chained=True) for one in (FIXED, DECLINED)]))
     fixed, none = csv.DictReader(io.StringIO(text))
     place = ["latitude", "longitude", "covariance_ee", "covariance_en", "covariance_nn"]
     assert list(fixed)[:8] == ["time", *place, "status", "reason"]

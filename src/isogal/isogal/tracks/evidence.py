@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import displaced
 from isogal.groups import Groups
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, RouteMap, channels_of
@@ -293,10 +293,7 @@ def on_map(batch: Batch, field_map: RouteMap, least: float) -> Batch:
     whose true place may lie off the map would push the fix away from there. One that continues
     the map needs `POSSIBLE`."""
     shifts = standard_normal(256, 2) @ np.linalg.cholesky(batch.prior[:2, :2]).T
-    north, east = metres_per_radian(batch.latitude)
-    covered = field_map.covers(
-        batch.latitude - shifts[:, :1] / north, batch.longitude - shifts[:, 1:] / east
-    )
+    covered = field_map.covers(*displaced(batch.latitude, batch.longitude, -shifts[:, None]))
     there, new = np.isfinite(batch.reading), np.arange(len(batch)) >= len(batch) - batch.new
     recorded = there & field_map.covers(batch.latitude, batch.longitude)
     kept = there & (covered.mean(axis=0) > least)

@@ -104,6 +104,8 @@ class Match:
     """(4, 4) covariance of `error`."""
     position: tuple[float, float]
     """Latitude and longitude (rad) of the recorded track at the batch end less its `error`."""
+    chained: bool = False
+    """Whether the batch started from what the earlier ones had found."""
     shifts: Shifts | None = None
     """Posterior of the batch's shift, where `pmht` has matched it; of the first `MOST_SHIFTS` of
     these batches only."""
@@ -176,7 +178,8 @@ def match_fields(
         if sum(one.shifts is not None for one in matches) == MOST_SHIFTS:
             shifts = None
         place = float(latitude), float(longitude)
-        matches.append(Match(fix, slice(previous, end), error, covariance, place, shifts))
+        new = slice(previous, end)
+        matches.append(Match(fix, new, error, covariance, place, chained, shifts))
         resolved = (counted if chained else fix).published
         if resolved or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end

@@ -28,9 +28,7 @@ _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
 
 
-def as_objects(
-    matches: Sequence[Match], fields: Sequence[TrackField] = (), *, chained: bool = False
-) -> list[Entry]:
+def as_objects(matches: Sequence[Match], fields: Sequence[TrackField] = ()) -> list[Entry]:
     """Return one object for each batch: the line of the track's file if it has any, time s,
     latitude and longitude deg, covariance_enu m² (None = no fix), status, reason.
 
@@ -38,7 +36,6 @@ def as_objects(
     covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
     (`aided_*`), and what was found of the fields' errors (`found`).
     """
-    name = "aided" if chained else "with_prior"
     line = fields[0].track.line if fields else None
     begin = {} if line is None else {"line": line}
     objects = []
@@ -48,6 +45,7 @@ def as_objects(
         known = _place(*match.position, match.covariance)
         status = {"status": FIX if fix.published else NO_FIX, "reason": fix.reason}
         result = {**begin, "time": fix.time, **own, **status}
+        name = "aided" if match.chained else "with_prior"
         result |= {f"{name}_{key}": value for key, value in known.items()}
         objects.append(result | found(match, fields))
     return objects

@@ -7,6 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, real_numbers
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import displaced
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.magnetics.readings import BaseStation
@@ -171,9 +172,7 @@ class Track:
         them, (4,) north, east m; m/s, of which the velocity was constant."""
         since = self.time[rows] - self.time[rows][-1]
         metres = error[:2] + np.outer(since, error[2:])
-        north, east = metres_per_radian(self.latitude[rows])
-        latitude, longitude = self.latitude[rows], self.longitude[rows]
-        return latitude - metres[:, 0] / north, longitude - metres[:, 1] / east
+        return displaced(self.latitude[rows], self.longitude[rows], -metres)
 
     def jacobian(self, quantity: str) -> Array:
         """Return (N, 4) derivatives of the readings by the track's error (north, east m; m/s),
