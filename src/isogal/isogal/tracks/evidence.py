@@ -244,7 +244,7 @@ class Seen:
         mean = np.einsum("ct,ctk->tk", there, np.nan_to_num(ellipses))
         mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
-        relative, alike = joint(self.apart, mean)
+        relative, alike = joint(np.moveaxis(self.apart, -1, 0), mean, mean)
         every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
         return replace(placed, correlation=of_means(self.rows, points, every))
 
