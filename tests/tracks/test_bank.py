@@ -161,7 +161,7 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     inside = longer.field.value(track.latitude, track.longitude)
     np.testing.assert_allclose(inside, np.where(np.isnan(on_map), inside, on_map), rtol=1e-9)
     assert np.isfinite(longer.field.values).all()
-    doubt = np.asarray(longer.doubt.sigma)
+    doubt = longer.doubt
     assert doubt.max() <= np.nanstd(values) * (1.0 + 1e-12)
     assert doubt[0, 0] > 0.0
     rim = (longer.field.values.shape[0] - values.shape[0]) // 2

@@ -212,18 +212,19 @@ class Seen:
         if self.around is None:
             return self
         likely = np.argsort(-weight, kind="stable")[:PLACES]
-        share, readings, points = weight[likely] / weight[likely].sum(), self.readings, self.points
+        share, field_map = weight[likely] / weight[likely].sum(), self.around.field
+        readings, points = self.readings, self.points
         places = (
             readings.latitude - centres[likely, :1] * readings.radian[:, 0],
             readings.longitude - centres[likely, 1:] * readings.radian[:, 1],
         )
 
-        def mean_square(sigma: FieldMap) -> Array:
-            return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
+        def mean_square(nodes: float | Array) -> Array:
+            return np.asarray(share @ np.nan_to_num(field_map.linear(nodes, *places)) ** 2)
 
         own = np.ones(len(readings.level))
         if self.around.uneven:
-            own = mean_square(self.around.field) / self.around.uneven**2
+            own = mean_square(field_map.sigma) / self.around.uneven**2
         rough = mean_square(self.around.rough)
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
@@ -236,10 +237,10 @@ class Seen:
             readings=readings._replace(load=load),
             known=of_means(self.rows, points, [np.outer(doubt, doubt) * known])[0],
         )
-        usual = self.around.field.correlation_length
-        if self.around.field.error_ellipses is None or usual is None:
+        usual = field_map.correlation_length
+        if field_map.error_ellipses is None or usual is None:
             return placed
-        ellipses = self.around.field.error_ellipse_at(*(one[:, points] for one in places))
+        ellipses = field_map.error_ellipse_at(*(one[:, points] for one in places))
         there = share[:, None] * np.isfinite(ellipses[..., 0])
         mean = np.einsum("ct,ctk->tk", there, np.nan_to_num(ellipses))
         mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]

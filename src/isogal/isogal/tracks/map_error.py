@@ -55,7 +55,7 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> tuple
 
     def share(nodes: Array) -> Array:
         """Return the variance at nodes, where its mean along the tracks is 1."""
-        along = replace(field_map, sigma=nodes).sigma_at(latitude, longitude)
+        along = field_map.linear(nodes, latitude, longitude)
         return np.asarray(nodes**2 / np.nanmean(along**2))
 
     own = np.broadcast_to(field_map.sigma if field_map.usual_sigma else 1.0, field_map.shape)
