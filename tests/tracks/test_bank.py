@@ -15,14 +15,14 @@ from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.maps.displacement import SIZE
 from isogal.maps.error_ellipses import ellipses_of
+from isogal.matching.interfaces import SecondaryBatch
 from isogal.matching.pmht.cells import residuals_at
 from isogal.matching.pmht.states import States
 from isogal.scenario import Matcher
 from isogal.seeds import generator
-from isogal.tracks import bank
-from isogal.tracks.averaging import Averages
+from isogal.tracks.averaging import few, neighbours
 from isogal.tracks.continued_map import continued
-from isogal.tracks.evidence import correlations, with_heavy_tails
+from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
 from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.models import LENGTHS, SHAPES, track_models
 from isogal.tracks.widening import displacement, excess
@@ -34,7 +34,7 @@ SETTINGS = Matcher(batch_length=40)
 
 def seen_of(batch, field_map=DISTURBANCE, **said):
     """The readings of a batch, with the models of what is told."""
-    return bank.seen_of(batch, field_map, Matcher(**said))
+    return Seen.of(SecondaryBatch(0, batch, field_map), Matcher(**said), "")
 
 
 def test_innovations_with_heavy_tails_have_a_density():
@@ -52,7 +52,7 @@ def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution(monkey
     centres = np.array([[0.0, 0.0], [400.0, -300.0], [-900.0, 100.0]])
     seen = seen_of(batch).placed(centres, np.ones(3))
     which = np.arange(0, len(seen.models.sigma), 17)
-    parts = seen.parts(centres, 50.0, which)
+    parts = seen.at(centres, 50.0, which).parts
     assert parts.shape == (len(which), 8, 3)
     residual, constant = seen.residuals(centres), 10.0 * np.log(2.0 * np.pi)
     for found, m in zip(parts.sum(axis=1), which.tolist(), strict=True):
@@ -122,11 +122,12 @@ def test_a_gridded_map_may_be_displaced():
     assert SIZE * 1e3 * 0.02 < np.sqrt(north) < SIZE * 4e3 * 0.4
     # of one model, however long the track is
     for shifts in (short, long):
-        one = replace(shifts, which=(shifts.which[0][:1],), parts=(shifts.parts[0][:1],))
-        seen, model = one.seen[0], one.which[0]
-        error, length = seen.map_sigma(model)[0] ** 2, seen.models.length[model[0]]
+        (whole,) = shifts.seen
+        seen = replace(whole, which=whole.which[:1], parts=whole.parts[:1])
+        one = replace(shifts, seen=(seen,))
+        error = seen.map_sigma[0] ** 2
         share = error / (error + seen.shown(one.likeliest))
-        expected = (SIZE * length) ** 2 * share * np.eye(2)
+        expected = (SIZE * seen.length[0]) ** 2 * share * np.eye(2)
         np.testing.assert_allclose(displacement(one), expected, rtol=1e-6, atol=1e-3)
 
 
@@ -160,7 +161,7 @@ def test_a_continued_map_is_the_map_where_there_is_one_and_doubtful_elsewhere():
     inside = longer.field.value(track.latitude, track.longitude)
     np.testing.assert_allclose(inside, np.where(np.isnan(on_map), inside, on_map), rtol=1e-9)
     assert np.isfinite(longer.field.values).all()
-    doubt = np.asarray(longer.doubt.sigma)
+    doubt = longer.doubt
     assert doubt.max() <= np.nanstd(values) * (1.0 + 1e-12)
     assert doubt[0, 0] > 0.0
     rim = (longer.field.values.shape[0] - values.shape[0]) // 2
@@ -253,8 +254,8 @@ def test_the_jackknife_never_narrows_and_moments_are_those_of_the_cells(monkeypa
 def test_the_covariance_of_means_is_that_of_their_readings_averaged():
     batch, _ = make_batch(DISTURBANCE, scans=400, velocity=(0.0, 5.0))
     seen = seen_of(batch)
-    sizes = seen.rows.sizes
-    mean = np.repeat(np.eye(len(sizes)) / sizes[:, None], sizes, axis=1)
+    own = seen.rows.of[seen.points] == np.arange(len(seen.rows.count))[:, None]
+    mean = own / own.sum(axis=1)[:, None]
     distance = np.hypot(*np.moveaxis(seen.apart, -1, 0))
     every = correlations(distance, seen.models.lengths)
     for found, each in zip(seen.correlation, every, strict=True):
@@ -265,8 +266,8 @@ def test_few_readings_are_rows_of_their_own_whatever_channels_are_missing():
     batch, _ = make_batch(DISTURBANCE, velocity=(0.0, 60.0), scans=12)
     rows = seen_of(batch).readings
     rows = rows._replace(channel=np.array([0, 0, 1, 0, 1, 2, 0, 0, 0, 1, 2, 2]))
-    found = Averages.of(rows, 300.0)
-    np.testing.assert_array_equal([found.first, found.points], [np.arange(12)] * 2)
+    found = neighbours(rows, 300.0, 0)
+    np.testing.assert_array_equal([found.first, few(found)], [np.arange(12)] * 2)
 
 
 def test_rows_are_means_of_neighbouring_readings():
@@ -275,7 +276,7 @@ def test_rows_are_means_of_neighbouring_readings():
     north = 500.0 - 50.0 * np.abs(np.arange(count) % 20 - 10)  # to and fro
     batch = replace(batch, latitude=ORIGIN[0] + north / metres_per_radian(ORIGIN[0])[0])
     seen = seen_of(batch)
-    sizes, first = seen.rows.sizes, seen.rows.first
+    sizes, first = seen.rows.count, seen.rows.first
     assert len(sizes) <= 220
     np.testing.assert_allclose(seen.white * sizes**2, np.add.reduceat(seen.readings.noise, first))
     centre = np.array([[100.0, -50.0]])
@@ -311,11 +312,11 @@ def test_readings_of_earlier_batches_count_as_given(scans, monkeypatch):
     rows = given.old_rows
     assert given.rows.first[rows] == old
     which = np.arange(0, len(given.models.sigma), 31)
-    every = replace(given, old=0).parts(centres, 50.0, which).sum(axis=1)
+    every = replace(given, old=0).at(centres, 50.0, which).parts.sum(axis=1)
     for k, m in enumerate(which):
         factor = np.linalg.cholesky(given.covariance(int(m), 50.0)[:rows, :rows])
         white = np.linalg.solve(factor, given.residuals(centres)[:rows])
         before = -0.5 * (white**2).sum(axis=0) - np.log(np.diag(factor)).sum()
-        found = given.parts(centres, 50.0, which)[k].sum(axis=0)
+        found = given.at(centres, 50.0, which).parts[k].sum(axis=0)
         np.testing.assert_allclose(found, every[k] - before, rtol=1e-7)
     assert len(given.white) > rows

@@ -12,7 +12,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.scenario import Matcher
-from isogal.tracks.bank import POSSIBLE, SURE, on_map
+from isogal.tracks.evidence import POSSIBLE, SURE, on_map
 from isogal.tracks.fields import TrackField, batch_ends
 from isogal.tracks.matching import Uncertainty, match_fields
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
 from isogal.tracks.matching import Match
-from isogal.tracks.results import as_csv, as_geojson, as_objects, write_results, writer_for
+from isogal.tracks.results import as_csv, as_geojson, as_objects, write_results
 
 NORTH_EAST = np.array([[100.0, 30.0], [30.0, 400.0]])
 
@@ -42,12 +43,12 @@ def test_keys_of_objects_with_and_without_a_fix():
     assert none["with_prior_covariance_enu"] == [[1.0, 0.0], [0.0, 1.0]]
     own = none["status"], none["covariance_enu"], none["reason"]
     assert own == ("no_fix", None, "ambiguous: 2 places fit")
-    (chained,) = as_objects([FIXED], chained=True)
+    (chained,) = as_objects([replace(FIXED, chained=True)])
     assert chained == {key.replace("with_prior", "aided"): value for key, value in fixed.items()}
 
 
 def test_csv_has_a_column_for_each_number():
-    text = as_csv(as_objects([FIXED, DECLINED], chained=True))
+    text = as_csv(as_objects([replace(one, chained=True) for one in (FIXED, DECLINED)]))
     fixed, none = csv.DictReader(io.StringIO(text))
     place = ["latitude", "longitude", "covariance_ee", "covariance_en", "covariance_nn"]
     assert list(fixed)[:8] == ["time", *place, "status", "reason"]
@@ -68,7 +69,7 @@ def test_geojson_has_longitude_first_and_no_geometry_without_a_fix():
 def test_files_that_cannot_be_written_are_refused(tmp_path):
     says = r"results are written to .json, .csv, .geojson files, not to '.txt'"
     with pytest.raises(InputError, match=says):
-        writer_for(tmp_path / "a.txt")
+        write_results([], tmp_path / "a.txt")
     (tmp_path / "a.json").write_text("")
     with pytest.raises(InputError, match="cannot be made: Not a directory"):
         write_results([], tmp_path / "a.json" / "none" / "a.json")

@@ -222,7 +222,7 @@ def test_errors_along_a_line_between_others_hold_together_as_it_says(strike, one
     apart = nodes[line][:, 1::-1] - nodes[line][:, None, 1::-1]
 
     def nis(told):
-        distance, alike = joint(apart, told)
+        distance, alike = joint(np.moveaxis(apart, -1, 0), told, told)
         a = 1.24 * np.sqrt(3.0) * distance  # Matern 3/2 that is exp(-1) at one length
         assumed = alike * (1.0 + a) * np.exp(-a) * np.outer(sigma, sigma)
         single = np.mean(errors * np.linalg.solve(assumed, errors))

@@ -76,7 +76,7 @@ def test_strikes_are_found(two_strikes):
         at = np.array(
             [[east + x, y, 0.0] for x in (-3e3, 0.0, 3e3) for y in 1e3 * np.arange(-8, 9)]
         )
-        ee, en, nn = found.at(at)
+        nn, en, ee = found.at(at).T
         np.testing.assert_allclose(ee * nn - en**2, 1.0, rtol=1e-9)
         # of a few anomalies
         mean = 0.5 * np.degrees(np.arctan2(2.0 * en.mean(), (ee - nn).mean()))

@@ -9,8 +9,8 @@ from rosbags.highlevel import AnyReader
 
 from helpers.bag_writing import write
 from isogal.errors import InputError
-from isogal_ros.bags import reader as reader_module
-from isogal_ros.bags.reader import BagReader, numbered, parts, topic_of
+from isogal.mcap_files import numbered, parts
+from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.bags.writer import BagWriter
 
 
@@ -63,7 +63,7 @@ def _place_of_chunk(data: bytes) -> int:
 )
 def test_a_size_that_cannot_be_is_damage(tmp_path, monkeypatch, field, value, largest) -> None:
     if largest is not None:
-        monkeypatch.setattr("isogal.mcap_damage.LARGEST_CHUNK", largest)
+        monkeypatch.setattr("isogal.mcap_files.LARGEST_CHUNK", largest)
     write(tmp_path / "bag")
     path = tmp_path / "bag" / "bag_0.mcap"
     data = bytearray(path.read_bytes())
@@ -167,6 +167,6 @@ def test_a_compressed_file(tmp_path, monkeypatch) -> None:
     with pytest.raises(InputError, match="not an MCAP file"):
         BagReader(packed)
     packed.write_bytes(zstandard.compress(bytes(10**7)))
-    monkeypatch.setattr(reader_module, "LARGEST", 10**6)
+    monkeypatch.setattr("isogal.mcap_files.LARGEST", 10**6)
     with pytest.raises(InputError, match="more than 1000000 bytes"):
         BagReader(packed)

@@ -94,3 +94,10 @@ def horizontal_difference(
     difference = np.empty((*np.broadcast(to_north, to_east).shape, 2))
     difference[..., 0], difference[..., 1] = to_north, to_east
     return difference
+
+
+def displaced(latitude: ArrayLike, longitude: ArrayLike, metres: Array) -> tuple[Array, Array]:
+    """Return latitude and longitude (rad) of points moved by small distances (..., 2), m north and
+    east, with the radii at the points: the inverse of `horizontal_difference`."""
+    north, east = metres_per_radian(latitude)
+    return np.add(latitude, metres[..., 0] / north), np.add(longitude, metres[..., 1] / east)

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from isogal.arrays import Array, Integers
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import geodetic_to_ecef
+from isogal.earth.plane import Plane
 from isogal.maps.error_model import decay, tensor_covariance, wave_factors
 from isogal.scenario import Truth
 from isogal.seeds import generator
@@ -266,7 +266,5 @@ class _Waves(NamedTuple):
 def _plane(trajectory: Trajectory, latitude: Array, longitude: Array) -> Array:
     """Return (N, 2) m, north and east of the route's first point, of places (N,), rad, in the
     plane of the route's middle."""
-    north, east = metres_per_radian(float(trajectory.latitude.mean()))
     begin = trajectory.latitude[0], trajectory.longitude[0]
-    away = np.remainder(longitude - begin[1] + np.pi, 2.0 * np.pi) - np.pi
-    return np.stack([(latitude - begin[0]) * north, away * east], axis=-1)
+    return Plane.at(*begin, float(trajectory.latitude.mean())).metres(latitude, longitude)

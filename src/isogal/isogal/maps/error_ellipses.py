@@ -45,8 +45,8 @@ def impossible(ellipses: Array) -> Booleans:
     return np.asarray((nn <= 0.0) | (ee <= 0.0) | (nn * ee <= ne**2))
 
 
-def joint(apart: Array, ellipses: Array) -> tuple[Array, Array]:
-    """Return (T, T) distances d between places, in lengths, and (T, T) factors f such that f c(d)
+def joint(apart: Array, one: Array, other: Array) -> tuple[Array, Array]:
+    """Return (T, S) distances d between places, in lengths, and (T, S) factors f such that f c(d)
     is a correlation for every correlation c that exists in the plane, such as exp(-d).
 
     With E = (E_i + E_j) / 2: d² = v' E⁻¹ v, f = (|E_i| |E_j|)^(1/4) / |E|^(1/2) (Paciorek &
@@ -54,12 +54,12 @@ def joint(apart: Array, ellipses: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    apart : (T, T, 2) v, north and east, m
-    ellipses : (T, 3)
+    apart : (2, T, S) v, north and east, m
+    one, other : (T, 3), (S, 3) E_i and E_j
     """
-    nn, ne, ee = np.moveaxis(0.5 * (ellipses[:, None] + ellipses), -1, 0)
-    own = ellipses[:, 0] * ellipses[:, 2] - ellipses[:, 1] ** 2
+    nn, ne, ee = 0.5 * (one.T[:, :, None] + other.T[:, None])
     both = nn * ee - ne**2
-    north, east = apart[..., 0], apart[..., 1]
+    north, east = apart
     square = (ee * north**2 - 2.0 * ne * north * east + nn * east**2) / both
-    return np.sqrt(np.maximum(square, 0.0)), np.sqrt(np.sqrt(np.outer(own, own)) / both)
+    own, its = (each[:, 0] * each[:, 2] - each[:, 1] ** 2 for each in (one, other))
+    return np.sqrt(np.maximum(square, 0.0)), np.sqrt(np.sqrt(np.outer(own, its)) / both)

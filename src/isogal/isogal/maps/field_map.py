@@ -259,17 +259,18 @@ class FieldMap:
     def sigma_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return the 1-sigma of the map's error at points (rad), linear between nodes; NaN where
         the map has none."""
-        return self._linear(self.sigma, latitude, longitude)
+        return self.linear(self.sigma, latitude, longitude)
 
     def error_ellipse_at(self, latitude: ArrayLike, longitude: ArrayLike) -> Array:
         """Return (..., 3) the ellipse of the error's correlation at points (rad), linear between
         nodes; NaN where the map does not say it."""
         ellipses = np.full(3, math.nan) if self.error_ellipses is None else self.error_ellipses
-        parts = (self._linear(ellipses[..., k], latitude, longitude) for k in range(3))
+        parts = (self.linear(ellipses[..., k], latitude, longitude) for k in range(3))
         return np.stack(list(parts), axis=-1)
 
-    def _linear(self, nodes: float | Array, latitude: ArrayLike, longitude: ArrayLike) -> Array:
-        """Interpolate linearly what is said at the nodes (n, m), or everywhere (one number)."""
+    def linear(self, nodes: float | Array, latitude: ArrayLike, longitude: ArrayLike) -> Array:
+        """Return at points (rad) what is said at the map's nodes (n, m), linear between them, or
+        everywhere (one number)."""
         lat, lon, shape = flat_points(latitude, longitude)
         if np.ndim(nodes) == 0:
             return np.full(shape, nodes)[()]

@@ -15,7 +15,6 @@
     usability              whether a batch can be used at all
     failures               a matcher that raises declines the batch
     information            from a posterior back to what the measurements alone said
-    local_plane            north and east metres about a place
     quasi_random           Sobol points, uniform and normal
 
 Matchers:

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import displaced
 from isogal.fix import LOST_COVARIANCE, LOST_SIGMA, Candidates, Fix, Information, Status
 from isogal.maps.channels import AnyMap
 from isogal.matching.parameters import InstrumentErrors
@@ -270,8 +270,7 @@ def declined(batch: Batch, reason: str, **diagnostics: float) -> Fix:
 def located(batch: Batch, error: Array, covariance: Array, **more: Any) -> Fix:
     """Build the fix of a batch at whose end the navigator was off by an error (2,), m north and
     east, of covariance (2, 2), m²; more fields as `Fix` has them."""
-    north, east = metres_per_radian(batch.end[0])
-    latitude, longitude = batch.end[0] - error[0] / north, batch.end[1] - error[1] / east
+    latitude, longitude = displaced(*batch.end, -error)
     time = float(batch.time[-1])
     return Fix(time, float(latitude), float(longitude), covariance, **more)
 
@@ -282,8 +281,7 @@ def with_scans(fix: Fix, batch: Batch, moved: Array) -> Fix:
     their stamps."""
     if batch.end_place is not None:
         return fix
-    north, east = metres_per_radian(batch.latitude)
-    places = batch.latitude - moved[:, 0] / north, batch.longitude - moved[:, 1] / east
+    places = displaced(batch.latitude, batch.longitude, -moved)
     covariance = np.full((len(batch), 2, 2), np.nan)
     # as many fixes together hold the information once
     covariance[len(batch) - batch.new :] = batch.new * fix.covariance

@@ -4,7 +4,7 @@ Reading
 
 - `track`: what is a recorded track, and does it belong to a map?
 - `csv_file`: how is one read from a text file?
-- `averaging`: how does a dense one become a sparse one?
+- `averaging`: which neighbouring readings become one?
 - `recording`: how is one read from a bag?
 
 Matching

@@ -1,19 +1,19 @@
-"""A dense track averaged over stretches of itself.
+"""Means of neighbouring readings: a dense track averaged over stretches of itself, and the rows of
+the matcher.
 
 Readings closer together than the map's features say little more than one, and cost time. Within a
 stretch everything is averaged alike: time, place, reading and offset, so the mean of the readings
 is compared with the map at their mean place. White noise averages out: n readings of 1-sigma s
-have s / sqrt(n).
-
-Rows of the matcher are means of neighbouring readings in the same way."""
+have s / sqrt(n)."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Integers
 from isogal.earth.frames import horizontal_difference
+from isogal.groups import Groups
 from isogal.maps.corridor import along_track
 from isogal.matching.pmht.rows import Rows
 from isogal.tracks.track import Track
@@ -26,82 +26,54 @@ MOST_POINTS = 440
 """Readings that stand for the rows: time grows with the square."""
 
 
+def neighbours(readings: Rows, node: float, old: int) -> Groups:
+    """Return which readings are averaged, of one channel: few enough, and about as far apart as
+    the map can resolve.
+
+    Parameters
+    ----------
+    readings : Rows
+    node : float
+        From one node of the map to the next, m.
+    old : int
+        How many of the first are not averaged with later ones.
+    """
+    count, channels = len(readings.level), int(readings.channel.max()) + 1
+    latitude, longitude = readings.latitude, readings.longitude
+    way = horizontal_difference(latitude[:-1], longitude[:-1], latitude[1:], longitude[1:])
+    way = np.hypot(way[..., 0], way[..., 1])
+    step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
+    resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
+    size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
+    if size == 1:
+        return Groups.by(np.arange(count))
+    return Groups.by((np.arange(count) - old) // (size * channels), readings.channel)
+
+
+def few(rows: Groups) -> Integers:
+    """Return the readings (p,) that stand for rows where each is compared with each: of every row
+    the first and then every second, third, ..."""
+    order, count = np.argsort(rows.of, kind="stable"), rows.count.astype(np.int64)
+    place = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
+    every = math.ceil(int(count.max()) / max(1, MOST_POINTS // len(count)))
+    return order[place % every == 0]
+
+
 def averaged(track: Track, spacing: float) -> Track:
     """Return a track with one reading for each stretch of a length (m, > 0); missing readings do
     not count, and a stretch without any is left out."""
-    keep = np.isfinite(track.value)
-    stretch = np.floor(along_track(track.latitude, track.longitude)[keep] / spacing)
-    _, group = np.unique(stretch, return_inverse=True)
-    count = np.bincount(group)
-
-    def mean(values: Array) -> Array:
-        return np.asarray(np.bincount(group, values[keep]) / count)
-
+    there = np.isfinite(track.value)
+    stretch = np.floor(along_track(track.latitude, track.longitude)[there] / spacing)
+    groups = Groups.by(stretch)
+    places = [track.latitude, np.unwrap(track.longitude)]
+    columns = np.column_stack([track.time, *places, track.value, track.offset, track.sigma**2])
+    time, latitude, longitude, value, offset, square = groups.mean(columns[there]).T
     return replace(
         track,
-        time=mean(track.time),
-        latitude=mean(track.latitude),
-        longitude=mean(np.unwrap(track.longitude)),
-        value=mean(track.value),
-        sigma=np.sqrt(np.bincount(group, track.sigma[keep] ** 2)) / count,
-        offset=mean(track.offset),
+        time=time,
+        latitude=latitude,
+        longitude=longitude,
+        value=value,
+        sigma=np.sqrt(square / groups.count),
+        offset=offset,
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Averages:
-    """Which readings are averaged: neighbours of one channel."""
-
-    order: Integers
-    """(n,) the readings of row 0, those of row 1, ..."""
-    first: Integers
-    """(m,) of them each row begins with."""
-    points: Integers
-    """(p,) readings that stand for the rows where each with each is compared, in this order."""
-    point: Integers
-    """(m,) of them each row begins with."""
-
-    @classmethod
-    def of(cls, rows: Rows, node: float, old: int = 0) -> "Averages":
-        """Choose them for readings where `node` (m) is the distance between two of the map. The
-        first `old` are not averaged with later ones."""
-        count, channels = len(rows.level), int(rows.channel.max()) + 1
-        way = horizontal_difference(
-            rows.latitude[:-1], rows.longitude[:-1], rows.latitude[1:], rows.longitude[1:]
-        )
-        way = np.hypot(way[..., 0], way[..., 1])
-        step = float(np.median(way[way > 0.0])) if (way > 0.0).any() else 0.0
-        resolved = round(RESOLUTION_NODES * node / step) if step > 0.0 else count
-        size = max(math.ceil(count / MOST_ROWS), min(resolved, count // ENOUGH_ROWS), 1)
-        block = (np.arange(count) - old) // (size * channels)
-        order, new = np.arange(count), np.ones(count, bool)
-        if size > 1:
-            order = np.lexsort((rows.channel, block))
-            new = np.diff(block[order], prepend=block[0] - 1) != 0
-            new |= np.diff(rows.channel[order], prepend=-1) != 0
-        first = np.flatnonzero(new)
-        row = np.cumsum(new) - 1
-        every = math.ceil(size / max(1, MOST_POINTS // len(first)))
-        chosen = np.flatnonzero((np.arange(count) - first[row]) % every == 0)
-        return cls(
-            order, first, order[chosen], np.searchsorted(row[chosen], np.arange(row[-1] + 1))
-        )
-
-    @property
-    def sizes(self) -> Integers:
-        """(m,) how many readings each row is of."""
-        return np.diff(np.r_[self.first, len(self.order)])
-
-    def mean(self, values: Array) -> Array:
-        """Return (m, ...) means of what readings have (n, ...)."""
-        sums = np.add.reduceat(values[self.order], self.first, axis=0)
-        return np.asarray(sums / self.sizes.reshape(-1, *[1] * (values.ndim - 1)))
-
-    def covariance(self, of_points: Array) -> Array:
-        """Return (m, m) the covariance of means by that of their points (p, p): a covariance of
-        means is one, a correlation function of their distances is not."""
-        if len(self.point) == len(self.points):
-            return of_points
-        sums = np.add.reduceat(np.add.reduceat(of_points, self.point, axis=0), self.point, axis=1)
-        count = np.diff(np.r_[self.point, len(self.points)])
-        return np.asarray(sums / np.outer(count, count))

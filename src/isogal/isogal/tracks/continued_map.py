@@ -29,11 +29,10 @@ class ContinuedMap:
     field: FieldMap
     """With a value at every node, and of its error (if it says it node by node) the median where
     that was unknown."""
-    doubt: FieldMap
-    """The same with the 1-sigma of the continuation in place of the map's own: 0 where the map
-    has values."""
-    rough: FieldMap
-    """The same with the RMS gradient (unit/m) in place of the map's own sigma."""
+    doubt: Array
+    """(n, m) 1-sigma of the continuation at its nodes: 0 where the map has values."""
+    rough: Array
+    """(n, m) RMS gradient at its nodes, unit/m."""
     uneven: float
     """Mean of what the map says of its error node by node, map's unit; 0 = it does not say it."""
 
@@ -77,9 +76,8 @@ def continued(field_map: FieldMap, reach: float) -> ContinuedMap:
     )
     slope = math.sqrt(float(np.nanmean(rms_gradient(field_map) ** 2)))
     doubt = np.minimum(slope * distance, float(np.nanstd(values)))
-    rough = rms_gradient(field)
     uneven = 0.0 if isinstance(field_map.sigma, float) else field_map.usual_sigma
-    return ContinuedMap(field, replace(field, sigma=doubt), replace(field, sigma=rough), uneven)
+    return ContinuedMap(field, doubt, rms_gradient(field), uneven)
 
 
 def rms_gradient(field_map: FieldMap) -> Array:

@@ -62,12 +62,11 @@ def read_csv_tracks(
         columns |= geographic(columns["x"], columns["y"], crs, rows.where)
         if not np.isfinite(columns["latitude"]).all():
             raise InputError(f"{rows.where}: x and y are not places in {crs}")
-    if (lines := rows.line) is None:
-        return [_track(columns, rows, np.arange(len(rows)), None, projected)]
-    return [
-        _track(columns, rows, np.flatnonzero(np.array(lines) == one), one, projected)
-        for one in dict.fromkeys(lines)
-    ]
+    lines = [None] * len(rows) if rows.line is None else rows.line
+    of_line = {
+        one: np.flatnonzero([name == one for name in lines]) for one in dict.fromkeys(lines)
+    }
+    return [_track(columns, rows, which, one, projected) for one, which in of_line.items()]
 
 
 def _beside(names: Sequence[str], what: str) -> tuple[str, ...]:

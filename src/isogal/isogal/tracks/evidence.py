@@ -9,23 +9,35 @@ anomalies and gaps of a survey leave errors that hold half of all squares in a h
 readings."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from isogal.arrays import Array, Booleans, Integers
+from isogal.earth.frames import displaced
+from isogal.groups import Groups
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.maps.channels import AnyMap, channels_of
+from isogal.maps.channels import AnyMap, RouteMap, channels_of
 from isogal.maps.error_ellipses import joint
 from isogal.maps.error_model import decay, displacements, shares, tensor_covariance
 from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import Batch, SecondaryBatch
 from isogal.matching.pmht.cells import FEATURE_M, in_common, residuals_at, slopes, states_at
 from isogal.matching.pmht.models import Models
-from isogal.matching.pmht.rows import OF_LENGTHS, Rows
-from isogal.tracks.averaging import Averages
-from isogal.tracks.continued_map import ContinuedMap
-from isogal.tracks.models import SHAPES
+from isogal.matching.pmht.rows import Rows, rows_of
+from isogal.matching.pmht.states import States
+from isogal.matching.quasi_random import standard_normal
+from isogal.scenario import Matcher as MatcherSettings
+from isogal.tracks.averaging import few, neighbours
+from isogal.tracks.continued_map import ContinuedMap, continued
+from isogal.tracks.models import SHAPES, track_models
+from isogal.tracks.track import FEWEST
 
+MAP_REACH, POSSIBLE, SURE = 4.0, 0.05, 0.95
+"""Prior 1-sigmas by which a map is continued, and share of the places possible by the prior that
+must lie on the map for a reading to be used: of a map that is continued, of one that is not."""
 BLOCKS = 8
 """Of a track, as the jackknife leaves them out."""
 GRADIENT_SHARE = 0.9
@@ -41,14 +53,20 @@ PLACES = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """Readings of one field, and the models that are possible."""
+    """Readings of one field, the models that are possible, and what they say of cells."""
 
+    name: str
+    """Of the field, before the names of its figures; "" = the first."""
     readings: Rows
     """n of them, those of earlier batches first."""
     old: int
     """How many are of these."""
-    rows: Averages
+    unused: int
+    """How many others there are: off the map, or unlike the rest."""
+    rows: Groups
     """Of which m rows are means."""
+    points: Integers
+    """(p,) readings that stand for the rows where each is compared with each."""
     field_map: AnyMap
     around: ContinuedMap | None
     """That map, continued; None = of several channels, which is not."""
@@ -64,31 +82,45 @@ class Seen:
     instrument: Array
     """(I, m, m) covariance that the instrument's states put into rows, for each of the 1-sigmas
     that models have of them at the start."""
+    of_instrument: Integers
+    """(all models,) which of these a model has."""
     which: Integers
-    """(M,) which of these a model has."""
+    """(M,) the models that are looked at."""
+    parts: Array
+    """(M, B, C) what each block of new rows adds, given those before it, to the log evidence of
+    these models at C cells; of a cell off the map, nearly -inf."""
 
     @classmethod
-    def of(
-        cls,
-        readings: Rows,
-        field_map: AnyMap,
-        around: ContinuedMap | None,
-        models: Models,
-        potential: tuple[str, ...] | None = None,
-        old: int = 0,
-    ) -> "Seen":
-        """Look at readings, the first `old` of which an earlier batch has used; `potential`:
-        components of the tensor, where the errors of their maps come from one potential."""
-        if around is not None:
-            each = {name: [getattr(readings, name)] * SHAPES for name in OF_LENGTHS}
-            readings = readings._replace(**{k: np.concatenate(v) for k, v in each.items()})
-        one = channels_of(field_map)[0]
-        node = math.sqrt(math.prod(one.cell_size_m(float(np.mean(one.latitude)))))
-        rows = Averages.of(readings, node, old)
-        points = rows.points
-        apart = displacements(readings.latitude[points], readings.longitude[points])
-        distance = np.hypot(apart[..., 0], apart[..., 1])
+    def of(cls, one: SecondaryBatch, settings: MatcherSettings, name: str) -> "Seen | None":
+        """Look at a batch's readings of one field, which has a name in figures, with the models
+        that are possible by a scenario's matcher section; None where too few lie on the map."""
+        around, field_map = None, one.field_map
+        if isinstance(field_map, FieldMap):
+            reach = MAP_REACH * math.sqrt(float(np.diag(one.batch.prior)[:2].max()))
+            # models of a track have noise and a constant of the readings besides
+            field_map = field_map.resolved
+            around = continued(field_map, reach)
+        batch = on_map(one.batch, field_map, SURE if around is None else POSSIBLE)
+        states = States.of(batch, field_map)
+        models = track_models(settings, batch, field_map, states)
+        lengths = models.lengths if around is None else np.tile(models.lengths, SHAPES)
+        # what earlier batches have used counts as given
+        old = int(np.isfinite(batch.reading[: len(batch) - batch.new]).sum())
+        given = int(np.isfinite(one.batch.reading[-batch.new :]).sum())
+        readings, _ = rows_of(replace(batch, new=len(batch)), field_map, states, lengths, None)
+        if readings is None or len(readings.level) - old < FEWEST:
+            return None
+        unused = given + old - len(readings.level)
+        field_map = field_map if around is None else around.field
+        grid = channels_of(field_map)[0]
+        node = math.sqrt(math.prod(grid.cell_size_m(float(np.mean(grid.latitude)))))
+        rows = neighbours(readings, node, old)
+        points = few(rows)
+        latitude, longitude = readings.latitude[points], readings.longitude[points]
         channel = readings.channel[points]
+        apart = displacements(latitude, longitude)
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        potential = None if batch.layout is None else batch.layout.of_one_potential
         if potential is None:
             alike = channel[:, None] == channel
             every = [alike * one for one in correlations(distance, models.lengths)]
@@ -98,27 +130,29 @@ class Seen:
                 np.outer(unit, unit) * tensor_covariance(potential, channel, apart, length)
                 for length in models.lengths
             ]
-        slope = slopes(field_map, readings.latitude[points], readings.longitude[points], distance)
-        initial, which = np.unique(models.initial, axis=0, return_inverse=True)
+        slope = slopes(field_map, latitude, longitude, distance)
+        initial, of_instrument = np.unique(models.initial, axis=0, return_inverse=True)
         return cls(
-            readings, old, rows, field_map, around, models, apart,
-            np.stack([rows.covariance(one) for one in every]),
+            name, readings, old, unused, rows, points, field_map, around, models, apart,
+            of_means(rows, points, every),
             np.zeros(2 * [len(rows.first)]),
-            rows.covariance(slope) / 6.0,
+            of_means(rows, points, [slope])[0] / 6.0,
             np.stack([_of_instrument(readings, rows, one) for one in initial]),
-            which.ravel(),
+            of_instrument.ravel(),
+            np.arange(len(models.sigma)),
+            np.zeros((len(models.sigma), 1, 1)),
         )  # fmt: skip
 
     def without(self, rows: Booleans) -> "Seen":
         """Return it with some rows (m,) of no weight."""
-        noise = self.readings.noise.copy()
-        noise[self.rows.order[np.repeat(rows, self.rows.sizes)]] *= 1e12
-        return replace(self, readings=self.readings._replace(noise=noise))
+        out = rows[self.rows.of]
+        readings = self.readings._replace(noise=np.where(out, 1e12, 1.0) * self.readings.noise)
+        return replace(self, readings=readings, unused=self.unused + int(out.sum()))
 
     @property
     def white(self) -> Array:
         """(m,) variance of the noise."""
-        return self.rows.mean(self.readings.noise) / self.rows.sizes
+        return self.rows.mean(self.readings.noise) / self.rows.count
 
     def load(self, shape: int) -> Array:
         """Return (m,) 1-sigma of the map's error in units of a model's, for one of the models'
@@ -131,10 +165,27 @@ class Seen:
         those of `isogal map grid` do."""
         return self.around is not None and self.around.field.error_ellipses is not None
 
-    def map_sigma(self, which: Integers) -> Array:
-        """Return (M,) the RMS 1-sigma of the map's error along the rows by some models."""
+    @property
+    def length(self) -> Array:
+        """(M,) over which the map's errors hold together by the models, m."""
+        return self.models.length[self.which]
+
+    @property
+    def map_sigma(self) -> Array:
+        """(M,) the RMS 1-sigma of the map's error along the rows by the models."""
         each = [np.sqrt(np.mean(self.load(k) ** 2)) for k in range(len(self.readings.load))]
-        return np.asarray(self.models.sigma[which] * np.array(each)[self.models.shape[which]])
+        models, which = self.models, self.which
+        return np.asarray(models.sigma[which] * np.array(each)[models.shape[which]])
+
+    @property
+    def by_model(self) -> Array:
+        """(M, C) log densities of the readings, with the models' prior."""
+        return np.asarray(self.parts.sum(axis=1) + self.models.log_prior[self.which, None])
+
+    @property
+    def log_density(self) -> Array:
+        """(C,) of the readings by all models, without its constant."""
+        return np.asarray(logsumexp(self.by_model, axis=0))
 
     def shown(self, centre: Array) -> float:
         """Return the variance of what the map shows along the rows at a shift (1, 2)."""
@@ -152,7 +203,7 @@ class Seen:
     @property
     def old_rows(self) -> int:
         """How many rows are of earlier batches."""
-        return int(np.searchsorted(self.rows.first, self.old))
+        return int((self.rows.first < self.old).sum())
 
     def placed(self, centres: Array, weight: Array) -> "Seen":
         """Return it with the map's errors as they are where the track probably is, by weighted
@@ -161,41 +212,42 @@ class Seen:
         if self.around is None:
             return self
         likely = np.argsort(-weight, kind="stable")[:PLACES]
-        share, readings, rows = weight[likely] / weight[likely].sum(), self.readings, self.rows
+        share, field_map = weight[likely] / weight[likely].sum(), self.around.field
+        readings, points = self.readings, self.points
         places = (
             readings.latitude - centres[likely, :1] * readings.radian[:, 0],
             readings.longitude - centres[likely, 1:] * readings.radian[:, 1],
         )
 
-        def mean_square(sigma: FieldMap) -> Array:
-            return np.asarray(share @ np.nan_to_num(sigma.sigma_at(*places)) ** 2)
+        def mean_square(nodes: float | Array) -> Array:
+            return np.asarray(share @ np.nan_to_num(field_map.linear(nodes, *places)) ** 2)
 
         own = np.ones(len(readings.level))
         if self.around.uneven:
-            own = mean_square(self.around.field) / self.around.uneven**2
+            own = mean_square(field_map.sigma) / self.around.uneven**2
         rough = mean_square(self.around.rough)
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
         count = len(self.models.lengths)
         load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
-        doubt = np.sqrt(mean_square(self.around.doubt))[rows.points]
+        doubt = np.sqrt(mean_square(self.around.doubt))[points]
         known = decay(np.hypot(*np.moveaxis(self.apart, -1, 0)), FEATURE_M)
         placed = replace(
             self,
             readings=readings._replace(load=load),
-            known=rows.covariance(np.outer(doubt, doubt) * known),
+            known=of_means(self.rows, points, [np.outer(doubt, doubt) * known])[0],
         )
-        usual = self.around.field.correlation_length
-        if self.around.field.error_ellipses is None or usual is None:
+        usual = field_map.correlation_length
+        if field_map.error_ellipses is None or usual is None:
             return placed
-        ellipses = self.around.field.error_ellipse_at(*(one[:, rows.points] for one in places))
+        ellipses = field_map.error_ellipse_at(*(one[:, points] for one in places))
         there = share[:, None] * np.isfinite(ellipses[..., 0])
         mean = np.einsum("ct,ctk->tk", there, np.nan_to_num(ellipses))
         mean /= np.maximum(there.sum(axis=0), 1e-12)[:, None]
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
-        relative, alike = joint(self.apart, mean)
+        relative, alike = joint(np.moveaxis(self.apart, -1, 0), mean, mean)
         every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
-        return replace(placed, correlation=np.stack([rows.covariance(one) for one in every]))
+        return replace(placed, correlation=of_means(self.rows, points, every))
 
     def residuals(self, centres: Array) -> Array:
         """Return (m, C) at shifts (C, 2); NaN off the map."""
@@ -208,13 +260,12 @@ class Seen:
         R = np.outer(load, load)
         count = len(models.lengths)
         R *= self.correlation[shape // (2 * count) * count + shape % count]
-        R += self.known + self.instrument[self.which[m]] + cell**2 * self.blur
+        R += self.known + self.instrument[self.of_instrument[m]] + cell**2 * self.blur
         R[np.diag_indices(len(R))] += self.white * models.noise[m]
         return np.asarray(R)
 
-    def parts(self, centres: Array, cell: float, which: Integers) -> Array:
-        """Return (M, B, C) what each block of new rows adds, given those before it, to the log
-        evidence of some models at cells (C, 2); of a cell off the map, nearly -inf."""
+    def at(self, centres: Array, cell: float, which: Integers) -> "Seen":
+        """Return it with what some models say of cells (C, 2) of a size (m)."""
         residual = self.residuals(centres)
         known = np.isfinite(residual).all(axis=0)
         residual = np.where(known, residual, 0.0)
@@ -231,7 +282,25 @@ class Seen:
             parts[k] -= (blocks @ np.log(np.diag(factor))[old:])[:, None]
         parts -= math.log(2.0)
         parts[:, :, ~known] = -1e6
-        return parts
+        return replace(self, which=which, parts=parts)
+
+
+def on_map(batch: Batch, field_map: RouteMap, least: float) -> Batch:
+    """Return a batch without readings that less than a share of the places possible by the prior
+    has on the map, unless these are more than half of those that are on it as recorded: of these,
+    then, it has all.
+
+    A matcher that takes a place off the map as impossible needs a share of `SURE`: a reading
+    whose true place may lie off the map would push the fix away from there. One that continues
+    the map needs `POSSIBLE`."""
+    shifts = standard_normal(256, 2) @ np.linalg.cholesky(batch.prior[:2, :2]).T
+    covered = field_map.covers(*displaced(batch.latitude, batch.longitude, -shifts[:, None]))
+    there, new = np.isfinite(batch.reading), np.arange(len(batch)) >= len(batch) - batch.new
+    recorded = there & field_map.covers(batch.latitude, batch.longitude)
+    kept = there & (covered.mean(axis=0) > least)
+    if (kept & new).sum() < 0.5 * (recorded & new).sum():
+        kept = recorded
+    return replace(batch, reading=np.where(kept, batch.reading, np.nan))
 
 
 def with_heavy_tails(log_normal: Array) -> Array:
@@ -242,7 +311,14 @@ def with_heavy_tails(log_normal: Array) -> Array:
     return np.asarray(np.log(mixed + WIDE_SHARE / WIDER) + log_normal / WIDER**2)
 
 
-def _of_instrument(readings: Rows, rows: Averages, initial: Array) -> Array:
+def of_means(rows: Groups, points: Integers, each: Sequence[Array]) -> Array:
+    """Return (K, m, m) the covariances of rows by each of their points' (p, p): a covariance of
+    means is one, a correlation function of their distances is not."""
+    groups = Groups.by(rows.of[points])
+    return np.stack([groups.mean(groups.mean(one).T) for one in each])
+
+
+def _of_instrument(readings: Rows, rows: Groups, initial: Array) -> Array:
     """Return (m, m) the covariance that states of 1-sigmas (N - 7,) at the start put into rows."""
     nothing = np.zeros((len(readings.level), BATCH_STATES, BATCH_STATES))
     covariance, gone = map(rows.mean, states_at(readings, nothing, initial))

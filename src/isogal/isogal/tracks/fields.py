@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.inertial.error_state import BATCH_STATES, level
 from isogal.maps.channels import AnyMap, ChannelMap, RouteMap, channels_of
@@ -18,7 +17,8 @@ from isogal.matching.interfaces import Batch, Matcher, SecondaryBatch
 from isogal.matching.pmht.models import options_of
 from isogal.matching.registry import load_matcher, matcher_of_fields
 from isogal.scenario import Matcher as MatcherSettings
-from isogal.tracks.bank import SURE, TrackMatcher, on_map
+from isogal.tracks.bank import TrackMatcher
+from isogal.tracks.evidence import SURE, on_map
 from isogal.tracks.track import Track
 
 FEWEST_IN_BATCH = 4
@@ -71,12 +71,11 @@ class TrackField:
         backward = np.tile(np.eye(BATCH_STATES), (time.size, 1, 1))
         backward[:, 0, 2] = backward[:, 1, 3] = time - time[-1]
         by_error = np.einsum("ti,tij->tj", self.jacobian[rows], backward[:, :4])
-        north, east = metres_per_radian(track.latitude[rows])
-        moved = backward[:, :2, :4] @ error
+        latitude, longitude = track.moved(rows, error)
         batch = Batch(
             time=time,
-            latitude=track.latitude[rows] - moved[:, 0] / north,
-            longitude=track.longitude[rows] - moved[:, 1] / east,
+            latitude=latitude,
+            longitude=longitude,
             velocity=track.velocity[rows] - error[2:],
             reading=track.value[rows] - by_error[:, :4] @ error - track.offset[rows],
             sigma=track.sigma[rows],
@@ -90,18 +89,14 @@ class TrackField:
         return self.channels.expand(batch, self.values[rows, :, None], np.zeros(len(batch)))
 
 
-def between_batches(settings: MatcherSettings) -> int:
-    """Return the readings from one batch end to the next: batches of a recorded track do not
-    overlap unless the stride says so."""
-    return settings.batch_length if settings.stride is None else settings.stride
-
-
 def batch_ends(count: int, settings: MatcherSettings) -> list[int]:
-    """Return after how many readings each batch ends.
+    """Return after how many readings each batch ends: batches of a recorded track do not overlap
+    unless the stride says so.
 
     The last batch may be incomplete if it has `FEWEST_IN_BATCH` new readings, or if it is the only
     one."""
-    ends = list(range(settings.batch_length, count + 1, between_batches(settings)))
+    step = settings.stride or settings.batch_length
+    ends = list(range(settings.batch_length, count + 1, step))
     if count - (ends[-1] if ends else 0) >= FEWEST_IN_BATCH or not ends:
         ends.append(count)
     return ends
@@ -141,13 +136,18 @@ def joint_batch(
     return (replace(batch, secondary=tuple(each[1:])) if each[1:] else batch), each[0].field_map
 
 
+def prefix(field: TrackField, fields: Sequence[TrackField]) -> str:
+    """Return what the names of a field's figures begin with: of the first with nothing."""
+    return "" if field is fields[0] else f"{field.name}."
+
+
 def matcher_of(fields: Sequence[TrackField]) -> Matcher:
     """Return the matcher that the settings name; `pmht` matches all fields together."""
-    settings, names = [one.settings for one in fields], [one.name for one in fields]
+    settings = tuple(one.settings for one in fields)
     if all(one.name == "pmht" for one in settings):
         for one in settings:
             options_of(one)  # refuses bad options
-        return TrackMatcher(tuple(settings), tuple(names))
+        return TrackMatcher(settings, tuple(prefix(one, fields) for one in fields))
     if len(fields) > 1:
-        return matcher_of_fields(settings, names, 0)
+        return matcher_of_fields(settings, [one.name for one in fields], 0)
     return load_matcher(settings[0], isinstance(fields[0].field_map, ChannelMap))

@@ -38,12 +38,7 @@ def matched_positions(track: Track, matches: Sequence[Match]) -> tuple[Array, Ar
     latitude, longitude = np.full(len(track), np.nan), np.full(len(track), np.nan)
     for match in matches:
         if match.fix.published:
-            rows = match.rows
-            since = track.time[rows] - track.time[rows.stop - 1]
-            moved = match.error[:2] + np.outer(since, match.error[2:])
-            north, east = metres_per_radian(track.latitude[rows])
-            latitude[rows] = track.latitude[rows] - moved[:, 0] / north
-            longitude[rows] = track.longitude[rows] - moved[:, 1] / east
+            latitude[match.rows], longitude[match.rows] = track.moved(match.rows, match.error)
     return latitude, longitude
 
 

@@ -7,7 +7,6 @@ for other tracks count as said by the map."""
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import softmax
@@ -15,27 +14,19 @@ from scipy.special import softmax
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
+from isogal.matching.interfaces import SecondaryBatch
 from isogal.scenario import Matcher
-from isogal.tracks.bank import seen_of
 from isogal.tracks.continued_map import rms_gradient
-from isogal.tracks.evidence import GRADIENT_SHARE
+from isogal.tracks.evidence import GRADIENT_SHARE, Seen
 from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Uncertainty
 from isogal.tracks.track import Track
 
 
-class LearntMap(NamedTuple):
-    """A map with the error that reference tracks show."""
-
-    field_map: FieldMap
-    """With a 1-sigma at each node and its correlation length."""
-    sigma: float
-    """RMS of the 1-sigma along the tracks."""
-
-
-def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> LearntMap:
-    """Return a map with the error that tracks with true positions show: place by place in the
-    proportions that the map says, or even; and as far as they show it with its gradient.
+def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> tuple[FieldMap, float]:
+    """Return a map with the error that tracks with true positions show, a 1-sigma at each node and
+    its correlation length: place by place in the proportions that the map says, or even; and as
+    far as they show it with its gradient. And the RMS of the 1-sigma along the tracks.
 
     Raises
     ------
@@ -46,15 +37,17 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> Learn
     fields = [TrackField("", track, field_map) for track in references]
     prior = Uncertainty(position=1.0).prior
     batches = [one.batch(slice(None), len(one.track), np.zeros(4), prior) for one in fields]
-    found = [seen_of(batch, field_map, Matcher()) for batch in batches]
+    found = [Seen.of(SecondaryBatch(0, batch, field_map), Matcher(), "") for batch in batches]
     seen = [one.placed(nowhere, np.ones(1)) for one in found if one is not None]
     if not seen:
         raise InputError("no reference track lies on the map")
     models = seen[0].models
     every = np.arange(len(models.sigma))
-    log = models.log_prior + sum(one.parts(nowhere, 0.0, every).sum(axis=(1, 2)) for one in seen)
+    log = models.log_prior + sum(
+        one.at(nowhere, 0.0, every).parts.sum(axis=(1, 2)) for one in seen
+    )
     weight = softmax(log)
-    square = np.mean([one.map_sigma(every) ** 2 for one in seen], axis=0)
+    square = np.mean([one.map_sigma**2 for one in seen], axis=0)
     sigma = math.sqrt(float(weight @ square))
     of_gradient = GRADIENT_SHARE * float(weight @ (models.shape // len(models.lengths) % 2))
     latitude = np.concatenate([one.latitude for one in references])
@@ -62,14 +55,14 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> Learn
 
     def share(nodes: Array) -> Array:
         """Return the variance at nodes, where its mean along the tracks is 1."""
-        along = replace(field_map, sigma=nodes).sigma_at(latitude, longitude)
+        along = field_map.linear(nodes, latitude, longitude)
         return np.asarray(nodes**2 / np.nanmean(along**2))
 
     own = np.broadcast_to(field_map.sigma if field_map.usual_sigma else 1.0, field_map.shape)
     variance = (1.0 - of_gradient) * share(own) + of_gradient * share(rms_gradient(field_map))
     length = math.exp(float(weight @ np.log(models.length)))
     learnt = replace(field_map, sigma=sigma * np.sqrt(variance), correlation_length=length)
-    return LearntMap(learnt, sigma)
+    return learnt, sigma
 
 
 def reading_sigma(references: Sequence[Track], field_map: FieldMap) -> float:

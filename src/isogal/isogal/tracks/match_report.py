@@ -18,8 +18,6 @@ def write_match_report(
     uncertainty: Uncertainty,
     matches: Sequence[Match],
     out_dir: str | Path,
-    *,
-    chained: bool = False,
 ) -> Path:
     """Write `report.html` with PNG figures beside it; return the path of the page.
 
@@ -31,12 +29,10 @@ def write_match_report(
         What was assumed of the track.
     matches : sequence of Match
     out_dir : path
-    chained : bool
-        Whether each batch started from what the earlier ones had found.
     """
     field, length = fields[0], fields[0].settings.batch_length
     track, field_map = field.track, field.scalar_map
-    start = "what the earlier ones told" if chained else "the same prior"
+    start = "what the earlier ones told" if matches[0].chained else "the same prior"
     figures = [
         Illustration(
             "track",
@@ -59,7 +55,7 @@ def write_match_report(
         figures.append(Illustration("shifts", shift_figure(matches), caption))
     batches = f"Batches are of {length} readings, and each starts from {start}."
     result = Section(
-        "Result", [batches, *in_words(matches, fields)], figures, _tables(matches, fields, chained)
+        "Result", [batches, *in_words(matches, fields)], figures, _tables(matches, fields)
     )
     return write_report(
         out_dir,
@@ -69,9 +65,9 @@ def write_match_report(
     )
 
 
-def _tables(matches: Sequence[Match], fields: Sequence[TrackField], chained: bool) -> list[Table]:
+def _tables(matches: Sequence[Match], fields: Sequence[TrackField]) -> list[Table]:
     """Return the fixes, and all that files of results say."""
-    entries = [flat(entry) for entry in as_objects(matches, fields, chained=chained)]
+    entries = [flat(entry) for entry in as_objects(matches, fields)]
     names = tuple(dict.fromkeys(name for entry in entries for name in entry))
     rows = [["–" if (x := one.get(n)) is None else str(x) for n in names] for one in entries]
     return [

@@ -26,7 +26,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.maps.tiled_map import ScalarMap
 from isogal.matching.failures import match_or_decline
@@ -34,14 +33,7 @@ from isogal.matching.information import informed, position_information
 from isogal.matching.interfaces import Batch, Fix, Matcher
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.bank import TrackMatcher
-from isogal.tracks.fields import (
-    TrackField,
-    batch_ends,
-    between_batches,
-    check_fields,
-    joint_batch,
-    matcher_of,
-)
+from isogal.tracks.fields import TrackField, batch_ends, check_fields, joint_batch, matcher_of
 from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
 from isogal.tracks.track import Track, enough_readings
@@ -112,6 +104,8 @@ class Match:
     """(4, 4) covariance of `error`."""
     position: tuple[float, float]
     """Latitude and longitude (rad) of the recorded track at the batch end less its `error`."""
+    chained: bool = False
+    """Whether the batch started from what the earlier ones had found."""
     shifts: Shifts | None = None
     """Posterior of the batch's shift, where `pmht` has matched it; of the first `MOST_SHIFTS` of
     these batches only."""
@@ -164,7 +158,7 @@ def match_fields(
     enough_readings(track)
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
-    earlier = matching.context + settings.batch_length - between_batches(settings)
+    earlier = matching.context + settings.batch_length - (settings.stride or settings.batch_length)
     prior, memory, unresolved = uncertainty.prior, None, 0
     matches: list[Match] = []
     for end in ends:
@@ -179,13 +173,13 @@ def match_fields(
         fix, after = match_or_decline(matching, batch, near, memory)
         fix, counted = judged(fix, batch, prior)
         error, covariance = _known(counted, batch, error, covariance)
-        latitude, longitude = float(track.latitude[end - 1]), float(track.longitude[end - 1])
-        north, east = metres_per_radian(latitude)
-        here = float(latitude - error[0] / north), float(longitude - error[1] / east)
+        (latitude,), (longitude,) = track.moved(slice(end - 1, end), error)
         shifts = after if isinstance(after, Shifts) and after is not memory else None
         if sum(one.shifts is not None for one in matches) == MOST_SHIFTS:
             shifts = None
-        matches.append(Match(fix, slice(previous, end), error, covariance, here, shifts))
+        place = float(latitude), float(longitude)
+        new = slice(previous, end)
+        matches.append(Match(fix, new, error, covariance, place, chained, shifts))
         resolved = (counted if chained else fix).published
         if resolved or end - unresolved >= _LONGEST * settings.batch_length:
             unresolved = end

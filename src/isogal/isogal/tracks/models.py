@@ -50,10 +50,15 @@ def track_models(
     option."""
     assumed, said = assumed_of(settings, batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
-    length = assumed.length if "map_correlation_length" in said else None
-    if one is not None and one.error_ellipses is not None and length == one.correlation_length:
-        length = None  # what the map says of its usual length is no exponential's
-    lengths, of_length = _lengths(length, assumed.trust, field_map)
+    specified = "map_correlation_length" in said
+    usual = assumed.length if specified else None
+    if one is not None and one.error_ellipses is not None:
+        specified &= usual != one.correlation_length
+        usual = usual or one.correlation_length
+    lengths, of_length = np.array(LENGTHS), np.zeros(len(LENGTHS))
+    if usual is not None:
+        factors = assumed.trust ** np.linspace(-1.0, 1.0, 3)
+        lengths, of_length = _about(usual, assumed.trust, factors)
     if assumed.sigma is not None:
         uneven = one is not None and not isinstance(one.sigma, float)
         factors = OWN if uneven else assumed.trust ** np.linspace(-1.0, 1.0, 5)
@@ -78,17 +83,8 @@ def track_models(
     if one is None:
         return models
     by_gradient = assumed.sigma is None or not isinstance(one.sigma, float)
-    # a specified length is that of an exponential
-    return _of_shapes(models, by_gradient, length is None)
-
-
-def _lengths(length: float | None, trust: float, field_map: AnyMap) -> tuple[Array, Array]:
-    """Return lengths (m), about the specified one if there is one, and their log priors."""
-    if length is None and isinstance(field_map, FieldMap) and field_map.error_ellipses is not None:
-        length = field_map.correlation_length
-    if length is None:
-        return np.array(LENGTHS), np.zeros(len(LENGTHS))
-    return _about(length, trust, trust ** np.linspace(-1.0, 1.0, 3))
+    # a specified length is that of an exponential, not what the map says of its usual one
+    return _of_shapes(models, by_gradient, not specified)
 
 
 def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import softmax
 
 from isogal.arrays import Array, Integers
 from isogal.maps.corridor import along_track
@@ -44,24 +44,29 @@ class Shifts:
     log_prior: Array
     """(C,) of the shift."""
     seen: tuple[Seen, ...]
-    """Of each field."""
-    which: tuple[Integers, ...]
-    """Of each field, (M,) the models that are possible."""
-    parts: tuple[Array, ...]
-    """Of each field, (M, B, C): see `Seen.parts`."""
+    """What each field says of the cells."""
     overview: "Shifts | None" = None
     """The first grid."""
 
-    def by_model(self, field: int) -> Array:
-        """Return (M, C) log densities of a field's readings, with the models' prior."""
-        prior = self.seen[field].models.log_prior[self.which[field]]
-        return np.asarray(self.parts[field].sum(axis=1) + prior[:, None])
+    @classmethod
+    def at(
+        cls,
+        seen: Sequence[Seen],
+        which: Sequence[Integers],
+        cells: Array,
+        size: float,
+        prior: Array,
+    ) -> "Shifts":
+        """Look at cells (C, 2), counted from the prior's middle in units of their size (m), with
+        some models of each field."""
+        centres = cells * size
+        looked = (one.at(centres, size, w) for one, w in zip(seen, which, strict=True))
+        return cls(centres, size, log_normal(centres, prior), tuple(looked))
 
     @property
     def log_density(self) -> Array:
         """(C,) of the shift by all readings, without its constant."""
-        each = [logsumexp(self.by_model(f), axis=0) for f in range(len(self.seen))]
-        return np.asarray(self.log_prior + sum(each))
+        return np.asarray(self.log_prior + sum(one.log_density for one in self.seen))
 
     @property
     def weight(self) -> Array:
@@ -78,10 +83,9 @@ class Shifts:
         """Mean (2,) and covariance (2, 2), m."""
         return self._moments(self.weight)
 
-    def covariance_by(self, field: int) -> Array:
+    def covariance_by(self, one: Seen) -> Array:
         """Return (2, 2) m², what one field alone leaves of the prior, on these cells."""
-        log = self.log_prior + logsumexp(self.by_model(field), axis=0)
-        return self._moments(softmax(log))[1]
+        return self._moments(softmax(self.log_prior + one.log_density))[1]
 
     def _moments(self, weight: Array) -> tuple[Array, Array]:
         mean = weight @ self.centres
@@ -105,25 +109,24 @@ class Shifts:
         place = label(taken, np.ones((3, 3)))[0][tuple(square.T)]
         return np.asarray(np.sort(np.bincount(place, self.weight[high])[1:])[::-1])
 
-    def tells_apart(self, field: int, prior: Array) -> bool:
+    def tells_apart(self, one: Seen, prior: Array) -> bool:
         """Return whether a gridded map, by its own 1-sigma, tells the places of a prior (2, 2)
         apart: ln(1 + S² / s²) / 2 nats for each independent piece of the track (two lengths over
         which its errors hold together; Shannon 1948, theorem 17) against the prior's entropy in
         places of one length. If not, what fits there fits by chance, and the models, which learn
         the error from readings close together, take it for good."""
-        one = self.seen[field]
         if not one.gridded or not one.own_variance:
             return True
-        length = math.exp(self.of_models(field) @ np.log(one.models.length[self.which[field]]))
+        length = math.exp(self.of_models(one) @ np.log(one.length))
         way = along_track(one.readings.latitude, one.readings.longitude)[-1]
         shown = one.shown(self.likeliest)
         told = 0.5 * way / (2.0 * length) * math.log1p(shown / one.own_variance)
         places = 2.0 * math.pi * math.e * math.sqrt(float(np.linalg.det(prior))) / length**2
         return told > math.log(places)
 
-    def of_models(self, field: int) -> Array:
-        """Return (M,) the posterior probability of the models of a field (of `which`)."""
-        return np.asarray(softmax(self.by_model(field), axis=0) @ self.weight)
+    def of_models(self, one: Seen) -> Array:
+        """Return (M,) the posterior probability of the models of a field."""
+        return np.asarray(softmax(one.by_model, axis=0) @ self.weight)
 
 
 def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
@@ -137,15 +140,15 @@ def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
     density = np.exp(log_normal(centres, prior))
     seen = [one.placed(centres, density) for one in seen]
     few = [_few(one.models) for one in seen]
-    overview = shifts = _at(seen, few, cells, size, prior)
+    overview = shifts = Shifts.at(seen, few, cells, size, prior)
     seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
     every = [np.arange(len(one.models.sigma)) for one in seen]
-    best = _at(seen, every, cells[_kept(shifts.log_density, LOOKED_AT)], size, prior)
-    which = [_likely(best, field) for field in range(len(seen))]
+    best = Shifts.at(seen, every, cells[_kept(shifts.log_density, LOOKED_AT)], size, prior)
+    which = [_likely(best, one) for one in best.seen]
     cells = cells[_kept(shifts.log_density, len(cells))]
     fan = square_of(np.arange(-1.0, 2.0))
     for _ in range(LEVELS):
-        shifts = _at(seen, which, cells, size, prior)
+        shifts = Shifts.at(seen, which, cells, size, prior)
         if size <= FINE_ENOUGH * math.sqrt(float(np.linalg.eigvalsh(shifts.moments[1])[0])):
             break
         seen = [one.placed(shifts.centres, shifts.weight) for one in seen]
@@ -154,25 +157,16 @@ def shifts_of(seen: Sequence[Seen], prior: Array) -> Shifts:
     return replace(shifts, overview=overview)
 
 
-def _at(
-    seen: Sequence[Seen], which: Sequence[Integers], cells: Array, size: float, prior: Array
-) -> Shifts:
-    centres = cells * size
-    log_prior = log_normal(centres, prior)
-    parts = [one.parts(centres, size, w) for one, w in zip(seen, which, strict=True)]
-    return Shifts(centres, size, log_prior, tuple(seen), tuple(which), tuple(parts))
-
-
 def _kept(log: Array, most: int) -> Integers:
     order = np.argsort(-log, kind="stable")[:most]
     return order[log[order] > log[order[0]] - DEPTH]
 
 
-def _likely(shifts: Shifts, field: int) -> Integers:
+def _likely(shifts: Shifts, one: Seen) -> Integers:
     """Return the models of a field that are not impossible, all where they may be of use."""
-    share = np.log(np.maximum(shifts.of_models(field), 1e-300))
+    share = np.log(np.maximum(shifts.of_models(one), 1e-300))
     order = np.argsort(-share, kind="stable")[:MODELS]
-    return np.sort(shifts.which[field][order[share[order] > share[order[0]] - MODEL_DEPTH]])
+    return np.sort(one.which[order[share[order] > share[order[0]] - MODEL_DEPTH]])
 
 
 def _few(models: Models) -> Integers:

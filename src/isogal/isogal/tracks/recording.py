@@ -11,7 +11,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import unreadable
-from isogal.mcap_damage import is_damage, unpacked
+from isogal.mcap_files import SUFFIXES, is_damage, opened, parts, records_of
 from isogal.tracks.track import Track
 
 Message = Any
@@ -49,7 +49,7 @@ _READ: dict[str, Callable[[Message], tuple[float, float]]] = {
 
 def is_recording(path: Path) -> bool:
     """Return whether a path is to be read as a bag: by its suffix, or because it is a folder."""
-    return path.is_dir() or path.suffix.casefold() == ".mcap"
+    return path.is_dir() or path.name.casefold().endswith(SUFFIXES)
 
 
 def read_recording(path: str | Path, fix_topic: str = FIX_TOPIC) -> list[Track]:
@@ -130,17 +130,20 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Message]]:
     can be read; of topics with other types than those of positions and readings only the topic."""
     from mcap.records import Channel, Schema
     from mcap.records import Message as Record
-    from mcap.stream_reader import StreamReader
     from mcap_ros2.decoder import DecoderFactory
 
-    for file in _files(path):
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    if path.is_dir() and not parts(path):
+        raise InputError(f"{path}: no MCAP file in this folder")
+
+    for file in parts(path) or [path]:
         schemas: dict[int, Schema | None] = {0: None}
         channels: dict[int, Channel] = {}
         factory, empty = DecoderFactory(), True
         try:
-            with file.open("rb") as stream:
-                records = StreamReader(stream, emit_chunks=True).records
-                for item in (one for record in records for one in unpacked(record)):
+            with opened(file) as stream:
+                for item in (one for _, records in records_of(stream) for one in records):
                     if isinstance(item, Schema):
                         schemas[item.id] = item
                     elif isinstance(item, Channel):
@@ -154,24 +157,11 @@ def _messages(path: Path) -> Iterator[tuple[str, str, Message]]:
                         decode = factory.decoder_for(channel.message_encoding, schema)
                         yield channel.topic, schema.name, decode(item.data)
         except Exception as error:
-            if not is_damage(error):
+            if isinstance(error, InputError) or not is_damage(error):
                 raise
             if empty:
                 raise unreadable(file, "MCAP") from error
             # a recording that was cut short, by a power failure for example, ends here
-
-
-def _files(path: Path) -> list[Path]:
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
-    if path.is_file():
-        return [path]
-    files = sorted(
-        path.glob("*.mcap"), key=lambda file: (len(file.name), file.name)
-    )  # _0, _1, ... _10
-    if not files:
-        raise InputError(f"{path}: no MCAP file in this folder")
-    return files
 
 
 def _stamp(message: Message) -> float:

@@ -13,7 +13,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import csv_text, write_atomic
 from isogal.matching.interfaces import Fix
-from isogal.tracks.fields import TrackField
+from isogal.tracks.fields import TrackField, prefix
 from isogal.tracks.matching import Match
 
 Entry = dict[str, Any]
@@ -28,9 +28,7 @@ _DEGREE_DIGITS = 9
 """Decimals of degrees: 0.1 mm."""
 
 
-def as_objects(
-    matches: Sequence[Match], fields: Sequence[TrackField] = (), *, chained: bool = False
-) -> list[Entry]:
+def as_objects(matches: Sequence[Match], fields: Sequence[TrackField] = ()) -> list[Entry]:
     """Return one object for each batch: the line of the track's file if it has any, time s,
     latitude and longitude deg, covariance_enu m² (None = no fix), status, reason.
 
@@ -38,18 +36,17 @@ def as_objects(
     covariance with the prior (`with_prior_*`), of chained batches with all fixes so far
     (`aided_*`), and what was found of the fields' errors (`found`).
     """
-    name = "aided" if chained else "with_prior"
     line = fields[0].track.line if fields else None
     begin = {} if line is None else {"line": line}
     objects = []
     for match in matches:
         fix = match.fix
-        result: Entry = {**begin, "time": fix.time, **_place(fix.latitude, fix.longitude)}
-        result["covariance_enu"] = _enu(fix.covariance) if fix.published else None
-        result["status"] = FIX if fix.published else NO_FIX
-        result["reason"] = fix.reason
-        result |= {f"{name}_{key}": value for key, value in _place(*match.position).items()}
-        result[f"{name}_covariance_enu"] = _enu(match.covariance[:2, :2])
+        own = _place(fix.latitude, fix.longitude, fix.covariance if fix.published else None)
+        known = _place(*match.position, match.covariance)
+        status = {"status": FIX if fix.published else NO_FIX, "reason": fix.reason}
+        result = {**begin, "time": fix.time, **own, **status}
+        name = "aided" if match.chained else "with_prior"
+        result |= {f"{name}_{key}": value for key, value in known.items()}
         objects.append(result | found(match, fields))
     return objects
 
@@ -67,14 +64,12 @@ def found(match: Match, fields: Sequence[TrackField]) -> Entry:
         return {}
     result: Entry = {}
     for field in fields:
-        prefix = "" if field is fields[0] else f"{field.name}."
-        if prefix + "map_sigma" in numbers:
+        begin = prefix(field, fields)
+        if begin + "map_sigma" in numbers:
             units = dict.fromkeys(_ESTIMATES, field.track.factor) | {_LENGTH: 1.0}
             result[estimated(field, fields)] = {
-                name: float(f"{numbers[prefix + name] / unit:.4g}") for name, unit in units.items()
+                name: float(f"{numbers[begin + name] / unit:.4g}") for name, unit in units.items()
             }
-    if not result:
-        return {}
     return result | {
         "readings": int(numbers["readings"]),
         "readings_left_out": int(numbers["readings_left_out"]),
@@ -133,17 +128,16 @@ def _counted(count: int, one: str, several: str) -> str:
     return f"{count} {one if count == 1 else several}"
 
 
-def _place(latitude: float, longitude: float) -> dict[str, float]:
+def _place(latitude: float, longitude: float, covariance: Array | None) -> Entry:
+    """Return a place (rad) in deg with its covariance of north and east (first two rows and
+    columns; None = there is none) in the order east, north."""
     turned = math.degrees(math.remainder(longitude, 2.0 * math.pi))
+    enu = None if covariance is None else covariance[1::-1, 1::-1].tolist()
     return {
         "latitude": round(math.degrees(latitude), _DEGREE_DIGITS),
         "longitude": round(turned, _DEGREE_DIGITS),
+        "covariance_enu": enu,
     }
-
-
-def _enu(covariance: Array) -> list[list[float]]:
-    """Return a covariance of north and east, (2, 2), as lists in the order east, north."""
-    return [[float(covariance[i, j]) for j in (1, 0)] for i in (1, 0)]
 
 
 def as_json(objects: Sequence[Entry]) -> str:
@@ -194,16 +188,12 @@ WRITERS: dict[str, Callable[[Sequence[Entry]], str]] = {
 """Writer by suffix."""
 
 
-def writer_for(path: Path) -> Callable[[Sequence[Entry]], str]:
-    """Return the writer for a file by its suffix; raises InputError where there is none."""
+def write_results(objects: Sequence[Entry], path: Path) -> None:
+    """Write a file in the format of its suffix, whole or not at all; raises InputError where there
+    is none of that suffix, or it cannot be written."""
     writer = WRITERS.get(path.suffix.casefold())
     if writer is None:
         raise InputError(
             f"{path}: results are written to {', '.join(WRITERS)} files, not to '{path.suffix}'"
         )
-    return writer
-
-
-def write_results(objects: Sequence[Entry], path: Path) -> None:
-    """Write a file in the format of its suffix, whole or not at all; raises InputError."""
-    write_atomic(path, writer_for(path)(objects))
+    write_atomic(path, writer(objects))

@@ -7,6 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, real_numbers
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import displaced
 from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.magnetics.readings import BaseStation
@@ -16,7 +17,7 @@ from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Magnetometer
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
 from isogal.sensors.magnetometer import MagneticReduction, MainField
-from isogal.sensors.reduction import State
+from isogal.sensors.reduction import Reduction, State
 
 REDUCTIONS = ("none", "latitude", "velocity", "main-field")
 """What readings may have been reduced with: nothing of the track, normal gravity at its latitude,
@@ -166,6 +167,13 @@ class Track:
             axis=-1,
         )
 
+    def moved(self, rows: slice, error: Array) -> tuple[Array, Array]:
+        """Return latitude and longitude (rad) of some rows less the track's error at the last of
+        them, (4,) north, east m; m/s, of which the velocity was constant."""
+        since = self.time[rows] - self.time[rows][-1]
+        metres = error[:2] + np.outer(since, error[2:])
+        return displaced(self.latitude[rows], self.longitude[rows], -metres)
+
     def jacobian(self, quantity: str) -> Array:
         """Return (N, 4) derivatives of the readings by the track's error (north, east m; m/s),
         which the reduction causes (docs/mathematics.md, section 2.6).
@@ -186,18 +194,18 @@ class Track:
                 f"{self.where}: readings of {quantity} are not reduced with the track's"
                 f" {self.reduction}"
             )
+        reduced: Reduction = DisturbanceReduction()
         if self.reduction == "main-field":
             # any recent year will do: the gradient changes by a thousandth in one
-            main_field = MainField(self.latitude, self.longitude, 0.0, Magnetometer().epoch)
-            return MagneticReduction(main_field).jacobian(
-                State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
-            )
-        reduced = GravityReduction() if quantity == "gravity" else DisturbanceReduction()
-        here = State(self.latitude, self.longitude, 0.0, 0.0, 0.0)
-        if self.reduction == "latitude":  # that of a track at rest, whatever its velocity error
-            return reduced.jacobian(here) * np.array([1.0, 0.0, 0.0, 0.0])
-        north, east = self.velocity.T
-        return reduced.jacobian(here._replace(v_north=north, v_east=east))
+            epoch = Magnetometer().epoch
+            reduced = MagneticReduction(MainField(self.latitude, self.longitude, 0.0, epoch))
+        elif quantity == "gravity":
+            reduced = GravityReduction()
+        moving = self.velocity.T if self.reduction == "velocity" else np.zeros(2)
+        jacobian = reduced.jacobian(State(self.latitude, self.longitude, 0.0, *moving))
+        if self.reduction == "latitude":
+            jacobian[:, 1:] = 0.0
+        return jacobian
 
     def normal_gravity_in_doubt(self, quantity: str) -> float:
         """Return by how much the readings may be wrong per metre of latitude (unit/m), because it
@@ -253,18 +261,16 @@ def _check_unit(level: Array, at_track: Array, field_map: ScalarMap, track: Trac
     spread, expected = float(np.std(level)), float(np.std(at_track))
     ratio = spread / expected if spread > 0.0 and expected > 0.0 else 1.0
 
-    def possible(scale: float) -> bool:
-        return known.lowest <= low * scale and high * scale <= known.highest
+    def possible(scale: float, off: float = math.inf) -> bool:
+        """Tell whether readings times a scale can be of the map, spreads within a factor."""
+        there = known.lowest <= low * scale and high * scale <= known.highest
+        return there and 1.0 / off < ratio * scale < off
 
-    if possible(1.0) and 1.0 / _OFF_SCALE < ratio < _OFF_SCALE:
+    if possible(1.0, _OFF_SCALE):
         return
     unit = fitting_unit(
         field_map.unit,
-        lambda factor: (
-            factor != track.factor
-            and possible(factor / track.factor)
-            and 1.0 / _EXPLAINED < ratio * factor / track.factor < _EXPLAINED
-        ),
+        lambda factor: factor != track.factor and possible(factor / track.factor, _EXPLAINED),
     )
     hint = ""
     if unit is not None:

@@ -22,7 +22,7 @@ from scipy.special import logsumexp, softmax
 from isogal.arrays import Array
 from isogal.maps.displacement import displacement as displaced_by
 from isogal.matching.information import relative
-from isogal.tracks.evidence import BLOCKS
+from isogal.tracks.evidence import BLOCKS, Seen
 from isogal.tracks.places import Shifts
 
 FEWEST = 16
@@ -32,22 +32,21 @@ FEWEST = 16
 def displacement(shifts: Shifts) -> Array:
     """Return (2, 2) m², the covariance of the shift that displaced maps pass for; of several
     fields, whose maps are displaced independently, by what each says of the place."""
-    each = [np.linalg.inv(shifts.covariance_by(field)) for field in range(len(shifts.seen))]
+    each = [np.linalg.inv(shifts.covariance_by(one)) for one in shifts.seen]
     whole = np.linalg.inv(sum(each))
     parts = [
-        _variance(shifts, field) * whole @ one @ one @ whole for field, one in enumerate(each)
+        _variance(shifts, one) * whole @ own @ own @ whole
+        for one, own in zip(shifts.seen, each, strict=True)
     ]
     return np.asarray(sum(parts))
 
 
-def _variance(shifts: Shifts, field: int) -> float:
+def _variance(shifts: Shifts, one: Seen) -> float:
     """Return the variance per axis by a field's models, m²."""
-    seen, which = shifts.seen[field], shifts.which[field]
-    if not seen.gridded:
+    if not one.gridded:
         return 0.0
-    error, length = seen.map_sigma(which) ** 2, seen.models.length[which]
-    sigma = displaced_by(length, error, seen.shown(shifts.likeliest))
-    return float(shifts.of_models(field) @ sigma**2)
+    sigma = displaced_by(one.length, one.map_sigma**2, one.shown(shifts.likeliest))
+    return float(shifts.of_models(one) @ sigma**2)
 
 
 def excess(shifts: Shifts) -> Array:
@@ -55,21 +54,20 @@ def excess(shifts: Shifts) -> Array:
     without the halves of its own readings, whose errors are independent."""
     mean, covariance = shifts.moments
     scatter = np.zeros((2, 2))
-    for field, seen in enumerate(shifts.seen):
-        if not seen.gridded and len(seen.white) - seen.old_rows >= FEWEST:
-            apart = _fixes(shifts, field) - mean
+    for one in shifts.seen:
+        if not one.gridded and len(one.white) - one.old_rows >= FEWEST:
+            apart = _fixes(shifts, one) - mean
             scatter += apart.T @ apart / len(apart)
     factor, values, vectors = relative(scatter, covariance)
     axes = factor @ vectors
     return np.asarray((axes * np.maximum(values - 1.0, 0.0)) @ axes.T)
 
 
-def _fixes(shifts: Shifts, field: int) -> Array:
+def _fixes(shifts: Shifts, one: Seen) -> Array:
     """Return (70, 2) the fixes without halves of a field's readings."""
-    own, parts = shifts.by_model(field), shifts.parts[field]
-    others = shifts.log_density - logsumexp(own, axis=0)
+    own, others = one.by_model, shifts.log_density - one.log_density
     means = []
-    for left_out in combinations(np.eye(parts.shape[1]), BLOCKS // 2):
-        rest = own - sum(left_out) @ parts
+    for left_out in combinations(np.eye(one.parts.shape[1]), BLOCKS // 2):
+        rest = own - sum(left_out) @ one.parts
         means.append(softmax(logsumexp(rest, axis=0) + others) @ shifts.centres)
     return np.array(means)

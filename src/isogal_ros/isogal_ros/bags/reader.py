@@ -1,18 +1,16 @@
 """Reading recordings, whole or cut off, message by message."""
 
-import re
 import struct
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 from pydantic import JsonValue
 
 from isogal.errors import InputError
-from isogal.mcap_damage import is_damage, unpacked
+from isogal.mcap_files import SUFFIXES, is_damage, numbered, opened, parts, records_of
 from isogal.scenario import Scenario, validate_scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros.bags.remapping import Remapping, given_drivers
@@ -23,19 +21,12 @@ from isogal_ros.messages.mounting import TF_STATIC, Link, Tree, placed, read_tra
 if TYPE_CHECKING:
     from mcap.records import McapRecord
 
-LARGEST = 8 * 1024**3
-"""Bytes after which unpacking a compressed file ends: a small one may say that it holds any
-number."""
-SUFFIXES = (".mcap", ".mcap.zstd")
-"""The latter are compressed as a whole, as ``ros2 bag record --compression-mode file`` leaves
-them."""
 SQLITE = (".db3", ".db3.zstd")
 _CONVERT = (
     "a SQLite recording of rosbag2: convert it by `ros2 bag convert` with storage_id mcap, or"
     " without ROS by `rosbags-convert --src FOLDER --dst NEW --dst-storage mcap`"
     " (Python package rosbags)"
 )
-_NUMBER = re.compile(r"_(\d+)\.mcap(\.zstd)?$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +140,9 @@ class BagReader:
         say so in `cut`; raises InputError where it is no MCAP file."""
         from mcap.exceptions import EndOfFile, InvalidMagic
 
-        with _opened(file) as stream:
+        with opened(file) as stream:
             try:
-                for place, records in _read(stream, self._places.get(file, 0)):
+                for place, records in records_of(stream, self._places.get(file, 0)):
                     yield from records
                     self._places[file] = place
             except Exception as error:
@@ -164,63 +155,6 @@ class BagReader:
                     self.cut = f"the file ends early, at byte {file.stat().st_size}"
                 else:
                     self.cut = f"the file is damaged ahead of byte {place}"
-
-
-def _read(stream: BinaryIO, start: int = 0) -> "Iterator[tuple[int, list[McapRecord]]]":
-    """Yield where each record of an MCAP file ends, from a place on, and what it holds: the
-    records of a chunk, or itself."""
-    from mcap.stream_reader import StreamReader
-
-    stream.seek(start)
-    for record in StreamReader(stream, skip_magic=start > 0, emit_chunks=True).records:
-        yield stream.tell(), unpacked(record)
-
-
-@contextmanager
-def _opened(file: Path) -> Iterator[BinaryIO]:
-    """Open an MCAP file for reading, unpacked into a temporary file where it is compressed; raises
-    InputError where it cannot be unpacked, or is larger than `LARGEST`."""
-    if file.suffix != ".zstd":
-        with file.open("rb") as stream:
-            yield stream
-        return
-    with tempfile.TemporaryFile() as whole:
-        _unpack(file, whole)
-        whole.seek(0)
-        yield whole
-
-
-def _unpack(file: Path, whole: BinaryIO) -> None:
-    import zstandard
-
-    try:
-        with file.open("rb") as stream:
-            for block in zstandard.ZstdDecompressor().read_to_iter(stream, write_size=1024**2):
-                whole.write(block)
-                if whole.tell() > LARGEST:
-                    raise InputError(f"{file}: more than {LARGEST} bytes when unpacked")
-    except zstandard.ZstdError as error:
-        if whole.tell() == 0:
-            raise InputError(f"{file}: not compressed by zstd, or damaged") from error
-
-
-def parts(folder: Path) -> list[Path]:
-    """Return the MCAP files of a folder, by their number (``<bag>_0.mcap``, ``<bag>_1.mcap``), in
-    which order they were written."""
-    if not folder.is_dir():
-        return []
-    return sorted((file for file in folder.iterdir() if file.name.endswith(SUFFIXES)), key=_order)
-
-
-def numbered(files: list[Path]) -> bool:
-    """Whether files are the parts of one bag: numbered from 0 on, with one name."""
-    names = {_NUMBER.sub("", file.name) for file in files}
-    return len(names) == 1 and [_order(file)[0] for file in files] == list(range(len(files)))
-
-
-def _order(file: Path) -> tuple[int, str]:
-    found = _NUMBER.search(file.name)
-    return (int(found.group(1)) if found else -1, file.name)
 
 
 def _find_files(path: Path) -> list[Path]:

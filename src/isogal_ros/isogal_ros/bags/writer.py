@@ -22,6 +22,7 @@ from pydantic import JsonValue
 
 from isogal.errors import InputError
 from isogal.files import make_folder, write_atomic
+from isogal.mcap_files import parts
 from isogal.scenario import Scenario
 from isogal_ros.bags.metadata import (
     Contents,
@@ -30,7 +31,6 @@ from isogal_ros.bags.metadata import (
     earlier_files,
     qos_entries,
 )
-from isogal_ros.bags.reader import parts
 from isogal_ros.messages.prepared import serialised
 from isogal_ros.parameters.values import yaml_text
 from isogal_ros.topics import LOSSLESS, Message, Topic, type_name

@@ -42,7 +42,7 @@ def match(
     uncertainty = assumed.of_track()
     lines = read_fields(map_, track.resolved(), assumed, matching)
     found = [(_matched(fields, uncertainty, matching.chain, results), fields) for fields in lines]
-    objects = [entry for one in found for entry in as_objects(*one, chained=matching.chain)]
+    objects = [entry for one in found for entry in as_objects(*one)]
     for path in results.out or ():
         write_results(objects, path)
     if results.json:
@@ -73,5 +73,5 @@ def _matched(
         matches = match_fields(fields, uncertainty, chained=chained, progress=progress)
     if results.report is not None:
         folder = results.report if line is None else results.report / f"line_{line}"
-        write_match_report(fields, uncertainty, matches, folder, chained=chained)
+        write_match_report(fields, uncertainty, matches, folder)
     return matches

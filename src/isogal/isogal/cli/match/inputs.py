@@ -328,14 +328,13 @@ def _learnt_error(
     if sigma is None:
         sigma = reading_sigma(with_sigma(_UNUSED_SIGMA), field_map)
     tracks = with_sigma(sigma)
-    learnt = with_learnt_error(tracks, field_map)
-    length = learnt.field_map.correlation_length
+    learnt, error = with_learnt_error(tracks, field_map)
     note(
         f"learnt from {sum(len(track) for track in tracks)} readings: map error"
-        f" {learnt.sigma / factor:.3g} (RMS there), correlated over {length:.0f} m; readings good"
-        f" to {sigma / factor:.2g}"
+        f" {error / factor:.3g} (RMS there), correlated over {learnt.correlation_length:.0f} m;"
+        f" readings good to {sigma / factor:.2g}"
     )
-    return learnt.field_map, sigma
+    return learnt, sigma
 
 
 def _instrument(components: tuple[str, ...], chosen: TrackChoice) -> "Gradiometer":

@@ -1,42 +1,31 @@
 """Kilometres east and north of the start, as the maps of the page have them."""
 
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.plane import Plane
 
 
-@dataclass(frozen=True, slots=True)
-class Projection:
-    """Equirectangular, true to scale at the middle latitude: a map's grid stays a regular grid,
-    and whatever is drawn at one place is stretched alike (by 2 % one degree off that latitude at
-    37 degrees)."""
+class Projection(Plane):
+    """The plane of a route in kilometres, true to scale at its middle latitude: whatever is drawn
+    at one place is stretched alike (by 2 % one degree off that latitude at 37 degrees)."""
 
-    latitude: float
-    """rad, of the origin."""
-    longitude: float
-    """rad, of the origin."""
-    north: float
-    """km per radian of latitude."""
-    east: float
-    """km per radian of longitude."""
-
-    @staticmethod
-    def of(latitude: Array, longitude: Array) -> "Projection":
+    @classmethod
+    def of(cls, latitude: Array, longitude: Array) -> "Projection":
         """Return the projection for a route (rad): its origin is the first point."""
         middle = 0.5 * float(latitude.min() + latitude.max())
-        north, east = (float(m) / 1e3 for m in metres_per_radian(middle))
-        return Projection(float(latitude[0]), float(longitude[0]), north, east)
+        plane = cls.at(latitude[0], longitude[0], middle)
+        return replace(plane, north=plane.north / 1e3, east=plane.east / 1e3)
 
     def __call__(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array]:
         """Return km east and north of points (rad); longitudes within half a turn of the
         origin."""
-        turn = np.remainder(np.asarray(longitude) - self.longitude + np.pi, 2.0 * np.pi) - np.pi
-        return cast(Array, turn * self.east), (np.asarray(latitude) - self.latitude) * self.north
+        north, east = np.moveaxis(self.metres(latitude, longitude), -1, 0)
+        return east, north
 
     def axes(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
         """Return km east and north of the columns and rows of a map, whose longitudes may be

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.frames import horizontal_difference
+from isogal.earth.frames import displaced, horizontal_difference
 from isogal.fusion.measurements.model import Innovation, Rows, update_linear
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
@@ -44,11 +43,7 @@ def linear_map(
     """Return the regression of a map over places (K,), rad, of a covariance (K, 2, 2), m²."""
     root = np.linalg.cholesky(covariance)
     shift = np.einsum("kij,qj->kqi", root, _OFFSETS)
-    north, east = metres_per_radian(latitude)
-    values = field_map.value(
-        latitude[:, None] + shift[..., 0] / north[:, None],
-        longitude[:, None] + shift[..., 1] / east[:, None],
-    )
+    values = field_map.value(*displaced(latitude[:, None], longitude[:, None], shift))
     mean = values @ _WEIGHTS
     across = np.einsum("q,kq,qi->ki", _WEIGHTS, values, _OFFSETS)  # in units of the root
     slope = np.linalg.solve(root.swapaxes(1, 2), across[..., None])[..., 0]

@@ -1,7 +1,7 @@
 """From survey readings to a map with its own 1-sigma and correlation length at every node
 (docs/maps.md, "From survey readings to a map").
 
-    survey          readings at points or along lines, and the plane they are taken to
+    survey          readings at points or along lines
     reading         from files
     rows            rows of files with named columns: text, Geosoft XYZ, MGD77, NetCDF
     mgd77           track lines of ships

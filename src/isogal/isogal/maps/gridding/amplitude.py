@@ -25,7 +25,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.maps.gridding.survey import Groups, blocks_of
+from isogal.groups import Groups
+from isogal.maps.gridding.survey import blocks_of
 from isogal.maps.gridding.validation import folds
 
 _NEIGHBOURS = 16

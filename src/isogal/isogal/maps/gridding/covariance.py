@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
+from isogal.maps.error_ellipses import joint
 
 if TYPE_CHECKING:
     from isogal.maps.gridding.strike import LocalStrike
@@ -98,9 +99,12 @@ class Covariance:
         from scipy.spatial.distance import cdist
 
         if self.kind == "matern":
-            alike, apart = self._local(here, there) if self.local else (1.0, None)
-            if apart is None:
+            alike: Array | float = 1.0
+            if self.local is None:
                 apart = cdist(self.turned(here), self.turned(there))
+            else:
+                way = np.stack([here[:, k, None] - there[:, k] for k in (1, 0)])
+                apart, alike = joint(way, self.local.at(here), self.local.at(there))
             total = np.zeros_like(apart)
             for sigma, length in zip(self.sigma, self.length, strict=True):
                 a = (math.sqrt(3.0) / length) * apart
@@ -112,17 +116,6 @@ class Covariance:
             z = here[:, 2:] + there[:, 2] + 2.0 * depth
             total += (sigma * 2.0 * depth) ** 2 * z / (square + z * z) ** 1.5
         return total
-
-    def _local(self, here: Array, there: Array) -> tuple[Array, Array]:
-        """Return (N, M) by how much less alike places are as their strikes differ, and how far
-        apart (Paciorek & Schervish 2006, theorem 1)."""
-        assert self.local is not None
-        one, other = self.local.at(here), self.local.at(there)
-        ee, en, nn = 0.5 * (one[:, :, None] + other[:, None])
-        east, north = (a[:, None] - b for a, b in zip(here[:, :2].T, there[:, :2].T, strict=True))
-        size = ee * nn - en * en
-        square = (nn * east * east - 2.0 * en * east * north + ee * north * north) / size
-        return 1.0 / np.sqrt(size), np.sqrt(np.maximum(square, 0.0))
 
     def variance_at(self, places: Array) -> Array:
         """Return (N,) the variance at places (N, 3)."""

@@ -120,11 +120,9 @@ class Model:
         self, latitude: Array, longitude: Array, height: Array | float | None = None
     ) -> Array:
         """Return (P, 3) places as the kriging takes them."""
-        plane, floor = self.survey.plane, self.survey.floor
-        turned = np.remainder(longitude - plane.longitude + math.pi, 2.0 * math.pi)
-        east, north = plane.project(latitude, plane.longitude + turned - math.pi)
+        north, east = self.survey.plane.metres(latitude, longitude).T
         up = self.default_height if height is None else height
-        return np.stack([east, north, np.broadcast_to(up, east.shape) - floor], axis=1)
+        return np.stack([east, north, np.broadcast_to(up, east.shape) - self.survey.floor], axis=1)
 
     @property
     def default_height(self) -> float:
@@ -374,8 +372,8 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
         )
     spacing = settings.spacing or _default_spacing(model)
     model.report["spacing_m"] = spacing
-    latitude = _axis(survey.latitude, spacing / plane.north_scale)
-    longitude = _axis(survey.longitude, spacing / plane.east_scale)
+    latitude = _axis(survey.latitude, spacing / plane.north)
+    longitude = _axis(survey.longitude, spacing / plane.east)
     count = latitude.size * longitude.size
     if count > _MOST_NODES:
         raise InputError(

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.maps.gridding.survey import Groups, Survey, blocks_of
+from isogal.groups import Groups
+from isogal.maps.gridding.survey import Survey, blocks_of
 
 _FAR, _ROUNDS = 3.0, 20
 """1-sigmas off which a reading counts less for the trend, and rounds of reweighting."""

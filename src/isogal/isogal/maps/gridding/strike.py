@@ -54,7 +54,7 @@ class LocalStrike:
         object.__setattr__(self, "tree", cKDTree(self.centre))
 
     def at(self, places: Array) -> Array:
-        """Return (3, P) the elements east-east, east-north and north-north of S at places."""
+        """Return (P, 3) the elements north-north, north-east and east-east of S at places."""
         most = min(_NEAR, len(self.centre))
         distance, near = (x.reshape(-1, most) for x in self.tree.query(places[:, :2], most))
         weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / self.width**2)
@@ -63,10 +63,11 @@ class LocalStrike:
 
 
 def _exponential(even: Array, odd: Array) -> Array:
-    """Return (3, P) S whose logarithm is [[even, odd], [odd, -even]]."""
+    """Return (P, 3) S whose logarithm is [[even, odd], [odd, -even]], east first."""
     size = np.hypot(even, odd)
     ratio = np.sinh(size) / np.maximum(size, 1e-12)
-    return np.stack([np.cosh(size) + even * ratio, odd * ratio, np.cosh(size) - even * ratio])
+    north, east = np.cosh(size) - even * ratio, np.cosh(size) + even * ratio
+    return np.stack([north, odd * ratio, east], axis=-1)
 
 
 def with_local_strike(

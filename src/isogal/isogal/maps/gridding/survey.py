@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.plane import Plane
 from isogal.errors import InputError
+from isogal.groups import Groups
 from isogal.maps.quantities import QUANTITIES, check_plausible, said
 
 FEWEST = 30
@@ -83,9 +84,10 @@ class Survey:
         return int(self.value.size)
 
     @property
-    def plane(self) -> "Plane":
-        """That of the readings."""
-        return Plane.of(self.latitude, self.longitude)
+    def plane(self) -> Plane:
+        """That about the middle of the readings. What its distances are off by changes their
+        covariances slightly, and not where they lie."""
+        return Plane.about(self.latitude, self.longitude)
 
     @property
     def floor(self) -> float:
@@ -96,72 +98,13 @@ class Survey:
     def places(self) -> Array:
         """(N, 3) m, east, north and above `floor`."""
         up = np.zeros(len(self)) if self.height is None else self.height - self.floor
-        return np.column_stack([*self.plane.project(self.latitude, self.longitude), up])
+        return np.column_stack([self.plane.metres(self.latitude, self.longitude)[:, ::-1], up])
 
     def part(self, chosen: Booleans | Integers) -> "Survey":
         """Return some of the readings."""
         names = ("latitude", "longitude", "value", "height", "sigma", "line", "time")
         arrays = ((name, getattr(self, name)) for name in names)
         return replace(self, **{name: one[chosen] for name, one in arrays if one is not None})
-
-
-@dataclass(frozen=True, slots=True)
-class Plane:
-    """A plane that a survey of a few hundred kilometres is small enough for.
-
-    Equirectangular about the middle: distances to the east are off by tan(latitude) times the
-    angle (rad) to the middle's latitude, 1 % for 40 km at 60 deg. That changes the covariances
-    of the readings slightly, and not where they lie.
-    """
-
-    latitude: float
-    """Of the middle, rad."""
-    longitude: float
-    north_scale: float
-    """m per rad."""
-    east_scale: float
-
-    @classmethod
-    def of(cls, latitude: Array, longitude: Array) -> "Plane":
-        """Return the plane about the middle of some points (rad)."""
-        middle = [0.5 * float(axis.min() + axis.max()) for axis in (latitude, longitude)]
-        north, east = metres_per_radian(middle[0])
-        return cls(middle[0], middle[1], float(north), float(east))
-
-    def project(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
-        """Return east and north (m) of points (rad)."""
-        return (
-            (longitude - self.longitude) * self.east_scale,
-            (latitude - self.latitude) * self.north_scale,
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Groups:
-    """Readings (N,) that have something in common, in G groups."""
-
-    first: Integers
-    """(G,) row of the first of each."""
-    of: Integers
-    """(N,) group of each reading."""
-    count: Array
-    """(G,) readings of each."""
-
-    @classmethod
-    def by(cls, *keys: Array | Integers) -> "Groups":
-        """Return those that have the same integers in all keys, (N,) or (N, K)."""
-        _, first, of, count = np.unique(
-            np.column_stack(keys).astype(np.int64),
-            axis=0,
-            return_index=True,
-            return_inverse=True,
-            return_counts=True,
-        )
-        return cls(first, of.reshape(-1), count.astype(np.float64))
-
-    def mean(self, values: Array) -> Array:
-        """Return (G,) means of values (N,)."""
-        return np.asarray(np.bincount(self.of, values) / self.count)
 
 
 def blocks_of(places: Array, side: float) -> Array:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
+from isogal.groups import Groups
 from isogal.maps.gridding.blunders import FAR, Named, named
 from isogal.maps.gridding.covariance import Readings
 from isogal.maps.gridding.kriging import Kriging, groups
-from isogal.maps.gridding.survey import Groups, Survey, blocks_of
+from isogal.maps.gridding.survey import Survey, blocks_of
 from isogal.seeds import generator
 from isogal.threads import available_cores
 

@@ -23,6 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
+from isogal.earth.plane import Plane
 from isogal.maps.field_map import FieldMap
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import (
@@ -32,7 +33,6 @@ from isogal.matching.baselines.readings import (
 )
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
-from isogal.matching.local_plane import LocalPlane
 
 
 class IccpOptions(BaseModel):
@@ -103,7 +103,8 @@ class Iccp(Baseline[IccpOptions]):
                 " needed)",
             )
         arrays = readings.arrays
-        track = LocalPlane.of(batch).metres(arrays.latitude, arrays.longitude)
+        plane = Plane.at(batch.latitude[-1], batch.longitude[-1])
+        track = plane.metres(arrays.latitude, arrays.longitude)
         ends = [
             self._end(track, field_map, readings, contours, start, sigma)
             for start in self._starts(np.sqrt(np.diag(batch.prior)[:2]))

@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array, Booleans
+from isogal.earth.plane import Plane
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch
-from isogal.matching.local_plane import LocalPlane
 from isogal.matching.paper.kalman import backward_smoother, constant_velocity, forward_filter
 from isogal.matching.paper.map_lookup import lattice_spacing, lookup, search_window
 from isogal.matching.paper.pda import association_weights, candidate_variance, combine
@@ -89,14 +89,14 @@ class Estimate(NamedTuple):
 
 
 def find_candidates(
-    batch: Batch, plane: LocalPlane, field_map: FieldMap, options: PaperOptions
+    batch: Batch, plane: Plane, field_map: FieldMap, options: PaperOptions
 ) -> ScanCandidates:
     """Look up all scans that have a reading, and the map at the navigator's position.
 
     Parameters
     ----------
     batch : Batch
-    plane : LocalPlane
+    plane : Plane
         In whose metres the candidates are.
     field_map : FieldMap
     options : PaperOptions

@@ -32,11 +32,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.plane import Plane
 from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
 from isogal.matching.interfaces import Batch, Candidates, Fix, declined
-from isogal.matching.local_plane import LocalPlane
 from isogal.matching.paper.iteration import (
     Estimate,
     PaperOptions,
@@ -85,7 +85,7 @@ class PmhtPaper:
             )
             return declined(batch, reason, feature_variability=variability), reference
 
-        plane = LocalPlane.of(batch)
+        plane = Plane.at(batch.latitude[-1], batch.longitude[-1])
         candidates = find_candidates(batch, plane, field_map, options)
         usable = int(candidates.there.any(axis=1).sum())
         if reason := too_few(batch, usable, options.min_scans or max(1, len(batch) // 2)):
@@ -121,7 +121,7 @@ class PmhtPaper:
     def _fix(
         self,
         batch: Batch,
-        plane: LocalPlane,
+        plane: Plane,
         variability: float,
         candidates: ScanCandidates,
         result: Estimate,
@@ -168,7 +168,7 @@ def _first_scan(batch: Batch) -> Array:
     return to_first @ batch.prior @ to_first.T
 
 
-def _listed(plane: LocalPlane, candidates: ScanCandidates, weight: Array) -> Candidates:
+def _listed(plane: Plane, candidates: ScanCandidates, weight: Array) -> Candidates:
     """Return the candidates of all scans with their last weights."""
     kept = candidates.there
     latitude, longitude = plane.radians(candidates.position[kept])
