@@ -42,6 +42,7 @@ def test_every_transition(scenario) -> None:
         assert made.node.trigger_activate() == SUCCESS
         made.imu(1)
         made.wait(lambda: stamps(made, topics.NAV_FIX) == [0, 1])  # begun anew
+        assert made.node.samples == 1  # what listened before is gone
         made.wait(lambda: made.node.ready)
         assert made.node.trigger_deactivate() == SUCCESS
         level, message, figures = made.says()[-1]

@@ -80,9 +80,10 @@ class RecorderNode(GraphNode[RecorderSettings]):
             if not self.active or self.finished:
                 return
             if is_clock or hasattr(listening.type, "header"):
-                self._now = max(self._now, peek_ns(data))
+                stamp = peek_ns(data)
+                self._now = max(self._now, stamp)
                 if by_navigator:
-                    self._navigated = max(self._navigated, peek_ns(data))
+                    self._navigated = max(self._navigated, stamp)
             try:
                 if not self.writer.knows(name):
                     self._add(name, listening.type)

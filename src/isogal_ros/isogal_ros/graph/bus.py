@@ -52,6 +52,7 @@ class Bus(Context):
         """Whether nodes hear others where no node on the bus publishes."""
         self._sources: Counter[str] = Counter()
         self._taps: defaultdict[str, list[Callable[[bytes], None]]] = defaultdict(list)
+        self._listening: defaultdict[str, list[Listening]] = defaultdict(list)
         self._queue: deque[tuple[str, bytes]] = deque()
         self._held: dict[GraphNode, list[tuple[Listening, bytes]]] = {}
         """What nodes that are stopped have yet to take."""
@@ -88,9 +89,9 @@ class Bus(Context):
     def open(self) -> None:
         """Let nodes hear others where no node on the bus publishes."""
         self.is_open = True
-        for node in self.nodes:
-            for one in node.listening.values():
-                if not self.publishers(one.topic.name):
+        for name, each in self._listening.items():
+            if not self.publishers(name):
+                for one in each:
                     one.open()
 
     def look(self) -> None:
@@ -114,6 +115,21 @@ class Bus(Context):
         self._sources[topic.name] += 1
         return lambda message: self.send(topic.name, message)
 
+    def join(self, listening: Listening) -> None:
+        """Hand a node what is published on a topic."""
+        self._listening[listening.topic.name].append(listening)
+
+    def silence(self, node: GraphNode) -> None:
+        """Hand a node nothing any more."""
+        for each in self._listening.values():
+            each[:] = [one for one in each if one.node is not node]
+
+    def leave(self, node: GraphNode) -> None:
+        """Let a node go that is being destroyed."""
+        self.silence(node)
+        if node in self.nodes:
+            self.nodes.remove(node)
+
     def hear(self, topic: Topic, take: Callable[[bytes], None]) -> None:
         """Call `take` with every serialised message of a topic, as it was published."""
         self._taps[topic.name].append(take)
@@ -122,7 +138,7 @@ class Bus(Context):
         """Publish a message, serialised or not, on a topic; `run` delivers it."""
         if self.count(name):
             data = serialised(message)
-            for take in self._taps.get(name, ()):
+            for take in self._taps[name]:
                 take(data)
             if self.change is None:
                 self._queue.append((name, data))
@@ -131,7 +147,7 @@ class Bus(Context):
 
     def count(self, name: str) -> int:
         """Count those on the bus who listen to a topic."""
-        return len(self._taps.get(name, ())) + sum(name in node.listening for node in self.nodes)
+        return len(self._taps[name]) + len(self._listening[name])
 
     def publishers(self, name: str) -> int:
         """Count those on the bus who publish on a topic."""
@@ -145,11 +161,9 @@ class Bus(Context):
         while self._queue and delivered < most:
             delivered += 1
             name, data = self._queue.popleft()
-            for node in tuple(self.nodes):
-                if (listening := node.listening.get(name)) is None:
-                    continue
-                if node in self._held:
-                    self._held[node].append((listening, data))
+            for listening in tuple(self._listening[name]):
+                if listening.node in self._held:
+                    self._held[listening.node].append((listening, data))
                 else:
                     listening.deliver(data)
         return delivered > 0

@@ -39,11 +39,12 @@ def require_frame(message: Message | str, frame: str, parameter: str = "") -> No
 def require_covariance(covariance: Array) -> None:
     """Raise BadMessageError unless a covariance (N, N) is finite, can be computed with, and has
     variances >= 0."""
-    if not np.isfinite(covariance).all():
+    largest = float(np.abs(covariance).max(initial=0.0))
+    if not math.isfinite(largest):
         raise BadMessageError("covariance is not finite")
-    if np.abs(covariance).max(initial=0.0) > LARGEST:
+    if largest > LARGEST:
         raise BadMessageError(f"covariance has numbers above {LARGEST:g}")
-    if (np.diag(covariance) < 0.0).any():
+    if min(covariance.diagonal().tolist(), default=0.0) < 0.0:
         raise BadMessageError("negative variance")
 
 
@@ -57,8 +58,7 @@ def unit_quaternion(orientation: Quaternion) -> Array:
 
 def require_unit(quaternion: Array, what: str) -> None:
     """Raise BadMessageError unless a quaternion (4,) is of length 1."""
-    # NaN is not below, and squares of what is overflow
-    if not (np.abs(quaternion) < 2.0).all() or abs(quaternion @ quaternion - 1.0) > 1e-3:
+    if not abs(math.hypot(*quaternion.tolist()) - 1.0) <= 5e-4:  # as NaN is not
         raise BadMessageError(f"{what} is not a unit quaternion")
 
 

@@ -20,6 +20,8 @@ LARGEST_GRAVITY, LARGEST_DISTURBANCE = 20.0, 1.0
 """m/s²; beyond, the unit is another."""
 SMALLEST_GRAVITY = 5.0
 """m/s²; below, the instrument gives nothing, or its axis points down."""
+_NOT_MEASURED, _UP = np.diag([NOT_MEASURED] * 6).ravel(), 14
+"""A message's covariance, row by row, and where in it the variance along z is."""
 _UNITS = {"mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6}
 """m/s² in the units that readings may be in by mistake, see `isogal_ros.messages.drivers`."""
 
@@ -55,9 +57,8 @@ def _write(
     """Return a message; the horizontal components are not measured."""
     message = framed(topic, PLATFORM, ns)
     message.accel.accel.linear.z = float(value)
-    covariance = np.diag([NOT_MEASURED] * 6)
-    covariance[2, 2] = variance
-    message.accel.covariance = covariance.ravel()
+    message.accel.covariance = _NOT_MEASURED.copy()
+    message.accel.covariance[_UP] = variance
     return message
 
 
@@ -66,7 +67,7 @@ def _read(
 ) -> tuple[float, float]:
     """Return a value and its variance."""
     require_frame(message, PLATFORM)
-    value, variance = message.accel.accel.linear.z, float(message.accel.covariance[14])
+    value, variance = message.accel.accel.linear.z, float(message.accel.covariance[_UP])
     require_reading(value, variance)
     if not smallest <= value <= largest:
         raise BadMessageError(

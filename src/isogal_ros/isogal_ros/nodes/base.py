@@ -348,7 +348,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             self.setup()
         except BaseException as error:
             self._failed = error
-            self._destroy_made(self._before)
+            self._unmake()
             if not isinstance(error, InputError | KeyboardInterrupt):
                 self.get_logger().error(f"{type(error).__name__}: {error}")
             return FAILURE
@@ -374,13 +374,19 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what `setup` made."""
+        self.active = self.configured = self.ready = False
+        self._readiness.reset()
+        self._unmake()
+        return SUCCESS
+
+    def _unmake(self) -> None:
+        """Forget and destroy what `setup` made."""
         del self.publishing[1:]
         self._monitors.clear()
         self.listening.clear()
-        self.active = self.configured = self.ready = False
-        self._readiness.reset()
+        if self.bus is not None:
+            self.bus.silence(self)
         self._destroy_made(self._before)
-        return SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go back to unconfigured."""
@@ -415,8 +421,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         At the end of its process, only what it publishes and listens to: Fast DDS 2.14 waits for
         ever, with Python's lock, where it takes itself down while it hears of others that do so
         (`DomainParticipant::set_listener` and a discovery callback wait for each other)."""
-        if self.bus is not None and self in self.bus.nodes:
-            self.bus.nodes.remove(self)
+        if self.bus is not None:
+            self.bus.leave(self)
         if self.process_ends:
             self._destroy_made({})
             return

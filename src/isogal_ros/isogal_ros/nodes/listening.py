@@ -191,6 +191,8 @@ class Listening:
         self._subscription: Subscription | None = None
         """None = there is none at present, or the node hears only what is on its bus."""
         bus = node.bus
+        if bus is not None:
+            bus.join(self)
         if bus is None or (bus.is_open and not bus.publishers(topic.name)):
             self.open()
 
