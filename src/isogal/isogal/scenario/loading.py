@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from isogal import plugins
 from isogal.errors import InputError
 from isogal.files import reading
 from isogal.scenario.model import Scenario
@@ -45,8 +46,16 @@ def validate_scenario(document: Mapping[str, Value], where: str = "scenario") ->
     """Validate an already parsed document; raises InputError with one line.
 
     YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant,
-    where a number belongs."""
-    return validated(Scenario, document, where=f"{where}: ")
+    where a number belongs. Options of a matcher are checked by itself, so its code is loaded where
+    some are given."""
+    scenario = validated(Scenario, document, where=f"{where}: ")
+    for one in scenario.each_field:
+        if one.matcher.options:
+            try:
+                plugins.load(plugins.MATCHERS, one.matcher.name).from_settings(one.matcher)
+            except InputError as error:
+                raise InputError(f"{where}: {error}") from None
+    return scenario
 
 
 def _override(document: Document, item: str) -> None:
