@@ -31,6 +31,8 @@ def test_the_files_of_a_plan(rough, tmp_path):
     assert len(route["waypoints"]) == len(found["waypoints"])
     feature = json.loads((tmp_path / "a.geojson").read_text())["features"][0]
     assert feature["properties"]["error_on_arrival_m"] == found["error_on_arrival_m"]
+    arrival = pytest.approx(found["error_on_arrival_m"], abs=0.01)
+    assert feature["properties"]["expected_error_m"][-1] == arrival
 
 
 def test_what_is_printed(rough, tmp_path):
