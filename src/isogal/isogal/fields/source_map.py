@@ -21,7 +21,7 @@ from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
-from isogal.maps.tiled_map import ScalarMap, map_along
+from isogal.maps.tiled_map import Load, ScalarMap, map_along
 from isogal.scenario import Map, Settings
 
 SYNTHETIC = "synthetic"
@@ -210,6 +210,18 @@ class MapSource:
                 f"map.variable: the synthetic map has height, ga and dg, not '{variable}'"
             )
         return _SYNTHETIC_VARIABLES[variable]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GivenMap(MapSource):
+    """The same of a map that its user reads."""
+
+    read: Load
+    """Reads what is in a window."""
+
+    def __call__(self, window: Window) -> FieldMap:
+        """Return the map in a window."""
+        return self.read(window)
 
 
 def _changed_as(
