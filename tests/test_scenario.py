@@ -166,6 +166,10 @@ def test_times_of_aids_after_the_end_are_said():
     ]
 
 
+def test_one_override_needs_no_list():
+    assert load_scenario(None, "seed=7").seed == 7
+
+
 def test_runs_too_short_for_a_fix_are_named():
     scenario = load_scenario()
     assert scenario.never_available(300.0) == []

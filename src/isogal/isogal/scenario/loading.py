@@ -11,9 +11,9 @@ from isogal.scenario.section import Document, Value, validated
 from isogal.yaml_text import parse_yaml
 
 
-def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ()) -> Scenario:
+def load_scenario(path: str | Path | None = None, overrides: str | Iterable[str] = ()) -> Scenario:
     """Read a scenario file (null = all defaults), apply ``KEY=VALUE`` overrides (YAML values,
-    dotted keys), validate.
+    dotted keys; one or several), validate.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
         document = parse_yaml(text, where) or {}
         if not isinstance(document, dict):
             raise InputError(f"{where}: must be a mapping of keys, is a {type(document).__name__}")
-    for item in overrides:
+    for item in [overrides] if isinstance(overrides, str) else overrides:
         _override(document, item)
     return validate_scenario(document, where)
 
