@@ -30,7 +30,9 @@ def load_scenario(path: str | Path | None = None, overrides: str | Iterable[str]
             raise InputError(f"{where}: must be a mapping of keys, is a {type(document).__name__}")
     for item in [overrides] if isinstance(overrides, str) else overrides:
         _override(document, item)
-    return validate_scenario(document, where)
+    scenario = validate_scenario(document, where)
+    _check_options(scenario, where)
+    return scenario
 
 
 def changed_scenario(scenario: Scenario, overrides: Iterable[str], where: str) -> Scenario:
@@ -46,16 +48,19 @@ def validate_scenario(document: Mapping[str, Value], where: str = "scenario") ->
     """Validate an already parsed document; raises InputError with one line.
 
     YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant,
-    where a number belongs. Options of a matcher are checked by itself, so its code is loaded where
-    some are given."""
-    scenario = validated(Scenario, document, where=f"{where}: ")
+    where a number belongs."""
+    return validated(Scenario, document, where=f"{where}: ")
+
+
+def _check_options(scenario: Scenario, where: str) -> None:
+    """Have each matcher check its options, where some are given: its code is loaded for that.
+    Those of a recording are checked where its matcher is built."""
     for one in scenario.each_field:
         if one.matcher.options:
             try:
                 plugins.load(plugins.MATCHERS, one.matcher.name).from_settings(one.matcher)
             except InputError as error:
                 raise InputError(f"{where}: {error}") from None
-    return scenario
 
 
 def _override(document: Document, item: str) -> None:
