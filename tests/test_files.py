@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from isogal.errors import InputError
-from isogal.files import check_output, make_folder, reading, write_atomic
+from isogal.files import check_output, geojson_line, make_folder, reading, write_atomic
 
 
 @pytest.fixture
@@ -68,3 +68,15 @@ def test_the_rest_is_written_with_its_folders(here: Path, path: str) -> None:
     write_atomic(path, "new")
     assert Path(path).read_text() == "new"
     check_output(Path(path).parent, folder=True)
+
+
+def test_lines_of_geojson_are_cut_at_the_date_line_and_have_two_points() -> None:
+    assert geojson_line([[180.0, 1.0], [179.0, 2.0]]) == {
+        "type": "LineString",
+        "coordinates": [[180.0, 1.0], [179.0, 2.0]],
+    }
+    assert geojson_line([[179.0, 1.0, 5.0], [179.5, 2.0, 5.0], [180.5, 3.0, 5.0]]) == {
+        "type": "MultiLineString",
+        "coordinates": [[[179.0, 1.0, 5.0], [179.5, 2.0, 5.0]], [[-179.5, 3.0, 5.0]] * 2],
+    }
+    assert geojson_line([[7.0, 1.0]])["coordinates"] == [[7.0, 1.0], [7.0, 1.0]]

@@ -157,11 +157,25 @@ def test_no_key_is_refused_in_the_words_of_a_library(text):
 
 def test_times_of_aids_after_the_end_are_said():
     keys = "gnss.available=[[0, 50], [60, 70]]", "positions=[{available: [[80, 90]]}]"
+    keys += ("matcher.batch_length=6",)
     scenario = load_scenario(None, keys)
     assert scenario.never_available(100.0) == []
     assert scenario.never_available(60.0) == [
         "gnss.available: [60, 70] is after the end of the run, 60 s",
         "positions.0.available: [80, 90] is after the end of the run, 60 s",
+    ]
+
+
+def test_one_override_needs_no_list():
+    assert load_scenario(None, "seed=7").seed == 7
+
+
+def test_runs_too_short_for_a_fix_are_named():
+    scenario = load_scenario()
+    assert scenario.never_available(300.0) == []
+    assert scenario.never_available(299.0) == [
+        "matcher.batch_length: 30 readings, one each 10 s, take longer than the run, 299 s:"
+        " it has no fix"
     ]
 
 

@@ -87,8 +87,16 @@ for words in (
     assert done.returncode == 0, done.stderr
 
 
-def test_the_program_as_a_process_tells_its_version():
-    words = [Path(sys.executable).with_name("isogal"), "--version"]
+@pytest.mark.parametrize(
+    "program",
+    [
+        [Path(sys.executable).with_name("isogal")],
+        [sys.executable, "-m", "isogal"],
+        [sys.executable, "-m", "isogal.cli.main"],
+    ],
+)
+def test_the_program_as_a_process_tells_its_version(program):
+    words = [*program, "--version"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"isogal {__version__}\n", "")
 

@@ -18,10 +18,12 @@ from isogal.earth.frames import (
 from isogal.earth.gravity import (
     eotvos,
     eotvos_jacobian,
+    normal_gradient,
     normal_gravity,
     normal_gravity_at,
     normal_gravity_gradient_north,
 )
+from isogal.errors import InputError
 
 
 def test_constants_are_those_of_moritz():
@@ -34,6 +36,22 @@ def test_constants_are_those_of_moritz():
     assert boule.GRS80.flattening == pytest.approx(F, rel=1e-12)
     assert boule.GRS80.geocentric_grav_const == GM
     assert boule.GRS80.angular_velocity == EARTH_RATE
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        normal_gravity,
+        normal_gradient,
+        normal_gravity_gradient_north,
+        lambda latitude: eotvos(latitude, 0.0, 1.0, 1.0),
+        lambda latitude: LocalFrame(latitude, 144.5),
+    ],
+)
+def test_degrees_are_refused_where_radians_belong(use):
+    with pytest.raises(InputError, match=r"^latitude must be in radians, within .*, is -38; is"):
+        use(-38.0)
+    use(-0.5 * np.pi)  # a pole
 
 
 def test_radii_are_those_of_the_published_quadrant_and_polar_curvature():

@@ -10,6 +10,7 @@ from helpers.point_masses import HALF, MGAL, SIDE, attraction, drawn_errors, map
 from helpers.refusals import refusal
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.maps.axes import Window
 from isogal.maps.continuation import blocks, source_layer
 from isogal.maps.continuation.level import to_level
 from isogal.maps.continuation.terrain import from_terrain
@@ -121,6 +122,27 @@ def test_upwards(monkeypatch):
     kept = np.isfinite(high.values)
     assert kept.mean() == pytest.approx((1.0 - 5.0 * height / HALF) ** 2, abs=0.03)
     assert (high.height, high.quantity) == (height, "disturbance")
+
+
+def test_blocks_away_from_where_the_result_is_needed_are_not_computed(monkeypatch):
+    low = map_of(attraction(0.0))
+    whole = blocks.continued(low, 100.0, 0.0)
+    monkeypatch.setattr(blocks, "_SIDE_CELLS", 60)
+    corner = Window(low.latitude[5], low.latitude[40], low.longitude[5], low.longitude[40])
+    part = blocks.continued(low, 100.0, 0.0, window=corner)
+    assert not np.isfinite(part.values[60:]).any()
+    assert not np.isfinite(part.values[:, 60:]).any()
+    np.testing.assert_allclose(
+        part.window(*corner[:4]).values, whole.window(*corner[:4]).values, atol=0.03 * MGAL
+    )
+
+
+def test_blocks_are_not_smaller_than_their_rim(monkeypatch):
+    """Else each place of a map is computed a hundred times: for minutes, at a height of 50 km."""
+    low = map_of(attraction(0.0))
+    monkeypatch.setattr(blocks, "_SIDE_CELLS", 10)
+    outer = [low.part(*block.outer).values.size for block in blocks._blocks(low, 30e3)]
+    assert sum(outer) < 10 * low.values.size
 
 
 def test_downwards_with_the_cut_off_that_follows_from_the_way():

@@ -12,7 +12,7 @@ from isogal.errors import InputError
 from isogal.matching.failures import FAILED, match_or_decline
 from isogal.matching.interfaces import Fix, Information, Status
 from isogal.matching.registry import load_matcher
-from isogal.scenario import Matcher
+from isogal.scenario import Matcher, load_scenario
 
 MATCHERS = plugins.names(plugins.MATCHERS)
 
@@ -55,6 +55,13 @@ def test_what_no_matcher_can_use_is_declined(name, changes, reason, rough_map):
 def test_wrong_settings_are_refused_in_one_line(keys, message):
     with refusal(message):
         load_matcher(Matcher().model_copy(update=keys))
+
+
+def test_options_are_refused_where_a_scenario_is_read(tmp_path):
+    path = tmp_path / "old.yaml"
+    path.write_text("matcher: {options: {context: 3}}", encoding="utf-8")
+    with refusal(f"{path}: matcher.options of pmht: unknown key 'context'; allowed: trust, "):
+        load_scenario(path)
 
 
 def test_only_pmht_takes_several_channels():

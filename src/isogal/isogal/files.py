@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -137,3 +138,26 @@ def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()
+
+
+def geojson_line(points: Sequence[Sequence[float]]) -> dict[str, Json]:
+    """Return a line as a geometry of GeoJSON (RFC 7946), in pieces at longitude 180.
+
+    Parameters
+    ----------
+    points : K lists
+        Longitude, latitude (deg; the former in any range), and what else a position has. A piece
+        of one point has it twice, as a line needs two.
+    """
+    pieces: list[list[Sequence[float]]] = []
+    before = math.inf
+    for longitude, *rest in points:
+        within = longitude if -180.0 <= longitude <= 180.0 else (longitude + 180.0) % 360.0 - 180.0
+        if abs(within - before) > 180.0:
+            pieces.append([])
+        pieces[-1].append([within, *rest])
+        before = within
+    lines = [piece * 2 if len(piece) == 1 else piece for piece in pieces]
+    if len(lines) == 1:
+        return {"type": "LineString", "coordinates": lines[0]}
+    return {"type": "MultiLineString", "coordinates": lines}

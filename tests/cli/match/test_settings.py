@@ -27,11 +27,11 @@ def settings_of(assumed=None, matching=None, **of_map):
 
 
 def test_keys_of_set_are_in_the_unit_inside_and_options_win():
-    keys = ["matcher.map_sigma=4e-5", "matcher.stride=3", "matcher.options.trust=3"]
+    keys = ["matcher.map_sigma=4e-5", "matcher.stride=3", "matcher.options.step=300"]
     matching = MatcherChoice("tercom", batch_length="20", stride=5, set_=keys)
     found = settings_of(matching=matching)
     assert (found.name, found.batch_length, found.stride) == ("tercom", 20, 5)
-    assert (found.map_sigma, found.options) == (4e-5, {"trust": 3})
+    assert (found.map_sigma, found.options) == (4e-5, {"step": 300})
     assert settings_of(Assumptions(map_sigma="3"), matching).map_sigma == pytest.approx(3e-5)
 
 

@@ -49,6 +49,15 @@ def test_it_goes_where_the_field_is_rough(planned):
     np.testing.assert_allclose(planned.route.waypoints[[0, -1]], [START, GOAL], atol=1e-12)
 
 
+def test_a_short_route_has_corners_that_the_vehicle_can_turn_round():
+    """Edges shorter than its turning circle made it go round in circles, for six times the way."""
+    ends, rough = (place(0.0, -8e3), place(0.0, 8e3)), field_map_of(wavy, half=30e3, step=500.0)
+    found = plan_route(TRUTH, rough, RouteRequest(*ends))
+    assert found.route.length < 1.155 * found.straight.length
+    turned = np.unwrap(np.arctan2(*found.route.trajectory.velocity[:, 1::-1].T))
+    assert np.ptp(turned) < math.pi
+
+
 def test_what_it_promises_is_the_bound_of_the_route_that_it_writes(planned, tmp_path):
     write_route(planned.route, tmp_path / "route.yaml")
     scenario = load_scenario(
@@ -59,7 +68,7 @@ def test_what_it_promises_is_the_bound_of_the_route_that_it_writes(planned, tmp_
 
 
 def test_the_belief_along_an_edge_is_the_bound():
-    lattice = lattice_between(START, GOAL, 0.15, [], columns=1)
+    lattice = lattice_between(START, GOAL, 0.15, [], shortest=60e3)
     edges = Edges(TRUTH, lattice, FIELD)
     start, began = edges.start(*START)[None], np.array([START]).T
     P = edges.along(start, *began, np.zeros(1), len(lattice.rise) // 2)[0]

@@ -82,7 +82,6 @@ def test_values_both_ways(name, field, parameter) -> None:
         (
             "route.waypoints=[[-37, 145, 20], [-36.5, 146, 22.5], [-36, 147, 25]]",
             "matcher.map_sigma=auto",
-            "matcher.options={trust: 3, names: [a, b]}",
             "imu.gyroscope.bias=0.01deg/h",
             "imu.accelerometer.misalignment=[1, 2, 3e-5]",
         ),
@@ -91,6 +90,9 @@ def test_values_both_ways(name, field, parameter) -> None:
 )
 def test_a_scenario_survives_parameters(overrides) -> None:
     scenario = load_scenario(None, overrides)
+    options = {"trust": 3, "names": ["a", "b"]}  # of some matcher
+    matcher = scenario.matcher.model_copy(update={"options": options})
+    scenario = scenario.model_copy(update={"matcher": matcher})
     specs = {spec.name: spec for spec in parameter_specs(Scenario)}
     values = {
         name: specs[name].to_field(value) for name, value in scenario_values(scenario).items()

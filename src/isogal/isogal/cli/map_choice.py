@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from isogal.maps.corridor import Corridor
     from isogal.maps.field_map import FieldMap
     from isogal.maps.tiled_map import ScalarMap
+    from isogal.scenario import Settings
 
 MAP = "Map"
 """Heading of the options that say what the map is."""
@@ -99,6 +100,18 @@ class MapChoice(SourceOptions):
                 tiles = partial(bars, "tiles")
                 return synthetic_map_along(self._synthetic_quantity(measured), corridor, tiles)
         return map_along(self._read, corridor)
+
+    def load_flown(self, settings: "Settings", window: "Window", measured: str) -> "FieldMap":
+        """Read a window of the map at the height of the flight (`isogal.fields.source_map`), as
+        the runs of a scenario with this map have it; see `load`."""
+        from isogal.fields.source_map import GivenMap
+
+        named = {"source": self.source, "path": None, "variable": self.variable}
+        if self.format_name is not None:
+            named |= {"source": self.format_name, "path": self.source}
+        read = partial(self.load, measured=measured)
+        source = GivenMap(settings.map.model_copy(update=named), None, read=read)
+        return source.flown(settings.route.height, window)
 
     def load_part(
         self, part: "Window | Corridor | None", measured: str = "gravity"

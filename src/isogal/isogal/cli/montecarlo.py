@@ -131,7 +131,8 @@ def _print(summary: "Summary", page: Path) -> None:
     from isogal.evaluation.run_report import key_figures
 
     table, fixes = key_figures(summary), summary["fixes"]
-    title = f"{summary['runs']} runs, matcher {summary['matcher']}"
+    runs = "1 run" if summary["runs"] == 1 else f"{summary['runs']} runs"
+    title = f"{runs}, matcher {summary['matcher']}"
     print_table(table.header, table.rows, str(page), title=title)
     if failed := fixes["failed"]:
         note(f"the matcher failed on {failed} batches; the report says why")

@@ -92,15 +92,16 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
     """Find the route from A to B on which the navigator arrives with the least expected error, or
     the shortest with an error below a ceiling.
 
-    The scenario says speed, turn rate, sensors and initial errors. The expected error is the
-    posterior Cramér-Rao bound along the route as it is driven."""
+    The scenario says speed, turn rate, height, sensors and initial errors. The expected error is
+    the posterior Cramér-Rao bound along the route as it is driven, at route.height."""
     from isogal.cli.progress import Bars
     from isogal.evaluation.navigability.area import fitting
     from isogal.evaluation.planning.planner import plan_route
 
     request = asked.request()
-    field_map = map_.load(_around(request), "disturbance")
-    truth = fitting(chosen.load().true, field_map)
+    scenario = chosen.load()
+    field_map = map_.load_flown(scenario, _around(request), "disturbance")
+    truth = fitting(scenario.true, field_map)
     with Bars("columns") as bars:
         found = plan_route(
             truth, field_map, request, lambda done, total: bars("columns", done, total)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
+from isogal.errors import InputError
 
 A = 6378137.0
 """Equatorial radius, m."""
@@ -19,6 +20,21 @@ GM = 3.986005e14
 """Geocentric gravitational constant, m³/s²."""
 EARTH_RATE = 7.292115e-5
 """Angular velocity, rad/s."""
+_FARTHEST = 1.6
+"""rad; a filter's latitude may be a little beyond a pole (1.571), no other one can be."""
+
+
+def in_radians(latitude: ArrayLike) -> Array:
+    """Return latitudes (rad) as an array; raises InputError where one is beyond the poles, as
+    degrees mostly are."""
+    array = np.asarray(latitude, dtype=float)
+    beyond = np.abs(array) > _FARTHEST
+    if beyond.any():
+        raise InputError(
+            "latitude must be in radians, within pi/2 north and south, is"
+            f" {array[beyond].flat[0]:g}; is it in degrees?"
+        )
+    return array
 
 
 @kernel(forceinline=True, error_model="numpy")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import E2, A, F, metres_per_radian
+from isogal.earth.ellipsoid import E2, A, F, in_radians, metres_per_radian
 
 
 def geodetic_to_ecef(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> Array:
@@ -62,9 +62,11 @@ def enu_axes(latitude: float, longitude: float) -> Array:
 
 
 class LocalFrame:
-    """East-north-up frame at one origin, exact through ECEF (no flat Earth)."""
+    """East-north-up frame at one origin (rad, m), exact through ECEF (no flat Earth). Raises
+    InputError as `in_radians` does."""
 
     def __init__(self, latitude: float, longitude: float, height: float = 0.0) -> None:
+        in_radians(latitude)
         self.axes = enu_axes(latitude, longitude)
         self.origin = geodetic_to_ecef(latitude, longitude, height)
 

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, radii
+from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, in_radians, radii
 
 GAMMA_EQUATOR = 9.7803267715
 """Normal gravity at the equator, m/s² (Moritz 2000)."""
@@ -35,8 +35,8 @@ def normal_gravity_at(sin_latitude: float, height: float) -> float:
 
 def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
     """Return normal gravity (m/s²) at geodetic latitudes (rad) and ellipsoidal heights (m); the
-    arrays broadcast."""
-    s2 = np.sin(latitude) ** 2
+    arrays broadcast. Raises InputError as `in_radians` does, and so do the functions below."""
+    s2 = np.sin(in_radians(latitude)) ** 2
     h = np.asarray(height, dtype=float)
     surface = GAMMA_EQUATOR * (1.0 + SOMIGLIANA_K * s2) / np.sqrt(1.0 - E2 * s2)
     return surface * (
@@ -47,7 +47,8 @@ def normal_gravity(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
 def normal_gravity_gradient_north(latitude: ArrayLike) -> Array:
     """Return d(normal gravity)/d(north), s⁻², on the ellipsoid: the derivative of Somigliana's
     formula over M."""
-    s, c = np.sin(latitude), np.cos(latitude)
+    lat = in_radians(latitude)
+    s, c = np.sin(lat), np.cos(lat)
     w2 = 1.0 - E2 * s * s
     derivative = (
         GAMMA_EQUATOR
@@ -55,7 +56,7 @@ def normal_gravity_gradient_north(latitude: ArrayLike) -> Array:
         * c
         * (2.0 * SOMIGLIANA_K / np.sqrt(w2) + (1.0 + SOMIGLIANA_K * s * s) * E2 / w2**1.5)
     )
-    return derivative / radii(latitude)[0]
+    return derivative / radii(lat)[0]
 
 
 def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
@@ -85,13 +86,14 @@ def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: A
 
     It makes a moving gravimeter read less (Groves 2013, down component of the Coriolis and
     transport-rate terms)."""
-    m, n = radii(latitude)
+    lat = in_radians(latitude)
+    m, n = radii(lat)
     ve, vn, h = (
         np.asarray(v_east, dtype=float),
         np.asarray(v_north, dtype=float),
         np.asarray(height, dtype=float),
     )
-    return 2.0 * EARTH_RATE * np.cos(latitude) * ve + ve**2 / (n + h) + vn**2 / (m + h)
+    return 2.0 * EARTH_RATE * np.cos(lat) * ve + ve**2 / (n + h) + vn**2 / (m + h)
 
 
 def eotvos_jacobian(

@@ -3,6 +3,7 @@ runs."""
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -119,14 +120,14 @@ def key_figures(summary: Summary) -> Table:
     error, bound = summary["position_error"], summary["bound"]
     nees, fixes, time = summary["nees_per_axis"], summary["fixes"], summary["time"]
     level = summary["integrity"]
-    interval = " to ".join(number(end) for end in nees["interval"])
+    interval = "" if None in nees["interval"] else f"; {_interval(nees['interval'])}"
     rows = [
         ("Mean position error (m)", number(error["mean"]), number(error["mean_after_1h"])),
         *_against_bound("", error, "Posterior Cramér–Rao bound, RMS (m)", bound),
         *_of_smoothed(summary),
         ("Unaided INS, mean (m)", number(summary["unaided"]["mean"]), ""),
         ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
-        (f"NEES per axis (1 is right; 95 % interval {interval})", number(nees["mean"]), ""),
+        (f"NEES per axis (1 is right{interval})", number(nees["mean"]), ""),
         ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"]), ""),
         *(
             (f"Runs {text}", f"{len(summary['judgement']['runs'][kind])} of {summary['runs']}", "")
@@ -153,13 +154,16 @@ def _of_smoothed(summary: Summary) -> list[tuple[str, str, str]]:
         return []
     found = summary["smoothed"]
     error, nees = found["position_error"], found["nees_per_axis"]
-    interval = " to ".join(number(end) for end in nees["interval"])
     causal = _ratio(error["rms_after_1h"], summary["position_error"]["rms_after_1h"])
     return [
         *_against_bound("Smoothed: ", error, "Smoothed: bound, RMS (m)", found["bound"]),
         ("Smoothed: RMS error over that of the time", number(found["of_causal"]), causal),
-        (f"Smoothed: NEES per axis (95 % interval {interval})", number(nees["mean"]), ""),
+        (f"Smoothed: NEES per axis ({_interval(nees['interval'])})", number(nees["mean"]), ""),
     ]
+
+
+def _interval(ends: Sequence[Number]) -> str:
+    return f"95 % interval {' to '.join(number(end) for end in ends)}"
 
 
 def _against_bound(

@@ -21,7 +21,7 @@ from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
-from isogal.maps.tiled_map import ScalarMap, map_along
+from isogal.maps.tiled_map import Load, ScalarMap, map_along
 from isogal.scenario import Map, Settings
 
 SYNTHETIC = "synthetic"
@@ -99,7 +99,7 @@ class MapSource:
             reach = max(reach, _RIM_ON_GROUND)
         wide = window.grown(reach)._replace(most_cells=2 * window.most_cells)
         try:
-            return self._continued(self(wide), height, wide).window(*window[:4])
+            return self._continued(self(wide), height, wide, window).window(*window[:4])
         except InputError as error:
             raise InputError(
                 f"{error} (the map at route.height; with map.continuation: none it is taken as it"
@@ -153,18 +153,22 @@ class MapSource:
         except InputError:
             return None
 
-    def _continued(self, source: FieldMap, height: float, window: Window) -> FieldMap:
+    def _continued(
+        self, source: FieldMap, height: float, wide: Window, window: Window
+    ) -> FieldMap:
+        """Return the map in a wide window at the height of the flight, with values where they are
+        needed: in another window at least."""
         if self.settings.terrain is not None:
             return _from_ground(self.settings.terrain, height, source)
         level = self._level(source)
         cutoff = self.settings.downward_cutoff if height < (level or 0.0) else None
         if level is not None or source.quantity != "gravity":
-            above = continued(source, height, level or 0.0, cutoff=cutoff)
+            above = continued(source, height, level or 0.0, cutoff=cutoff, window=window)
             return above if level is not None else replace(above, height=None)
-        disturbance = self._disturbance(window)
+        disturbance = self._disturbance(wide)
         if disturbance is None or disturbance.values.shape != source.values.shape:
             raise InputError(f"{source.provenance}: the disturbance beside it is on another grid")
-        return _changed_as(source, disturbance, height, cutoff)
+        return _changed_as(source, disturbance, height, cutoff, window)
 
     def _read(self, window: Window) -> FieldMap:
         source, path, variable = self.settings.source, self.settings.path, self.settings.variable
@@ -208,8 +212,24 @@ class MapSource:
         return _SYNTHETIC_VARIABLES[variable]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GivenMap(MapSource):
+    """The same of a map that its user reads."""
+
+    read: Load
+    """Reads what is in a window."""
+
+    def __call__(self, window: Window) -> FieldMap:
+        """Return the map in a window."""
+        return self.read(window)
+
+
 def _changed_as(
-    source: FieldMap, disturbance: FieldMap, height: float, cutoff: float | None
+    source: FieldMap,
+    disturbance: FieldMap,
+    height: float,
+    cutoff: float | None,
+    window: Window,
 ) -> FieldMap:
     """Return a map of gravity above a surface, changed with height as the disturbance is.
 
@@ -221,6 +241,8 @@ def _changed_as(
         Above the surface, m.
     cutoff : float, optional
         Shortest wavelength that is continued downwards, m.
+    window : Window
+        Where the result is needed.
     """
     below = replace(
         disturbance,
@@ -229,7 +251,7 @@ def _changed_as(
         quantisation=0.0,
         provenance=source.provenance,
     )
-    above = continued(below, height, 0.0, cutoff=cutoff)
+    above = continued(below, height, 0.0, cutoff=cutoff, window=window)
     return replace(
         above,
         values=source.values + (above.values - below.values),

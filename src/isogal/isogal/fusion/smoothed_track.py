@@ -4,14 +4,14 @@ import json
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
-from itertools import combinations_with_replacement, pairwise
+from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.files import csv_text, write_atomic
+from isogal.files import csv_text, geojson_line, write_atomic
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import matrix, to_angles
 
@@ -65,21 +65,13 @@ def as_geojson(track: SmoothedTrack) -> str:
         [round(longitude, _DIGITS), round(latitude, _DIGITS), height]
         for (latitude, longitude), height in zip(places.tolist(), heights, strict=True)
     ]
-    cuts = np.flatnonzero(np.abs(np.diff(places[:, 1])) > 180.0) + 1
-    ends = [0, *cuts.tolist(), len(points)]
-    lines = [points[a:b] for a, b in pairwise(ends)]
     sigma = np.array([np.sqrt(np.diag(state.covariance)[:2]) for state in track.states])
     properties = {
         "time": track.time.tolist(),
         "sigma_north": sigma[:, 0].round(3).tolist(),
         "sigma_east": sigma[:, 1].round(3).tolist(),
     }
-    one = len(lines) == 1
-    geometry = {
-        "type": "LineString" if one else "MultiLineString",
-        "coordinates": lines[0] if one else lines,
-    }
-    feature = {"type": "Feature", "properties": properties, "geometry": geometry}
+    feature = {"type": "Feature", "properties": properties, "geometry": geojson_line(points)}
     return json.dumps({"type": "FeatureCollection", "features": [feature]}) + "\n"
 
 

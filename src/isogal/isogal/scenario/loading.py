@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from isogal import plugins
 from isogal.errors import InputError
 from isogal.files import reading
 from isogal.scenario.model import Scenario
@@ -10,9 +11,9 @@ from isogal.scenario.section import Document, Value, validated
 from isogal.yaml_text import parse_yaml
 
 
-def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ()) -> Scenario:
+def load_scenario(path: str | Path | None = None, overrides: str | Iterable[str] = ()) -> Scenario:
     """Read a scenario file (null = all defaults), apply ``KEY=VALUE`` overrides (YAML values,
-    dotted keys), validate.
+    dotted keys; one or several), validate.
 
     Raises
     ------
@@ -27,9 +28,11 @@ def load_scenario(path: str | Path | None = None, overrides: Iterable[str] = ())
         document = parse_yaml(text, where) or {}
         if not isinstance(document, dict):
             raise InputError(f"{where}: must be a mapping of keys, is a {type(document).__name__}")
-    for item in overrides:
+    for item in [overrides] if isinstance(overrides, str) else overrides:
         _override(document, item)
-    return validate_scenario(document, where)
+    scenario = validate_scenario(document, where)
+    _check_options(scenario, where)
+    return scenario
 
 
 def changed_scenario(scenario: Scenario, overrides: Iterable[str], where: str) -> Scenario:
@@ -47,6 +50,17 @@ def validate_scenario(document: Mapping[str, Value], where: str = "scenario") ->
     YAML 1.1 reads 1e-5 (no dot) as a string; pydantic turns it into the number that is meant,
     where a number belongs."""
     return validated(Scenario, document, where=f"{where}: ")
+
+
+def _check_options(scenario: Scenario, where: str) -> None:
+    """Have each matcher check its options, where some are given: its code is loaded for that.
+    Those of a recording are checked where its matcher is built."""
+    for one in scenario.each_field:
+        if one.matcher.options:
+            try:
+                plugins.load(plugins.MATCHERS, one.matcher.name).from_settings(one.matcher)
+            except InputError as error:
+                raise InputError(f"{where}: {error}") from None
 
 
 def _override(document: Document, item: str) -> None:

@@ -182,18 +182,26 @@ class Settings(Section):
 
     def never_available(self, end: float) -> list[str]:
         """Return a line for each of the times in which an aid is available that is not before the
-        end of a run, s: a study may cut the run short, so they are no error."""
+        end of a run, s, and one where the run is too short for a fix: a study may cut the run
+        short, so they are no error."""
         sections = {"gnss": self.gnss} | {
             f"{key}.{n}": one
             for key in ("positions", "headings")
             for n, one in enumerate(getattr(self, key) or ())
         }
-        return [
+        lines = [
             f"{name}.available: [{since:g}, {until:g}] is after the end of the run, {end:g} s"
             for name, section in sections.items()
             for since, until in section.available or ()
             if since >= end
         ]
+        length, interval = self.matcher.batch_length, self.gravimeter.interval
+        if self.fields is None and not self.readings.recorded and length * interval > end:
+            lines.append(
+                f"matcher.batch_length: {length} readings, one each {interval:g} s, take longer"
+                f" than the run, {end:g} s: it has no fix"
+            )
+        return lines
 
     @property
     def longest_delay(self) -> float:

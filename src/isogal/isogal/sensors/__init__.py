@@ -2,6 +2,7 @@
 
 trajectory      the true route, and what a perfect inertial sensor measures on it
 recorded_track  the same along a recorded track
+smoothness      how smooth the splines of its positions are
 imu             inertial sensors with the errors of a data sheet
 imu_truth       what a perfect IMU measures that is faster than the navigator
 imu_model       what a navigator assumes of them

@@ -24,6 +24,7 @@ from isogal.inertial.rotations import from_heading
 from isogal.inertial.strapdown import propagate
 from isogal.maps.gridding.rows import HEIGHT, LATITUDE, LONGITUDE, TIME, one_line, read_rows
 from isogal.scenario import Route
+from isogal.sensors.smoothness import smoothness
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -164,8 +165,11 @@ def _path(positions: Positions, at: Array, height: float, use_height: bool) -> A
     unit = float(np.median(np.diff(since)))  # GCV looks for smoothness by the number of positions
 
     def splines(values: Array, weight: Array) -> list["BSpline"]:
-        each = zip(values.T, weight.T, strict=True)
-        return [make_smoothing_spline(since / unit, axis, w=own) for axis, own in each]
+        time, each = since / unit, zip(values.T, weight.T, strict=True)
+        return [
+            make_smoothing_spline(time, axis, w=own, lam=smoothness(time, axis, own))
+            for axis, own in each
+        ]
 
     def velocity(fitted: list["BSpline"], time: Array) -> Array:
         return np.column_stack([one.derivative()(time / unit) / unit for one in fitted])

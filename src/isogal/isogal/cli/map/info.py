@@ -89,7 +89,8 @@ def info(
     it.
 
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
-    position already known to within the linear range of the map."""
+    position already known to within the linear range of the map, which is taken as it is: at
+    route.height the field is smoother (`isogal map continue`)."""
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
     field_map = map_.load_part(where.part(route), route.measured if route else "gravity")

@@ -59,7 +59,8 @@ def navigability(
 
     The error is the posterior Cramér-Rao bound with the scenario's sensors, speed, initial errors
     and batch length, and the error of the map. The route of the scenario counts only where it says
-    the part of the map: without --window, --route or a route.* in --set the whole map is taken."""
+    the part of the map: without --window, --route or a route.* in --set the whole map is taken. It
+    is taken as it is: at route.height the field is smoother (`isogal map continue`)."""
     from isogal.cli.progress import Bars
     from isogal.evaluation.navigability.area import navigability as compute
     from isogal.fields.measured import measured_field

@@ -211,7 +211,7 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
     level = _level(chosen, map_.load(window)) if level is None else level
     rim = rim_of(chosen.height - level)
     wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
-    return continued(wide, chosen.height, level).window(*window[:4])
+    return continued(wide, chosen.height, level, window=window).window(*window[:4])
 
 
 def _level(chosen: TrackChoice, field_map: "FieldMap") -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from isogal.earth.frames import LocalFrame
 from isogal.evaluation.planning.planner import Assessed
-from isogal.files import write_atomic
+from isogal.files import geojson_line, write_atomic
 
 
 def write_route(route: Assessed, path: Path) -> None:
@@ -35,7 +35,7 @@ def _yaml(route: Assessed) -> str:
 
 def _geojson(route: Assessed) -> str:
     every = max(1, len(route.bound.time) // 200)
-    index = np.arange(0, len(route.bound.time), every)
+    index = np.unique(np.r_[np.arange(0, len(route.bound.time), every), len(route.bound.time) - 1])
     steps = np.searchsorted(route.trajectory.time, route.bound.time[index])
     line = np.degrees(
         np.stack([route.trajectory.longitude[steps], route.trajectory.latitude[steps]], axis=1)
@@ -48,7 +48,7 @@ def _geojson(route: Assessed) -> str:
     feature = {
         "type": "Feature",
         "properties": properties,
-        "geometry": {"type": "LineString", "coordinates": line.round(7).tolist()},
+        "geometry": geojson_line(line.round(7).tolist()),
     }
     return json.dumps({"type": "FeatureCollection", "features": [feature]}) + "\n"
 

@@ -11,7 +11,7 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.planning.areas import Rings, inside
 
 COLUMNS = 36
-"""Edges of a route."""
+"""Edges of a route, if they are long enough."""
 STEEPEST = 3
 """Rows that an edge goes up or down at most; rows are half as far apart as columns."""
 _BETWEEN = 400.0  # m between the points of an edge that must not lie in an area
@@ -59,7 +59,7 @@ def lattice_between(
     goal: tuple[float, float],
     detour: float,
     areas: list[Rings],
-    columns: int = COLUMNS,
+    shortest: float = 0.0,
 ) -> Lattice:
     """Return the lattice of all routes that are not much longer than the straight one.
 
@@ -71,8 +71,8 @@ def lattice_between(
         By which share a route may be longer.
     areas : list of Rings
         That edges keep out of.
-    columns : int
-        Edges of a route.
+    shortest : float
+        m, of an edge.
     """
     middle = 0.5 * (start[0] + goal[0])
     north_scale, east_scale = (float(scale) for scale in metres_per_radian(middle))
@@ -80,6 +80,7 @@ def lattice_between(
     distance = float(np.hypot(*ahead))
     along = ahead / distance
     across = np.array([-along[1], along[0]])
+    columns = COLUMNS if shortest * COLUMNS <= distance else max(1, int(distance / shortest))
     advance = distance / columns
     side = 0.5 * advance
     half = 0.5 * distance * math.sqrt((1.0 + detour) ** 2 - 1.0)

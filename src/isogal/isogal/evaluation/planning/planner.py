@@ -134,8 +134,12 @@ def plan_route(
         No route keeps out of all areas within the detour, or none has an error below the ceiling.
     """
     request.check()
-    lattice = lattice_between(request.start, request.goal, request.detour, list(request.areas))
-    least = 4.0 * truth.route.speed / truth.route.turn_rate
+    radius = truth.route.speed / truth.route.turn_rate
+    # as much of an edge as the turns at both of its ends take, so that none is overshot
+    shortest = 2.0 * radius * math.tan(0.5 * _SHARPEST)
+    areas = list(request.areas)
+    lattice = lattice_between(request.start, request.goal, request.detour, areas, shortest)
+    least = 4.0 * radius
     if lattice.straight < least:
         raise InputError(
             f"start and goal are {lattice.straight:.0f} m apart; with this speed and turn rate a"

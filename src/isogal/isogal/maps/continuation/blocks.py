@@ -18,6 +18,7 @@ from isogal.arrays import Array, Booleans, Values
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
+from isogal.maps.axes import Window, part_within
 from isogal.maps.continuation.level import EDGE, FADING, OFFSET, at_level, to_level
 from isogal.maps.error_spectrum import mixed_length
 from isogal.maps.field_map import FieldMap
@@ -27,7 +28,8 @@ CONTINUED = (*FADING, *OFFSET, "gravity")
 """Quantities that `continued` takes: gravity by way of its disturbance."""
 _SIDE_M = 200_000.0
 _SIDE_CELLS = 500
-"""Blocks are as large as both allow."""
+"""Blocks are as large as both allow, and at least as large as their rim: many small ones with a
+wide rim would compute each place of the map again and again."""
 _LEAST_RIM, _WIDEST_RIM = 10_000.0, 50_000.0
 """m around a block."""
 _RIM_HEIGHTS = 20.0
@@ -52,7 +54,12 @@ def rim_of(rise: float, cutoff: float | None = None) -> float:
 
 
 def continued(
-    field_map: FieldMap, height: float, from_height: float, *, cutoff: float | None = None
+    field_map: FieldMap,
+    height: float,
+    from_height: float,
+    *,
+    cutoff: float | None = None,
+    window: Window | None = None,
 ) -> FieldMap:
     """Continue a map from a level to another.
 
@@ -66,6 +73,9 @@ def continued(
     cutoff : float, optional
         Wavelength (m) for the way down, see `isogal.maps.continuation.level`; None = the shortest
         at which no wave grows more than e times, but two cells at least.
+    window : Window, optional
+        Where the result is needed; None = everywhere. Blocks that do not touch it are left out:
+        they have no value in the result.
 
     Returns
     -------
@@ -84,10 +94,14 @@ def continued(
         return field_map
     if rise < 0.0 and cutoff is None:
         cutoff = _shortest(field_map, -rise)
-    if field_map.quantity == "gravity":
-        return _of_gravity(field_map, height, from_height, cutoff)
+    if field_map.quantity == "gravity":  # by way of its disturbance
+        result = continued(
+            disturbance_of(field_map), height, from_height, cutoff=cutoff, window=window
+        )
+        normal = normal_gravity(field_map.latitude)[:, None]
+        return replace(result, values=result.values + normal, quantity="gravity")
     rim = rim_of(rise, cutoff)
-    values, sigma, parts = _in_blocks(field_map, (height, from_height), cutoff)
+    values, sigma, parts = _in_blocks(field_map, (height, from_height), cutoff, window)
     if not np.isfinite(values).any():
         raise InputError(
             f"{field_map.provenance or 'map'}: nothing is left of the map {EDGE * abs(rise):g} m"
@@ -100,14 +114,25 @@ def continued(
 
 
 def _in_blocks(
-    field_map: FieldMap, levels: tuple[float, float], cutoff: float | None
+    field_map: FieldMap,
+    levels: tuple[float, float],
+    cutoff: float | None,
+    window: Window | None,
 ) -> tuple[Values, Array | None, list[tuple[int, float, float | None]]]:
     """Return values (n, m), sigma (n, m; None = uniform), and cells, sigma and correlation length
-    of each block."""
+    of each block that touches a window."""
+    needed = part_within(
+        field_map.latitude, field_map.longitude, window, field_map.provenance or "map"
+    )
     values = np.full(field_map.values.shape, np.nan, dtype=field_map.values.dtype)
     sigma = None if isinstance(field_map.sigma, float) else np.zeros(values.shape)
     parts: list[tuple[int, float, float | None]] = []
     for block in _blocks(field_map, rim_of(levels[0] - levels[1], cutoff)):
+        rows, columns = block.inner
+        if not _touch(rows, needed.rows) or not any(
+            _touch(columns, one) for one in needed.columns
+        ):
+            continue
         if not np.isfinite(field_map.values[block.outer]).any():
             continue
         part, kept = _continued(field_map.part(*block.outer), levels, cutoff)
@@ -125,15 +150,6 @@ def _shortest(field_map: FieldMap, depth: float) -> float:
     ends = field_map.latitude[[0, -1]]
     cell = max(max(field_map.cell_size_m(float(latitude))) for latitude in ends)
     return max(2.01 * cell, 2.0 * math.pi * depth)
-
-
-def _of_gravity(
-    field_map: FieldMap, height: float, from_height: float, cutoff: float | None
-) -> FieldMap:
-    """Continue a map of gravity by way of its disturbance."""
-    result = continued(disturbance_of(field_map), height, from_height, cutoff=cutoff)
-    normal = normal_gravity(field_map.latitude)[:, None]
-    return replace(result, values=result.values + normal, quantity="gravity")
 
 
 def _continued(
@@ -165,8 +181,8 @@ def _blocks(field_map: FieldMap, rim: float) -> Iterator[_Block]:
     # cos(latitude) changes by the share tan(latitude) * d(latitude)
     tallest = _STRETCH * 6.371e6 / max(math.tan(min(farthest, 1.57)), 1e-3) - 2.0 * rim
     rows, columns = (
-        max(8, min(_SIDE_CELLS, int(limit / size)))
-        for limit, size in zip((min(_SIDE_M, tallest), 1e9), cell, strict=True)
+        max(8, min(max(_SIDE_CELLS, int(rim / size)), int(limit / size)))
+        for limit, size in zip((min(max(_SIDE_M, rim), tallest), 1e9), cell, strict=True)
     )
     more = [math.ceil(rim / size) + 1 for size in cell]
     for top in range(0, n, rows):
@@ -177,6 +193,10 @@ def _blocks(field_map: FieldMap, rim: float) -> Iterator[_Block]:
                 slice(max(inner[1].start - more[1], 0), inner[1].stop + more[1]),
             )
             yield _Block(inner, outer)
+
+
+def _touch(one: slice, other: slice) -> bool:
+    return bool(one.start < other.stop and other.start < one.stop)
 
 
 def _relative(block: _Block) -> tuple[slice, slice]:
