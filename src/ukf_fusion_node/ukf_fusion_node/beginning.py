@@ -28,6 +28,7 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
+from isogal_ros.topics import INITIAL_POSE
 from ukf_fusion_node.settings import UkfFusionSettings
 
 SPEED_SHARE = 0.25
@@ -83,13 +84,13 @@ LOWEST = -12e3
 
 
 def placed(
-    state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame, speed: float
+    state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame
 ) -> FilterState:
     """Return a state at a pose, with the biases of another state.
 
-    The velocity, which a pose does not say, is a speed (m/s) straight ahead. Where the variance
-    of z is zero, as RViz has it, the height of the other state stands, which a place in the plane
-    of the map does not say; where those of the orientation are zero, its variances.
+    The velocity, which a pose does not say, is the other's speed straight ahead. Where the
+    variance of z is zero, as RViz has it, the height of the other state stands, which a place in
+    the plane of the map does not say; where those of the orientation are zero, its variances.
 
     Parameters
     ----------
@@ -98,8 +99,6 @@ def placed(
     message : PoseWithCovarianceStamped
     frame : LocalFrame
         The frame ``map``.
-    speed : float
-        m/s.
 
     Raises
     ------
@@ -130,6 +129,7 @@ def placed(
         )
     new.position[:] = place
     new.attitude[:] = from_matrix(attitude)
+    speed = math.hypot(*state.velocity[:2])
     ahead = attitude[:2, 0] / max(math.hypot(*attitude[:2, 0]), 1e-9)
     new.velocity[:] = [*(speed * ahead), 0.0]
     _set_covariance(new, covariance, to_ned, max(SPEED_SHARE * speed, 0.1))
@@ -195,9 +195,10 @@ class Beginning:
         ).of_vehicle(node.scenario.velocity_aids)
         self.start = FilterState.start(initial_state(node.scenario.true, node.settings), model)
         """The scenario's."""
-        self._placed: FilterState | None = None
+        self._placed: tuple[int, FilterState] | None = None
+        """Stamp (0 = none) and state of a pose."""
         self._why_not = ""
-        """Why it is too late for the scenario's start, where it is."""
+        """Why it cannot begin at the scenario's start, where it cannot."""
 
     def navigator(
         self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None
@@ -211,9 +212,9 @@ class Beginning:
             self._model, state, to_seconds(ns), self._horizon, self._motion, sample
         )
 
-    def place(self, state: FilterState) -> None:
-        """Begin at a state, with the first sample."""
-        self._placed = state
+    def place(self, ns: int, state: FilterState) -> None:
+        """Begin at a state of a stamp (0 = none), with the first sample."""
+        self._placed = ns, state
         self._health.state(OK, "placed; waits for IMU samples")
 
     def reset(self) -> None:
@@ -221,14 +222,23 @@ class Beginning:
         self._checkpoint.forget()
         self._placed, self._why_not = None, ""
 
+    def give_up(self, why: str) -> None:
+        """Begin with a pose only, as what was known is lost; or with what needs no start."""
+        self._checkpoint.forget()
+        self._placed = None
+        self._wait_for_pose(why)
+
+    def _wait_for_pose(self, why: str) -> None:
+        self._why_not = f"waits for a pose on initialpose: {why}"
+        self._health.state(ERROR, self._why_not)
+
     def find(self, ns: int, solution: Array | None = None) -> Begun | None:
         """Begin with the first sample (its stamp), or with the first solution (10,) of an INS;
         None = there is nothing to begin with."""
         first = ns if solution is not None else ns - from_seconds(1.0 / self._scenario.imu.rate)
-        if (state := self._placed) is not None:
-            if solution is not None:  # a pose says less of both, and they must be those of the INS
-                state.velocity[:], state.attitude[:] = solution[3:6], solution[6:]
-            return Begun(first, self.navigator(first, state))
+        if self._placed is not None and self._fits_data(self._placed[0] or first, first):
+            ns, state = self._placed
+            return self._at_the_pose(ns or first, state, first, solution)
         saved = self._checkpoint.take(first)
         if saved is not None and self._fits(saved.content):
             return Begun(saved.time, self.navigator(saved.time, *saved.content))
@@ -263,6 +273,26 @@ class Beginning:
             motion=self._motion,
         )
 
+    def _fits_data(self, ns: int, first: int) -> bool:
+        """Whether a pose is of the time of the data; else it is dropped, and that is said."""
+        if abs(first - ns) <= from_seconds(self._settings.max_gap):
+            return True
+        self._placed = None
+        begin = f"the data begin at {to_seconds(first):.1f} s"
+        text = f"stamp {to_seconds(ns):.1f} s, where {begin}; 0 = when they begin"
+        self._health.drop(INITIAL_POSE.name, text)
+        return False
+
+    def _at_the_pose(
+        self, ns: int, state: FilterState, first: int, solution: Array | None
+    ) -> Begun | None:
+        """Begin at a pose of a stamp, if the data, at `first`, have reached it."""
+        if ns > first:
+            return None
+        if solution is not None:  # a pose says less of both, and they must be those of the INS
+            state.velocity[:], state.attitude[:] = solution[3:6], solution[6:]
+        return Begun(ns, self.navigator(ns, state))
+
     def _at_the_start(self, first: int) -> Begun | None:
         """Begin at the scenario's start if that is true at a stamp; else say what is waited
         for."""
@@ -280,11 +310,9 @@ class Beginning:
             # of a sample or two less than a millisecond apart the stamps are the same
             ns = first if abs(first - start) <= margin else start
             return Begun(ns, self.navigator(ns, self.start), True)
-        self._why_not = (
-            f"waits for a pose on initialpose: the data begin at {to_seconds(first):.3f} s, the"
-            f" scenario's start is true at {to_seconds(start):.3f} s (start_time), and there is"
-            f" nothing to go on from ({self._checkpoint.reason})"
+        self._wait_for_pose(
+            f"the data begin at {to_seconds(first):.3f} s, the scenario's start is true at"
+            f" {to_seconds(start):.3f} s (start_time), and there is nothing to go on from"
+            f" ({self._checkpoint.reason})"
         )
-        self._log.error(self._why_not)
-        self._health.state(ERROR, self._why_not)
         return None

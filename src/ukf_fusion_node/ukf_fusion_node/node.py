@@ -2,9 +2,9 @@
 
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from typing import ClassVar
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from isogal.arrays import Array
@@ -62,7 +62,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self.listen(topics.INITIAL_POSE, self._take_pose)
         self._fixes = Fixes(self, self._navigation, lambda: self._within, self._answer)
         self._pose: PoseWithCovarianceStamped | None = None
-        """That waits for the end of a step."""
+        """That waits for the end of a step, or until its stamp is reached."""
         self.offer_reset(self._reset)
 
     @property
@@ -151,12 +151,11 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         return begun and self.outputs.newest > self._navigation.reached
 
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
-        if self._within:
+        ns = to_ns(message.header.stamp)
+        if self._within or self._navigation.awaits(ns):
             self._pose = message
             return
-        start = self._navigation.start_state()
-        speed = float(np.hypot(*start.velocity[:2]))
-        self._navigation.place(placed(start, message, self._frame, speed))
+        self._navigation.place(ns, partial(placed, message=message, frame=self._frame))
         if self._navigation.navigator is not None:
             self._publish()
 
