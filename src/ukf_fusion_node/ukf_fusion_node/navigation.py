@@ -187,7 +187,7 @@ class Navigation:
         """Whether a stamp is so little ahead of the newest state that it will be reached."""
         return self.navigator is not None and 0 < ns - self.ns <= self._max_gap
 
-    def place(self, ns: int, pose: Callable[[FilterState], FilterState]) -> None:
+    def place(self, ns: int, pose: Callable[[FilterState, bool], FilterState]) -> None:
         """Navigate from a pose on: from its stamp, or from now where that is 0; from the first
         sample if there was none. By the solution of an INS only its position counts: velocity and
         attitude go with the INS's.
@@ -197,7 +197,7 @@ class Navigation:
         ns : int
             Stamp.
         pose : callable
-            Returns the state there, by the state that the filter has of that time.
+            Returns the state there, by one of that time and whether that is a navigator's.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class Navigation:
         """
         if self.navigator is None:
             start = self._beginning.start.copy()
-            self._beginning.place(ns, self._where(start, pose(start)))
+            self._beginning.place(ns, self._where(start, pose(start, False)))
             return
         ns = ns or self.ns
         try:
@@ -217,7 +217,7 @@ class Navigation:
             text = f"stamp {to_seconds(ns):.1f} s is ahead of the navigator"
             raise BadMessageError(f"{text} ({to_seconds(self.ns):.1f} s); 0 = now")
         known = known.copy()
-        placed = self._beginning.navigator(ns, self._where(known, pose(known)))
+        placed = self._beginning.navigator(ns, self._where(known, pose(known, True)))
         try:
             placed.follow(self.navigator)
         except FilterDivergenceError as error:

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Sequence
-from functools import partial
 from typing import ClassVar
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -155,7 +154,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         if self._within or self._navigation.awaits(ns):
             self._pose = message
             return
-        self._navigation.place(ns, partial(placed, message=message, frame=self._frame))
+        self._navigation.place(ns, lambda state, begun: placed(state, message, self._frame, begun))
         if self._navigation.navigator is not None:
             self._publish()
 

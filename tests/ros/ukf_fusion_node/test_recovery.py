@@ -11,6 +11,7 @@ from std_srvs.srv import Trigger
 from helpers.changed_messages import changed
 from helpers.node_bench import Bench, bench, stamps
 from isogal.earth.frames import horizontal_difference
+from isogal.inertial.rotations import matrix, to_angles
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -318,3 +319,47 @@ def test_a_pose_before_the_first_sample_is_of_its_time_or_refused(
     drive(filtering, (302, 310))
     assert stamps(filtering, topics.NAV_FIX)[0] == 305
     assert drive.error(filtering, 310) < 60.0
+
+
+def turned(message, yaw: float):
+    """A pose turned to the left by an angle (rad), as it is drawn in RViz: with a variance of yaw,
+    and none of roll and pitch."""
+    turn = message.pose.pose.orientation
+    half = 0.5 * yaw + math.atan2(turn.z, turn.w)
+    turn.w, turn.z = math.cos(half), math.sin(half)
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = covariance[1, 1] = 0.25
+    covariance[5, 5] = 0.0685
+    message.pose.covariance = covariance.ravel()
+    return message
+
+
+def test_a_heading_drawn_in_rviz_is_as_uncertain_as_it_says(filtering, scenario, drive) -> None:
+    """It was taken for one to 0.3 mrad, and level for that of the map's plane."""
+    drive(filtering, (1, 20))
+    before = filtering.node.navigator.state.copy()
+    filtering.publish(topics.INITIAL_POSE, turned(pose_at(scenario(), 20), 0.1))
+    after = filtering.node.navigator.state
+    roll, pitch, heading = to_angles(matrix(after.attitude))
+    own = to_angles(matrix(before.attitude))
+    assert (roll, pitch) == pytest.approx(own[:2], abs=1e-12)
+    assert heading - own[2] == pytest.approx(-0.1, abs=2e-3)
+    assert after.covariance[8, 8] == pytest.approx(0.0685, rel=1e-4)
+    tilts = slice(6, 8)
+    np.testing.assert_array_equal(after.covariance[tilts, tilts], before.covariance[tilts, tilts])
+
+
+def test_a_pose_that_says_a_place_only_leaves_velocity_and_attitude(
+    filtering, scenario, drive
+) -> None:
+    """Each pose once made the velocity of a navigator one to 25 % of its speed."""
+    drive(filtering, (1, 20))
+    before = filtering.node.navigator.state.copy()
+    pose = changed(pose_at(scenario(), 20), pose__covariance=variances(2500.0, 9.0, 0.0))
+    filtering.publish(topics.INITIAL_POSE, pose)
+    after = filtering.node.navigator.state
+    np.testing.assert_array_equal(after.velocity, before.velocity)
+    np.testing.assert_array_equal(after.attitude, before.attitude)
+    np.testing.assert_array_equal(after.covariance[3:, 3:], before.covariance[3:, 3:])
+    assert not after.covariance[:3, 3:].any()
+    np.testing.assert_allclose(np.diag(after.covariance)[:3], [2500.0, 2500.0, 9.0], rtol=1e-4)
