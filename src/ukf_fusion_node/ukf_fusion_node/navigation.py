@@ -2,9 +2,10 @@
 restart."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from isogal.arrays import Array
 from isogal.fields.known_gravity import known_gravity
@@ -19,13 +20,14 @@ from isogal.fusion.state import FilterState
 from isogal.passage import Since
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
+from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, WARN
 from isogal_ros.nodes.stuck import TimeJumps
-from ukf_fusion_node.beginning import Beginning
+from ukf_fusion_node.beginning import Beginning, placed
 from ukf_fusion_node.sample_checks import SampleMonitor, Spikes, StuckError
 from ukf_fusion_node.sample_report import SampleReport
 from ukf_fusion_node.settings import UkfFusionSettings
@@ -47,6 +49,7 @@ class Navigation:
         self._settings, self._health, self._scenario = node.settings, node.health, node.scenario
         measured = node.scenario.height.measured
         self._height = math.nan if measured else node.scenario.route.height
+        self._frame = map_frame(node.scenario)
         known = known_gravity(node.scenario.gravity_field, build_trajectory(node.scenario))
         self.model = filter_model(node.scenario, known)
         of_step = node.scenario.samples_per_step
@@ -187,7 +190,7 @@ class Navigation:
         """Whether a stamp is so little ahead of the newest state that it will be reached."""
         return self.navigator is not None and 0 < ns - self.ns <= self._max_gap
 
-    def place(self, ns: int, pose: Callable[[FilterState, bool], FilterState]) -> None:
+    def place(self, ns: int, pose: PoseWithCovarianceStamped) -> None:
         """Navigate from a pose on: from its stamp, or from now where that is 0; from the first
         sample if there was none. By the solution of an INS only its position counts: velocity and
         attitude go with the INS's.
@@ -196,8 +199,7 @@ class Navigation:
         ----------
         ns : int
             Stamp.
-        pose : callable
-            Returns the state there, by one of that time and whether that is a navigator's.
+        pose : PoseWithCovarianceStamped
 
         Raises
         ------
@@ -206,8 +208,11 @@ class Navigation:
         """
         if self.navigator is None:
             start = self._beginning.start.copy()
-            self._beginning.place(ns, self._where(start, pose(start, False)))
+            new = placed(start, pose, self._frame, begun=False)
+            self._beginning.place(ns, self._where(start, new))
             return
+        if not (self.aligned or pose.pose.covariance[-1] > 0.0):
+            raise BadMessageError("the variance of yaw must be positive: the heading is unknown")
         ns = ns or self.ns
         try:
             known = self.navigator.state_at(to_seconds(ns)) if ns <= self.ns else None
@@ -217,12 +222,13 @@ class Navigation:
             text = f"stamp {to_seconds(ns):.1f} s is ahead of the navigator"
             raise BadMessageError(f"{text} ({to_seconds(self.ns):.1f} s); 0 = now")
         known = known.copy()
-        placed = self._beginning.navigator(ns, self._where(known, pose(known, True)))
+        new = placed(known, pose, self._frame, begun=True)
+        navigator = self._beginning.navigator(ns, self._where(known, new))
         try:
-            placed.follow(self.navigator)
+            navigator.follow(self.navigator)
         except FilterDivergenceError as error:
             raise BadMessageError(str(error)) from None
-        self._use(self.ns, placed)
+        self._use(self.ns, navigator)
         self._fixed = ns
 
     def _where(self, known: FilterState, placed: FilterState) -> FilterState:

@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
-from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.imu import read_imu, require_noise
 from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.stamps import peek_ns, to_ns
@@ -17,7 +17,6 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
-from ukf_fusion_node.beginning import placed
 from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs, Smoothed
@@ -48,7 +47,6 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self._held: deque[tuple[int, topics.Message]] = deque()
         """Stamps (ns) and samples (serialised), or solutions, that wait for other sensors."""
         self.outputs, self._smoothed = Outputs(self), Smoothed(self)
-        self._frame = map_frame(self.scenario)
         self._solutions: Solutions | None = None
         self._inertial = inertial_topics(self.scenario.ins)[-1]
         if self.scenario.ins.gives_solution:
@@ -88,6 +86,8 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
 
     def _take_inertial(self, ns: int, message: topics.Message) -> None:
         self.samples += 1
+        if ns == 0 and self.samples > 1:  # the first of a recording may begin there
+            raise BadMessageError("stamp is zero: not set")
         if self._solutions is not None:
             self._take_solution(ns, message, self._solutions)
             return
@@ -154,7 +154,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         if self._within or self._navigation.awaits(ns):
             self._pose = message
             return
-        self._navigation.place(ns, lambda state, begun: placed(state, message, self._frame, begun))
+        self._navigation.place(ns, message)
         if self._navigation.navigator is not None:
             self._publish()
 

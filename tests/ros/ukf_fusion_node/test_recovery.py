@@ -363,3 +363,23 @@ def test_a_pose_that_says_a_place_only_leaves_velocity_and_attitude(
     np.testing.assert_array_equal(after.covariance[3:, 3:], before.covariance[3:, 3:])
     assert not after.covariance[:3, 3:].any()
     np.testing.assert_allclose(np.diag(after.covariance)[:3], [2500.0, 2500.0, 9.0], rtol=1e-4)
+
+
+def test_a_pose_without_heading_does_not_end_an_alignment(scenario) -> None:
+    """It made the filter an aligned one, with a heading that may be any."""
+    with bench(topics.UKF_FUSION, scenario("fusion.start=align")) as made:
+        for k in range(1, 4):
+            made.imu(k)
+        pose = pose_at(scenario(), 3)
+        made.publish(topics.INITIAL_POSE, pose)
+        assert made.told("the variance of yaw must be positive: the heading is unknown")
+        assert made.node.navigator is None
+        made.publish(topics.INITIAL_POSE, turned(pose, 0.0))
+        assert made.node.navigator.state.covariance[8, 8] == pytest.approx(0.0685, rel=1e-4)
+
+
+def test_samples_without_a_stamp_are_said(filtering) -> None:
+    """They were said to wait for the start at 0 s."""
+    filtering.imu(0)
+    filtering.imu(0)
+    assert filtering.told("imu/data_raw: stamp is zero: not set")[0] == WARN
