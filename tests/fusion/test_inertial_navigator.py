@@ -20,7 +20,7 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.mixture import COVERED, Mixture
 from isogal.fusion.outage import HELD, MANOEUVRE
-from isogal.fusion.prediction import propagate
+from isogal.fusion.prediction import FilterDivergenceError, propagate
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate, batch_covariance, batch_difference
 
@@ -164,8 +164,8 @@ def fix_of(covariance) -> list[PositionFix]:
 
 
 @pytest.mark.parametrize(("stamp", "parts", "reason"), [
-    (41.0, fix_of(R), r"fix of 41\.0 s is ahead of the navigator \(40\.0 s\)"),
-    (5.0, fix_of(R), r"fix of 5\.0 s is older than the buffer \(\d+\.\d s\)"),
+    (41.0, fix_of(R), r"stamp 41\.0 s is ahead of the navigator \(40\.0 s\)"),
+    (5.0, fix_of(R), r"stamp 5\.0 s is older than the buffer \(\d+\.\d s\)"),
     (np.nan, fix_of(R), "older than the buffer"),
     (20.0, fix_of(np.full((2, 2), np.nan)), "not positive definite"),
     (20.0, fix_of(-R), "covariance of the measurement is not positive definite"),
@@ -187,6 +187,30 @@ def test_what_is_refused_changes_nothing_nor_does_what_comes_with_it(stamp, part
     for one in (it, fresh):
         advance(one, 45)
     assert identical(it.state, fresh.state)
+
+
+def test_a_fix_that_would_cost_the_covariance_is_refused():
+    """A fix to the millimetre after a start that may be anywhere: the difference of their
+    covariances is below the last digit, and the filter was lost with the sample after it."""
+    start = FLIGHT.start.copy()
+    start.covariance[:2, :2] = 1e12 * np.eye(2)
+    it = InertialNavigator(FLIGHT.model, start)
+    advance(it, 100)
+    exact = PositionFix(*it.state.position[:2], 1e-6 * np.eye(2))
+    assert it.measure(it.time, exact).reason == "the filter's covariance is not positive definite"
+    advance(it, 101)
+    assert it.measure(it.time, position_fix(90)).used
+    advance(it, 120)
+
+
+def test_a_step_after_which_the_covariance_is_lost_changes_nothing():
+    it = navigator()
+    advance(it, 10)
+    before = it.state.copy()
+    with pytest.raises(FilterDivergenceError):
+        it.imu(11.0, np.full(3, 1e300), np.zeros(3))
+    assert it.time == 10.0
+    assert identical(it.state, before)
 
 
 def test_late_a_fix_is_rejected_as_in_time_and_passes_if_an_older_reset_comes():

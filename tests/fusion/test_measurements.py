@@ -365,6 +365,9 @@ def test_what_a_receiver_says_of_its_error_is_the_whole_of_it() -> None:
     white = position_fix(GNSS.positions, np.zeros(3), True, stated).covariance
     # 1.5 m of it changes slowly, of the height 1.5 times as much; a tenth is left at least
     np.testing.assert_allclose(np.diag(white), [4.0 - 2.25, 9.0 - 2.25, 0.1])
+    flat = position_fix(GNSS.positions, np.zeros(3), True, np.diag([4.0, 9.0, 0.0])).covariance
+    own = position_fix(GNSS.positions, np.zeros(3), True).covariance
+    np.testing.assert_allclose(np.diag(flat), [4.0 - 2.25, 9.0 - 2.25, own[2, 2]])
     assert satellite_velocity(GNSS, np.full(3, np.nan), np.zeros(3)) is None
     known = satellite_velocity(GNSS, np.ones(3), np.zeros(3), np.diag([0.04, 0.0, 0.0]))
     np.testing.assert_allclose(np.sqrt(np.diag(known.covariance)), [0.2, 0.03, 0.045])

@@ -99,6 +99,15 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
             publisher = self.advertise(adapter.reduced, consumers)
             self._outputs.append((field.reduction(self.scenario), adapter, publisher))
         self._queue = NavQueue(self, self.scenario, self._reduce)
+        self.offer_reset(self._reset)
+
+    def _reset(self) -> str:
+        """Forget all that has come: time may begin anew."""
+        self._newest, self._resting = -1, Repetitions(STUCK)
+        self._queue.begin_anew()
+        if self._vehicle is not None:
+            self._vehicle.begin_anew()
+        return "begins with the next reading"
 
     def _simulate(self, data: bytes) -> None:
         """Publish the reading of a step, if it is one with a scan, and take it."""

@@ -29,15 +29,20 @@ class Vehicle:
     def __init__(self, node: GraphNode, use: Callable[[int, Reading, Reading], None]) -> None:
         self._node, self._use = node, use
         self._heard = False
-        assumed, online = assumed_compensation(node.scenario), node.scenario.magnetometer.online
-        self._stream: CompensatedStream[tuple[int, Reading, Reading]] | None = (
-            None if assumed is None else CompensatedStream(assumed, online)
-        )
+        self._assumed = assumed = assumed_compensation(node.scenario)
+        self._stream: CompensatedStream[tuple[int, Reading, Reading]] | None = None
+        self.begin_anew()
         self._vectors: Mapping[int, Array] = {}
         if assumed is not None and assumed.currents:
             node.health.concern(
                 "currents", f"not measured, taken as zero: {', '.join(assumed.currents)}"
             )
+
+    def begin_anew(self) -> None:
+        """Forget all that has come, and what has been learnt of the vehicle."""
+        if self._assumed is not None:
+            online = self._node.scenario.magnetometer.online
+            self._stream = CompensatedStream(self._assumed, online)
 
     @property
     def has_scalar(self) -> bool:

@@ -154,7 +154,7 @@ class PmhtMmNode(GraphNode):
     def _reset(self) -> str:
         self._checkpoint.forget()
         self._matching.begin_anew()
-        self.scans.go_on([-1] * len(self._reductions))
+        self.scans.begin_anew()
         return "begins with the next scan"
 
     def _scan(

@@ -90,6 +90,14 @@ class Scans:
         self._begun = max(last) >= 0
         self.ended = -1
 
+    def begin_anew(self) -> None:
+        """Forget all that has come: time may begin anew."""
+        self._queue.begin_anew()
+        for field in self._fields:
+            field.newest = -1
+            field.pending.clear()
+        self.go_on([-1] * len(self._fields))
+
     @property
     def silent(self) -> str | None:
         """That the navigator has gone on without a reading for long; None = it has not."""

@@ -16,7 +16,7 @@ from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import UnknownMotion
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
-from isogal.inertial.rotations import from_angles, from_matrix, matrix
+from isogal.inertial.rotations import from_angles, from_matrix, matrix, to_angles
 from isogal.scenario import Truth
 from isogal.sensors.initial import draw_initial_state
 from isogal.sensors.trajectory import build_trajectory
@@ -28,6 +28,7 @@ from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, OK, WARN
+from isogal_ros.topics import INITIAL_POSE
 from ukf_fusion_node.settings import UkfFusionSettings
 
 SPEED_SHARE = 0.25
@@ -83,13 +84,15 @@ LOWEST = -12e3
 
 
 def placed(
-    state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame, speed: float
+    state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame, begun: bool
 ) -> FilterState:
     """Return a state at a pose, with the biases of another state.
 
-    The velocity, which a pose does not say, is a speed (m/s) straight ahead. Where the variance
-    of z is zero, as RViz has it, the height of the other state stands, which a place in the plane
-    of the map does not say; where those of the orientation are zero, its variances.
+    Of z, of roll and pitch, and of yaw what has a variance of zero stands as the other state has
+    it: RViz has one of yaw only, and a place in the plane of the map says no height. A navigator
+    that is not turned keeps its velocity; of one that is turned, which a pose does not say, it is
+    the other's speed straight ahead. One that has not begun is always turned, by a yaw without
+    variance with that of the other.
 
     Parameters
     ----------
@@ -98,8 +101,8 @@ def placed(
     message : PoseWithCovarianceStamped
     frame : LocalFrame
         The frame ``map``.
-    speed : float
-        m/s.
+    begun : bool
+        Whether the other is that of a navigator.
 
     Raises
     ------
@@ -110,6 +113,33 @@ def placed(
     """
     place, covariance, to_ned = read_pose(message, frame)
     turn = unit_quaternion(message.pose.pose.orientation)
+    _require_usable(covariance)
+    new = state.copy()
+    P, has_height = new.covariance, covariance[2, 2] > 0.0
+    if not has_height:
+        place[2] = state.position[2]
+    if not LOWEST <= place[2] <= HIGHEST:
+        raise BadMessageError(
+            f"height is {place[2]:.0f} m, must be {LOWEST:g} to {HIGHEST:g}; the"
+            " filter's own with variance 0 of z"
+        )
+    new.position[:] = place
+    local = to_ned @ covariance[:3, :3] @ to_ned.T
+    _write(P, slice(0, 2), local[:2, :2])
+    _write(P, slice(2, 3), local[2:, 2:] if has_height else P[2:3, 2:3].copy())
+    if covariance[5, 5] > 0.0 or not begun:
+        rotation = to_ned @ matrix(turn) * FRD_FLU
+        _turn(new, rotation, to_ned @ covariance[3:, 3:] @ to_ned.T, np.diag(covariance)[3:])
+        _go_ahead(new)
+    try:
+        np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        raise BadMessageError("covariance is not positive definite") from None
+    return new
+
+
+def _require_usable(covariance: Array) -> None:
+    """Raise BadMessageError where a filter cannot begin with the covariance (6, 6) of a pose."""
     require_covariance(covariance)
     if min(covariance[0, 0], covariance[1, 1]) <= 0.0:
         raise BadMessageError("the variances of x and y must be positive")
@@ -119,41 +149,37 @@ def placed(
         raise BadMessageError(
             "the variances of the orientation must be at most π² rad², or 0 for the filter's own"
         )
-    attitude = to_ned @ matrix(turn) * FRD_FLU
-    new = state.copy()
-    if covariance[2, 2] == 0.0:
-        place[2] = state.position[2]
-    if not LOWEST <= place[2] <= HIGHEST:
-        raise BadMessageError(
-            f"height is {place[2]:.0f} m, must be {LOWEST:g} to {HIGHEST:g}; the"
-            " filter's own with variance 0 of z"
-        )
-    new.position[:] = place
-    new.attitude[:] = from_matrix(attitude)
-    ahead = attitude[:2, 0] / max(math.hypot(*attitude[:2, 0]), 1e-9)
-    new.velocity[:] = [*(speed * ahead), 0.0]
-    _set_covariance(new, covariance, to_ned, max(SPEED_SHARE * speed, 0.1))
-    return new
 
 
-def _set_covariance(state: FilterState, pose: Array, to_ned: Array, of_velocity: float) -> None:
-    """Write a pose's covariance (6, 6; frame ``map``) and a velocity's 1-sigma (m/s)."""
+def _turn(state: FilterState, rotation: Array, covariance: Array, variances: Array) -> None:
+    """Turn a state to a rotation (3, 3) FRD to NED with the covariance (3, 3) of its error; only
+    the heading unless there are variances (3,) of roll, pitch and yaw."""
     P = state.covariance
-    variances = np.diag(P).copy()
-    P[:9, :], P[:, :9] = 0.0, 0.0
-    P[:3, :3] = to_ned @ pose[:3, :3] @ to_ned.T
-    P[2, :3] = P[:3, 2] = 0.0
-    P[2, 2] = variances[2]  # the height is known
-    P[3:5, 3:5], P[5, 5] = of_velocity**2 * np.eye(2), variances[5]
-    turned = pose[3:, 3:]
-    if np.diag(turned).min() > 0.0:
-        P[6:9, 6:9] = to_ned @ turned @ to_ned.T
-    else:
-        P[6:9, 6:9] = np.diag(variances[6:9])
-    try:
-        np.linalg.cholesky(P)
-    except np.linalg.LinAlgError:
-        raise BadMessageError("covariance is not positive definite") from None
+    if variances.min() > 0.0:
+        state.attitude[:] = from_matrix(rotation)
+        _write(P, slice(6, 9), covariance)
+        return
+    roll, pitch, _ = to_angles(matrix(state.attitude))
+    state.attitude[:] = from_angles(roll, pitch, to_angles(rotation)[2])
+    heading = covariance if variances[2] > 0.0 else P[6:9, 6:9].copy()
+    _write(P, slice(8, 9), heading[2:, 2:])
+
+
+def _go_ahead(state: FilterState) -> None:
+    """Turn a state's velocity to straight ahead; how far off that is, its speed says."""
+    speed = math.hypot(*state.velocity[:2])
+    forward = matrix(state.attitude)[:2, 0]
+    state.velocity[:2] = speed * forward / max(math.hypot(*forward), 1e-9)
+    state.velocity[2] = 0.0
+    P = state.covariance
+    _write(P, slice(3, 5), max(SPEED_SHARE * speed, 0.1) ** 2 * np.eye(2))
+    _write(P, slice(5, 6), P[5:6, 5:6].copy())
+
+
+def _write(covariance: Array, which: slice, new: Array) -> None:
+    """Write the covariance of some states, which have nothing to do with all others."""
+    covariance[which, :], covariance[:, which] = 0.0, 0.0
+    covariance[which, which] = new
 
 
 REACH = 1.2
@@ -195,9 +221,10 @@ class Beginning:
         ).of_vehicle(node.scenario.velocity_aids)
         self.start = FilterState.start(initial_state(node.scenario.true, node.settings), model)
         """The scenario's."""
-        self._placed: FilterState | None = None
+        self._placed: tuple[int, FilterState] | None = None
+        """Stamp (0 = none) and state of a pose."""
         self._why_not = ""
-        """Why it is too late for the scenario's start, where it is."""
+        """Why it cannot begin at the scenario's start, where it cannot."""
 
     def navigator(
         self, ns: int, state: FilterState, sample: tuple[Array, Array] | None = None
@@ -211,9 +238,9 @@ class Beginning:
             self._model, state, to_seconds(ns), self._horizon, self._motion, sample
         )
 
-    def place(self, state: FilterState) -> None:
-        """Begin at a state, with the first sample."""
-        self._placed = state
+    def place(self, ns: int, state: FilterState) -> None:
+        """Begin at a state of a stamp (0 = none), with the first sample."""
+        self._placed = ns, state
         self._health.state(OK, "placed; waits for IMU samples")
 
     def reset(self) -> None:
@@ -221,14 +248,23 @@ class Beginning:
         self._checkpoint.forget()
         self._placed, self._why_not = None, ""
 
+    def give_up(self, why: str) -> None:
+        """Begin with a pose only, as what was known is lost; or with what needs no start."""
+        self._checkpoint.forget()
+        self._placed = None
+        self._wait_for_pose(why)
+
+    def _wait_for_pose(self, why: str) -> None:
+        self._why_not = f"waits for a pose on initialpose: {why}"
+        self._health.state(ERROR, self._why_not)
+
     def find(self, ns: int, solution: Array | None = None) -> Begun | None:
         """Begin with the first sample (its stamp), or with the first solution (10,) of an INS;
         None = there is nothing to begin with."""
         first = ns if solution is not None else ns - from_seconds(1.0 / self._scenario.imu.rate)
-        if (state := self._placed) is not None:
-            if solution is not None:  # a pose says less of both, and they must be those of the INS
-                state.velocity[:], state.attitude[:] = solution[3:6], solution[6:]
-            return Begun(first, self.navigator(first, state))
+        if self._placed is not None and self._fits_data(self._placed[0] or first, first):
+            ns, state = self._placed
+            return self._at_the_pose(ns or first, state, first, solution)
         saved = self._checkpoint.take(first)
         if saved is not None and self._fits(saved.content):
             return Begun(saved.time, self.navigator(saved.time, *saved.content))
@@ -263,6 +299,26 @@ class Beginning:
             motion=self._motion,
         )
 
+    def _fits_data(self, ns: int, first: int) -> bool:
+        """Whether a pose is of the time of the data; else it is dropped, and that is said."""
+        if abs(first - ns) <= from_seconds(self._settings.max_gap):
+            return True
+        self._placed = None
+        begin = f"the data begin at {to_seconds(first):.1f} s"
+        text = f"stamp {to_seconds(ns):.1f} s, where {begin}; 0 = when they begin"
+        self._health.drop(INITIAL_POSE.name, text)
+        return False
+
+    def _at_the_pose(
+        self, ns: int, state: FilterState, first: int, solution: Array | None
+    ) -> Begun | None:
+        """Begin at a pose of a stamp, if the data, at `first`, have reached it."""
+        if ns > first:
+            return None
+        if solution is not None:  # a pose says less of both, and they must be those of the INS
+            state.velocity[:], state.attitude[:] = solution[3:6], solution[6:]
+        return Begun(ns, self.navigator(ns, state))
+
     def _at_the_start(self, first: int) -> Begun | None:
         """Begin at the scenario's start if that is true at a stamp; else say what is waited
         for."""
@@ -280,11 +336,9 @@ class Beginning:
             # of a sample or two less than a millisecond apart the stamps are the same
             ns = first if abs(first - start) <= margin else start
             return Begun(ns, self.navigator(ns, self.start), True)
-        self._why_not = (
-            f"waits for a pose on initialpose: the data begin at {to_seconds(first):.3f} s, the"
-            f" scenario's start is true at {to_seconds(start):.3f} s (start_time), and there is"
-            f" nothing to go on from ({self._checkpoint.reason})"
+        self._wait_for_pose(
+            f"the data begin at {to_seconds(first):.3f} s, the scenario's start is true at"
+            f" {to_seconds(start):.3f} s (start_time), and there is nothing to go on from"
+            f" ({self._checkpoint.reason})"
         )
-        self._log.error(self._why_not)
-        self._health.state(ERROR, self._why_not)
         return None

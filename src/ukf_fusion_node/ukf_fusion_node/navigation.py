@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from isogal.arrays import Array
 from isogal.fields.known_gravity import known_gravity
@@ -19,13 +20,14 @@ from isogal.fusion.state import FilterState
 from isogal.passage import Since
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
+from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, WARN
 from isogal_ros.nodes.stuck import TimeJumps
-from ukf_fusion_node.beginning import Beginning
+from ukf_fusion_node.beginning import Beginning, placed
 from ukf_fusion_node.sample_checks import SampleMonitor, Spikes, StuckError
 from ukf_fusion_node.sample_report import SampleReport
 from ukf_fusion_node.settings import UkfFusionSettings
@@ -47,6 +49,7 @@ class Navigation:
         self._settings, self._health, self._scenario = node.settings, node.health, node.scenario
         measured = node.scenario.height.measured
         self._height = math.nan if measured else node.scenario.route.height
+        self._frame = map_frame(node.scenario)
         known = known_gravity(node.scenario.gravity_field, build_trajectory(node.scenario))
         self.model = filter_model(node.scenario, known)
         of_step = node.scenario.samples_per_step
@@ -67,7 +70,10 @@ class Navigation:
         self.rate = np.zeros(3)
         """Angular rate of the newest sample, FRD."""
         self._inertial = inertial_topics(node.scenario.ins)[-1].name
-        self.time_jumps = TimeJumps(from_seconds(node.settings.max_gap))
+        self._max_gap = from_seconds(node.settings.max_gap)
+        self._longest = from_seconds(node.settings.checkpoint_age)
+        """ns without samples after which nothing is known any more."""
+        self.time_jumps = TimeJumps(self._max_gap)
         limits = node.settings.max_acceleration, node.settings.max_turn_rate
         # what an INS felt may well come twice, where it is at rest, or to its last digit
         noisy = (np.array(self.model.noise) > 0.0) & self._has_imu
@@ -126,9 +132,10 @@ class Navigation:
     def require_later(self, ns: int) -> None:
         """Raise BadMessageError unless a sample's stamp is later than the newest state's and than
         the newest that was published."""
+        newest = self._published
         if self.navigator is not None:
-            newest = self.ns if self._stream is None else self._stream.ns
-            require_later(ns, max(newest, self._published))
+            newest = max(newest, self.ns if self._stream is None else self._stream.ns)
+        require_later(ns, newest)
 
     def check(self, ns: int, force: Array, rate: Array, stepped: bool) -> None:
         """Look at a sample before the filter takes it, and take back those that were not true.
@@ -156,8 +163,12 @@ class Navigation:
         untrue = self._spikes.take(force, rate)
         if untrue and self.back(1):
             self._health.drop(self._inertial, untrue)
-        if self.navigator is not None and not stepped:
-            self.time_jumps.check(ns, self.ns)
+        if self.navigator is None or stepped:
+            return
+        self.time_jumps.check(ns, self.ns)
+        if ns - self.ns > self._longest:
+            hours = to_seconds(ns - self.ns) / 3600.0
+            self._give_up(f"no IMU samples for {hours:.1f} h, or a clock was set")
 
     def begin(self, ns: int, solution: Array | None = None) -> bool:
         """Begin with the first sample (its stamp), or with the first solution (10,) of an INS, if
@@ -175,19 +186,59 @@ class Navigation:
         self.navigator, self.ns, self._fixed = navigator, ns, ns
         self._report.begin()
 
-    def place(self, state: FilterState) -> None:
-        """Navigate from a state on: from now, or from the first sample if there was none. By the
-        solution of an INS only its position counts: velocity and attitude go with the INS's."""
-        if not self._has_imu:
-            state, placed = self.start_state(), state
-            state.position[:] = placed.position
-            state.covariance[:3], state.covariance[:, :3] = 0.0, 0.0
-            state.covariance[:3, :3] = placed.covariance[:3, :3]
-        self.rate = np.zeros(3)
+    def awaits(self, ns: int) -> bool:
+        """Whether a stamp is so little ahead of the newest state that it will be reached."""
+        return self.navigator is not None and 0 < ns - self.ns <= self._max_gap
+
+    def place(self, ns: int, pose: PoseWithCovarianceStamped) -> None:
+        """Navigate from a pose on: from its stamp, or from now where that is 0; from the first
+        sample if there was none. By the solution of an INS only its position counts: velocity and
+        attitude go with the INS's.
+
+        Parameters
+        ----------
+        ns : int
+            Stamp.
+        pose : PoseWithCovarianceStamped
+
+        Raises
+        ------
+        BadMessageError
+            The pose cannot be used, or the history does not reach its stamp.
+        """
         if self.navigator is None:
-            self._beginning.place(state)
-        else:
-            self._use(self.ns, self._beginning.navigator(self.ns, state))
+            start = self._beginning.start.copy()
+            new = placed(start, pose, self._frame, begun=False)
+            self._beginning.place(ns, self._where(start, new))
+            return
+        if not (self.aligned or pose.pose.covariance[-1] > 0.0):
+            raise BadMessageError("the variance of yaw must be positive: the heading is unknown")
+        ns = ns or self.ns
+        try:
+            known = self.navigator.state_at(to_seconds(ns)) if ns <= self.ns else None
+        except ValueError as error:
+            raise BadMessageError(f"{error}; 0 = now") from None
+        if known is None:
+            text = f"stamp {to_seconds(ns):.1f} s is ahead of the navigator"
+            raise BadMessageError(f"{text} ({to_seconds(self.ns):.1f} s); 0 = now")
+        known = known.copy()
+        new = placed(known, pose, self._frame, begun=True)
+        navigator = self._beginning.navigator(ns, self._where(known, new))
+        try:
+            navigator.follow(self.navigator)
+        except FilterDivergenceError as error:
+            raise BadMessageError(str(error)) from None
+        self._use(self.ns, navigator)
+        self._fixed = ns
+
+    def _where(self, known: FilterState, placed: FilterState) -> FilterState:
+        """Return of a pose what counts."""
+        if self._has_imu:
+            return placed
+        known.position[:] = placed.position
+        known.covariance[:3], known.covariance[:, :3] = 0.0, 0.0
+        known.covariance[:3, :3] = placed.covariance[:3, :3]
+        return known
 
     def reset(self) -> str:
         """Forget all: navigate from the scenario's start where it fits the next sample, else from
@@ -196,10 +247,6 @@ class Navigation:
         self.navigator, self._published = None, -1
         self._health.state(WARN, "reset; waits for IMU samples")
         return "waits for a start"
-
-    def start_state(self) -> FilterState:
-        """Return a state to be changed: the newest, or where there is none that of the start."""
-        return (self._beginning.start if self.navigator is None else self.state).copy()
 
     def sample(
         self,
@@ -269,12 +316,18 @@ class Navigation:
         try:
             self.navigator.imu(to_seconds(ns), force, rate, self._height, missing)
         except FilterDivergenceError as error:
-            self._health.state(ERROR, str(error))
+            self._give_up(str(error))
             raise BadMessageError(str(error)) from None
         self.ns, self.rate = ns, rate
         if isinstance(self.navigator, Alignment):
             self._report.alignment(self.navigator)
         self._report.step(ns, force, self.state.attitude if self.aligned else None, missing)
+
+    def _give_up(self, why: str) -> None:
+        """Navigate no longer, and go on from nothing that is known."""
+        self.navigator = None
+        self._report.begin()
+        self._beginning.give_up(why)
 
     @property
     def aligned(self) -> bool:

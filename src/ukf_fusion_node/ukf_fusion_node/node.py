@@ -4,13 +4,12 @@ from collections import deque
 from collections.abc import Sequence
 from typing import ClassVar
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal_ros import topics
-from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.imu import read_imu, require_noise
 from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.stamps import peek_ns, to_ns
@@ -18,7 +17,6 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
 from ukf_fusion_node.aids import Aids
-from ukf_fusion_node.beginning import placed
 from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs, Smoothed
@@ -49,7 +47,6 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self._held: deque[tuple[int, topics.Message]] = deque()
         """Stamps (ns) and samples (serialised), or solutions, that wait for other sensors."""
         self.outputs, self._smoothed = Outputs(self), Smoothed(self)
-        self._frame = map_frame(self.scenario)
         self._solutions: Solutions | None = None
         self._inertial = inertial_topics(self.scenario.ins)[-1]
         if self.scenario.ins.gives_solution:
@@ -62,7 +59,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self.listen(topics.INITIAL_POSE, self._take_pose)
         self._fixes = Fixes(self, self._navigation, lambda: self._within, self._answer)
         self._pose: PoseWithCovarianceStamped | None = None
-        """That waits for the end of a step."""
+        """That waits for the end of a step, or until its stamp is reached."""
         self.offer_reset(self._reset)
 
     @property
@@ -89,6 +86,8 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
 
     def _take_inertial(self, ns: int, message: topics.Message) -> None:
         self.samples += 1
+        if ns == 0 and self.samples > 1:  # the first of a recording may begin there
+            raise BadMessageError("stamp is zero: not set")
         if self._solutions is not None:
             self._take_solution(ns, message, self._solutions)
             return
@@ -151,12 +150,11 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         return begun and self.outputs.newest > self._navigation.reached
 
     def _take_pose(self, message: PoseWithCovarianceStamped) -> None:
-        if self._within:
+        ns = to_ns(message.header.stamp)
+        if self._within or self._navigation.awaits(ns):
             self._pose = message
             return
-        start = self._navigation.start_state()
-        speed = float(np.hypot(*start.velocity[:2]))
-        self._navigation.place(placed(start, message, self._frame, speed))
+        self._navigation.place(ns, message)
         if self._navigation.navigator is not None:
             self._publish()
 

@@ -1,16 +1,24 @@
 """What the record of a run takes of messages, and what a recording is viewed as."""
 
+import math
+from pathlib import Path
+
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix
+from std_msgs.msg import String
 
+from isogal.errors import InputError
 from isogal.evaluation.view.record import AidUse, Event
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.record import Collector, gaps
-from isogal_ros.bags.viewing import uses_of
+from isogal_ros.bags.viewing import open_bag, uses_of
+from isogal_ros.bags.writer import BagWriter
 from isogal_ros.nodes.health import OK, WARN, status
+from isogal_ros.topics import Topic
 
 
 @pytest.mark.parametrize("frame", ["", "abc", "abcde"])
@@ -68,3 +76,45 @@ def test_a_use_goes_on_until_something_else_is_said() -> None:
         AidUse("velocity/data_raw", 5.0, 5.0, True, "used"),
         AidUse("gnss/fix", 9.0, 12.0, True, "used"),
     ]
+
+
+def places(folder: Path, *each: tuple[float, float], kind: type = NavSatFix) -> Path:
+    """A bag with one place (deg) a second on nav/fix, at no known height."""
+    bag = BagWriter(folder)
+    for second, place in enumerate(each):
+        message = kind()
+        if kind is NavSatFix:
+            message.latitude, message.longitude, message.altitude = *place, math.nan
+            message.header.stamp.sec = second
+        bag.put(Topic(topics.NAV_FIX.name, kind), message, second * 10**9)
+    bag.close()
+    return folder
+
+
+def test_a_receivers_places_are_viewed_without_those_that_are_none(tmp_path) -> None:
+    """Each ended the command with a traceback."""
+    bag = places(
+        tmp_path / "bag", (-38.0, 144.5), (math.nan, math.nan), (-38.1, 144.5), (91.0, 0.0)
+    )
+    viewed, _ = open_bag(bag)
+    np.testing.assert_allclose(np.degrees(viewed.runs.latitude), [-38.0, -38.1])
+
+
+def test_a_way_over_180_degrees_is_viewed(tmp_path) -> None:
+    _, field_map = open_bag(places(tmp_path / "bag", (10.0, 179.99), (10.0, -179.99)))
+    assert np.degrees(np.ptp(field_map.longitude)) < 1.0
+
+
+def test_what_cannot_be_read_is_left_out_and_said(tmp_path, capsys) -> None:
+    bag = places(tmp_path / "string", (0.0, 0.0), kind=String)
+    with pytest.raises(InputError, match="has no two messages on nav/fix"):
+        open_bag(bag)
+    said = "/nav/fix is left out: it is std_msgs/msg/String, not sensor_msgs/msg/NavSatFix"
+    assert said in capsys.readouterr().err
+    bag = BagWriter(tmp_path / "cut")
+    bag.add_topic("/nav/fix", "sensor_msgs/msg/NavSatFix", [], "")
+    for length in (0, 8, 40):
+        bag.write("/nav/fix", serialize_message(NavSatFix())[:length], 0, 0)
+    bag.close()
+    with pytest.raises(InputError, match="has no two messages on nav/fix"):
+        open_bag(tmp_path / "cut")

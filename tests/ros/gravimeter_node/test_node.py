@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from sensor_msgs.msg import Range
+from std_srvs.srv import Trigger
 
 from helpers.node_bench import Bench, bench, field_of, stamps, vector_reading
 from isogal.earth.gravity import normal_gradient
@@ -58,6 +59,16 @@ def test_without_navigator_the_scan_is_known_to_be_empty(scenario) -> None:
         made.reading(10.0, SENSED, topic=topics.GRAVIMETRY)
         assert math.isnan(made.heard["gravimeter/gravity"][0].accel.accel.linear.z)
         assert made.told("said nothing about 10.000 s")
+
+
+def test_after_a_reset_time_may_begin_anew(scenario) -> None:
+    with bench(topics.GRAVIMETER, scenario(), simulate=False) as made:
+        for round in range(2):
+            for k in range(1, 4):
+                made.reading(10.0 * k, SENSED + 1e-6 * k, topic=topics.GRAVIMETRY)
+                made.nav(10.0 * k, *HERE)
+            assert stamps(made, topics.GRAVITY) == [10, 20, 30] * (round + 1)
+            assert made.call("reset", Trigger.Request()).success
 
 
 def test_it_simulates_readings_at_its_scans_only(scenario) -> None:

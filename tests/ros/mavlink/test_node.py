@@ -2,6 +2,7 @@
 
 import math
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import ClockType
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatStatus
 
@@ -26,7 +28,7 @@ from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
 from isogal_ros.messages.imu import read_imu
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.stamps import from_seconds, to_ns
-from isogal_ros.nodes.health import WARN
+from isogal_ros.nodes.health import OK, WARN
 
 common = pytest.importorskip("pymavlink.dialects.v20.common", reason="pymavlink is an extra")
 PLACE = math.radians(-37.9), math.radians(144.6)
@@ -362,6 +364,40 @@ def test_it_says_that_the_navigator_is_gone_until_it_is_back(received, scenario)
             level, text, _ = made.says()[-1]
             assert ("nothing on nav/odom, so nothing is sent" in text) == gone
             assert (level == WARN) == gone
+
+
+def test_a_host_is_looked_up_beside_the_node(received, scenario, monkeypatch) -> None:
+    """Each datagram was once sent to the name, which the system looked up each time."""
+    asked, known = [], threading.Event()
+
+    def look_up(name: str) -> str:
+        asked.append(name)
+        if not known.is_set():
+            raise socket.gaierror(-2, "Name or service not known")
+        return "127.0.0.1"
+
+    monkeypatch.setattr("socket.gethostbyname", look_up)
+    monkeypatch.setattr("isogal_ros.mavlink.destination.AGAIN", 0.01)
+    received.address = received.address.replace("127.0.0.1", "autopilot.local")
+    with node(received, scenario(), VISION) as made:
+        made.nav(1.0, *PLACE)
+        assert made.told("autopilot.local:")[1].endswith("Name or service not known")
+        known.set()
+        made.wait(lambda: made.node._to.address, "the address")
+        made.nav(2.0, *PLACE)
+        assert made.says()[-1][:2] == (OK, "sending")
+        assert len(received(VISION)) == 1
+    assert set(asked) == {"autopilot.local"}
+
+
+def test_cleaned_up_it_leaves_its_port(scenario) -> None:
+    with autopilot_of(scenario) as autopilot:
+        node = autopilot.bench.node
+        node.trigger_deactivate()
+        assert node.trigger_cleanup() == TransitionCallbackReturn.SUCCESS
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(autopilot._to)
+        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
 
 
 def test_datagrams_may_go_to_all_of_a_network(received, scenario) -> None:

@@ -84,6 +84,17 @@ def test_reset(scenario, drive, tmp_path) -> None:
         assert made.heard["pmht_mm/fix"][-1].status.status == -1
 
 
+def test_after_a_reset_time_may_begin_anew(scenario, drive) -> None:
+    """Of a recording that was played again each reading was older than the last."""
+    with bench(topics.PMHT_MM, scenario()) as made:
+        drive(made, 1, 12)
+        made.call("reset", Trigger.Request())
+        made.heard.clear()
+        drive(made, 1, 12)
+        assert list(fixes(made)) == [60, 120]
+        assert made.node.health.dropped == {}
+
+
 def test_no_batch_ends_in_a_time_of_which_the_navigator_said_nothing(scenario, drive) -> None:
     """It once gave a fix there with the navigator's covariance after it; the next batch has the
     readings before."""

@@ -60,6 +60,13 @@ def apart(made: Bench, undisturbed: Bench, second: int) -> float:
     return np.hypot(*horizontal_difference(*found))
 
 
+def test_an_imu_of_a_kilohertz(scenario, samples) -> None:
+    with bench(topics.UKF_FUSION, scenario(*KEYS, "imu.rate=1000.0")) as made:
+        send(made, samples, regular(0, 1100, 1000.0))
+        assert made.says()[-1][:2] == (OK, "navigating")
+        assert len(made.heard["nav/odom"]) == pytest.approx(56, abs=1)
+
+
 def test_jitter_and_lost_samples_move_it_by_millimetres(fast, samples, undisturbed) -> None:
     random = np.random.default_rng(1)
     whole = regular(0, 200 * SECONDS)

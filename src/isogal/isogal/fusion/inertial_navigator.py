@@ -9,6 +9,7 @@ after: the result is exactly that of a measurement that had come on time."""
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,12 @@ from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
 from isogal.fusion.passage import passage_of
-from isogal.fusion.prediction import TRACK_COLUMNS, FilterDivergenceError, propagate
+from isogal.fusion.prediction import (
+    TRACK_COLUMNS,
+    FilterDivergenceError,
+    propagate,
+    require_definite,
+)
 from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
 from isogal.fusion.smoothing import Way, smoothed, way_over
 from isogal.fusion.state import FilterState
@@ -255,6 +261,8 @@ class InertialNavigator:
                 if place is segment:
                     results[k] = segment.after.update(one, self.model)
                     segment.measurements.append(one)
+        for state in self.known.states:
+            require_definite(state)
         return [results[k] for k in range(len(marked))]
 
     def back(self, samples: int) -> None:
@@ -435,6 +443,21 @@ class InertialNavigator:
         first.after = known
         self._replay(1)
 
+    def follow(self, other: "InertialNavigator") -> None:
+        """Go over the samples and measurements of another navigator after the time of this one,
+        which is in the other's history.
+
+        Raises
+        ------
+        FilterDivergenceError
+            The covariance is no longer positive definite.
+        """
+        other.state_at(self.time)
+        for segment in other._segments[other._index(self.time) + 1 :]:
+            kept = list(segment.measurements)
+            self._segments.append(replace(segment, measurements=kept))
+        self._replay(1)
+
     def forecast(self, time: float, height: float = np.nan) -> FilterState:
         """Return the state at a later time, if the vehicle goes on as it does (a known height, m,
         or NaN)."""
@@ -459,12 +482,12 @@ class InertialNavigator:
         """Return why there can be no measurement at a time; None = there can be."""
         oldest = self._segments[0].end
         if not np.isfinite(time) or time < oldest - AT_ONCE:
-            return f"fix of {time:.1f} s is older than the buffer ({oldest:.1f} s)"
+            return f"stamp {time:.1f} s is older than the buffer ({oldest:.1f} s)"
         if time > self.time + AT_ONCE:
-            return f"fix of {time:.1f} s is ahead of the navigator ({self.time:.1f} s)"
+            return f"stamp {time:.1f} s is ahead of the navigator ({self.time:.1f} s)"
         segment = self._segments[self._index(time)]
         if segment.missing > HELD and time < segment.time[0] - segment.dt - AT_ONCE:
-            return f"fix of {time:.1f} s: there are no inertial data of then"
+            return f"stamp {time:.1f} s: there are no inertial data of then"
         return None
 
     def _index(self, time: float) -> int:

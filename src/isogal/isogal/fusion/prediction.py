@@ -1,6 +1,7 @@
 """Prediction: a state is carried through IMU intervals by the unscented filter
 (docs/mathematics.md, section 3.5)."""
 
+import math
 from types import ModuleType
 
 import numpy as np
@@ -10,10 +11,12 @@ from isogal.fusion import ukf
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.fusion.trace import NONE, Trace
+from isogal.matrices import lower
 
 TRACK_COLUMNS = 13
 """Of a track: position (3; rad, rad, m), velocity (3; NED, m/s), attitude (4; quaternion body to
 NED), covariance of the position (north, north-east, east; m²)."""
+_LOST = "the filter's covariance is not positive definite"
 
 
 class FilterDivergenceError(RuntimeError):
@@ -55,7 +58,7 @@ def propagate(
     Raises
     ------
     FilterDivergenceError
-        The covariance is no longer positive definite; it is not repaired.
+        The covariance is no longer positive definite, or not finite; it is not repaired.
     """
     compiled = model.filter != "reference" or trace is not None
     assumed = model.assumptions
@@ -70,8 +73,15 @@ def propagate(
     else:
         done = _reference().advance(mean, state.covariance, learnt, *samples, assumed, track)
     if done < len(track):
-        raise FilterDivergenceError("the filter's covariance is not positive definite")
+        raise FilterDivergenceError(_LOST)
+    require_definite(state)
     return track
+
+
+def require_definite(state: FilterState) -> None:
+    """Raise FilterDivergenceError unless the covariance is finite and positive definite."""
+    if math.isnan(lower(state.covariance)[0, 0]):
+        raise FilterDivergenceError(_LOST)
 
 
 def _in_one_layout(part: Array) -> Array:

@@ -127,7 +127,7 @@ class Imu(Section):
     grades: str | None = Field(
         None, description="YAML file of further grades; see docs/inertial-sensors.md"
     )
-    rate: Positive = Field(1.0, le=400.0, description="samples per second, Hz")
+    rate: Positive = Field(1.0, le=1000.0, description="samples per second, Hz")
     declared_noise: bool = Field(
         False,
         description=(

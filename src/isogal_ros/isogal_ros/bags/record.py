@@ -9,10 +9,12 @@ from typing import TypedDict
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
+from isogal.cli.errors import note
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs, Texts
 from isogal.evaluation.view.record import Event
@@ -25,12 +27,13 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.drivers import type_taken
 from isogal_ros.messages.point import read_candidates
-from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.position import read_covariance, read_place, read_position
 from isogal_ros.messages.prepared import Reader
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
 from isogal_ros.nodes.health import figures_of
-from isogal_ros.topics import Topic
+from isogal_ros.topics import Topic, type_name
 
 LEVELS = {
     DiagnosticStatus.WARN: "WARN",
@@ -159,18 +162,42 @@ def wanted_messages(
 ) -> Iterator[tuple[Topic, bytes]]:
     """Yield topic and serialised message of a bag, of the topics that are wanted, in whatever
     namespace they were recorded, as the graph has them; of a bag that is being written, only what
-    is new since the last time if that is asked for."""
+    is new since the last time if that is asked for. What is of another type, cut off, or a
+    position of no place on the Earth, as of a receiver without satellites, is left out."""
     found: dict[str, Topic | None] = {}
     for message in reader.new_messages() if new else reader.messages():
         name = message.topic
         if name not in found:
-            found[name] = next((topic for topic in wanted if topic_of(name, topic.name)), None)
+            topic = next((topic for topic in wanted if topic_of(name, topic.name)), None)
+            if topic is not None and type_taken(topic, (reader.types[name],)) is None:
+                note(
+                    f"{name} is left out: it is {reader.types[name]}, not {type_name(topic.type)}"
+                )
+                topic = None
+            found[name] = topic
         topic = found[name]
         if topic is not None:
             kind = reader.types[name]
             with suppress(BadMessageError):  # of a driver that says nothing that can be used
+                if len(message.data) < _SHORTEST:
+                    continue
                 data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
+                if topic in _PLACES:
+                    _require_place(data)
                 yield topic, data
+
+
+_PLACES = topics.NAV_FIX, topics.TRUTH_FIX, topics.INS_FIX
+_SHORTEST = 12
+"""Bytes of a serialised message that has a stamp and nothing else."""
+
+
+def _require_place(data: bytes) -> None:
+    """Raise BadMessageError unless a serialised NavSatFix can be read, and is of a place."""
+    try:
+        read_place(deserialize_message(data, topics.NAV_FIX.type))
+    except rclpy_implementation.RMWError as error:
+        raise BadMessageError(str(error)) from None
 
 
 LONGEST_GAP = 10_000_000_000
@@ -216,8 +243,7 @@ class Places:
 
     def _position(self, ns: int) -> tuple[float, float]:
         message = deserialize_message(self._messages[ns], topics.NAV_FIX.type)
-        latitude, longitude, _ = read_position(message, frame="")
-        return latitude, longitude
+        return read_place(message)
 
 
 def gaps(collector: Collector) -> list[list[float]]:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 _MARGIN = 3e-3
 """rad, 20 km."""
+_ROUND = np.radians(359.0)
+"""rad: a map has no longitude twice."""
 
 
 def open_bag(
@@ -75,8 +77,11 @@ def open_bag(
 
 def _no_map(places: Array) -> FieldMap:
     """Return a map without values at places (n, 2), rad; a map has one somewhere."""
+    places = np.unwrap(places, axis=0)  # also across 180 degrees
     low, high = places.min(axis=0) - _MARGIN, places.max(axis=0) + _MARGIN
-    latitude, longitude = np.linspace(low, high, 8).T
+    pole = 0.5 * np.pi
+    latitude = np.linspace(max(low[0], -pole), min(high[0], pole), 8)
+    longitude = np.linspace(low[1], min(high[1], low[1] + _ROUND), 8)
     values, unit = np.full((8, 8), np.nan), QUANTITIES["gravity"].unit
     values[0, 0] = QUANTITIES["gravity"].lowest
     return FieldMap(latitude, longitude, values, unit, "gravity", provenance="no map")

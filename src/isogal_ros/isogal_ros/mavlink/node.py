@@ -9,12 +9,14 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from pydantic import Field
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.errors import InputError
 from isogal.sensors.scans import Thinning
 from isogal_ros import topics
 from isogal_ros.mavlink.decoding import PATIENCE, ROWS, Receiver
+from isogal_ros.mavlink.destination import Destination, host_and_port
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
     SENT,
@@ -121,7 +123,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             raise InputError(
                 f"message: must be {', '.join(SENT)} or empty, not {self.settings.message!r}"
             )
-        self._to = host_and_port("address", self.settings.address)
+        self._to = Destination(*host_and_port("address", self.settings.address))
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         # without it a datagram to all of a network is refused
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -187,9 +189,12 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self.health.state(OK, "sending")
 
     def _send(self, message: Any) -> None:
+        if self._to.address is None:
+            self.health.concern("sending", f"{self.settings.address}: {self._to.why}")
+            return
         try:
             # the sequence number is that of this sender
-            self._socket.sendto(message.pack(self._mavlink), self._to)
+            self._socket.sendto(message.pack(self._mavlink), self._to.address)
             self._mavlink.seq = (self._mavlink.seq + 1) % 256
             self.health.concern("sending", None)
         except OSError as error:
@@ -200,21 +205,20 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             self._send(self._dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
         super()._beat()
 
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the sockets as well: the port is to be had again."""
+        self._close_sockets()
+        return super().on_cleanup(state)
+
     def destroy_node(self) -> None:
         """Close the sockets as well."""
-        if hasattr(self, "_socket"):
-            self._socket.close()
-        if receiver := getattr(self, "_receiver", None):
-            receiver.close()
+        self._close_sockets()
         super().destroy_node()
 
-
-def host_and_port(name: str, text: str) -> tuple[str, int]:
-    """Return what a parameter says; raises InputError where it is no ``host:port``."""
-    host, _, port = text.rpartition(":")
-    if not (host and port.isdecimal() and 0 < int(port) < 65536):
-        raise InputError(f"{name}: must be host:port, not {text!r}")
-    return host, int(port)
+    def _close_sockets(self) -> None:
+        for name in ("_to", "_socket", "_receiver"):
+            if (one := getattr(self, name, None)) is not None:
+                one.close()
 
 
 def _dialect() -> ModuleType:

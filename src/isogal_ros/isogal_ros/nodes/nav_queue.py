@@ -208,6 +208,12 @@ class NavQueue(Generic[Item]):
         self._arrived()
         self._process()
 
+    def begin_anew(self) -> None:
+        """Forget all that has come: time may begin anew."""
+        for kept in (self.waiting, self.changes, self._stamps, self._alone):
+            kept.clear()
+        self.newest = self._newest_covariance = -1
+
     def _unanswered(self) -> str | None:
         """Say that the navigator's state of a stamp does not come; None = nothing waits for
         long."""

@@ -35,7 +35,9 @@ class NodeSettings(BaseModel):
         ),
     )
     checkpoint_age: float = Field(
-        3600.0, gt=0.0, description="how much older than the data a checkpoint may be, s"
+        3600.0,
+        gt=0.0,
+        description="how much older than the data a checkpoint, or a filter's state, may be, s",
     )
     diagnostics_period: float = Field(1.0, gt=0.0, description="wall time between diagnostics, s")
     drivers: dict[str, Driver] = Field(

@@ -5,6 +5,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.fusion.measurements.model import stated
 from isogal.fusion.measurements.position import AXES, PositionFix
 from isogal.scenario import PositionAid
 
@@ -47,15 +48,17 @@ def position_fix(
         Whether the navigator's height is measured rather than known; the aid's is used then, if it
         has one.
     covariance : (3, 3) array, optional
-        Of its whole error, NED, m², as the aid states it; None = as the scenario has it.
+        Of its whole error, NED, m², as the aid states it; None = as the scenario has it, and so is
+        an axis without a variance.
     """
     unequal = np.square(aid.unequal)
     size = 3 if height_measured and aid.height and np.isfinite(place[2]) else 2
     if covariance is None:
         white = np.diag(unequal * aid.sigma**2)[:size, :size]
     else:
-        slow = unequal[:size] * aid.correlated_sigma**2
-        white = white_part(np.asarray(covariance)[:size, :size], slow)
+        slow = unequal * aid.correlated_sigma**2
+        whole = stated(np.diag(unequal * aid.sigma**2 + slow), covariance)
+        white = white_part(whole[:size, :size], slow[:size])
     latitude, longitude, height = place.tolist()
     above = height if size == 3 else None
     return PositionFix(latitude, longitude, white, above, aid.lever_arm, aid.prefix)
