@@ -44,7 +44,7 @@ def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
         pressure, velocity = FluidPressure(), TwistWithCovarianceStamped()
         velocity.header.frame_id = "base_link"
         height = it.node.scenario.route.height
-        start = it.node._navigation.start_state().velocity
+        start = it.node._navigation._beginning.start.velocity
         body = np.array([float(np.hypot(*start[:2])), 0.0, 0.0])
         for second in range(1, 9):
             ns = second * 1_000_000_000
