@@ -116,7 +116,8 @@ def shares(lag: float, elapsed: float) -> tuple[float, float, float]:
     left = math.exp(-elapsed / lag)
     gone = elapsed * left / (1.0 - left)
     age = lag - gone
-    return left, age, math.sqrt(2.0 * lag**2 - gone * (elapsed + 2.0 * lag) - age**2)
+    variance = 2.0 * lag**2 - gone * (elapsed + 2.0 * lag) - age**2
+    return left, age, math.sqrt(max(variance, 0.0))  # rounding, after microseconds
 
 
 @kernel(error_model="numpy")
