@@ -4,8 +4,17 @@ path itself."""
 import numpy as np
 import pytest
 
-from isogal.matching.pmht.late import SHORTEST, Late, believed, earlier, filtered, shares
-from isogal.matching.pmht.rows import PAST
+from isogal.matching.pmht.late import (
+    SHORTEST,
+    Late,
+    believed,
+    earlier,
+    late_by,
+    low_passed,
+    shares,
+)
+from isogal.matching.pmht.rows import LONGEST, PAST
+from isogal.matching.pmht.states import DELAY, FILTER, FILTER_ERROR, UNKNOWN
 from isogal.sensors.lag import low_pass
 
 INTERVAL, STATES = 10.0, 9
@@ -49,7 +58,7 @@ def test_a_filter_s_value_is_that_of_a_low_pass(lag, error):
     at = x.copy()
     for now in time[1:]:
         g, by_age = taken(now, lag + error)
-        filtered(x, P, late, at, INTERVAL, float(g), np.zeros(STATES), float(by_age), 9, work)
+        low_passed(x, P, late, at, INTERVAL, float(g), np.zeros(STATES), float(by_age), 9, work)
     fine = np.arange(0.0, time[-1] + 0.05, 0.1)
     assert x[7] == pytest.approx(low_pass(signal(fine), 0.1, lag + error)[-1], abs=2e-3)
     other = low_pass(signal(fine), 0.1, 1.3 * (lag + error))[-1]
@@ -75,7 +84,7 @@ def test_its_covariance_is_that_of_finite_differences():
     F[7] = slope
     g, by_age = taken(500.0, LATE.lag + error)
     x, P = mean.copy(), P0.copy()
-    filtered(x, P, LATE, mean, INTERVAL, float(g), G, float(by_age), STATES, np.zeros(STATES))
+    low_passed(x, P, LATE, mean, INTERVAL, float(g), G, float(by_age), STATES, np.zeros(STATES))
     assert x[7] == pytest.approx(value(mean), rel=1e-12)
     np.testing.assert_allclose(P, F @ P0 @ F.T, rtol=1e-3, atol=1e-3)
     np.testing.assert_array_equal(np.delete(x, 7), np.delete(mean, 7))
@@ -97,3 +106,12 @@ def test_the_past_is_linear_between_its_points_and_goes_on_beyond_them():
     np.testing.assert_allclose(earlier(past, 0, 3.0 * PAST)[:3], [2.0, 2.0, 1.0])
     np.testing.assert_allclose(earlier(past, 0, -PAST)[:3], [-1.0, -2.0, -3.0])
     np.testing.assert_allclose(earlier(past, 0, 1.5 * PAST)[3:], np.r_[0.5, 0.0, -1.0] / PAST)
+
+
+def test_readings_at_rest_are_filtered_all_the_same():
+    """Where the past is known, and the vehicle has not moved: not where it is not known."""
+    count = 8 + len(UNKNOWN)
+    used, unknown = np.arange(count), count - len(UNKNOWN)
+    at_rest = late_by(used, count, count, 30.0, np.zeros((3, LONGEST, 3)))
+    assert at_rest == (unknown + FILTER, unknown + FILTER_ERROR, unknown + DELAY, 30.0)
+    assert late_by(used, count, count, 30.0, np.zeros((3, 2, 3))) == (-1, -1, -1, 30.0)

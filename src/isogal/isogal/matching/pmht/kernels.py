@@ -15,7 +15,7 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.interpolation import Grid, bilinear, value_and_gradient
-from isogal.matching.pmht.late import Late, earlier, filtered, late_by, sensed, taken_in
+from isogal.matching.pmht.late import Late, earlier, late_by, low_passed, sensed, taken_in
 from isogal.matching.pmht.models import Models
 from isogal.matching.pmht.rows import Rows
 
@@ -327,7 +327,7 @@ def _filtered(
             _stepped(x, P, step[t], joined[t], c, PH)
         _changed(x, P, keep, fresh, t, c)
         if late.value >= 0 and elapsed[t] > 0.0:
-            filtered(x, P, late, at, elapsed[t], g[t], G[t], by_age[t], c, PH)
+            low_passed(x, P, late, at, elapsed[t], g[t], G[t], by_age[t], c, PH)
         S, innovation = noise[t], z[t]
         for i in range(c):
             value = 0.0

@@ -38,7 +38,7 @@ def late_by(used: Integers, c: int, states: int, lag: float, past: Array) -> Lat
     """Return by what the readings of a model of c of so many states, `used`, are late; of
     readings whose `past` is not known they are not."""
     value, error, delay, unknown = -1, -1, -1, states - len(UNKNOWN)
-    for i in range(c if past.any() else 0):
+    for i in range(c if past.shape[1] > 2 else 0):
         if used[i] == unknown + FILTER:
             value = i
         elif used[i] == unknown + FILTER_ERROR:
@@ -121,7 +121,7 @@ def shares(lag: float, elapsed: float) -> tuple[float, float, float]:
 
 
 @kernel(error_model="numpy")
-def filtered(
+def low_passed(
     x: Array,
     P: Array,
     late: Late,

@@ -226,10 +226,11 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
 
 
 def _past(batch: Batch, which: Integers, states: States) -> Array:
-    """Return `Rows.past` of rows `which` (n,) of a batch; zeros where no model asks for it."""
-    past = np.zeros((len(which), LONGEST, 3))
+    """Return `Rows.past` of rows `which` (n,) of a batch; two points where no model asks for
+    it."""
     if not states.unknown or batch.rows_per_scan > 1:
-        return past
+        return np.zeros((len(which), 2, 3))
+    past = np.zeros((len(which), LONGEST, 3))
     time = batch.time[which]
     ages = PAST * np.arange(past.shape[1])
     north, east = metres_per_radian(batch.latitude)
