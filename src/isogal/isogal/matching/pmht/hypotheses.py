@@ -428,28 +428,34 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     `LIGHT`, is left out where no neighbour needs it, and begins with what that knows where one
     does. A negligible neighbour of a smaller sigma begins anew after each reading:
     it has followed too narrow a place, and were never probable again with that one. One of a
-    larger sigma keeps its places, which are wider (docs/mathematics.md, section 6.4)."""
+    larger sigma keeps its places, which are wider. Where both a noise and the next smaller one are
+    improbable by `LIGHT`, no model of it is needed (docs/mathematics.md, section 6.4)."""
     models, total = bank.models, bank.of_models
     best = largest(total, models.group)
-    near = total > best - np.where(best < total.max() - LIGHT, LIGHT, NEGLIGIBLE)
+    likely = best > total.max() - LIGHT
+    near = total > best - np.where(likely, NEGLIGIBLE, LIGHT)
+    near &= likely | (models.quieter < 0) | likely[models.quieter]
     alike, there = models.group[1:] == models.group[:-1], np.isfinite(total)
-    larger, smaller, above, below = np.zeros((4, len(total)), bool)
+    larger, smaller = np.zeros((2, len(total)), bool)
     larger[1:] = near[:-1] & alike & ~near[1:]
     smaller[:-1] = near[1:] & alike & ~near[:-1] & ~larger[:-1]
     kept = bank.part((near | larger & there)[bank.which])
-    above[:-1], below[1:] = larger[1:] & ~there[1:], smaller[:-1]
-    up, down = np.flatnonzero(above[kept.which]), np.flatnonzero(below[kept.which])
-    from_there = np.concatenate([up, down])
-    if not from_there.size:
+    begins = larger & ~there, smaller, (models.quieter >= 0) & ~np.isfinite(best)
+    begins[2][begins[2]] = (near & likely)[models.quieter[begins[2]]]
+    new = np.full((3, len(total)), -1)  # the model that begins with what one knows, by three ways
+    for way, each in enumerate(np.flatnonzero(which) for which in begins):
+        new[way, (each - 1, each + 1, models.quieter[each])[way]] = each
+    way, those = np.nonzero(new[:, kept.which] >= 0)
+    if not those.size:
         return kept
-    step = np.repeat([1, -1], [len(up), len(down)])
-    return joined([kept, _of_neighbours(kept.part(from_there), step, errors, there)])
+    by = _of_neighbours(kept.part(those), new[way, kept.which[those]], errors, there)
+    return joined([kept, by])
 
 
-def _of_neighbours(those: Hypotheses, step: Integers, count: int, there: Booleans) -> Hypotheses:
-    """Return hypotheses as of the models `step` (K,) further: the same map error is another number
-    of 1-sigmas. Where that model is there, it is negligible, and begins as such."""
-    models, old, new = those.models, those.which, those.which + step
+def _of_neighbours(those: Hypotheses, new: Integers, count: int, there: Booleans) -> Hypotheses:
+    """Return hypotheses as of the models `new` (K,): the same map error is another number of
+    1-sigmas. Where that model is there, it is negligible, and begins as such."""
+    models, old = those.models, those.which
     sigma, prior = models.sigma, models.log_prior
     errors = slice(BATCH_STATES, BATCH_STATES + count)
     exact = sigma[new] == 0.0

@@ -155,6 +155,8 @@ class Models(NamedTuple):
     """(M,)."""
     group: Integers
     """(M,) rising; models of one differ by the sigma of the map's error, which rises."""
+    quieter: Integers
+    """(M,) the model which differs by the next smaller noise; -1 = none."""
     log_prior: Array
     """(M,)."""
 
@@ -395,6 +397,9 @@ def table_of(
     begins = [a[3] != b[3] or a[1] != b[1] for a, b in itertools.pairwise(rows)]
     rough = np.where(family == COARSE, assumed.rough, 0.0)
     shape = np.unique(np.stack([rough, length], axis=1), axis=0, return_inverse=True)[1]
+    noisier = {(r[3].noise, *r[:2]): k for k, r in enumerate(rows) if r[3].family == NOISIER}
+    less = dict(itertools.pairwise(sorted({key[0] for key in noisier}, reverse=True)))
+    quieter = [noisier.get((less.get(r[3].noise), *r[:2]), -1) for r in rows]
     return Models(
         sigma,
         length,
@@ -410,6 +415,7 @@ def table_of(
         has.sum(axis=1),
         family,
         np.cumsum([False, *begins]),
+        np.array(quieter),
         log_prior - np.logaddexp.reduce(log_prior),
     )
 
